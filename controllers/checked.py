@@ -16,9 +16,8 @@ from estimators.estimates import OffTracking
 from estimators.slip.rover_odometry import RoverPose
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
-from vehicle.closing import close_part
-from vehicle.own_code import defined_at, raised_at
-from vehicle.plant_like import EndedError
+from vehicle.foundation.own_parts import close_part, defined_at, raised_at
+from vehicle.foundation.plant_like import EndedError
 from vehicle.rover.command import RoverCommand
 
 Command = TypeVar("Command", SteerCommand, DriverCommand, RoverCommand)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Final, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
 
 from controllers.path import Path
-from estimators.rover_geometry import RoverGeometry
+from estimators.context import RoverGeometry
 from estimators.slip.rover_odometry import RoverPose
 from vehicle.clock import TICK
 from vehicle.frames import limited_angle, wrap

@@ -13,9 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from controllers.driver import Driver, DriverCommand, DriverMemory, PreviewDriver, speed_control
-from controllers.reversing.chain import RollingChain
-from controllers.reversing.law import ReversingLaw
-from controllers.reversing.reference import ReverseReference
+from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2

@@ -1,10 +1,11 @@
-"""Estimates: value, uncertainty and health, stamped with the capture tick of the measurement behind them."""
+"""Estimates: value, uncertainty and health at the capture tick of the measurement, and a check of them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,3 +141,32 @@ def lost_slip(tick: int) -> SlipAngle:
         trace_offset=0.0,
         confidence=0.0,
     )
+
+
+_TYPES: Final[dict[object, tuple[type, ...]]] = {
+    "int": (int, np.integer),
+    "float": (float, int, np.floating, np.integer),
+    "Health": (Health,),
+}
+
+
+def check_estimate(estimate: object, kinds: tuple[type, ...]) -> None:
+    """Refuse anything but an estimate of these kinds with numbers in its numeric fields; NaN is a number.
+
+    Raises:
+        TypeError: one line with the wrong value.
+    """
+    if not isinstance(estimate, kinds):
+        raise TypeError(f"returned {estimate!r}, not {' or '.join(kind.__name__ for kind in kinds)}")
+    _check_fields(estimate)
+
+
+def _check_fields(estimate: object) -> None:
+    if not is_dataclass(estimate):
+        return
+    for field in fields(estimate):
+        value = getattr(estimate, field.name)
+        types = _TYPES.get(field.type)
+        if types and not isinstance(value, types):
+            raise TypeError(f"returned {type(estimate).__name__}.{field.name} = {value!r}, not {field.type}")
+        _check_fields(value)

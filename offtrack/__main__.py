@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from scenarios.cli import main
+from offtrack.commands.cli import main
 
 main()

@@ -8,17 +8,16 @@ from types import TracebackType
 from typing import Any
 
 from estimators.estimates import OffTracking, SlipAngle
-from offtrack.run import Run, checked_seed
-from offtrack.settings import load
-from scenarios.assembly.rover import assemble_rover
-from scenarios.assembly.trailer import assemble
+from offtrack.runs import Run, checked_seed, load
+from scenarios.assembly.rover_run import assemble_rover
+from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.channel import InLine
-from scenarios.loop.combination import TrailerSession
 from scenarios.loop.result import rover_result, trailer_result
-from scenarios.loop.rover import RoverSession
-from scenarios.options.rover import RoverScenario
+from scenarios.loop.rover_session import RoverSession
+from scenarios.loop.trailer_session import TrailerSession
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.results.run_inputs import run_inputs
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.rover.truth import RoverTruth

@@ -14,12 +14,12 @@ from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any, Final, Protocol, TypeVar
 
-from scenarios.loop_faults.catalogue import LOOP_FAULTS
-from sensors.faults.catalogue import FAULTS
+from scenarios.loop_faults.fault import LOOP_FAULTS
+from sensors.faults.fault import FAULTS
+from vehicle.foundation.own_parts import defined_at, raised_at
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import shown
 from vehicle.option import Option
-from vehicle.own_code import defined_at, raised_at
-from vehicle.parameter_file import nearest
-from vehicle.user_file import shown
 
 ContextT = TypeVar("ContextT", contravariant=True)
 PartT = TypeVar("PartT", covariant=True)
@@ -43,7 +43,7 @@ class Catalogue(dict[str, str]):
 
 TRAILER_STEERING: Final = Catalogue(
     {
-        "none": "controllers.trailer_steering.unsteered:Unsteered",
+        "none": "controllers.trailer_steering.command_steer:Unsteered",
         "combined": "controllers.trailer_steering.combined:Combined",
         "command_steer": "controllers.trailer_steering.command_steer:CommandSteer",
         "ct_at": "controllers.trailer_steering.ct_at:CtAt",
@@ -54,7 +54,7 @@ TRAILER_STEERING: Final = Catalogue(
         "policy": "controllers.trailer_steering.policy:Policy",
     },
     methods=("init", "step"),
-    fmu="scenarios.fmi_import.law:law_of",
+    fmu="offtrack.exchange.fmi_import.fmu_parts:law_of",
 )
 ODOMETRY: Final = Catalogue(
     {
@@ -67,7 +67,7 @@ ODOMETRY: Final = Catalogue(
 OFF_TRACKING: Final = Catalogue(
     {
         "truth": "estimators.off_tracking.reference:ReferenceOffTracking",
-        "surrogate": "scenarios.environments.surrogate_estimator:SurrogateOffTracking",
+        "surrogate": "scenarios.assembly.surrogate:SurrogateOffTracking",
         "kinematic": "estimators.off_tracking.kinematic:KinematicOffTracking",
         "viso_ot": "estimators.off_tracking.viso_ot:VisoOt",
         "ground_watching": "estimators.off_tracking.ground_watching:GroundWatching",
@@ -75,11 +75,11 @@ OFF_TRACKING: Final = Catalogue(
     },
     methods=("of", "init", "step"),
     declares=("sensor", "options"),
-    fmu="scenarios.fmi_import.off_tracking:off_tracking_of",
+    fmu="offtrack.exchange.fmi_import.fmu_parts:off_tracking_of",
 )
 SLIP_ESTIMATOR: Final = Catalogue(
     {
-        "truth": "estimators.slip.reference:ReferenceSlip",
+        "truth": "estimators.slip.reference_slip:ReferenceSlip",
         "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
         "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
     },
@@ -88,8 +88,8 @@ SLIP_ESTIMATOR: Final = Catalogue(
 )
 SENSOR: Final = Catalogue(
     {
-        "stereo_camera": "scenarios.assembly.stereo_cameras:StereoCameras",
-        "ground_cameras": "scenarios.assembly.ground_cameras:GroundCameras",
+        "stereo_camera": "scenarios.assembly.cameras:StereoCameras",
+        "ground_cameras": "scenarios.assembly.cameras:GroundCameras",
         "reference_pose": "scenarios.assembly.mount:ReferencePose",
         "combination_signals": "scenarios.assembly.mount:SignalsOfCombination",
     },
@@ -97,18 +97,18 @@ SENSOR: Final = Catalogue(
 )
 ROVER_SENSOR: Final = Catalogue(
     {
-        "trace_camera": "scenarios.assembly.rover_sensors:TraceCameraSensor",
-        "slip_reading": "scenarios.assembly.rover_sensors:SlipInstrument",
+        "trace_camera": "scenarios.assembly.rover_run:TraceCameraSensor",
+        "slip_reading": "scenarios.assembly.rover_run:SlipInstrument",
     },
     methods=("of",),
 )
 DRIVER: Final = Catalogue(
     {
-        "preview": "scenarios.assembly.drivers:OnCourse",
-        "recorded": "scenarios.assembly.drivers:AsRecorded",
+        "preview": "scenarios.assembly.drivers_and_laws:OnCourse",
+        "recorded": "scenarios.assembly.drivers_and_laws:AsRecorded",
     },
     methods=("of",),
-    fmu="scenarios.fmi_import.driver:driver_of",
+    fmu="offtrack.exchange.fmi_import.fmu_parts:driver_of",
 )
 ROVER_DRIVER: Final = Catalogue(
     {
@@ -122,11 +122,11 @@ PLANT: Final = Catalogue(
         "constant_slip": "scenarios.assembly.plants:ConstantSlip",
     },
     methods=("of",),
-    fmu="scenarios.fmi_import.plant:plant_of",
+    fmu="offtrack.exchange.fmi_import.fmu_plant:plant_of",
 )
 
 
-FAULT: Final = Catalogue({**FAULTS, **LOOP_FAULTS})  # ``sensors.faults.catalogue.checked_kind`` knows their members
+FAULT: Final = Catalogue({**FAULTS, **LOOP_FAULTS})  # ``sensors.faults.fault.checked_kind`` knows their members
 
 
 def resolve(key: str, name: str, catalogue: Catalogue, *, in_scenario: bool = True) -> Any:

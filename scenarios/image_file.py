@@ -20,7 +20,7 @@ from PIL.PpmImagePlugin import PpmImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from sensors.messages import GreyImage
-from vehicle.user_file import MAX_PIXELS, FileKind, read_bytes
+from vehicle.foundation.user_file import MAX_PIXELS, FileKind, read_bytes
 
 # First bytes of a file, and the reader of its format. Pillow's other readers never see a file: one starts Ghostscript.
 _FORMATS: Final = (

@@ -19,8 +19,7 @@ from contextlib import contextmanager, suppress
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from vehicle.engine.compiler import warn_if_interpreted
-from vehicle.engine.trusted_cache import silence
+from vehicle.engine.compiler import silence, warn_if_interpreted
 
 if TYPE_CHECKING:
     from loky import ProcessPoolExecutor

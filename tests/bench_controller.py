@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from controllers.trailer import Combination
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry, vehicle_of
-from scenarios.assembly.trailer_law import trailer_law
+from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.loop.channel import Stateful
 from scenarios.options.scenario import load_scenario
 from sensors.messages import CombinationSignals

@@ -14,8 +14,8 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import command_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_inputs import command_sizes
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
 from vehicle.surface import Surface

@@ -12,7 +12,7 @@ from fmpy.ssp.ssd import Connection, read_ssd
 
 from scenarios.results.metrics import true_off_tracking
 from tests.fmu_plants import Slave
-from vehicle.combination.path_point import plan_pose
+from vehicle.combination.truth import plan_pose
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
 ORDER = ("ground", "sensor", "law", "driver", "plant")  # as in the loop of a run

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-MODULES = ("scenarios.studies.pool", "scenarios.studies.join", "scenarios.studies.tuning")
+MODULES = ("offtrack.studies.pool", "offtrack.studies.join", "offtrack.studies.tuning")
 
 
 def make_runs_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the runs of studies in this process; files that they open without being named are not watched."""
     for module in MODULES:
         monkeypatch.setattr(f"{module}.each_in_a_worker", _each_here)
-    for module in ("scenarios.studies.pool", "scenarios.studies.tuning"):
+    for module in ("offtrack.studies.pool", "offtrack.studies.tuning"):
         monkeypatch.setattr(f"{module}.watch_files", lambda: None)
         monkeypatch.setattr(f"{module}.opened_files", lambda named: {})
 

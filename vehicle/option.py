@@ -8,8 +8,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from vehicle.parameter_file import nearest
-from vehicle.user_file import shown
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import shown
 
 Parameter: TypeAlias = bool | int | float | str
 

@@ -14,9 +14,8 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.ct_at import CtAt
-from controllers.trailer_steering.lateral_design import KMH
-from controllers.trailer_steering.limits import reachable
-from controllers.trailer_steering.lqr import Lqr, LqrMemory
+from controllers.trailer_steering.kinematics import reachable
+from controllers.trailer_steering.lqr import KMH, Lqr, LqrMemory
 from controllers.trailer_steering.path_preview import PathPreview
 from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import OffTracking

@@ -1,4 +1,4 @@
-"""Command steer: axles turn with the articulation, so that the trailer tracks like one with a shorter wheelbase.
+"""Laws without an estimate: command steer, whose axles turn with the articulation, and straight axles.
 
 Mechanical and hydraulic systems do this by a linkage from the turntable. To emulate a rigid axle L' behind the hitch,
 an axle at the distance x is turned by
@@ -22,9 +22,8 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.hitch_motion import hitch_motion
-from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
-from controllers.trailer_steering.limits import check_steered, reachable
+from controllers.trailer_steering.kinematics import AxleGroup, check_steered, limited_direction, reachable
+from controllers.trailer_steering.reckoned_motion import hitch_motion
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -81,3 +80,22 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
             wanted = self._axles.steer_angles(lead, -math.atan(self._beyond * math.tan(lead)), 0.0)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return CommandSteerMemory(tick, tuple(demand.tolist())), SteerCommand(angles=demand)
+
+
+class Unsteered(SteeringLaw[None]):
+    """Zero demand on every steered axle."""
+
+    uses_off_tracking: ClassVar[bool] = False
+
+    def __init__(self, trailer: TrailerGeometry) -> None:
+        self._axles = len(trailer.steered_distances)
+
+    def init(self) -> None:
+        """No memory."""
+        return
+
+    def step(
+        self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[None, SteerCommand]:
+        """Straight wheels."""
+        return None, SteerCommand(angles=np.zeros(self._axles))

@@ -24,17 +24,15 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
-from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
-from controllers.trailer_steering.limits import check_steered, reachable
-from controllers.trailer_steering.reckoned_path import ReckonedPath, moved, straight_behind
+from controllers.trailer_steering.kinematics import AxleGroup, check_steered, limited_direction, reachable
+from controllers.trailer_steering.reckoned_motion import HitchMotion, ReckonedPath, hitch_motion, moved, straight_behind
 from estimators.estimates import OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
-from vehicle.polyline import arc_length
 
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
 _REACH = 0.5  # half window of the heading's fit to the path [m]

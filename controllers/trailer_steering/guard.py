@@ -1,4 +1,4 @@
-"""Guard against unreliable estimates, around any steering law that uses them.
+"""Guard against unreliable estimates around a steering law, with the plausibility checks of estimates.
 
 An estimate that is lost, too uncertain, too old, or in conflict with the wheels is ignored: for some time and distance
 the law continues with the last good one. After that the fallback steers, without any estimate; also if no good one has
@@ -9,10 +9,15 @@ other for some time. Then the law takes over again. Signals of the combination t
 At every handover between law and fallback the axles keep their angles: the difference between the two demands is added
 to the new one and reduced at a rate that starts low and grows. The angles have no step, and the demands of the new law
 are followed in full; a law that is held back would oscillate.
+
+Wheel speeds and gyros of the combination show how fast the trailer really moves. A frozen camera is detected by them:
+in its estimate the trailer stands still. Distance that the estimate lacks against the wheels is also missing in the
+hitch path, until the follow point has passed that place.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -27,26 +32,96 @@ from controllers.trailer import (
     told_actuation,
 )
 from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
-from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
-from controllers.trailer_steering.limits import reachable
-from controllers.trailer_steering.plausibility import (
-    Limits,
-    Travel,
-    jumps,
-    motion_agrees,
-    motion_reference,
-    moved_on,
-    usable,
-)
-from controllers.trailer_steering.reverse_lock import ReverseLockMemory
-from controllers.trailer_steering.supervision import SupervisionMemory
+from controllers.trailer_steering.kinematics import reachable
+from controllers.trailer_steering.reckoned_motion import HitchMotion, hitch_motion
+from controllers.trailer_steering.supervision import ReverseLockMemory, SupervisionMemory
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.closing import close_part
+from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 from vehicle.option import Option
+
+# assumed: several times the errors of wheel speeds, gyros and odometry, and the change of motion of a braking or
+# turning trailer within the 0.3 s by which an estimate is late.
+_SPEED: Final = 0.3  # [m/s]
+_SPEED_SHARE: Final = 0.15  # [-]
+_YAW_RATE: Final = 0.1  # [rad/s]
+_MISSING: Final = 0.1  # of the follow distance: a path error of about 0.1 rad times that in a tight turn [-]
+_INTERVAL: Final = 100  # between estimates, if it is not known [ticks]
+_LONGEST_INTERVAL: Final = 300  # over which the motion in an estimate is a mean [ticks]
+_SIGMAS: Final = 3.0  # of an estimate's own standard deviation: no jump
+
+
+class Limits(NamedTuple):
+    """Largest accepted values of an estimate."""
+
+    age: float  # on arrival [s]
+    std: float  # of a degraded estimate [m]
+    jump: float  # deviation from the value predicted by the trailer's motion [m]
+
+
+class Travel(NamedTuple):
+    """Distance travelled according to estimates and wheels."""
+
+    newest: OffTracking | None = None  # estimate that arrived last
+    missing: float = 0.0  # distance of the estimates less than that of the wheels [m]
+
+
+def moved_on(travel: Travel, estimate: OffTracking, motion: HitchMotion, follow_distance: float) -> Travel:
+    """Travel with a new estimate; missing distance decays over a follow distance."""
+    if travel.newest is None:
+        return Travel(estimate)
+    interval = (estimate.tick - travel.newest.tick) * TICK
+    rolled = abs(motion.v_x) * interval
+    kept = travel.missing * math.exp(-rolled / follow_distance)
+    # A lost motion is bridged at the velocity before it.
+    return Travel(estimate, kept + (motion.v_x - estimate.v_x) * interval)
+
+
+def motion_reference(estimate: OffTracking, before: OffTracking | None) -> MotionReference | None:
+    """The motion in an estimate, to compare signals with; None if it is lost, or taken from the signals themselves.
+
+    Its velocities are means since the estimate ``before``. While the path is still short the estimate is lost, but its
+    motion is not: the path grows.
+    """
+    values = (estimate.v_x, estimate.v_y, estimate.yaw_rate)
+    grows = before is not None and len(estimate.path) > len(before.path)
+    if (estimate.health is Health.LOST and not grows) or estimate.bridged > 0.0 or not all(map(math.isfinite, values)):
+        return None
+    previous = estimate.tick - _INTERVAL if before is None else max(before.tick, estimate.tick - _LONGEST_INTERVAL)
+    return MotionReference(estimate.tick, previous, *values)
+
+
+def usable(estimate: OffTracking, tick: int, limits: Limits) -> bool:
+    """True if the estimate is healthy enough and not too old."""
+    vague = estimate.health is Health.DEGRADED and estimate.std > limits.std
+    lost = estimate.health is Health.LOST or not math.isfinite(estimate.value)
+    return not (vague or lost) and estimate.age(tick) <= limits.age
+
+
+def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, follow_distance: float) -> bool:
+    """True if the motion of the trailer in the estimate agrees with its wheels and gyro."""
+    slower = abs(motion.v_x - estimate.v_x) > _SPEED + _SPEED_SHARE * abs(motion.v_x)
+    turns = abs(motion.yaw_rate - estimate.yaw_rate) > _YAW_RATE
+    return not (slower or turns or abs(travel.missing) > _MISSING * follow_distance)
+
+
+def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, limits: Limits) -> bool:
+    """True if the estimate deviates from the previous one, carried on by the trailer's motion.
+
+    The path stands still while the follow point moves: in the trailer's frame a point of the path at (-L_f, e) has the
+    lateral speed -v_y + r L_f, and the path, inclined by its tangent, passes at v_x - r e.
+    """
+    interval = (estimate.tick - before.tick) * TICK
+    tangent = math.tan(0.5 * (before.path_tangent + estimate.path_tangent))
+    rate = estimate.yaw_rate * follow_distance - estimate.v_y
+    rate += tangent * (estimate.v_x - estimate.yaw_rate * estimate.value)
+    deviation = estimate.value - before.value - rate * interval
+    return abs(deviation) > limits.jump + _SIGMAS * estimate.std
+
 
 _GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
 _HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]

@@ -22,16 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.limits import check_steered, reachable
+from controllers.trailer_steering.kinematics import check_steered, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
-from vehicle.array_file import read_arrays
 from vehicle.clock import TICK
+from vehicle.foundation.data_file import read_arrays
+from vehicle.foundation.polyline import arc_length
+from vehicle.foundation.user_file import FileKind, shown
 from vehicle.frames import FloatArray
 from vehicle.option import Option
-from vehicle.polyline import arc_length
-from vehicle.user_file import FileKind, shown
 
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
 _LARGEST: Final = 1e9  # number of a network: its outputs cannot overflow then

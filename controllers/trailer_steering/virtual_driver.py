@@ -33,10 +33,18 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.trailer import Actuation, SteerCommand, SteeringLaw, TrailerGeometry, no_axle_answers
-from controllers.trailer_steering.kinematics import AxleGroup
-from controllers.trailer_steering.limits import check_steered, reachable
-from controllers.trailer_steering.prediction import MEASURABLE, Predictor, SteerHistory, recorded, slip_between
-from controllers.trailer_steering.target import Target, target_on
+from controllers.trailer_steering.kinematics import (
+    MEASURABLE,
+    AxleGroup,
+    Predictor,
+    SteerHistory,
+    Target,
+    check_steered,
+    reachable,
+    recorded,
+    slip_between,
+    target_on,
+)
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK

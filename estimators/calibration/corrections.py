@@ -1,17 +1,20 @@
-"""Corrections of a pair by the estimated state of its right camera: when they change, and how they are applied."""
+"""Corrections of a pair by the estimated state of its right camera, and motions measured with them."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from estimators.calibration.epipolar import RightRotation, homography
 from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
-from estimators.calibration.right_rotation import RightRotation, homography
-from estimators.displaced_right import DisplacedFrame
-from estimators.matched_frame import MatchedFrame, Turned
+from estimators.estimates import Health, Motion, lost_motion
+from estimators.stereo_pair import DisplacedFrame, MatchedFrame, Turned
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
+from vehicle.frames import FloatArray
 
 # Changes of roll, yaw and pitch that are applied, at the cost of a restart of the odometry [standard deviations].
 _WORTH = np.array([2.5, 1.0, 2.5])
@@ -69,3 +72,125 @@ def corrected(
     if geometry.shift is None:
         return MatchedFrame(tick=tick, left=left, right=right, colour=colour, turned=turned)
     return DisplacedFrame(tick=tick, left=left, right=right, colour=colour, turned=turned, right_shift=geometry.shift)
+
+
+_LEAST_DISTANCE = 0.01  # below it the trailer stands [m]
+_CONSTANT_OVER = 14.0  # distance over which an error of the calibration is constant: its effects add linearly [m]
+# All of these were measured with keyframe and circular odometry on rendered drives: by 0.15 deg of roll and yaw and 0.1
+# deg of pitch, and by pairs 10 to 50 ms apart at 10 to 60 km/h.
+_SEEN_DEPTH = 5.3  # depth at which a disparity error scales the motion, in camera heights
+_ALONG = np.array([0.2, 1.0, 0.1])  # scale error by roll, yaw and pitch, relative to that by yaw
+_ACROSS = np.array([0.3, 1.0, 0.6])  # the same for the directions that a scale error does not change
+_SIDEWAYS, _TURN = 0.1, 0.006  # those errors: share of the distance, and per distance [rad/m]
+# The same by a displacement of one baseline along the optical axis, by which depths are wrong in proportion to x.
+_SHIFT_ALONG, _SHIFT_SIDEWAYS, _SHIFT_TURN = 0.4, 0.07, 0.006
+
+
+def doubt_covariance(calibration: StereoCalibration, X: FloatArray, angles: FloatArray, shift: float) -> FloatArray:
+    """Covariance (6, 6) of a motion X (4, 4) from errors of roll, yaw and pitch (3,) [rad] and of a shift [m].
+
+    Mainly the translation is scaled. Errors are constant over a trailer length, but those of motions count as
+    independent: hence the factor, the number of motions in that length.
+    """
+    p, depth = X[:3, 3], _SEEN_DEPTH * float(calibration.X_SC[2, 3])
+    distance = float(np.linalg.norm(p))
+    scale = depth / calibration.baseline * angles
+    relative = shift / calibration.baseline
+    along, across = (float(np.linalg.norm(share * scale)) for share in (_ALONG, _ACROSS))
+    sideways = np.hypot(_SIDEWAYS * across, _SHIFT_SIDEWAYS * relative) * distance
+    turn = np.hypot(_TURN * across, _SHIFT_TURN * relative) * distance
+    covariance = np.diag([turn**2] * 3 + [sideways**2] * 3)
+    covariance[3:, 3:] += (along**2 + (_SHIFT_ALONG * relative) ** 2) * np.outer(p, p)
+    factored: FloatArray = max(1.0, _CONSTANT_OVER / max(distance, _LEAST_DISTANCE)) * covariance
+    return factored
+
+
+_SYSTEMATIC = np.radians([0.001, 0.001, 0.0005])  # error common to all views: measured over rendered drives [rad]
+_REFUTED = 4.0  # angle by which a calibration that is not corrected counts as refuted [standard deviations]
+_UNLIKELY = np.radians([1.0, 0.25, 1.0])  # angle beyond all errors of lenses: refuted even while uncertain [rad]
+_TOLERATED = np.radians([0.1, 0.03, 0.1])  # error of a calibration with which motions stay OK: 1 % of scale [rad]
+_UNUSABLE = np.radians([0.5, 0.2, 0.5])  # error beyond which motions are lost: their errors are no longer small [rad]
+_YAW_RATE = 0.003  # change of the yaw rate within a frame as a trailer turns in: over a delay it looks like yaw [rad/s]
+_TOO_FAR = 0.25  # displacement that is not compensated, beyond which motions are lost [baselines]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SelfCalibratedMotion(Motion):
+    """Motion with the estimated rotation and delay of the right camera at its end."""
+
+    right_rotation: RightRotation  # [rad]
+    right_rotation_std: RightRotation  # [rad]
+    right_delay: float  # + the right camera exposes later [s]
+    right_delay_std: float  # [s]
+    miscalibrated: bool  # True: the calibration is refuted and not corrected, so the motion is degraded or lost
+
+
+class Doubt(NamedTuple):
+    """Errors of a pair that are not corrected, 1 sigma, and the health that they leave."""
+
+    angles: FloatArray  # (3,) roll, yaw, pitch [rad]
+    shift: float  # of the right camera along the optical axis [m]
+    health: Health
+    refuted: bool  # True: angles are why the health is not OK
+
+
+def doubt(
+    calibration: StereoCalibration,
+    state: MountState,
+    applied: Corrections,
+    speed: float,
+    left_over: float,
+    *,
+    correcting: bool,
+) -> Doubt:
+    """Doubt of a pair with these corrections.
+
+    Args:
+        calibration: of the pair.
+        state: estimated.
+        applied: corrections, those of the rotation only if ``correcting``.
+        speed: of the camera [m/s].
+        left_over: displacement of the right camera that the pair shows beyond the compensated one [m].
+        correcting: whether the rotation is corrected. If not, only what refutes the calibration counts.
+    """
+    off, std = np.abs(state.mean[:3] - applied.rotation), _std(state)
+    angles = np.hypot(std, off)
+    turned = np.array([0.0, _YAW_RATE * applied.delay, 0.0])
+    if not correcting:
+        unlikely = (off > np.maximum(_REFUTED * std, LEAST_ANGLES)) | (off > _UNLIKELY)
+        angles = np.where(unlikely, angles, 0.0)
+    refuted = not correcting and bool((angles > _TOLERATED).any())
+    lost = (refuted and bool((angles > _UNUSABLE).any())) or abs(left_over) > _TOO_FAR * calibration.baseline
+    health = Health.LOST if lost else Health.DEGRADED if refuted or left_over else Health.OK
+    late = speed * float(state.std[DELAY]) if applied.delay else 0.0
+    return Doubt(np.hypot(angles, turned), math.hypot(left_over, late), health, refuted)
+
+
+def with_calibration(
+    calibration: StereoCalibration, motion: Motion, state: MountState, doubt: Doubt
+) -> SelfCalibratedMotion:
+    """Motion message with the state, and with the doubt in covariance and health."""
+    if Health.LOST in (doubt.health, motion.health):
+        motion = lost_motion(motion.tick, motion.previous_tick, motion.matches)
+    values = {field.name: getattr(motion, field.name) for field in fields(motion)}
+    if motion.health is not Health.LOST:
+        by_doubt = doubt_covariance(calibration, motion.X_PC, doubt.angles, doubt.shift)
+        values["covariance"] = motion.covariance + by_doubt
+        values["health"] = doubt.health if motion.health is Health.OK else motion.health
+    if motion.anchor is not None:
+        by_doubt = doubt_covariance(calibration, motion.anchor.X_AC, doubt.angles, doubt.shift)
+        values["anchor"] = replace(motion.anchor, covariance=motion.anchor.covariance + by_doubt)
+    return SelfCalibratedMotion(
+        **values,
+        right_rotation=state.rotation,
+        right_rotation_std=RightRotation(*_std(state).tolist()),
+        right_delay=float(state.mean[DELAY]),
+        right_delay_std=math.sqrt(state.covariance[DELAY, DELAY]),
+        miscalibrated=doubt.refuted,
+    )
+
+
+def _std(state: MountState) -> FloatArray:
+    """Standard deviations (3,) of the angles, with the common error of all views."""
+    std: FloatArray = np.hypot(state.std[:3], _SYSTEMATIC)
+    return std

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.calibration.epipolar import EpipolarFit
-from estimators.calibration.right_rotation import RightRotation
+from estimators.calibration.epipolar import EpipolarFit, RightRotation
 from vehicle.frames import FloatArray, so3_exp
 
 ROLL, YAW, PITCH, DELAY, LENS, OFFSET = range(6)

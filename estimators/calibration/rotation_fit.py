@@ -1,7 +1,10 @@
-"""Estimation of the right camera's rotation from two views some metres apart.
+"""Estimation of the right camera's rotation from two stereo views some metres apart.
 
 Between two views a yaw error makes all disparities too large or too small: depth from the parallax between the views
 and depth from stereo agree for one yaw only.
+
+Raw images are matched and only the matched points are corrected, so that a better estimate of the rotation applies to
+older views as well.
 """
 
 from __future__ import annotations
@@ -9,11 +12,222 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimators.calibration.right_rotation import RightRotation, sensitivity
-from estimators.calibration.rotation_views import FEWEST, Images, bearings, images
+from estimators.calibration.epipolar import RightRotation, homography, moved, sensitivity
+from estimators.calibration.mount_state import PairGeometry
+from estimators.odometry.exposure import clipped_alike
+from estimators.odometry.image_points import (
+    LEVELS,
+    LEVELS_NEAR,
+    Points,
+    detect_corners,
+    disparity_guess,
+    local_planes,
+    rays_through,
+    track,
+    warps,
+)
+from estimators.odometry.warped_matching import (
+    MARGIN,
+    Float32Array,
+    PatchMatches,
+    match_patches,
+    templates,
+    warped_patches,
+)
+from estimators.stereo_pair import as_calibrated, displaced, right_position
 from sensors.camera.rig import StereoCalibration
+from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse, orthonormalised, so3_exp, transform
+
+FEWEST = 25  # points; fewer may agree by chance
+_PER_BUCKET = 2  # corners; 250 to 350 points on an ordinary road
+_PER_BUCKET_CLIPPED = 8  # the same in clipped images: without clouds, which tell yaw at once, it takes more points
+_CLOSURE = 0.6  # largest distance between start and end of the track from left to right and back [px]
+_LEAST_CORRELATION = 0.8  # of two patches, normalised
+_MOVED = 2.5  # largest distance of the warped match from the Lucas-Kanade result [px]
+_FINEST_PATCH = 0.03  # least error of a patch: sampling and interpolation, measured on rendered frames [px]
+_SAME_ROW = 1.5  # largest difference of the rows, beyond the uncertainty of the rotation [px]
+_FARTHEST = -1.0  # least disparity: those of distant points scatter about 0 [px]
+_AHEAD = 0.1  # least disparity for a point's plane, so that it lies ahead of the camera [px]
+_NEAREST = 1.0  # [m]
+_GATE = 12.0  # largest distance of a match from its prediction [px]
+
+
+class View(NamedTuple):
+    """Stereo pair with n points visible in both raw images."""
+
+    image: Float32Array  # left
+    left: Points  # (n, 2) [px]
+    right: Points  # (n, 2) in the raw right image [px]
+    variance: FloatArray  # (n, 2) of u and v from left to right [px2]
+    planes: FloatArray  # (n, 3) around the points: n . X = 1 [1/m]
+    geometry: PairGeometry
+
+
+class Images(NamedTuple):
+    """Images of n points in a stereo pair."""
+
+    left: Points  # (n, 2) [px]
+    right: Points  # (n, 2) in the raw right image [px]
+    variance: FloatArray  # (n, 3) of u left, mean v, u right [px2]
+    geometry: PairGeometry
+
+    def straight(self, calibration: StereoCalibration, rotation: RightRotation) -> FloatArray:
+        """Right images (n, 2) of a camera as calibrated."""
+        return straight(calibration, self.left, self.right, self.geometry, rotation)
+
+
+def straight(
+    calibration: StereoCalibration, left: Points, right: Points, geometry: PairGeometry, rotation: RightRotation
+) -> FloatArray:
+    """Images (n, 2) in a camera as calibrated of points with these left and raw right images."""
+    turned = moved(homography(calibration, geometry.attitude(rotation)), right)
+    return as_calibrated(calibration, left, turned, geometry.shift)
+
+
+def raw(
+    calibration: StereoCalibration, left: Points, right: FloatArray, geometry: PairGeometry, rotation: RightRotation
+) -> Points:
+    """Raw right images (n, 2) of points with these left and straight right images."""
+    seen = displaced(calibration, left, right, geometry.shift)
+    return moved(homography(calibration, geometry.attitude(rotation).T), seen).astype(np.float32)
+
+
+def new_view(
+    calibration: StereoCalibration,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    rotation: RightRotation,
+    doubt: float,
+    rng: np.random.Generator,
+    *,
+    clipped: bool = False,
+) -> View:
+    """View of a frame; ``doubt`` is the standard deviation of the rotation [rad].
+
+    A view for ``clipped`` images has more points.
+    """
+    left, right = _pairs(calibration, frame, geometry, rotation, doubt, _PER_BUCKET_CLIPPED if clipped else _PER_BUCKET)
+    as_straight = straight(calibration, left, right, geometry, rotation)
+    disparity = np.maximum(left[:, 0] - as_straight[:, 0], _AHEAD)
+    planes = local_planes(calibration, left, disparity, rng)
+    image = frame.left.astype(np.float32)
+    to_right = -right_position(calibration, geometry.shift)
+    patches = warped_patches(image, left, warps(np.eye(3), to_right, planes, rays_through(calibration, left)))
+    matched = _patch_matches(patches, frame.right, right)
+    kept = (matched.correlation > _LEAST_CORRELATION) & (_longest(matched.points - right) < _MOVED)
+    variance = matched.variance[kept].astype(np.float64) + _FINEST_PATCH**2
+    return View(image, left[kept], matched.points[kept], variance, planes[kept], geometry)
+
+
+def rematched(
+    calibration: StereoCalibration,
+    view: View,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    X_PC: FloatArray,
+    rotation: RightRotation,
+) -> tuple[Images, Images]:
+    """Images of common points in the view and in a later frame, with its geometry, at about ``X_PC`` from it."""
+    X_CP = inverse(X_PC)
+    R, t = X_CP[:3, :3], X_CP[:3, 3]
+    rays, inverse_depth = bearings(
+        calibration, view.left, straight(calibration, view.left, view.right, view.geometry, rotation)
+    )
+    heads = rays @ R.T + inverse_depth[:, None] * t
+    z = images(calibration, heads, inverse_depth)
+    shown = np.flatnonzero(_inside(calibration, z) & (heads[:, 2] > _NEAREST * inverse_depth) & (heads[:, 2] > 0.0))
+    predicted = z[shown].astype(np.float32)
+    centres, planes, rays = view.left[shown], view.planes[shown], rays[shown]
+    to_right = right_position(calibration, geometry.shift)
+    patches = [warped_patches(view.image, centres, warps(R, p, planes, rays)) for p in (t, t - to_right)]
+    left = _patch_matches(patches[0], frame.left, predicted[:, :2])
+    shift = left.points - predicted[:, :2]
+    guess = raw(calibration, predicted[:, :2] + shift, predicted[:, [2, 1]] + shift, geometry, rotation)
+    right = _patch_matches(patches[1], frame.right, guess)
+    kept = (left.correlation > _LEAST_CORRELATION) & (right.correlation > _LEAST_CORRELATION)
+    kept &= (_longest(shift) < _GATE) & (_longest(right.points - guess) < _MOVED)
+    kept &= np.isfinite(straight(calibration, left.points, right.points, geometry, rotation)).all(axis=1)
+    index = shown[kept]
+    # the view's left image defines its points, up to sampling; the mean of two rows has half the variance
+    own, across = np.full(len(index), _FINEST_PATCH**2), view.variance[index]
+    a, b = left.variance[kept] + _FINEST_PATCH**2, right.variance[kept] + _FINEST_PATCH**2
+    stereo = np.column_stack([own, 0.25 * across[:, 1], across[:, 0]])
+    first = Images(view.left[index], view.right[index], stereo, view.geometry)
+    variance = np.column_stack([a[:, 0], 0.25 * (a[:, 1] + b[:, 1]), b[:, 0]]).astype(np.float64)
+    return first, Images(left.points[kept], right.points[kept], variance, geometry)
+
+
+def both_clipped(
+    calibration: StereoCalibration,
+    view: View,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    X_PC: FloatArray,
+    rotation: RightRotation,
+) -> tuple[View, StereoFrame]:
+    """View and frame, both clipped where one of them is: the same objects if they are so already."""
+    first, second = rematched(calibration, view, frame, geometry, X_PC, rotation)
+    alike = clipped_alike(view.image, frame, np.hstack([first.left, second.left]))
+    return (view, frame) if alike is None else (view._replace(image=alike[0]), alike[1])
+
+
+def bearings(calibration: StereoCalibration, left: Points, straight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rays (n, 3) of depth 1 and inverse depths (n,) [1/m] of points from their left and straightened right images."""
+    f = calibration.focal_length
+    x, y = (left[:, 0] - calibration.cx) / f, (0.5 * (left[:, 1] + straight[:, 1]) - calibration.cy) / f
+    return np.column_stack([x, y, np.ones(len(x))]), (left[:, 0] - straight[:, 0]) / (f * calibration.baseline)
+
+
+def images(calibration: StereoCalibration, heads: FloatArray, inverse_depth: FloatArray) -> FloatArray:
+    """Images (u left, v, u right) (n, 3) of points at heads / inverse_depth in the left camera, infinity included."""
+    scale = calibration.focal_length / heads[:, 2]
+    x_right = heads[:, 0] - calibration.baseline * inverse_depth
+    u, u_right = heads[:, 0] * scale + calibration.cx, x_right * scale + calibration.cx
+    return np.column_stack([u, heads[:, 1] * scale + calibration.cy, u_right])
+
+
+def _pairs(
+    calibration: StereoCalibration,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    rotation: RightRotation,
+    doubt: float,
+    per_bucket: int,
+) -> tuple[Points, Points]:
+    """Corners in the left and the raw right image that track there and back."""
+    corners = detect_corners(frame.left, per_bucket=per_bucket)
+    guess = raw(calibration, corners, corners - disparity_guess(calibration, corners), geometry, rotation)
+    right, found = track(frame.left, frame.right, corners, guess, LEVELS)
+    back, found_again = track(frame.right, frame.left, right, corners, LEVELS_NEAR)
+    apart = corners - straight(calibration, corners, right, geometry, rotation)
+    doubtful = 3.0 * doubt * calibration.focal_length
+    kept = found & found_again & (_longest(back - corners) < _CLOSURE)
+    # not a number near the epipole of a displaced camera: neither comparison holds
+    kept &= (np.abs(apart[:, 1]) < _SAME_ROW + doubtful) & (apart[:, 0] > _FARTHEST - doubtful)
+    return corners[kept], right[kept]
+
+
+def _patch_matches(patches: Float32Array, image: GreyImage, guess: Points) -> PatchMatches:
+    """Matches of the patches in the image, each near its guess."""
+    if len(guess) == 0:
+        return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
+    return match_patches(templates(patches), image.astype(np.float32), guess)
+
+
+def _inside(calibration: StereoCalibration, z: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n,) of images z (n, 3) whose patches lie inside both pictures."""
+    high = np.array([calibration.width, calibration.height, calibration.width]) - 1 - MARGIN
+    return np.asarray(((z > MARGIN) & (z < high)).all(axis=1), dtype=np.bool_)
+
+
+def _longest(shift: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Larger component (n,) of shifts (n, 2)."""
+    longest: NDArray[np.floating] = np.abs(shift).max(axis=1, initial=0.0)
+    return longest
+
 
 _ROUNDS = 8  # of Gauss-Newton with new weights, at most
 _CONVERGED = 0.05  # last step [standard deviations]

@@ -1,9 +1,9 @@
-"""Online self-calibration: an odometry with an estimate of the right camera's rotation and delay around it.
+"""Online self-calibration: an odometry that estimates the right camera's rotation and delay.
 
 A mount bent by a tenth of a degree biases the off-tracking by decimetres (de Saxe 2018, section 4.3); a right camera
 that exposes 10 ms late does so at 20 km/h. Both are estimated continuously: from the rows of every single pair, and yaw
 from pairs some metres apart. The right image is corrected before the odometry: by a homography for rotations (eqs 8 and
-9), point by point for the distance travelled over the delay (``estimators.displaced_right``). A pair that contradicts
+9), point by point for the distance travelled over the delay (``estimators.stereo_pair``). A pair that contradicts
 the estimate is lost; if the next one does too, mount or clock have changed, and the estimate starts anew from it. If
 then two pairs are as before, and no motions have proven the new estimate yet, it was a passing disturbance.
 
@@ -15,32 +15,35 @@ delay's displacement that is along the baseline while the velocity along the opt
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018.
+
+A yaw error that makes disparities too large moves far scenery near. At high speed it is then the only part of the view
+that is found again, and it agrees with no motion at all.
 """
 
 from __future__ import annotations
 
-from typing import Generic
+from typing import Generic, NamedTuple
 
 import numpy as np
 
-from estimators.calibration.calibration_memory import (
-    Earlier,
-    SelfCalibrationMemory,
-    Taken,
-    first_look,
-    left_over,
-    look_due,
-    looked,
-    pair_geometry,
-    significant_shift,
-    view_due,
+from estimators.calibration.corrections import (
+    NONE,
+    Corrections,
+    SelfCalibratedMotion,
+    corrected,
+    doubt,
+    is_another,
+    of_delay,
+    of_rotation,
+    with_calibration,
 )
-from estimators.calibration.corrections import corrected, is_another, of_delay, of_rotation
 from estimators.calibration.epipolar import EpipolarFit, epipolar_fit
 from estimators.calibration.mount_state import (
     DELAY,
     UNKNOWN,
+    YAW,
     MountState,
+    PairGeometry,
     Twist,
     carried,
     expected_fit,
@@ -53,20 +56,154 @@ from estimators.calibration.mount_state import (
     with_fit,
     with_information,
 )
-from estimators.calibration.rotation_fit import from_motion
-from estimators.calibration.rotation_views import FEWEST, both_clipped, new_view, rematched
-from estimators.calibration.seen_motion import STANDING, ground_moves
-from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion, doubt, with_calibration
+from estimators.calibration.rotation_fit import FEWEST, View, both_clipped, from_motion, new_view, rematched
+from estimators.context import Memory, Odometry
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.exposure import alike, clipped_share
+from estimators.odometry.image_points import LEVELS_NEAR, detect_corners, rays_through, track
 from estimators.odometry.keyframe import KeyframeOdometry
-from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import chained, rotation_vector
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
+from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
-from vehicle.frames import so3_exp
+from vehicle.frames import FloatArray, so3_exp
+
+# Distances from the reference view at which yaw is measured: the first one, and then the double of the last. An early
+# coarse value is better than a late fine one, but errors of lenses matter less from afar [m].
+_FIRST_LOOK, _FIRST_LOOK_IN_DOUBT = 4.0, 0.9
+_DOUBT = np.radians(0.01)  # of yaw, 1 sigma: more counts as uncertain and costs 6 mm of off-tracking [rad]
+_APART = 10.0  # distance beyond which a new reference view is taken: views share too few points [m]
+_REST = 5.0  # distance from a reference view that a turn took out of sight to the next, while yaw is known [m]
+_TURNED = np.radians(15.0)  # rotation between two views at which yaw is measured: beyond it they share few points
+_SHIFTED = 0.015  # displacement of the right camera that is beyond errors of lenses [m]
+_SHIFTED_SHARE = 0.05  # the same, as a share of the displacement that is compensated
+_PROVEN = 5.0  # distance of motions after which a new estimate is no passing disturbance [m]
+_SIGNIFICANT = 8.0  # the same in standard deviations of a fit, which are half of the real ones
+
+
+class Taken(NamedTuple):
+    """A frame as it came, and the velocity before it."""
+
+    frame: StereoFrame
+    twist: Twist
+    lost: bool = False  # True if no motion ended at it
+    left_over: float = 0.0  # displacement of its right image that was not compensated [m]
+
+
+class Earlier(NamedTuple):
+    """Estimate from before pairs contradicted it, kept until motions have proven the new one."""
+
+    state: MountState
+    agreed: bool = False  # True if the newest pair is as before
+    proven: float = 0.0  # distance of motions with the new one [m]
+
+    def after(self, distance: float) -> Earlier | None:
+        """The earlier estimate after a motion of some distance [m]; None once the new one is proven."""
+        proven = self.proven + distance
+        return self._replace(proven=proven) if proven < _PROVEN else None
+
+
+class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
+    """Memory of the odometry, the estimate, and the reference view."""
+
+    odometry: Memory
+    state: MountState
+    applied: Corrections = NONE
+    twist: Twist = UNKNOWN  # by the last motion
+    fresh: float | None = None  # distance since the last fit to a single pair [m]; None: there is none
+    previous: tuple[Taken, ...] = ()  # newest frames of the odometry, oldest first
+    suspect: StereoFrame | None = None  # newest frame, if it contradicts the estimate
+    earlier: Earlier | None = None  # estimate to which a passing disturbance returns
+    shift: float = 0.0  # displacement of the right camera along the optical axis, by the newest frame [m]
+    assumed: float = 0.0  # the same for the first motion, as long as no velocity relates it to a delay [m]
+    view: View | None = None
+    X_VC: FloatArray = np.eye(4)  # of the newest frame in the view
+    look: float = 0.0  # distance from the view at which yaw is measured next [m]
+    clipped: float = 0.0  # share of clipped pixels in the images of late
+    rest: float = 0.0  # distance from the last view before which none is needed, unless yaw is in doubt [m]
+
+
+def pair_geometry(memory: SelfCalibrationMemory[Memory], baseline: float) -> PairGeometry:
+    """Geometry of the corrected pairs; before the first motion, a displacement along the optical axis at most."""
+    if memory.assumed:
+        return PairGeometry(np.eye(3), np.array([0.0, 0.0, memory.assumed]))
+    return geometry(memory.applied.delay, memory.twist, baseline)
+
+
+def left_over(memory: SelfCalibrationMemory[Memory], baseline: float) -> float:
+    """Displacement [m] of the newest right camera that is not compensated; 0 if it is not significant."""
+    applied = pair_geometry(memory, baseline).shift
+    compensated = 0.0 if applied is None else float(applied[2])
+    remaining = abs(memory.shift - compensated) if memory.shift else 0.0
+    return remaining if remaining > max(_SHIFTED, _SHIFTED_SHARE * abs(compensated)) else 0.0
+
+
+def significant_shift(fit: EpipolarFit) -> float:
+    """Displacement [m] of the right camera along the optical axis by a single pair; 0 if it is not significant."""
+    shift = float(fit.values[3])
+    return shift if abs(shift) > max(_SHIFTED, _SIGNIFICANT * float(np.sqrt(fit.covariance[3, 3]))) else 0.0
+
+
+def first_look(state: MountState) -> float:
+    """Distance from a new reference view at which yaw is measured first [m]."""
+    return _FIRST_LOOK_IN_DOUBT if _in_doubt(state) else _FIRST_LOOK
+
+
+def look_due(memory: SelfCalibrationMemory[Memory]) -> bool:
+    """True if the newest frame is far enough from the reference view, or nearly too far rotated."""
+    if memory.view is None:
+        return False
+    return _shift(memory) > memory.look or _is_turned(memory)
+
+
+def looked(memory: SelfCalibrationMemory[Memory]) -> SelfCalibrationMemory[Memory]:
+    """Memory after a look at yaw; a view is looked at once after a turn, since later frames share too few points."""
+    if _is_turned(memory):
+        return memory._replace(view=None, rest=_REST)
+    return memory._replace(look=2.0 * _shift(memory))
+
+
+def view_due(memory: SelfCalibrationMemory[Memory]) -> bool:
+    """True if the newest frame becomes the reference view."""
+    if memory.view is None:
+        return _in_doubt(memory.state) or _shift(memory) >= memory.rest
+    return memory.look > _APART
+
+
+def _shift(memory: SelfCalibrationMemory[Memory]) -> float:
+    """Distance of the newest frame from the view [m]."""
+    return float(np.linalg.norm(memory.X_VC[:3, 3]))
+
+
+def _is_turned(memory: SelfCalibrationMemory[Memory]) -> bool:
+    turn = np.linalg.norm(rotation_vector(memory.X_VC[:3, :3]))
+    return bool(turn > _TURNED and _shift(memory) > _FIRST_LOOK_IN_DOUBT)
+
+
+def _in_doubt(state: MountState) -> bool:
+    return bool(state.covariance[YAW, YAW] > _DOUBT**2)
+
+
+STANDING = 0.1  # motion that counts as none: it shifts the ground in view by less than 3 px [m]
+_STILL = 3.0  # largest shift of a corner that stands [px]
+_NEAR = 0.12  # slope of a ray to the ground, downwards: nearer than some eight camera heights
+_FEWEST = 20  # corners on the ground
+_SHARE = 0.5  # of them, that stand in the images of a camera that stands
+_PER_BUCKET = 2
+
+
+def ground_moves(calibration: StereoCalibration, before: GreyImage, now: GreyImage) -> bool:
+    """True if most of the ground in two successive left images has moved on; False if that cannot be seen."""
+    corners = detect_corners(before, per_bucket=_PER_BUCKET)
+    down = -rays_through(calibration, corners) @ calibration.X_SC[2, :3]
+    ground = corners[down > _NEAR]
+    if len(ground) < _FEWEST:
+        return False
+    found, tracked = track(before, now, ground, ground, LEVELS_NEAR)
+    still = tracked & (np.abs(found - ground).max(axis=1) < _STILL)
+    return bool(np.count_nonzero(still) < _SHARE * len(ground))
+
 
 _REMATCHED = 3  # rounds of matching and fitting, each from the result of the one before
 _SETTLED = 1.0  # change of the angles after which no more round is needed [standard deviations]
@@ -85,7 +222,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         """Self-calibration around an odometry; ``seed`` and a frame's tick fix all random draws.
 
         With ``correcting=False`` rotations of the right camera are watched, not corrected. Odometries that do not know
-        displaced pairs (``estimators.displaced_right``) are lost or degraded while the right camera exposes late.
+        displaced pairs (``estimators.stereo_pair``) are lost or degraded while the right camera exposes late.
         """
         self._calibration, self._odometry, self._seed, self._correcting = calibration, odometry, seed, correcting
         self._compensating = isinstance(odometry, CircularOdometry | KeyframeOdometry)

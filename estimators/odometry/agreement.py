@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimators.context import Odometry
 from estimators.estimates import Health, Motion
-from estimators.protocol import Odometry
 from estimators.rigid_motion import UncertainMotion, inverted, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

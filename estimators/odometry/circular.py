@@ -12,18 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.context import above_ground
 from estimators.estimates import Health, Motion, lost_motion
-from estimators.odometry.corners import Points, detect_corners
+from estimators.odometry.covariance import SelfConsistency, stated
 from estimators.odometry.exposure import alike, both_alike
+from estimators.odometry.image_points import Matches, Points, detect_corners, match
 from estimators.odometry.plausibility import LARGEST_ACCELERATION, Belief, judged
-from estimators.odometry.point_tracking import Matches, match
-from estimators.odometry.pose import Observations, Solution, point_covariance, refined
-from estimators.odometry.ransac import consensus
+from estimators.odometry.pose import Observations, Solution, consensus, point_covariance, refined
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
-from estimators.odometry.self_consistency import SelfConsistency, stated
-from estimators.protocol import above_ground
 from estimators.rigid_motion import stretched
-from estimators.stereo_geometry import triangulate
+from estimators.stereo_pair import triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK

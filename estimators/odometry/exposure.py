@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.matched_frame import MatchedFrame, mapped, with_levels
-from estimators.odometry.corners import Points
-from estimators.odometry.point_tracking import disparity_guess
+from estimators.odometry.image_points import Points, disparity_guess
+from estimators.stereo_pair import MatchedFrame, mapped, with_levels
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray

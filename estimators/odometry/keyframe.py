@@ -22,15 +22,14 @@ from estimators.odometry.circular import (
     is_skipped,
     search_radius,
 )
-from estimators.odometry.corners import detect_corners
+from estimators.odometry.covariance import SelfConsistency, stated
 from estimators.odometry.exposure import alike
-from estimators.odometry.keyframe_tracking import MOST_POINTS, Located, located
-from estimators.odometry.keyframes import Keyframe, new_keyframe
+from estimators.odometry.image_points import detect_corners
+from estimators.odometry.keyframe_tracking import MOST_POINTS, Keyframe, Located, located, new_keyframe
 from estimators.odometry.plausibility import HARDEST, Doubted, continues, doubted, is_confirmed, is_implausible
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
-from estimators.odometry.self_consistency import SelfConsistency, stated
 from estimators.rigid_motion import chained, rotation_vector, stretched
-from estimators.stereo_geometry import project
+from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, inverse, skew

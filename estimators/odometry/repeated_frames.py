@@ -1,21 +1,27 @@
-"""Repeated frames: the previous image once more, under a new time.
+"""Repeated frames and views: the previous image once more, under a new time.
 
 A frozen camera or a transmission that repeats messages looks like standstill. At a true standstill the noise of the
 images is new in every frame, so equal images are repeated ones. If a camera shows no noise (strong compression), equal
 images are believed of a vehicle that stands or can have stopped. Before the first motion they say nothing.
+
+They show the trace of a while ago, and no slip estimator can tell. Noise differs from image to image, also of a rover
+that stands: equal images are repeated ones. A camera that shows no noise is only judged while the wheels turn.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
 
-from estimators.estimates import Motion
+from estimators.context import Estimator, SlipEstimator
+from estimators.estimates import Motion, SlipAngle, lost_slip
 from estimators.odometry.exposure import cell_means
-from sensors.messages import GreyImage
+from sensors.messages import GreyImage, RoverView
 from vehicle.clock import TICK
+from vehicle.foundation.own_parts import close_part
 
 _EQUAL = 0.005  # mean difference of equal images, some transmission errors included [grey levels]
 _ALIKE = 0.1  # the same for images compressed anew; a moving camera's differ by 1 and more [grey levels]
@@ -56,3 +62,50 @@ def _must_move(last: Motion) -> bool:
     """True if the vehicle was too fast to stand one frame later."""
     span = (last.tick - last.previous_tick) * TICK
     return float(np.linalg.norm(last.X_PC[:3, 3])) > _BRAKING * span**2
+
+
+# By the rims; the ground then moves by several pixels. The image shows the wheel, so that one that slips in place is
+# seen to turn [m]
+_MOVED: Final = 0.005
+
+
+class NewViewsMemory(NamedTuple):
+    """Memory between two messages."""
+
+    estimator: Any
+    last: RoverView | None  # newest view with an image of its own
+    noise: float  # of the camera, seen at standstill; 0: not known [grey levels]
+
+
+class NewViews(Estimator[NewViewsMemory, Any, SlipAngle]):
+    """A slip estimator that gets no repeated views; in their place the slip angle is lost."""
+
+    def __init__(self, estimator: SlipEstimator, wheel_radius: float) -> None:
+        """Pass the views of a rover with this ``wheel_radius`` [m] on to an ``estimator``; all other messages, too."""
+        self.wrapped, self._radius = estimator, wheel_radius
+
+    def init(self) -> NewViewsMemory:
+        """Before the first message."""
+        return NewViewsMemory(self.wrapped.init(), None, 0.0)
+
+    def step(self, memory: NewViewsMemory, message: Any) -> tuple[NewViewsMemory, SlipAngle]:
+        """Memory and slip angle; LOST for a repeated view, which leaves the estimator's memory as it was."""
+        if isinstance(message, RoverView):
+            if memory.last is not None:
+                rolled = self._rolled(memory.last, message)
+                if repeats(memory.last.image, message.image, memory.noise, must_differ=rolled > _MOVED):
+                    return memory, lost_slip(message.tick)
+                if rolled == 0.0:
+                    memory = memory._replace(noise=visible_noise(memory.last.image, message.image))
+            memory = memory._replace(last=message)
+        inner, estimate = self.wrapped.step(memory.estimator, message)
+        return memory._replace(estimator=inner), estimate
+
+    def close(self) -> None:
+        """Close the estimator."""
+        close_part(self.wrapped)
+
+    def _rolled(self, last: RoverView, view: RoverView) -> float:
+        """Distance that the wheels have rolled between two views [m]."""
+        speed = 0.5 * (np.abs(last.wheel_speeds).mean() + np.abs(view.wheel_speeds).mean())
+        return math.fabs(float(speed)) * self._radius * (view.tick - last.tick) * TICK

@@ -11,18 +11,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.context import above_ground
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import ENOUGH_MATCHES, is_skipped
+from estimators.odometry.covariance import (
+    Contributions,
+    SelfConsistency,
+    estimated,
+    halves,
+    halves_differences,
+    stacked,
+    stated,
+    summed,
+)
 from estimators.odometry.exposure import alike, both_alike
 from estimators.odometry.plausibility import Belief, is_implausible, judged
-from estimators.odometry.ransac import consensus
+from estimators.odometry.pose import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
-from estimators.odometry.sandwich import Contributions, estimated, stacked, summed
-from estimators.odometry.self_consistency import SelfConsistency, halves, halves_differences, stated
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
-from estimators.protocol import above_ground
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
-from estimators.stereo_geometry import linearised, triangulate
+from estimators.stereo_pair import linearised, triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK

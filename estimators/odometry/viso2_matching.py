@@ -1,24 +1,238 @@
-"""Circular matching of whole-pixel features through four images, with buckets: steps 2 and 3 of VISO2-S.
+"""Features and circular matching of VISO2-S: steps 1 to 3.
 
 de Saxe 2018, sections 2.1 and 3.1: a match is accepted if the circle through previous and current, left and right image
 closes, and if flow and disparity are within 5 px of those of its neighbours. Buckets of 50 x 50 px hold two matches.
+
+The maxima and minima of a blob mask and of a corner mask of 5 x 5 px give four kinds of features. Only features of the
+same kind are compared. Source of VISO2-S in de Saxe 2018: Geiger, Ziegler, Stiller, "StereoScan: dense 3d
+reconstruction in real-time", IV 2011.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from estimators.odometry.corners import strongest_in_buckets
-from estimators.odometry.nearest_descriptors import Indices, Placed, Window, most_similar
-from estimators.odometry.point_tracking import Matches, moved
-from estimators.odometry.viso2_features import Features, detect_features
+from estimators.odometry.image_points import Matches, moved, strongest_in_buckets
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
+from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
+
+BLOB = np.array(
+    [[-1, -1, -1, -1, -1], [-1, 1, 1, 1, -1], [-1, 1, 8, 1, -1], [-1, 1, 1, 1, -1], [-1, -1, -1, -1, -1]], np.float32
+)
+CORNER = np.outer([-1, -1, 0, 1, 1], [1, 1, 0, -1, -1]).astype(np.float32)
+_WINDOW = 11  # non-maximum suppression; 7000 to 9000 features per image [px]
+# Detection threshold in standard deviations of the noise: noise alone then gives less than one feature of a kind in a
+# bucket of 50 x 50 px. For normal noise that is 3.35; the noise of the smoothest squares is estimated 10 % too low.
+_DETECTION_THRESHOLD = 3.7
+# The noise is measured with the masks themselves, as resampling has coloured it, in the smoothest squares of the image,
+# as texture responds too. With texture everywhere the result is too high. Then the Laplacian of Immerkaer, "Fast noise
+# variance estimation", CVIU 1996, which hardly responds to texture, is the upper limit.
+_SECOND = np.array([1, -2, 1], np.float32)
+_LAPLACIAN = np.outer(_SECOND, _SECOND)
+_RESAMPLED = 4.0 / 9.0  # share of bilinearly interpolated white noise in the Laplacian, mean over fractions of a pixel
+_BLOCK = 32  # side of the squares [px]
+_EVERY = 2  # sampling step of rows and columns in a square
+_SMOOTH = 0.1  # share of the squares that are assumed to show noise alone
+_ROUNDING = 1.0 / math.sqrt(12.0)  # standard deviation of rounding to whole grey levels
+_MEAN_TO_STD = math.sqrt(math.pi / 2.0)  # standard deviation of normal noise over its mean magnitude
+_BORDER = 8  # the descriptor must fit inside [px]
+_SAMPLES = np.array([-5, -2, 2, 5])  # columns and rows of a descriptor's 16 samples within 11 x 11 px
+
+
+class Features(NamedTuple):
+    """The n features of one image, in no particular order."""
+
+    points: NDArray[np.int64]  # (n, 2) u, v [px]
+    kind: NDArray[np.int64]  # (n,) 0 to 3
+    strength: NDArray[np.float32]  # (n,) absolute response
+    descriptors: NDArray[np.uint8]  # (n, 32) both image gradients at 16 samples; 128 is zero
+
+
+def detect_features(image: GreyImage) -> Features:
+    """Detect blobs and corners with their descriptors, independent of brightness and contrast."""
+    laplacian = np.asarray(cv2.sepFilter2D(image, cv2.CV_16S, _SECOND, _SECOND), dtype=np.int16)
+    most_noise = _deviation(laplacian, _LAPLACIAN, 0.5) / _RESAMPLED
+    responses = (blob_response(image), BLOB), (corner_response(image), CORNER)
+    extrema = [one for response, mask in responses for one in _extrema(response, mask, most_noise)]
+    points = np.concatenate([points for points, _ in extrema])
+    strength = np.concatenate([strength for _, strength in extrema])
+    kind = np.repeat(np.arange(len(extrema)), [len(points) for points, _ in extrema])
+    return Features(points, kind, strength, _descriptors(image, points))
+
+
+def blob_response(image: GreyImage) -> NDArray[np.int16]:
+    """Response to ``BLOB`` by box filters: 2 x (3 x 3) - (5 x 5) + 7 x centre."""
+    inner, outer = (cv2.boxFilter(image, cv2.CV_16S, (side, side), normalize=False) for side in (3, 5))
+    response = np.asarray(cv2.addWeighted(inner, 2.0, outer, -1.0, 0.0), dtype=np.int16)
+    response += image * np.int16(7)
+    return response
+
+
+def corner_response(image: GreyImage) -> NDArray[np.int16]:
+    """Response to ``CORNER`` by box filters: sums over the 2 x 2 squares in its corners."""
+    framed = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REFLECT_101)
+    sums = np.asarray(cv2.boxFilter(framed, cv2.CV_16S, (2, 2), anchor=(0, 0), normalize=False), dtype=np.int16)
+    across = cv2.subtract(sums[:-1, 3:-1], sums[:-1, :-4])
+    return np.asarray(cv2.subtract(across[:-3], across[3:]), dtype=np.int16)
+
+
+def _extrema(
+    response: NDArray[np.int16], mask: NDArray[np.float32], most_noise: float
+) -> list[tuple[NDArray[np.int64], NDArray[np.float32]]]:
+    """Maxima and minima of the response to the mask; ``most_noise`` limits the estimated noise [grey levels]."""
+    noise = min(_deviation(response, mask, _SMOOTH), most_noise)
+    weakest = math.ceil(_DETECTION_THRESHOLD * noise * float(np.linalg.norm(mask)))
+    maxima = _maxima(response, weakest)
+    return [maxima, _maxima(np.negative(response, out=response), weakest)]
+
+
+def _deviation(response: NDArray[np.int16], mask: NDArray[np.float32], quantile: float) -> float:
+    """Standard deviation of white noise [grey levels], from a quantile of the responses of the image's squares.
+
+    It is at least that of rounding. Squares with less are black or saturated and are ignored.
+    """
+    sample = np.abs(response[::_EVERY, ::_EVERY]).astype(np.float32)
+    step = min(_BLOCK // _EVERY, *sample.shape)
+    rows, columns = (size // step for size in sample.shape)
+    means = cv2.resize(sample[: rows * step, : columns * step], (columns, rows), interpolation=cv2.INTER_AREA)
+    deviations = np.sort(np.asarray(means).ravel()) * (_MEAN_TO_STD / float(np.linalg.norm(mask)))
+    deviations = deviations[deviations > _ROUNDING]
+    return float(deviations[int(quantile * len(deviations))]) if len(deviations) else _ROUNDING
+
+
+def _maxima(response: NDArray[np.int16], weakest: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Local maxima (n, 2) of the response above ``weakest``, and their values (n,)."""
+    limit: Any = float(weakest)  # OpenCV's type stubs lack the scalar overload
+    above = np.asarray(cv2.max(response, limit))
+    cv2.dilate(above, np.ones((_WINDOW, _WINDOW), np.uint8), dst=above)
+    is_maximum = np.asarray(cv2.compare(response, above, cv2.CMP_EQ)).view(np.bool_)
+    inside = is_maximum[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    v, u = np.divmod(np.flatnonzero(inside), inside.shape[1])
+    points = np.column_stack([u, v]) + _BORDER
+    return points, response[points[:, 1], points[:, 0]].astype(np.float32)
+
+
+def _descriptors(image: GreyImage, points: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Descriptors (n, 32): horizontal and vertical gradients around the points, scaled to 8 bits."""
+    gradients = [cv2.Sobel(image, cv2.CV_8U, *order, scale=0.25, delta=128.0) for order in ((1, 0), (0, 1))]
+    pairs = np.asarray(cv2.merge(gradients)).view(np.uint16).ravel()  # both gradients of a pixel in one number
+    offsets = np.add.outer(_SAMPLES * image.shape[1], _SAMPLES).ravel()
+    centres = points[:, 1] * image.shape[1] + points[:, 0]
+    descriptors: NDArray[np.uint8] = np.take(pairs, centres[:, None] + offsets).view(np.uint8)
+    return descriptors
+
+
+# Size of the grid cells as shares of the window: smaller cells cost more look-ups, larger cells more comparisons.
+_WIDE = 0.125
+_HIGH = 0.25
+
+Indices = NDArray[np.int64]
+
+
+class Placed(NamedTuple):
+    """Features with their measured or predicted positions."""
+
+    features: Features
+    position: FloatArray  # (n, 2) [px]
+
+
+class Window(NamedTuple):
+    """Search window around a predicted position."""
+
+    left: float  # [px]
+    right: float  # [px]
+    rows: float  # above and below [px]
+
+
+def most_similar(queries: Placed, candidates: Placed, window: Window) -> Indices:
+    """Index (n,) of the candidate of the same kind with the most similar descriptor; -1 if the window has none."""
+    one, other = _pairs_in_windows(queries, candidates, window)
+    best = np.full(len(queries.position), -1, np.int64)
+    if len(one) == 0:
+        return best
+    ours = np.take(queries.features.descriptors, one, axis=0)
+    theirs = np.take(candidates.features.descriptors, other, axis=0)
+    difference = cv2.absdiff(ours, theirs, dst=ours)
+    cost = cv2.reduce(difference, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel().astype(np.int64)
+    cost *= len(candidates.position)
+    cost += other  # among equal descriptors the first one wins
+    first = np.concatenate([[0], np.flatnonzero(one[1:] != one[:-1]) + 1])
+    best[one[first]] = np.minimum.reduceat(cost, first) % len(candidates.position)
+    return best
+
+
+def _pairs_in_windows(queries: Placed, candidates: Placed, window: Window) -> tuple[Indices, Indices]:
+    """All pairs of one kind in which the candidate lies in the window of the query, sorted by the query.
+
+    Candidates are sorted into the cells of a grid. The cells of a window are contiguous in every row of the grid.
+    """
+    nothing = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if len(queries.position) == 0 or len(candidates.position) == 0:
+        return nothing
+    position, candidate_position = _as_complex(queries.position), _as_complex(candidates.position)
+    u, v, u_candidate, v_candidate = position.real, position.imag, candidate_position.real, candidate_position.imag
+    low_u, high_u = max(u.min() - window.left, u_candidate.min()), min(u.max() + window.right, u_candidate.max())
+    low_v, high_v = max(v.min() - window.rows, v_candidate.min()), min(v.max() + window.rows, v_candidate.max())
+    if low_u > high_u or low_v > high_v:
+        return nothing
+    per_column = 1.0 / max(_WIDE * (window.left + window.right), 1.0)
+    per_row = 1.0 / max(_HIGH * 2.0 * window.rows, 1.0)
+    height = math.ceil(2.0 * window.rows * per_row) + 1  # of a window [cells]
+    columns, rows = int((high_u - low_u) * per_column) + 1, int((high_v - low_v) * per_row) + 1
+    inside = np.flatnonzero(
+        (u_candidate >= low_u) & (u_candidate <= high_u) & (v_candidate >= low_v) & (v_candidate <= high_v)
+    )
+    column, row = (u_candidate[inside] - low_u) * per_column, (v_candidate[inside] - low_v) * per_row
+    # each kind has empty rows below, so that a window never reaches the next kind
+    first_row = (rows + height) * np.arange(int(max(queries.features.kind.max(), candidates.features.kind.max())) + 2)
+    number = (first_row[candidates.features.kind[inside]] + row.astype(np.int64)) * columns + column.astype(np.int64)
+    order = inside[np.argsort(number, kind="stable")]
+    start = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=first_row[-1] * columns))])
+    first = _cells((u - window.left - low_u) * per_column, columns)
+    behind = _cells((u + window.right - low_u) * per_column + 1.0, columns)
+    top = _cells((v - window.rows - low_v) * per_row, rows)
+    cell = ((first_row[queries.features.kind] + top)[:, None] + np.arange(height)) * columns
+    begin, end = start.take(cell + first[:, None]).ravel(), start.take(cell + behind[:, None]).ravel()
+    filled = np.flatnonzero(end > begin)
+    if len(filled) == 0:
+        return nothing
+    one, index = _ranges(filled // height, begin[filled], end[filled])
+    other = order.take(index)
+    middle, half = 0.5 * (window.right - window.left), 0.5 * (window.right + window.left)
+    off = candidate_position.take(other) - position.take(one)
+    off -= np.complex64(middle)
+    near = np.flatnonzero((np.abs(off.real) <= half) & (np.abs(off.imag) <= window.rows))
+    return one.take(near), other.take(near)
+
+
+def _ranges(owner: Indices, begin: Indices, end: Indices) -> tuple[Indices, Indices]:
+    """Concatenated ranges (none empty), and for each number the owner of its range.
+
+    Computed by cumulative sums, which are faster in NumPy than ``repeat``.
+    """
+    behind = np.cumsum(end - begin)
+    owners, numbers = np.zeros(behind[-1], np.int64), np.ones(behind[-1], np.int64)
+    owners[0], numbers[0] = owner[0], begin[0]
+    owners[behind[:-1]], numbers[behind[:-1]] = np.diff(owner), begin[1:] - end[:-1] + 1
+    return np.cumsum(owners), np.cumsum(numbers)
+
+
+def _as_complex(positions: FloatArray) -> NDArray[np.complex64]:
+    """Positions as u + i v: one number per point is fetched faster, and there are a hundred thousand pairs."""
+    return np.ascontiguousarray(positions, dtype=np.float32).view(np.complex64)[:, 0]
+
+
+def _cells(index: NDArray[np.float32], count: int) -> Indices:
+    """Cell indices, clipped to 0 ... ``count``, of coordinates in units of a cell."""
+    return np.clip(np.floor(index), 0.0, count).astype(np.int64)
+
 
 _ROWS = 1.0  # largest difference of the rows in left and right [px]
 _NEAREST = 0.6  # depth of the nearest point that is searched for, in camera heights

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.corners import Points
+from estimators.odometry.image_points import Points
 from vehicle.frames import FloatArray
 
 _HALF = 7  # patches of 15 x 15 px

@@ -15,7 +15,7 @@ the increments between the past frame and now; as printed its summand does not d
 The path is the track of the hitch during forward travel. In reverse the part ahead of the hitch is removed, and the
 off-tracking remains the offset of the rest of the path at the follow point. For that, some path is kept behind the
 follow point. In forward travel the path continues from the hitch. Standstill is detected in
-``estimators.off_tracking.standstill``.
+``estimators.off_tracking.motion_smoother``.
 """
 
 from __future__ import annotations
@@ -29,9 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, OffTracking
-from estimators.off_tracking.bridge import with_bridge
 from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
-from estimators.off_tracking.motion_smoother import Moments, started, updated
+from estimators.off_tracking.motion_smoother import Moments, Step, Withheld, released, started, updated
 from estimators.off_tracking.pose_chain import (
     Sample,
     extended,
@@ -44,12 +43,12 @@ from estimators.off_tracking.pose_chain import (
     positions_along,
     rested,
     up_to,
+    with_bridge,
 )
-from estimators.off_tracking.standstill import Step, Withheld, released
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
+from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray, inverse, so3_exp
-from vehicle.polyline import arc_length
 
 REVERSING = 20.0  # longest reversing manoeuvre that keeps its path: into a yard, or another attempt [m]
 _BEYOND = 1.0  # path kept behind the follow point, for the tangent there [m]

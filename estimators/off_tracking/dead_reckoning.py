@@ -24,14 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.off_tracking.signal_quality import (
-    ARTICULATION_NOISE,
-    GYRO_BIAS,
-    GYRO_NOISE,
-    SPEED_NOISE,
-    agree,
-    noise_level,
-)
+from estimators.off_tracking.parity import ARTICULATION_NOISE, GYRO_BIAS, GYRO_NOISE, SPEED_NOISE, agree, noise_level
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK

@@ -1,23 +1,35 @@
-"""Features of an image of the ground, with their positions on it.
+"""Views of the ground: features with their positions on it, and the planar motion between two views.
 
 FAST corners, as in Miao's system, with SIFT descriptors. Miao's SURF is patented and not part of OpenCV's main modules;
 SIFT is the descriptor that SURF approximates, its patent has expired, and it takes 7 ms for 300 corners at one scale.
 The cameras keep their height, so one scale is enough. The trailer's yaw is known to a few degrees from its own motion,
 so descriptors are aligned with the ground instead of the dominant gradient.
+
+The steps of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them: C. de Saxe, D. Cebon, "Estimation
+of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
+
+A camera tilted against the ground distorts it by perspective: a point at r from the centre of the view appears at
+r + r (k . r), with k the tilt over the height. Between two views at a distance d this acts as the shear d k^T. A fit
+without k takes half of it for a rotation: 0.07 deg of roll at 1 m of height cause 1 deg over 14 m. So k [1/m] is
+estimated with every motion.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.rigid_motion import UncertainMotion
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, so3_exp
 
 _THRESHOLDS = (20, 8)  # of FAST [grey levels]; the second one for ground with little texture
 _ENOUGH = 600  # corners at the first threshold; with fewer the second one is used
@@ -118,3 +130,136 @@ def _refined(image: GreyImage, corners: NDArray[np.float32]) -> NDArray[np.float
     refined = cv2.cornerSubPix(image, corners.copy(), _REFINE, (-1, -1), _REFINED)
     close = np.abs(refined - corners).max(axis=1) < _FARTHEST
     return np.where(close[:, None], refined, corners)
+
+
+_ITERATIONS = 2  # from the rigid fit, which has an error of 0.1 %
+_TILT = 0.03  # k at a roll of 2 deg with cameras 1 m above the ground, 1 sigma [1/m]
+_NOISE = 1e-3  # error of a point on the ground, half a pixel; weight of that prior [m]
+_FRAME_CORRELATION = 2.0  # factor for correlated errors of neighbours: the normalised error of motions is then about 1
+_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # rotation by +90 deg
+_RATIO = 0.8  # largest distance of a match relative to the second best (Lowe 2004)
+# Exact search: for 400 features a tree is no faster, and its random numbers cannot be seeded.
+_FLANN_LINEAR: dict[str, bool | int | float | str] = {"algorithm": 0}
+_GATE = 0.008  # largest error of an inlier of the homography: three pixels of a camera 1 m above the ground [m]
+_FEWEST = 20  # inliers of a valid homography; fewer may agree by chance
+_SHARE = 0.25  # least share of inliers if both views show the same ground
+_CORRELATION = 2.0  # factor for correlated errors of neighbours and the neglected tilt: measured
+FINEST = 1e-4  # least error of a match [m]
+UPRIGHT = 1e-12  # variance of roll, pitch and height, which a planar motion keeps [rad2, m2]
+
+
+class Pairs(NamedTuple):
+    """Positions (n, 2) of the same features in two trailer frames [m]."""
+
+    first: FloatArray
+    second: FloatArray
+    matches: int  # number of matches before RANSAC
+
+    @property
+    def enough(self) -> bool:
+        """True if there are enough inliers for two views of the same ground."""
+        return len(self.first) >= max(_FEWEST, _SHARE * self.matches)
+
+
+def paired(first: GroundView, second: GroundView) -> Pairs:
+    """Matched features of two views that agree with one homography."""
+    p, q = _matched(first, second)
+    if len(p) < _FEWEST:
+        return Pairs(p[:0], q[:0], len(p))
+    homography, inliers = cv2.findHomography(p - p.mean(axis=0), q - q.mean(axis=0), cv2.RANSAC, _GATE)
+    if homography is None:
+        return Pairs(p[:0], q[:0], len(p))
+    agreeing = inliers.ravel() > 0
+    return Pairs(p[agreeing], q[agreeing], len(p))
+
+
+def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatArray]:
+    if min(len(first.positions), len(second.positions)) < 2:
+        return np.empty((0, 2)), np.empty((0, 2))
+    neighbours = cv2.FlannBasedMatcher(_FLANN_LINEAR, {}).knnMatch(first.descriptors, second.descriptors, k=2)
+    good = [best for best, next_best in neighbours if best.distance < _RATIO * next_best.distance]
+    from_first = np.array([match.queryIdx for match in good], dtype=np.intp)
+    from_second = np.array([match.trainIdx for match in good], dtype=np.intp)
+    return first.positions[from_first], second.positions[from_second]
+
+
+def pooled(*pairs: Pairs) -> Pairs:
+    """Pairs of several cameras on one body as one set."""
+    first, second = (np.concatenate([part[i] for part in pairs]) for i in range(2))
+    return Pairs(first, second, sum(part.matches for part in pairs))
+
+
+def planar_motion(pairs: Pairs) -> UncertainMotion:
+    """X_FS (4, 4) of the second trailer frame in the first: least-squares rotation and translation by SVD."""
+    p, q = pairs.first, pairs.second
+    p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
+    U, _, Vt = np.linalg.svd((p - p_mean).T @ (q - q_mean))
+    R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt
+    residual = p - p_mean - (q - q_mean) @ R.T
+    X = np.eye(4)
+    X[:2, :2], X[:2, 3] = R, p_mean - R @ q_mean
+    return UncertainMotion(X, _covariance(residual, (q - q_mean) @ R.T, R @ q_mean))
+
+
+def _covariance(residual: FloatArray, spread: FloatArray, centre: FloatArray) -> FloatArray:
+    """Covariance (6, 6) of the fit: translation of the mean position, and rotation about it."""
+    n = len(residual)
+    variance = _CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / max(1, 2 * n - 3))
+    rotation = variance / float(np.square(spread).sum())
+    lever = np.array([centre[1], -centre[0]])  # d p = -d_theta x centre
+    covariance = UPRIGHT * np.eye(6)
+    covariance[2, 2] = rotation
+    covariance[2, 3:5] = covariance[3:5, 2] = rotation * lever
+    covariance[3:5, 3:5] = variance / n * np.eye(2) + rotation * np.outer(lever, lever)
+    return covariance
+
+
+class _GroundMotion(NamedTuple):
+    """Motion X_PC of the body, and the disagreement of the cameras about it."""
+
+    motion: UncertainMotion
+    disagreement: float  # between the mean residuals of the cameras; 0 with one camera [m]
+
+
+def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
+    """Least-squares motion for the pairs of each camera, given with the centre (2,) of its view in S [m]."""
+    together = pooled(*(pairs for pairs, _ in views))
+    middles = np.concatenate([np.broadcast_to(middle, pairs.first.shape) for pairs, middle in views])
+    p, q = together.first, together.second
+    X = planar_motion(together).X
+    R, t, k = X[:2, :2], X[:2, 3], np.zeros(2)
+    for _ in range(_ITERATIONS):
+        turned = q @ R.T
+        from_middle, then = p - middles, (q - middles) @ R.T
+        slant = _outer(from_middle, from_middle) - _outer(then, q - middles)  # times k: shift by the tilt
+        residual = p - turned - t - slant @ k
+        J = np.concatenate([(turned @ _TURN.T)[:, :, None], np.broadcast_to(np.eye(2), slant.shape), slant], axis=2)
+        A = J.reshape(-1, 5)
+        normal = A.T @ A + np.diag([0.0, 0.0, 0.0, 1.0, 1.0]) * (_NOISE / _TILT) ** 2
+        prior = np.concatenate([np.zeros(3), k]) * (_NOISE / _TILT) ** 2
+        step = np.linalg.solve(normal, A.T @ residual.ravel() - prior)
+        R, t, k = so3_exp(np.array([0.0, 0.0, step[0]]))[:2, :2] @ R, t + step[1:3], k + step[3:]
+    means = [residual[start:end].mean(axis=0) for start, end in _stretches(views)]
+    disagreement = float(np.linalg.norm(means[0] - means[-1]))
+    X = X.copy()
+    X[:2, :2], X[:2, 3] = R, t
+    return _GroundMotion(UncertainMotion(X, _motion_covariance(residual, normal, disagreement)), disagreement)
+
+
+def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, :, None] * b[:, None, :])
+
+
+def _stretches(views: Sequence[tuple[Pairs, FloatArray]]) -> list[tuple[int, int]]:
+    """First row of each camera's pairs and the row after its last."""
+    ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in views)]).tolist()
+    return list(pairwise(ends))
+
+
+def _motion_covariance(residual: FloatArray, normal: FloatArray, disagreement: float) -> FloatArray:
+    """Covariance (6, 6) of the fit, plus the disagreement of the cameras."""
+    variance = _FRAME_CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / (2 * len(residual) - 5))
+    covariance = UPRIGHT * np.eye(6)
+    covariance[2:5, 2:5] = variance * np.linalg.inv(normal)[:3, :3]
+    covariance[3:5, 3:5] += disagreement**2 * np.eye(2)
+    return covariance

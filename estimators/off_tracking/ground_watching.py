@@ -21,16 +21,23 @@ import numpy as np
 from estimators.context import TrailerContext
 from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.off_tracking.ground_view import GroundView, ground_cameras, viewed
+from estimators.off_tracking.ground_view import (
+    GroundView,
+    Pairs,
+    ground_cameras,
+    ground_motion,
+    paired,
+    planar_motion,
+    viewed,
+)
 from estimators.off_tracking.hitch_path import crossing, tangent
-from estimators.off_tracking.planar_fit import Pairs, ground_motion, paired, planar_motion
 from estimators.off_tracking.pose_chain import Sample, closed, positions_now
 from estimators.rigid_motion import UncertainMotion, change_frame, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
+from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray, inverse
 from vehicle.option import Option
-from vehicle.polyline import arc_length
 
 _STILL = 5e-4  # below it the trailer stands: views are kept, so that noise does not accumulate [m]
 _LONGEST_SPAN = 500  # longest loss; after it the views no longer overlap [ticks]

@@ -1,4 +1,4 @@
-"""Chain of past poses of the trailer body, newest first, each with the measurement that placed it.
+"""Chain of past poses of the trailer body, newest first, with dead-reckoned samples that bridge gaps.
 
 Every sample but the first was measured from an older one, its anchor: the sample before it for odometry from frame to
 frame, or a keyframe. The error between two samples comes from the links between them alone: a whole chain of frames in
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import islice
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +21,8 @@ import numpy as np
 from estimators.estimates import Anchor
 from estimators.off_tracking.hitch_path import Crossing
 from estimators.rigid_motion import UncertainMotion, chained, composed, stretched
+from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray, cross, inverse, transform
-from vehicle.polyline import arc_length
 
 # Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
 # rendered frames has an RMS of 0.5 to 1.0 with scenery and 1.0 to 1.7 on bare ground; without it 1.1 to 1.9 and 1.8 to
@@ -265,3 +265,36 @@ def level_std(X_OS: FloatArray, R_OS: FloatArray, point: FloatArray) -> float:
     x_axis = R_OS.T @ X_OS[:3, 0]
     height = float(point[2] - point[0] * x_axis[2] / x_axis[0])
     return _TILT * abs(height)
+
+
+def with_bridge(samples: tuple[Sample, ...], reckoned: tuple[Sample, ...], since: int) -> tuple[Sample, ...]:
+    """Samples whose newest was measured from the tick ``since``, with the ``reckoned`` ones between the two.
+
+    The closing error is distributed over the distance: a wrong slip turns the path, and a wrong yaw rate bends it, in
+    proportion to the distance. The rest is a random walk between two known ends, a Brownian bridge: at the share u of
+    the way the share u (1 - u) of its variance at the end remains. Without a reckoned sample at the newest tick there
+    is no closing error, and nothing is put between.
+    """
+    index = {sample.tick: k for k, sample in enumerate(reckoned)}
+    end = samples[0].tick
+    if end not in index or since not in index:
+        return samples
+    between = reckoned[index[end] + 1 : index[since]]
+    if not between:
+        return samples
+    X_OP = reckoned[index[since]].X_OS
+    line = reckoned[index[end] : index[since] + 1]  # newest first
+    steps = [float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3])) for a, b in pairwise(line)]
+    travelled = np.cumsum(steps[::-1])[::-1]  # from the start to each of them
+    if not travelled[0] > 0.0:
+        return samples
+    closing = inverse(X_OP) @ samples[0].X_OS @ inverse(line[0].X_OS) @ X_OP  # error as a motion in P
+    measured = samples[0].covariance if samples[0].anchor == since else 0.0 * samples[0].covariance
+    corrected = []
+    for sample, distance in zip(between, travelled[1:], strict=True):
+        u = float(distance / travelled[0])
+        X_PS = stretched(closing, u) @ inverse(X_OP) @ sample.X_OS
+        covariance = u**2 * measured + u * (1.0 - u) * line[0].covariance
+        corrected.append(sample._replace(X_OS=chained(X_OP, X_PS), anchor=since, covariance=covariance))
+    older = next(k for k, sample in enumerate(samples) if sample.tick <= since)
+    return (samples[0], *corrected, *samples[older:])

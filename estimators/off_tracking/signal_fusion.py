@@ -1,4 +1,4 @@
-"""Fusion of camera motions with the signals of the combination: bridging of outages, and a mutual check.
+"""Fusion of camera motions with the signals of the combination, which bridge outages of the camera.
 
 An error-state Kalman filter whose memory is the path buffer. Its reference is the last pose that the camera measured
 and that was believed. From there `DeadReckoning` gives the pose now, with its covariance and its covariance with the
@@ -20,6 +20,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -28,17 +30,149 @@ import numpy as np
 
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
-from estimators.off_tracking.correction_blend import Correction, blended, corrected
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
-from estimators.off_tracking.judged_motion import PLANAR, doubted, from_reference, lost_motion, spatial, weighted
 from estimators.off_tracking.parity import MotionReference
-from estimators.off_tracking.signal_history import REMEMBERED, extended_history
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, inverse, so3_exp, transform
+
+PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
+# What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
+_OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
+
+
+def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> BodyMotion | None:
+    """The motion from the reference instead, through a keyframe that is as old; None if there is none."""
+    anchor = motion.anchor
+    if motion.previous_tick == reference or anchor is None or anchor.tick > reference:
+        return None
+    X_OS = {sample.tick: sample.X_OS for sample in path.samples}
+    if anchor.tick not in X_OS or reference not in X_OS:
+        return None
+    X_PA = inverse(X_OS[reference]) @ X_OS[anchor.tick]
+    R = np.kron(np.eye(2), X_PA[:3, :3])
+    covariance = R @ anchor.covariance @ R.T
+    return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
+
+
+def weighted(
+    motion: BodyMotion, reckoned: Reckoned, innovation: FloatArray, innovation_covariance: FloatArray
+) -> BodyMotion:
+    """The motion with its yaw, x and y weighted with those of dead reckoning, by their covariances (3, 3)."""
+    P = reckoned.covariance
+    gain = np.linalg.solve(innovation_covariance, P).T
+    turn, x, y = (reckoned.pose + gain @ innovation).tolist()
+    own = float(rotation_vector(motion.X_PC[:3, :3])[2])
+    X_PC = transform(so3_exp(np.array([0.0, 0.0, turn - own])) @ motion.X_PC[:3, :3], np.array([x, y, 0.0]))
+    X_PC[2, 3] = motion.X_PC[2, 3]
+    covariance = np.diag(np.diag(motion.covariance))
+    covariance[np.ix_(PLANAR, PLANAR)] = P - gain @ P
+    return replace(motion, X_PC=X_PC, covariance=0.5 * (covariance + covariance.T))
+
+
+def doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
+    """The motion, degraded, with its covariances multiplied by the misfit."""
+    anchor = motion.anchor
+    if anchor is not None:
+        anchor = replace(anchor, covariance=misfit * anchor.covariance)
+    return replace(motion, covariance=misfit * motion.covariance, health=Health.DEGRADED, anchor=anchor)
+
+
+def spatial(covariance: FloatArray) -> FloatArray:
+    """Covariance (6, 6) of a motion from that of its yaw, x and y."""
+    spatial = _OUT_OF_PLANE.copy()
+    spatial[np.ix_(PLANAR, PLANAR)] = covariance
+    return spatial
+
+
+def lost_motion(path: BufferMemory, tick: int) -> BodyMotion:
+    """A motion without information from the newest sample of the path."""
+    return BodyMotion(
+        tick=tick,
+        previous_tick=path.samples[0].tick,
+        X_PC=np.eye(4),
+        covariance=np.diag(np.full(6, np.inf)),
+        health=Health.LOST,
+    )
+
+
+REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
+_LOOKED_AT = 25  # newest messages
+_BEFORE = 2000  # signals kept before the reference, to interpolate and to compare them with each other [ticks]
+
+
+def extended_history(history: FloatArray, arrived: Sequence[FloatArray], reference: int, tick: int) -> FloatArray:
+    """Rows (n, columns) of signals, oldest first, that are needed for motions from the tick ``reference`` on.
+
+    The first column is the tick. A sensor that is frozen repeats its last values under a new time. Its messages are
+    left out: working sensors have noise, and do not measure the same twice. Ideal ones without noise do.
+    """
+    oldest = max(tick - REMEMBERED, reference - _BEFORE)
+    kept = history[np.searchsorted(history[:, 0], oldest) :]
+    new: list[FloatArray] = []
+    may_repeat = _without_noise(kept)
+    for row in arrived:
+        last = new[-1] if new else history[-1] if len(history) else None
+        later = last is None or (row[0] > last[0] and (may_repeat or not np.array_equal(row[1:], last[1:])))
+        if later and np.all(np.isfinite(row)):
+            new.append(row)
+    return np.vstack([kept, *new]) if new else kept
+
+
+def _without_noise(history: FloatArray) -> bool:
+    """True if most signals have measured the same twice lately."""
+    repeats = np.any(np.diff(history[-_LOOKED_AT:, 1:], axis=0) == 0.0, axis=0)
+    return bool(2 * np.sum(repeats) > len(repeats))
+
+
+# A correction of 0.1 m over this time moves the axles at 4 deg/s with a law of 0.77 rad/m. Longer would keep a known
+# error, shorter would be felt [s].
+_DURATION = 1.0
+# A shorter bridge, such as that of a late frame, ends in a correction of some millimetres: it is made at once [ticks].
+_SHORTEST = 400
+
+
+class Correction(NamedTuple):
+    """A correction that is being made."""
+
+    tick: int  # at which it began
+    offset: float  # value before it minus value after it [m]
+
+
+def corrected(
+    before: Correction | None, bridged: OffTracking, measured: OffTracking, since: int, follow_distance: float
+) -> Correction | None:
+    """Correction at the end of a bridge that began at the tick ``since``, from its estimate to the measured one."""
+    if Health.LOST in (bridged.health, measured.health) or measured.tick - since < _SHORTEST:
+        return before
+    shown = blended(bridged, before, follow_distance)
+    return Correction(measured.tick, shown.value - measured.value)
+
+
+def blended(estimate: OffTracking, correction: Correction | None, follow_distance: float) -> OffTracking:
+    """The estimate with the part of the correction that is still to be made.
+
+    The path is sheared, so that it stays where it is at the hitch and agrees with the value at the follow point. What
+    is held back is an error, and adds to the standard deviation.
+    """
+    if correction is None or estimate.health is Health.LOST:
+        return estimate
+    left = 1.0 - (estimate.tick - correction.tick) * TICK / _DURATION
+    if not 0.0 < left <= 1.0:
+        return estimate
+    offset = left * correction.offset
+    x, y = estimate.path.T
+    return replace(
+        estimate,
+        value=estimate.value + offset,
+        std=math.hypot(estimate.std, offset),
+        path=np.column_stack([x, y - x * offset / follow_distance]),
+        path_tangent=math.atan(math.tan(estimate.path_tangent) - offset / follow_distance),
+    )
+
 
 # A healthy motion exceeds it once in three million times if errors are Gaussian: chi-square with 3 degrees of freedom.
 # The largest of 3000 healthy motions on roads of class A to E, forwards and backwards, was 30.

@@ -13,11 +13,10 @@ import math
 from dataclasses import replace
 from typing import ClassVar, Generic, NamedTuple, Self
 
-from estimators.context import TrailerContext
+from estimators.context import Memory, Odometry, TrailerContext
 from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.signal_fusion import FusionMemory, SignalFusion
-from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import UncertainMotion, change_frame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame, TrailerView, stereo_frame

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimators.context import RoverGeometry
 from estimators.estimates import Health, SlipAngle
-from estimators.rover_geometry import RoverGeometry
 from sensors.messages import LaserFix, RoverReadings
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap

@@ -1,26 +1,130 @@
-"""Build geometry, outlines, course, surface and rig from scenario and vehicle files."""
+"""Build geometry, outlines, course, surface, rig and its schedule from scenario and vehicle files."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
-from controllers.tractor import TractorGeometry
+from controllers.tractor import TractorAxle, TractorDynamics, TractorGeometry
 from controllers.trailer import Linkage, TrailerGeometry
-from scenarios.assembly.ground_friction import ground_friction
-from scenarios.assembly.tractor_data import tractor_guided_at
 from scenarios.catalogue import constructed
 from scenarios.courses import Course
-from scenarios.options.rig import RigOptions
+from scenarios.image_file import read_grey
+from scenarios.options.perception import RigOptions
+from scenarios.options.rover_scenario import TraceRigOptions
 from scenarios.options.scenario import Scenario
+from scenarios.options.surroundings import CircleOptions, RectangleOptions, SurfaceOptions
 from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
-from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.load_cases import with_load
+from vehicle.clock import TICK, Schedule
+from vehicle.combination.data_sheet import coupling_loads
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Unit
-from vehicle.surface import Gust, MeasuredRoad, Roughness, RoughProfile, SumOfReliefs, Surface, scattered_potholes
+from vehicle.combination.variants import with_load
+from vehicle.frames import FloatArray
+from vehicle.surface import (
+    Friction,
+    FrictionImage,
+    Gust,
+    MeasuredRoad,
+    PatchedFriction,
+    Roughness,
+    RoughProfile,
+    SplitFriction,
+    SumOfReliefs,
+    Surface,
+    circle,
+    rectangle,
+    scattered_potholes,
+)
+from vehicle.surface.friction import Patch
+
+
+def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGeometry:
+    """The data sheet for a driver who guides this point of T [m].
+
+    Raises:
+        ValueError: if the tractor cannot be steered.
+    """
+    tractor = vehicle.units[0]
+    if tractor.steering is None:
+        raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
+    return TractorGeometry(
+        wheelbase=tractor.steered_axles[0].x,  # frame T has its origin at the rear axle
+        x_ref=point[0],
+        y_ref=point[1],
+        max_steer=tractor.steering.limit,
+        max_steer_rate=tractor.steering.rate_limit,
+        actuator_lag=tractor.steering.lag,
+        dynamics=_dynamics(vehicle),
+    )
+
+
+def _dynamics(vehicle: Vehicle) -> TractorDynamics:
+    tractor, loads = vehicle.units[0], static_axle_loads(vehicle)[0]
+    on_hitch = coupling_loads(vehicle)[1] if len(vehicle.units) > 1 else None
+    # The foremost axle of every actuator turns by the demand.
+    ratios = {k: r / a.ratios[0] for a in tractor.actuators for k, r in zip(a.axles, a.ratios, strict=True)}
+    return TractorDynamics(
+        mass=tractor.mass,
+        yaw_inertia=tractor.yaw_inertia,
+        cg_x=tractor.cg_x,
+        hitch_mass=max(on_hitch or 0.0, 0.0) / GRAVITY,
+        hitch_x=tractor.rear_hitch[0],
+        axles=tuple(
+            TractorAxle(
+                x=axle.x,
+                stiffness=float(load * axle.tyre.stiffness(0.5 * load).y),
+                relaxation_length=axle.tyre.relaxation_length,
+                trail=float(axle.tyre.trail(0.5 * load, 1.0)),
+                steer_ratio=ratios.get(k, 0.0),
+            )
+            for k, (axle, load) in enumerate(zip(tractor.axles, map(float, loads), strict=True))
+        ),
+    )
+
+
+def ground_friction(options: SurfaceOptions, centreline: FloatArray, measured: Friction | None = None) -> Friction:
+    """The friction of the ground around a road with that centreline (n, 2) [m]; ``measured`` replaces the uniform one.
+
+    Raises:
+        ValueError: one line, if the image cannot be read.
+    """
+    friction: Friction = options.friction if measured is None else measured
+    left, right = options.friction_left, options.friction_right
+    if left is not None or right is not None:
+        friction = SplitFriction(
+            friction if left is None else left, friction if right is None else right, line=centreline
+        )
+    if options.friction_image is not None:
+        friction = FrictionImage(
+            _image_values(options.friction_image, options.friction_image_black, options.friction_image_white),
+            cell=options.friction_image_scale,
+            corner=(options.friction_image_x, options.friction_image_y),
+            outside=friction,
+        )
+    return PatchedFriction(friction, [_patch(table) for table in options.patches]) if options.patches else friction
+
+
+def _image_values(path: str, black: float, white: float) -> FloatArray:
+    """Friction coefficients (ny, nx) of an image's grey values."""
+    try:
+        grey = read_grey(Path(path))
+    except ValueError as error:
+        raise ValueError(f"surface.friction_image = {error}") from None
+    levels: FloatArray = black + (white - black) * (np.arange(256) / 255.0)
+    return levels[grey]
+
+
+def _patch(table: CircleOptions | RectangleOptions) -> Patch:
+    if isinstance(table, CircleOptions):
+        return circle(table.x, table.y, table.radius, table.friction, table.edge)
+    heading = math.radians(table.heading_deg)
+    return rectangle(table.x, table.y, table.length, table.width, table.friction, heading, table.edge)
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
@@ -194,3 +298,25 @@ def rig_on(trailer: Unit, geometry: TrailerGeometry, options: RigOptions) -> Ste
         z=options.camera_height,
         baseline=options.baseline,
     )
+
+
+def rig_schedule(rig: RigOptions | TraceRigOptions, step: int = 1) -> Schedule:
+    """Schedule of the cameras, with the latency of estimates, in steps of this many ticks.
+
+    Raises:
+        ValueError: one line, if period or latency is not a multiple of the step.
+    """
+    schedule = Schedule.at_rate(rig.rate_hz, latency=rig.latency, name="rig.rate_hz")
+    check_schedule(schedule, step)
+    return schedule
+
+
+def check_schedule(schedule: Schedule, step: int, *, step_name: str = "") -> None:
+    """Refuse cameras that are not synchronous with steps of this many ticks.
+
+    Raises:
+        ValueError: one line.
+    """
+    for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
+        if ticks % step:
+            raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {step_name}{step * TICK:g} s")

@@ -10,12 +10,11 @@ from scenarios.catalogue import PLANT, Part, check_made, constructed, resolve
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.scenario import Scenario
 from vehicle.combination.description import Vehicle
-from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_changes import changed_vehicle
-from vehicle.combination.prescribed import ConstantSlipPlant
+from vehicle.combination.plant import ConstantSlipPlant, Plant, VehicleCommand
 from vehicle.combination.truth import Truth
+from vehicle.combination.variants import changed_vehicle
+from vehicle.foundation.plant_like import PlantLike
 from vehicle.frames import FloatArray, Pose2
-from vehicle.plant_like import PlantLike
 from vehicle.surface import Surface
 
 

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from estimators.estimates import OffTracking
-from scenarios.assembly.trailer import Assembly
-from scenarios.fmi_import.driver import driver_inputs
-from scenarios.fmi_import.estimate_signals import estimate_values, reading_values
-from scenarios.hil.demands import trailer_demands
-from scenarios.hil.exchange import Exchange
-from scenarios.hil.link import Link
-from scenarios.hil.opened import opened_exchange, signals_of
-from scenarios.hil.record import Values
-from scenarios.results.outside import Outside
+from offtrack.exchange.bench.links import opened_exchange, signals_of
+from offtrack.exchange.fmi_import.fmu_parts import driver_inputs
+from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
+from scenarios.assembly.trailer_run import Assembly
+from scenarios.loop.demands import Exchange, Link, Values, trailer_demands
+from scenarios.results.summary_numbers import Outside
 from sensors.messages import CombinationSignals, EgoState
 
 

@@ -13,11 +13,11 @@ from functools import partial
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, runtime_checkable
 
 from controllers.checked import LawError, misbehaviour
-from estimators.checked import check_estimate
-from estimators.protocol import Estimator
+from estimators.context import Estimator
+from estimators.estimates import check_estimate
 from scenarios.loop.kept import Kept
-from scenarios.loop.stopwatch import Stopwatch
-from sensors.sensor import Message, Sensor, Stamped
+from scenarios.loop.timing import Stopwatch
+from sensors.messages import Message, Sensor, Stamped
 from vehicle.clock import Pipe, Schedule
 
 _DELIVERED = 20  # estimates in memory; twice as many at most

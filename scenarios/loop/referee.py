@@ -1,19 +1,22 @@
-"""Mishaps of a combination, from ground truth: jackknifed, rolled over, left the road."""
+"""Judge a trailer's run: end of its course or recorded drive, a mishap, or a vehicle that is stuck."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from controllers.driver import DriverTrace
+from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly
 from scenarios.results.log import Log
-from scenarios.results.road_edges import RoadEdges
+from scenarios.results.swept_path import RoadEdges
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, Pose2
 
 Outcome = Literal["jackknifed", "rolled over", "left the road"]
 
@@ -109,3 +112,101 @@ def lift_warnings(vehicle: Vehicle, log: Log) -> tuple[str, ...]:
                 lines.append(f"{unit.name}: the wheels of one side carry nothing from {start:.1f} to {end:.1f} s")
                 break
     return tuple(lines)
+
+
+# Lags of driveline, brakes and steering end within a second or two. A miss that lasts longer leads elsewhere: 20 % of
+# 80 km/h are 22 m after 5 s, more than a vehicle's length.
+HELD: Final = 5.0  # time that a quantity is missed before the run ends [s]
+HELD_AT_END: Final = 1.0  # the same, at the end of the recording [s]
+SHARE: Final = 0.2  # of the recorded speed or steer angle that may be missed all the time [-]
+SPEED: Final = 1.0  # added to it: noise of a recorded speed at walking pace [m/s]
+STEER: Final = math.radians(2.0)  # added to it: play and offset of a recorded steering [rad]
+
+# A recorded acceleration is applied open loop. Gravity on a 10 % slope, or rolling resistance, may change it.
+ACCELERATION: Final = 1.5  # mean difference over HELD [m/s2]
+_AT_REST: Final = 0.1  # brakes do not move a vehicle backwards [m/s]
+
+
+class RecordedDrive:
+    """Finds out whether a vehicle does what a recording asks for."""
+
+    def __init__(self, trace: DriverTrace) -> None:
+        self._trace = trace
+        self._since: dict[str, int] = {}  # tick since which a quantity has been missed
+        self._before: tuple[int, float] | None = None  # tick and speed [m/s] of the step before
+        self._lag = 0.0  # recorded less driven change of speed, forgotten with the time constant HELD [m/s]
+
+    def outcome(self, truth: Truth, *, ends: bool) -> str | None:
+        """The quantity that is missed for too long, in words; None if the vehicle does as recorded."""
+        self._since = {name: self._since.get(name, truth.tick) for name in self._missed(truth)}
+        held = HELD_AT_END if ends else HELD
+        late = [name for name, since in self._since.items() if (truth.tick - since) * TICK >= held]
+        return f"did not reach the recorded {late[0]}" if late else None
+
+    def _missed(self, truth: Truth) -> Iterator[str]:
+        trace, now, v_x = self._trace, truth.tick * TICK, float(truth.velocities[0, 0])
+        steer = float(np.interp(now, trace.time, trace.steer))
+        if not abs(truth.steer[0] - steer) <= STEER + SHARE * abs(steer):
+            yield "steer angle"
+        if trace.speed is not None:
+            speed = float(np.interp(now, trace.time, trace.speed))
+            if not abs(v_x - speed) <= SPEED + SHARE * abs(speed):
+                yield "speed"
+        elif trace.acceleration is not None and not self._keeps_up(trace.acceleration, truth.tick, v_x):
+            yield "acceleration"
+
+    def _keeps_up(self, recorded: FloatArray, tick: int, v_x: float) -> bool:
+        before, v_before = self._before or (tick, v_x)
+        self._before = tick, v_x
+        span = (tick - before) * TICK
+        acceleration = float(np.interp(tick * TICK, self._trace.time, recorded))
+        asked = max(acceleration, 0.0) if abs(v_x) < _AT_REST else acceleration
+        self._lag += asked * span - (v_x - v_before) - self._lag * span / HELD
+        return abs(self._lag) <= ACCELERATION * HELD
+
+
+_PATIENCE = 1.5  # longest duration of a run over the planned one; beyond it the vehicle is stuck
+_GRACE = 10.0  # added for a start on a slope [s]
+
+
+class CourseJudge:
+    """Ends a run at the end of its course or recorded drive, at a mishap, or when the vehicle is stuck."""
+
+    def __init__(self, parts: Assembly) -> None:
+        road = None if parts.trace else parts.course.centreline  # the road of a recorded drive is unknown
+        self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
+        self._memory = self._referee.init()
+        tractor = parts.vehicle.units[0]
+        # A tractor on another part of the road, after a crossing or the wrong exit, is not on its course any more. On
+        # the right part of the road every point of the tractor is nearer to the path than this.
+        self._astray = float(np.max(parts.course.road_half_width)) + tractor.front_x - tractor.rear_x  # [m]
+        self._recorded = RecordedDrive(parts.trace) if parts.trace else None
+        self._parts = parts
+        self._station = 0.0  # of the guided point along the course [m]
+        self._elapsed = 0.0  # [s]
+
+    @property
+    def progress(self) -> float:
+        """Share of the course, or of a recorded drive, that is done, 0 to 1."""
+        parts = self._parts
+        done = self._elapsed / parts.duration if parts.trace else self._station / parts.course.length
+        return min(1.0, done)
+
+    def outcome(self, truth: Truth) -> str | None:
+        """Outcome of the run; None if it continues."""
+        self._elapsed = (truth.tick + LOG_PERIOD) * TICK
+        self._memory, mishap = self._referee.step(self._memory, truth)
+        if mishap is not None:
+            return mishap
+        parts, course = self._parts, self._parts.course
+        if self._recorded:
+            ends = self._elapsed >= parts.duration
+            return self._recorded.outcome(truth, ends=ends) or ("completed" if ends else None)
+        point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
+        self._station = course.path.project(point.x, point.y, self._station)
+        on_path = course.path.pose(self._station)
+        if math.hypot(point.x - on_path.x, point.y - on_path.y) > self._astray:
+            return "left the road"
+        if self._station >= course.length - 1e-6:
+            return "completed"
+        return "timed out" if self._elapsed > _GRACE + _PATIENCE * parts.duration else None

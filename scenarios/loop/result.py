@@ -1,33 +1,97 @@
-"""Result of a run as far as it has come."""
+"""Result of a run as far as it has come, with the tracks of its trailers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from scenarios.assembly.adapters import outlines
-from scenarios.assembly.trailer import Assembly
-from scenarios.hil.record import RECORD_NAME
-from scenarios.loop.combination import TrailerSession
+from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, trailer_stream
+from scenarios.loop.demands import RECORD_NAME
 from scenarios.loop.referee import lift_warnings
-from scenarios.loop.rover import RoverSession
-from scenarios.loop.track import track_of
+from scenarios.loop.rover_session import RoverSession
+from scenarios.loop.trailer_session import SteeredTrailer, TrailerSession
 from scenarios.options.scenario import Scenario
-from scenarios.results.actuator_warnings import actuator_warnings
-from scenarios.results.calibration_warnings import calibration_warnings
-from scenarios.results.friction_picture import friction_picture
 from scenarios.results.log import Log
-from scenarios.results.outside import Outside
-from scenarios.results.rover import RoverResult, TraceFrame
-from scenarios.results.rover_signals import rover_log
+from scenarios.results.rover_result import RoverResult, TraceFrame, rover_log
 from scenarios.results.run_inputs import RunInputs
-from scenarios.results.run_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult
-from scenarios.results.signal_warnings import signal_warnings
-from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
-from scenarios.results.trailer_signals import run_log
+from scenarios.results.run_warnings import (
+    SteeredAxle,
+    actuator_warnings,
+    calibration_warnings,
+    signal_warnings,
+    steer_warnings,
+)
+from scenarios.results.summary_numbers import Outside
+from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult, friction_picture
+from scenarios.results.trailer_signals import ReferenceOffTracking, TrailerTrack, run_log
 from vehicle.clock import TICK
 from vehicle.combination.data_sheet import data_sheet
+from vehicle.frames import FloatArray
+
+
+def track_of(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
+    """A trailer's estimates, and the reference unit on it if there is one."""
+    watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
+    n, has_faults = len(session.rows), bool(session.parts.scenario.faults)
+    return TrailerTrack(
+        name=watched.name,
+        unit=watched.unit,
+        follow_distance=watched.geometry.follow_distance,
+        path_height=watched.path_height,
+        steers_ahead=watched.steers_ahead,
+        n_steered=watched.n_steered,
+        estimates=trailer.estimates,
+        X_SC=cameras.calibration.X_SC if cameras else None,
+        reference=_reference(session, trailer) if with_unit else None,
+        fallback=_fallback(trailer, n) if has_faults else None,
+        distrusted=_distrusted(trailer, n) if has_faults else None,
+        axles_at_fault=_axles_at_fault(trailer, n) if has_faults else None,
+    )
+
+
+def _reference(session: TrailerSession, trailer: SteeredTrailer) -> ReferenceOffTracking:
+    parts, watched = session.parts, trailer.trailer
+    return ReferenceOffTracking(
+        unit=watched.unit,
+        follow_distance=watched.geometry.follow_distance,
+        path_height=watched.path_height,
+        rng=trailer_stream(parts.seed, parts.vehicle, watched.unit, "reference unit"),
+    )
+
+
+def _fallback(trailer: SteeredTrailer, n_rows: int) -> FloatArray:
+    """1 in rows in which the fallback steers the trailer, 0 in others."""
+    ticks = [tick for tick, _ in trailer.handovers]
+    states = np.array([0.0, *(float(by_fallback) for _, by_fallback in trailer.handovers)])
+    return _in_rows(n_rows, ticks, states)
+
+
+def _distrusted(trailer: SteeredTrailer, n_rows: int) -> FloatArray:
+    """Number of signals that the guard of a trailer's law holds to be at fault in each row."""
+    findings = sorted(trailer.findings, key=lambda finding: finding.tick)
+    counts = np.cumsum([0.0, *(1.0 if finding.at_fault else -1.0 for finding in findings)])
+    ticks = [finding.tick for finding in findings]
+    return _in_rows(n_rows, ticks, counts)
+
+
+def _axles_at_fault(trailer: SteeredTrailer, n_rows: int) -> FloatArray:
+    """Number of axles that do not follow their demands, as the supervision of a trailer's law holds, in each row."""
+    counts, findings = np.zeros(n_rows), trailer.actuator_findings
+    for axles in dict.fromkeys(finding.axles for finding in findings):
+        own = [finding for finding in findings if finding.axles == axles]
+        states = np.array([0.0, *(float(len(axles) * (finding.kind != "sound")) for finding in own)])
+        ticks = [finding.tick for finding in own]
+        counts += _in_rows(n_rows, ticks, states)
+    return counts
+
+
+def _in_rows(n_rows: int, ticks: Sequence[int], states: FloatArray) -> FloatArray:
+    """State in each row: the first of ``states`` (n + 1,), and from each of the n ``ticks`` on the next one."""
+    return states[np.searchsorted(ticks, LOG_PERIOD * np.arange(n_rows), side="right")]
+
 
 _SPACING = 0.02  # distance between points of a rover's path in figures [m]
 

@@ -8,14 +8,13 @@ from typing import Generic, Protocol, TypeVar
 
 from controllers.checked import LawError, misbehaviour
 from scenarios.loop.kept import Kept
-from scenarios.loop.pacer import Pacer, steady_python
-from scenarios.loop.stopwatch import Stopwatch
+from scenarios.loop.timing import Pacer, Stopwatch, steady_python
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Row
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
+from vehicle.foundation.plant_like import EndedError, PlantLike
 from vehicle.frames import FloatArray
-from vehicle.plant_like import EndedError, PlantLike
 
 TruthT = TypeVar("TruthT")
 TruthIn = TypeVar("TruthIn", contravariant=True)

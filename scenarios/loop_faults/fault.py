@@ -1,17 +1,18 @@
-"""Faults of the loop as plain data, and the families of their kinds.
+"""Faults of the loop as plain data, the families of their kinds, and the names of the kinds.
 
 A kind belongs to the family whose base class it has: ``MessageFault`` acts on the estimates under way to a trailer's
 steering law or on the law's demands under way to the actuators, ``ActuatorFault`` on the actuators, ``BrakeShares`` on
 the brakes of the simulated vehicle. None of them depends on the law, nor on how the off-tracking is estimated.
-``scenarios.loop_faults.catalogue`` lists the kinds.
+``scenarios.loop_faults.fault`` lists the kinds.
 """
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeVar
+from typing import ClassVar, Final, Literal, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -101,3 +102,21 @@ class LoopFault(TimedFault[LoopFaultKind]):
             return self.kind(self.amount or defaults(self.kind), context)
         except ValueError as error:
             raise ValueError(f"faults: {self.name}: {error}") from None
+
+
+LOOP_FAULTS: Final = {
+    "estimate_loss": "scenarios.loop_faults.fault_kinds:EstimateLoss",
+    "estimate_delay": "scenarios.loop_faults.fault_kinds:EstimateDelay",
+    "demand_loss": "scenarios.loop_faults.fault_kinds:DemandLoss",
+    "demand_delay": "scenarios.loop_faults.fault_kinds:DemandDelay",
+    "actuator_stuck": "scenarios.loop_faults.fault_kinds:ActuatorStuck",
+    "actuator_slow": "scenarios.loop_faults.fault_kinds:ActuatorSlow",
+    "actuator_offset": "scenarios.loop_faults.fault_kinds:ActuatorOffset",
+    "actuator_dead": "scenarios.loop_faults.fault_kinds:ActuatorDead",
+    "brake_fault": "scenarios.loop_faults.fault_kinds:BrakeFault",
+}
+
+
+def is_loop_kind(part: object) -> TypeGuard[type[LoopFaultKind]]:
+    """True if the part is a fault kind of the loop: a class of one of the families."""
+    return inspect.isclass(part) and issubclass(part, MessageFault | ActuatorFault | BrakeShares)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from vehicle.user_file import full_path
+from vehicle.foundation.user_file import full_path
 
 
 def quantity(default: float | None, unit: str, low: float, high: float, meaning: str) -> Any:

@@ -13,8 +13,7 @@ from scenarios import courses
 from scenarios.options.base import FullPath, Options, option, quantity
 from scenarios.roads.fitted_path import Fit, stretch
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.lane_points import lane_points
-from scenarios.roads.opendrive.route import Edges, Request
+from scenarios.roads.opendrive.route import Edges, Request, lane_points
 from scenarios.roads.path_file import PathPoints, read_path
 from scenarios.roads.road_course import Guided, road_course
 from vehicle.combination.unit import Unit

@@ -4,7 +4,7 @@ Each is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}
 ``dropout:0.1@5+2``: kind, amount, start [s] and duration [s]. All but the kind may be left out. Amounts of several
 numbers are separated by commas, several faults in one text by semicolons.
 
-``sensors.faults.catalogue`` and ``scenarios.loop_faults.catalogue`` name the kinds. The user's own kind is given by its
+``sensors.faults.fault`` and ``scenarios.loop_faults.fault`` name the kinds. The user's own kind is given by its
 import path: ``mymod:Flicker``, with amount and times ``mymod:Flicker:0.2@5+1``. After the first colon, a word is the
 class and a number is the amount. A catalogue name before the first colon is always that kind.
 """
@@ -17,13 +17,11 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from scenarios.catalogue import FAULT, resolve
-from scenarios.loop_faults.catalogue import is_loop_kind
-from scenarios.loop_faults.fault import LoopFault
+from scenarios.loop_faults.fault import LoopFault, is_loop_kind
 from scenarios.options.base import Options, option, quantity
-from sensors.faults.catalogue import checked_kind
-from sensors.faults.fault import Fault, defaults
-from vehicle.parameter_file import nearest
-from vehicle.user_file import shown
+from sensors.faults.fault import Fault, checked_kind, defaults
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import shown
 
 _NAMES = "|".join(FAULT)
 _TEXT = re.compile(

@@ -17,25 +17,30 @@ from pydantic_core import ErrorDetails
 from controllers.trailer_steering.policy import shipped_networks
 from scenarios.catalogue import Catalogue, resolve
 from scenarios.options.base import Options, PartName, option, quantity, tables_in
-from scenarios.options.brakes import BrakeOptions
 from scenarios.options.course import CourseOptions, CourseTable
-from scenarios.options.degradation import DegradationOptions
-from scenarios.options.driver import DriverOptions, DriverTable
 from scenarios.options.faults import Faults
-from scenarios.options.ground_rig import GroundRigOptions
-from scenarios.options.outside import OutsideOptions
-from scenarios.options.plant import PlantOptions
-from scenarios.options.rig import RigOptions, WorldOptions
-from scenarios.options.rover import RoverScenario
+from scenarios.options.perception import (
+    GroundRigOptions,
+    RigOptions,
+    SignalOptions,
+    SteerGroups,
+    VisoOtOptions,
+    WorldOptions,
+)
 from scenarios.options.rover_course import RoverCourseOptions
-from scenarios.options.signals import SignalOptions, SteerGroups
-from scenarios.options.surface import PATCHES, SurfaceOptions
-from scenarios.options.traffic import TrafficOptions, TrafficTable
-from scenarios.options.viso_ot import VisoOtOptions
-from scenarios.options.wind import WindOptions
-from scenarios.results.file_names import with_neighbours
-from vehicle.parameter_file import nearest, parsed_toml, read_toml
-from vehicle.user_file import MAX_NESTING, FileKind, full_path, shown
+from scenarios.options.rover_scenario import RoverScenario
+from scenarios.options.surroundings import PATCHES, SurfaceOptions, TrafficOptions, TrafficTable, WindOptions
+from scenarios.options.vehicle_and_driver import (
+    BrakeOptions,
+    DegradationOptions,
+    DriverOptions,
+    DriverTable,
+    OutsideOptions,
+    PlantOptions,
+)
+from scenarios.results.run_inputs import with_neighbours
+from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
+from vehicle.foundation.user_file import MAX_NESTING, FileKind, full_path, shown
 
 _WANTED: Final = {  # by types of errors of pydantic
     "tuple_type": "must be a list",

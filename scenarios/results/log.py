@@ -1,4 +1,4 @@
-"""Log of a run: named signals over time, as one read-only table of floats.
+"""Log of a run: named signals over time, as one read-only table of floats, and its Parquet file.
 
 On disk a log is a Parquet file in SI units; its schema holds the unit and meaning of every signal.
 """
@@ -6,10 +6,11 @@ On disk a log is a Parquet file in SI units; its schema holds the unit and meani
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -17,9 +18,54 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from estimators.estimates import Health
-from scenarios.results.parquet_file import read_table
+from vehicle.foundation.user_file import FileKind, read_bytes, shown
 from vehicle.frames import FloatArray
-from vehicle.user_file import shown
+
+_MAX_NUMBERS: Final = 100_000_000  # an hour of 250 signals at 100 Hz
+
+
+def read_table(path: Path, columns: Sequence[str] | None = None) -> Any:
+    """Arrow table of these columns, by default of all.
+
+    Raises:
+        ValueError: one line, if the file cannot be read, or a column is missing, too long or not of numbers.
+    """
+    content = read_bytes(path, FileKind.SIGNALS)
+    try:
+        file = pq.ParquetFile(pa.BufferReader(content))
+        refusal = _refusal(file, file.schema_arrow.names if columns is None else columns)
+        table = None if refusal else file.read(columns)
+    except Exception as error:  # a damaged file raises almost anything
+        raise ValueError(f"{path} is damaged or not a Parquet file") from error
+    if refusal:
+        raise ValueError(f"{path}: {refusal}")
+    return table
+
+
+def read_columns(path: Path, columns: Sequence[str]) -> dict[str, FloatArray]:
+    """Numbers (n,) of each column, NaN where there is none.
+
+    Raises:
+        ValueError: one line, as ``read_table``.
+    """
+    table = read_table(path, columns)
+    return {name: table[name].to_numpy().astype(np.float64) for name in columns}
+
+
+def _refusal(file: Any, columns: Sequence[str]) -> str:
+    """Reason why a file must not be unpacked; empty if there is none."""
+    groups = sum(file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups))
+    count = max(file.metadata.num_rows, groups) * len(columns)
+    if count > _MAX_NUMBERS:
+        return f"has {count} numbers: {FileKind.SIGNALS.noun} must have at most {_MAX_NUMBERS}"
+    for name in columns:
+        if name not in file.schema_arrow.names:
+            return f"column '{name}' is missing"
+        kind = file.schema_arrow.field(name).type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            return f"column '{shown(name)}' has values of type {shown(str(kind))}, must be numbers"
+    return ""
+
 
 HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # values of a signal
 HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
@@ -184,3 +230,30 @@ def _signal(path: Path, name: str, metadata: Mapping[bytes, bytes]) -> Signal:
     if not {b"unit", b"description"} <= metadata.keys():
         raise ValueError(f"{path}: is not a file of signals: {shown(name)} has no unit or no description")
     return Signal(name, metadata[b"unit"].decode(), metadata[b"description"].decode())
+
+
+RowT = TypeVar("RowT")
+ColumnsOf = Callable[[Sequence[RowT]], Iterable[Column]]  # columns of a part of the rows
+
+_PART: Final = 500  # rows at a time
+
+
+def columns_by_parts(rows: Sequence[RowT], *columns_of: ColumnsOf[RowT]) -> list[list[tuple[Signal, FloatArray]]]:
+    """Columns over all rows, a list for each function.
+
+    The functions get the rows in order, part by part, and first no rows at all, for the names of their columns.
+    """
+    tables = [[(signal, np.empty(len(rows))) for signal, _ in columns([])] for columns in columns_of]
+    for begin, part in _parts(rows):
+        for table, columns in zip(tables, columns_of, strict=True):
+            for (_, whole), (_, values) in zip(table, columns(part), strict=True):
+                whole[begin : begin + len(part)] = values
+    return tables
+
+
+def _parts(rows: Sequence[RowT]) -> Iterator[tuple[int, list[RowT]]]:
+    """Parts of the rows, each with the place of its first one."""
+    begin, left = 0, iter(rows)
+    while part := list(islice(left, _PART)):
+        yield begin, part
+        begin += len(part)

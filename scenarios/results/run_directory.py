@@ -15,10 +15,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from scenarios.interrupts import postponed_interrupts
 from scenarios.processes import is_alive
-from scenarios.results.files import locked
-from vehicle.user_file import shown
+from scenarios.progress import postponed_interrupts
+from scenarios.results.atomic_files import locked
+from vehicle.foundation.user_file import shown
 
 _LONGEST_NAME: Final = 200
 _INTERRUPTED: Final = ".interrupted"  # list of the files of interrupted results

@@ -6,21 +6,134 @@ copied, as they belong to a program: their hashes are kept, and a later run on o
 
 from __future__ import annotations
 
+import ast
+import importlib.util
 import json
 import os
 import re
+import sys
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any, Final
 
 import tomli_w
 
-from scenarios.results.file_names import MAP_SUFFIX, is_file, texts, with_texts
-from scenarios.results.files import digest
-from scenarios.results.own_modules import own_modules
-from vehicle.user_file import FileKind, read_text
+from scenarios.results.atomic_files import digest
+from vehicle.foundation.own_parts import is_library
+from vehicle.foundation.user_file import FileKind, read_text
+
+
+def own_modules(name: str) -> dict[str, Path]:
+    """Files by module name: this module and all own ones that it imports, also indirectly or inside functions.
+
+    Imports are read from the source: nothing is executed.
+    """
+    found: dict[str, Path] = {}
+    waiting = [name]
+    while waiting:
+        name = waiting.pop()
+        file = None if name in found else _own_file(name)
+        if file is not None:
+            found[name] = file
+            waiting += [name.rpartition(".")[0] or name, *_imports(name, file)]
+    return found
+
+
+def _own_file(name: str) -> Path | None:
+    """File of a module; None if it is not the user's own, has none or does not exist."""
+    spec = _spec(name)
+    if spec is None or not spec.has_location or spec.origin is None:
+        return None
+    file = Path(spec.origin).resolve()
+    return None if is_library(file) or not file.is_file() else file
+
+
+def _spec(name: str) -> ModuleSpec | None:
+    """Specification of a module, without importing its packages."""
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    head, *rest = name.split(".")
+    try:
+        spec = importlib.util.find_spec(head)
+    except (ImportError, ValueError):  # a module without a specification, such as __main__
+        return None
+    for part in rest:
+        if spec is None or spec.submodule_search_locations is None:
+            return None
+        head = f"{head}.{part}"
+        spec = PathFinder.find_spec(head, spec.submodule_search_locations)
+    return spec
+
+
+def _imports(name: str, file: Path) -> Iterator[str]:
+    """Names of all modules that a module's source may import."""
+    if file.suffix != ".py":
+        return
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError, RecursionError):
+        return  # the run says what is wrong with it
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield from _with_parents(alias.name)
+        elif isinstance(node, ast.ImportFrom):
+            base = package.split(".")[: max(len(package.split(".")) - node.level + 1, 0)] if node.level else []
+            source = ".".join([*base, *([node.module] if node.module else [])])
+            yield from _with_parents(source)
+            yield from (f"{source}.{alias.name}" for alias in node.names)
+
+
+def _with_parents(name: str) -> Iterator[str]:
+    parts = name.split(".")
+    yield from (".".join(parts[:count]) for count in range(1, len(parts) + 1) if parts[0])
+
+
+MAP_SUFFIX: Final = ".toml"  # after the name of an FMU: its map
+
+
+def with_neighbours(scenario: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Scenario in which relative names of files in ``folder``, where it comes from, are absolute paths.
+
+    A name without a suffix is that of a part or of shipped data, never of a file.
+    """
+
+    def found(text: str) -> str:
+        relative = bool(Path(text).suffix) and not os.path.isabs(text)
+        return str((folder / text).absolute()) if relative and is_file(folder / text) else text
+
+    changed: dict[str, Any] = with_texts(scenario, found)
+    return changed
+
+
+def texts(node: Any) -> Iterator[str]:
+    """All texts among the values of a scenario."""
+    children = node.values() if isinstance(node, Mapping) else node if isinstance(node, list | tuple) else ()
+    yield from (text for child in children for text in texts(child))
+    if isinstance(node, str):
+        yield node
+
+
+def with_texts(node: Any, change: Callable[[str], str]) -> Any:
+    """A scenario's tables and lists with all texts among their values changed."""
+    if isinstance(node, Mapping):
+        return {key: with_texts(value, change) for key, value in node.items()}
+    if isinstance(node, list):
+        return [with_texts(value, change) for value in node]
+    return change(node) if isinstance(node, str) else node
+
+
+def is_file(path: str | Path) -> bool:
+    """True if a text is the name of a regular file."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError, RuntimeError):  # too long, a null character, links in a circle: not a file's name
+        return False
+
 
 _FOLDER: Final = "inputs"
 _LARGEST: Final = 64_000_000  # file that is copied; a larger one is still named by its path [bytes]

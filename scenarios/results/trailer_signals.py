@@ -1,27 +1,108 @@
-"""Signals of a trailer run, one row every 10 ms."""
+"""Signals of a trailer run, one row every 10 ms: motion, loads, steering, and off-tracking.
+
+C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
-from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
+from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health, Motion, OffTracking
+from estimators.off_tracking.reference import ReferenceUnitOffTracking
 from scenarios.results import metrics
-from scenarios.results.load_signals import load_columns, motion_columns
-from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
-from scenarios.results.parts import columns_by_parts
-from scenarios.results.reference_unit import ReferenceOffTracking
+from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal, columns_by_parts
+from sensors.instruments.navigation import PERIOD, ReferenceUnit
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.combination.path_point import plan_pose
-from vehicle.combination.truth import Truth
+from vehicle.combination.layout import wheels
+from vehicle.combination.truth import Truth, plan_pose
 from vehicle.frames import FloatArray, inverse, planar
+
+
+def motion_columns(signals: Mapping[str, FloatArray], vehicle: Vehicle) -> Iterator[Column]:
+    """Articulations and accelerations from the time and the motions of all units; the rows are evenly spaced."""
+    for k, (ahead, unit) in enumerate(pairwise(vehicle.units), start=1):
+        meaning = f"yaw of {ahead.name} minus yaw of {unit.name}"
+        yield Signal(f"articulation_{k}", "rad", meaning), signals[f"psi_{ahead.name}"] - signals[f"psi_{unit.name}"]
+    for unit in vehicle.units:
+        meaning = f"{unit.name}: of the centre of gravity along the ground, + left, without gravity"
+        forward, left, yaw_rate = (signals[f"{quantity}_{unit.name}"] for quantity in ("v_x", "v_y", "yaw_rate"))
+        values = _lateral_acceleration(signals["time"], forward, left, yaw_rate, unit.cg_x)
+        yield Signal(f"lateral_acceleration_{unit.name}", "m/s2", meaning), values
+
+
+def load_columns(truths: Sequence[Truth], vehicle: Vehicle) -> Iterator[Column]:
+    """Load transfers and use of friction in some rows."""
+    for k, unit in enumerate(vehicle.units):
+        meaning = f"{unit.name}: right less left wheel loads over their sum; at 1 or -1 one side carries nothing"
+        yield Signal(f"load_transfer_{unit.name}", "-", meaning), [truth.load_transfer[k] for truth in truths]
+    yield from _friction_columns(truths, vehicle)
+
+
+def _lateral_acceleration(
+    times: FloatArray, forward: FloatArray, left: FloatArray, yaw_rate: FloatArray, x: float
+) -> FloatArray:
+    """Of a point (x, 0) of a unit whose origin has these velocities (n,), along the unit's y axis [m/s2]."""
+    if len(times) < 2:
+        return np.full(len(times), np.nan)
+    acceleration: FloatArray = np.gradient(left + x * yaw_rate, times) + forward * yaw_rate
+    return acceleration
+
+
+def _friction_columns(truths: Sequence[Truth], vehicle: Vehicle) -> Iterator[Column]:
+    """Share of the friction that each axle uses: of its wheels, in proportion to what they carry."""
+    all_wheels = wheels(vehicle)
+    loads, used = (
+        np.array([getattr(truth, name) for truth in truths]).reshape(-1, len(all_wheels))
+        for name in ("wheel_loads", "friction_used")
+    )
+    for i, unit in enumerate(vehicle.units):
+        for k in range(len(unit.axles)):
+            rows = [n for n, wheel in enumerate(all_wheels) if (wheel.unit, wheel.axle_in_unit) == (i, k)]
+            carried = loads[:, rows].sum(axis=1)
+            share = (loads[:, rows] * used[:, rows]).sum(axis=1) / np.maximum(carried, 1e-9)
+            meaning = f"{unit.name}, axle {k + 1}: horizontal tyre forces over friction times vertical ones"
+            yield Signal(f"friction_used_{unit.name}_{k + 1}", "-", meaning), share
+
+
+_LATERAL, _FLOOR = 0.8, 1.2  # the unit stood off the middle of the trailer's floor; both distances are assumed [m]
+_EVERY = 100  # every tenth message, at the rate of the cameras it is compared with [ticks]
+
+
+class ReferenceOffTracking:
+    """Off-tracking by the reference unit on a run whose truths are shown to it part by part, in order."""
+
+    def __init__(self, *, unit: int, follow_distance: float, path_height: float, rng: np.random.Generator) -> None:
+        """Paths are those of points at ``path_height`` [m] in the body of a unit of the vehicle."""
+        p_SU = np.array([-0.5 * follow_distance, _LATERAL, _FLOOR])
+        self._sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
+        self._source = ReferenceUnitOffTracking(p_SU, follow_distance, path_height=path_height)
+        self._memory = self._source.init()
+
+    def values(self, truths: Sequence[Truth]) -> FloatArray:
+        """Off-tracking [m] at the next truths (n,), NaN where the unit has none.
+
+        The truths come at the unit's 100 Hz; the buffer takes every tenth message.
+        """
+        values = np.full(len(truths), np.nan)
+        for row, truth in enumerate(truths):
+            if truth.tick % PERIOD:
+                continue
+            message = self._sensor.sample(truth)
+            if truth.tick % _EVERY == 0:
+                self._memory, estimate = self._source.step(self._memory, message)
+                if estimate is not None and estimate.health is not Health.LOST:
+                    values[row] = estimate.value
+        return values
+
 
 _ESTIMATE = (
     Signal("off_tracking_estimate", "m", "estimated off-tracking, at the tick of capture"),

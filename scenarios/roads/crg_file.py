@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from vehicle.foundation.user_file import FileKind, read_bytes, shown
 from vehicle.frames import FloatArray
-from vehicle.user_file import FileKind, read_bytes, shown
 
 _MOST_MISSING: Final = 0.5  # share of heights that a file may lack
 _LENGTH: Final = (1.0, 30e3)  # of the grid [m]

@@ -12,9 +12,8 @@ from scipy.spatial import KDTree
 
 from controllers.path import Path
 from scenarios.courses import Course
-from scenarios.roads.fitted_path import Fit, fitted_path, located
+from scenarios.roads.fitted_path import Fit, SmoothPath, fitted_path, located, smooth_values
 from scenarios.roads.path_file import PathPoints
-from scenarios.roads.smooth_path import SmoothPath, smooth_values
 from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import LineFriction, RoadRelief

@@ -15,9 +15,9 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from vehicle.foundation.parameter_file import checked, read_toml, without_sources
+from vehicle.foundation.user_file import MAX_PIXELS, FileKind
 from vehicle.frames import FloatArray
-from vehicle.parameter_file import checked, read_toml, without_sources
-from vehicle.user_file import MAX_PIXELS, FileKind
 
 Distortion = tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 [-]
 UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)

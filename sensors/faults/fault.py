@@ -1,19 +1,20 @@
-"""Faults as plain data, the protocol of a fault kind, and sensors with faults.
+"""Faults as plain data, the protocol of a fault kind, the names of the kinds, and sensors with faults.
 
-``sensors.faults.catalogue`` lists the kinds. A kind of one's own is a class with the members of ``FaultKind``; the base
+``sensors.faults.fault`` lists the kinds. A kind of one's own is a class with the members of ``FaultKind``; the base
 classes in ``message_kinds`` and ``image_kinds`` define most of them.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Generic, Protocol, TypeVar
+from typing import ClassVar, Final, Generic, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
-from sensors.sensor import Message, Sensor, Stamped, message_type
+from sensors.messages import Message, Sensor, Stamped, message_type
 from vehicle.clock import to_ticks
 from vehicle.option import Option
 
@@ -201,3 +202,41 @@ class _FaultySensor(Generic[T, MessageT]):
         raise ValueError(
             f"faults: {self._fault.name} returned {type(message).__name__} instead of {self._message.__name__}"
         )
+
+
+FAULTS: Final = {
+    "dropout": "sensors.faults.message_kinds:Dropout",
+    "duplicate": "sensors.faults.message_kinds:Duplicate",
+    "freeze": "sensors.faults.message_kinds:Freeze",
+    "delay": "sensors.faults.message_kinds:Delay",
+    "desync": "sensors.faults.image_kinds:Desync",
+    "decalibration": "sensors.faults.image_kinds:Decalibration",
+    "dirt": "sensors.faults.image_kinds:Dirt",
+    "glare": "sensors.faults.image_kinds:Glare",
+    "gain": "sensors.faults.image_kinds:Gain",
+    "blackout": "sensors.faults.image_kinds:Blackout",
+    "articulation_offset": "sensors.faults.signal_kinds:ArticulationOffset",
+    "articulation_stuck": "sensors.faults.signal_kinds:ArticulationStuck",
+    "gyro_bias": "sensors.faults.signal_kinds:GyroBias",
+    "gyro_drift": "sensors.faults.signal_kinds:GyroDrift",
+    "wheel_speed_dropout": "sensors.faults.signal_kinds:WheelSpeedDropout",
+}
+
+
+def checked_kind(name: str, part: object) -> type[FaultKind]:
+    """The part, if it is a fault kind.
+
+    Raises:
+        ValueError: one line naming the members that are missing.
+    """
+    if not _is_kind(part):
+        missing = [member for member in _MEMBERS if not hasattr(part, member)]
+        raise ValueError(f"{name} is no fault kind: {', '.join(missing) or 'it is no class'} missing")
+    return part
+
+
+_MEMBERS: Final = ("options", "needs", "applies_to", "sample")
+
+
+def _is_kind(part: object) -> TypeGuard[type[FaultKind]]:
+    return inspect.isclass(part) and all(hasattr(part, member) for member in _MEMBERS)

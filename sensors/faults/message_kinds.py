@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import ClassVar, Final
 
 from sensors.faults.fault import FaultContext, T
-from sensors.sensor import Message, Sensor
+from sensors.messages import Message, Sensor
 from vehicle.option import Option
 
 _SHARE: Final = Option("share", 0.1, "share of messages", low=0.0, high=1.0)

@@ -11,8 +11,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from sensors.faults.fault import FaultContext, T
-from sensors.messages import CombinationSignals
-from sensors.sensor import Message, Sensor
+from sensors.messages import CombinationSignals, Message, Sensor
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option

@@ -29,9 +29,7 @@ from sensors.render.context import (
 from sensors.render.instancing import Culler, InstancedPart, dome, draw, draw_run, in_blocks, in_view, primitive
 from sensors.textures import to_bytes
 from sensors.world import sky
-from sensors.world.condition import Condition
-from sensors.world.ground import RoadMap
-from sensors.world.lane_lines import line_range
+from sensors.world.ground import Condition, RoadMap, line_range
 from sensors.world.scenery import Instances
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World

@@ -1,22 +1,202 @@
-"""Field of sand tiles, which are made when first seen or driven on."""
+"""Field of sand tiles, made when first seen or driven on, with older tracks in it and light on it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.sand.grid import Bytes, Floats, Window
-from sensors.sand.imprint import Sand
-from sensors.sand.light import Reach, around, encoded, sunlit
-from sensors.sand.relief import Relief
+from sensors.sand.grid import TEXEL, Bytes, Floats, Roll, Sand, Tread, Window, imprinted, slumped, strip_of, window_of
+from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.solids import Rock
-from sensors.sand.tracks import Track, pressed_by
 from sensors.world.sky import Sunlight
+from vehicle.foundation.polyline import arc_length
+from vehicle.frames import FloatArray
+
+_OFFSET: Final = (0.17, 0.33)  # of a track along the route from the rover's own left wheels [m]
+_SWEEPS: Final = 4  # of slumping after an imprint
+_SPACING: Final = 0.95  # of tracks across the route [m]
+
+
+class Track(NamedTuple):
+    """Straight track of one wheel."""
+
+    roll: Roll
+    tread: Tread
+
+
+def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand:
+    """Sand of a window after a track was pressed into it."""
+    roll, tread = track
+    reach = roll.reach(tread)
+    part = window.common(window_of(roll, reach))
+    if part.is_empty:
+        return sand
+    strip = strip_of(roll, part, reach)
+    if not strip.inside.any():
+        return sand
+    at = part.within(window)
+    before = Sand(sand.height[at], sand.packed[at])
+    crumbs, large = relief.crumbs(part).texels(strip.inside), relief.large(part)[strip.inside]
+    after, _ = imprinted(roll, tread, strip, before.texels(strip.inside), large, crumbs, roll.sinkage * tread.width)
+    new = before.with_texels(strip.inside, after)
+    height, packed = sand.height.copy(), sand.packed.copy()
+    height[at], packed[at] = slumped(new.height, strip.inside, _SWEEPS), new.packed
+    return Sand(height, packed)
+
+
+def foreign_tracks(rng: np.random.Generator, route: FloatArray, wheel_left: float) -> tuple[Track, ...]:
+    """Draw tracks beside and across the left wheels' path, for a rover whose middle takes a route (n, 2)."""
+    along = arc_length(route)
+    tracks = []
+    for centre in np.arange(0.7, along[-1], _SPACING):
+        s = centre + rng.uniform(-0.25, 0.25)
+        turn = rng.choice((-1.0, 1.0)) * math.radians(rng.uniform(25.0, 90.0))
+        tracks.append(_track(rng, _place(route, along, s, wheel_left), turn, half=1.2))
+    for start in np.arange(0.2, along[-1], 3.2):
+        side = rng.choice((-1.0, 1.0)) * rng.uniform(*_OFFSET)
+        turn = math.radians(rng.uniform(-4.0, 4.0))
+        tracks.append(_track(rng, _place(route, along, start + 1.5, wheel_left + side), turn, half=1.5))
+    return tuple(tracks)
+
+
+def _place(route: FloatArray, along: FloatArray, s: float, left: float) -> tuple[FloatArray, float]:
+    """Point at a distance ``s`` along a route and ``left`` of it [m], and the route's direction there [rad]."""
+    place = np.array([np.interp(s, along, route[:, k]) for k in (0, 1)])
+    k = int(np.clip(np.searchsorted(along, s) - 1, 0, len(route) - 2))
+    step = route[k + 1] - route[k]
+    direction = math.atan2(step[1], step[0])
+    return place + left * np.array([-math.sin(direction), math.cos(direction)]), direction
+
+
+def _track(rng: np.random.Generator, at: tuple[FloatArray, float], turn: float, half: float) -> Track:
+    """Draw a track through a place, at an angle ``turn`` [rad] to a direction, ``half`` [m] to both sides."""
+    middle, direction = at
+    towards = np.array([math.cos(direction + turn), math.sin(direction + turn)])
+    tread = Tread(
+        radius=rng.uniform(0.09, 0.14),
+        width=rng.uniform(0.08, 0.13),
+        lugs=int(rng.integers(16, 28)),
+        lug_height=rng.uniform(0.003, 0.005),
+    )
+    length = 2.0 * half
+    roll = Roll(
+        a=middle - half * towards,
+        b=middle + half * towards,
+        towards_a=towards,
+        towards_b=towards,
+        slip_angle=0.0,
+        turned_a=0.0,
+        turned_b=length / tread.radius / (1.0 - rng.uniform(0.0, 0.15)),
+        sinkage=rng.uniform(0.006, 0.010),
+    )
+    return Track(roll, tread)
+
+
+_HIGHEST: Final = 0.034  # largest height of relief above the ground around it [m]
+_PENUMBRA: Final = np.float32(0.0006)  # height over which a shadow fades, as edges of sand are blunt [m]
+_NARROW, _BROAD = 17, 61  # texels a side of the surroundings that hide parts of the sky
+_PACKED: Final = 0.10  # loss of albedo of compacted sand, which is smoother and damp from below; assumed
+_COVERED: Final = 0.8  # share of the cover, such as pebbles, that a wheel presses into the sand; assumed
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Surroundings of a texel on which its light depends, and which its own shadow changes."""
+
+    rays: tuple[tuple[int, int, float], ...]  # rows, columns towards the sun, and height of the ray there [m]
+    before: Window  # margins around a texel with the ground that its light depends on
+    behind: Window  # margins around it with the texels whose light it may change
+
+    @classmethod
+    def of(cls, light: Sunlight) -> Reach:
+        """Surroundings for a position of the sun."""
+        across = math.hypot(light.direction[0], light.direction[1])
+        near = _NARROW // 2 + 1
+        if light.overcast or across < 1e-3:  # no shadows, or the sun at the zenith
+            return cls((), Window(*[_BROAD // 2 + 1] * 4), Window(*[near] * 4))
+        slope = float(light.direction[2]) / across
+        length, rays, k = _HIGHEST / slope / TEXEL, [], 1.0
+        while k < length:
+            row, column = (round(k * float(light.direction[axis]) / across) for axis in (1, 0))
+            rays.append((row, column, math.hypot(row, column) * TEXEL * slope))
+            k = 1.15 * k + 0.7
+        row, column = (_outward(length * float(light.direction[axis]) / across) for axis in (1, 0))
+        low = _BROAD // 2 + 1
+        return cls(
+            tuple(rays),
+            Window(max(low, -row), max(low, -column), max(low, row), max(low, column)),
+            Window(max(near, row), max(near, column), max(near, -row), max(near, -column)),
+        )
+
+
+def _outward(length: float) -> int:
+    """Next whole number away from 0."""
+    return math.ceil(length) if length > 0.0 else math.floor(length)
+
+
+def around(window: Window, margins: Window) -> Window:
+    """Window with margins on its four sides."""
+    return Window(
+        window.top - margins.top,
+        window.left - margins.left,
+        window.bottom + margins.bottom,
+        window.right + margins.right,
+    )
+
+
+def sunlit(height: Floats, reach: Reach, light: Sunlight) -> tuple[Floats, Floats]:
+    """Shares of the light of sun and sky on the inner part of a height map, inside the margins ``reach.before``."""
+    top, left = reach.before.top, reach.before.left
+    h, w = height.shape[0] - top - reach.before.bottom, height.shape[1] - left - reach.before.right
+
+    def shifted(row: int, column: int) -> Floats:
+        return height[top + row : top + row + h, left + column : left + column + w]
+
+    here = shifted(0, 0)
+    slope_x = (shifted(0, 1) - shifted(0, -1)) * np.float32(0.5 / TEXEL)
+    slope_y = (shifted(1, 0) - shifted(-1, 0)) * np.float32(0.5 / TEXEL)
+    upright = np.float32(1.0) / cv2.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+    sx, sy, sz = (np.float32(part) for part in light.direction)
+    facing = np.maximum((sz - sx * slope_x - sy * slope_y) * upright, 0.0)
+    if reach.rays:
+        over = np.full(here.shape, -np.inf, dtype=np.float32)  # highest ray of the sun that is blocked
+        ray = np.empty(here.shape, dtype=np.float32)
+        for row, column, rise in reach.rays:
+            np.subtract(shifted(row, column), np.float32(rise), out=ray)
+            np.maximum(over, ray, out=over)
+        hidden = np.clip((over - here) / _PENUMBRA + np.float32(0.5), 0.0, 1.0)
+        facing *= 1.0 - hidden
+    middle = (slice(top, top + h), slice(left, left + w))
+    hollow = np.maximum(cv2.blur(height, (_NARROW, _NARROW))[middle] - here, 0.0) * np.float32(60.0)
+    hollow += np.maximum(cv2.blur(height, (_BROAD, _BROAD))[middle] - here, 0.0) * np.float32(22.0)
+    open_sky = np.clip(1.0 - hollow, 0.35, 1.0) * (0.75 + 0.25 * upright)
+    return np.asarray(facing, dtype=np.float32), np.asarray(open_sky, dtype=np.float32)
+
+
+def encoded(albedo: Bytes, packed: Bytes, sun: Floats, sky: Floats) -> Bytes:
+    """Reflected shares of sun and sky (2, h, w) as bytes: square roots, which are as fine in the dark as needed."""
+    own = albedo.astype(np.float32)
+    pressed = packed.astype(np.float32) * np.float32(1.0 / 255.0)
+    own += (np.float32(ALBEDO * (1.0 - _PACKED)) - own) * (np.float32(_COVERED) * pressed)
+    share = own * np.float32(0.5 / ALBEDO)
+    roots = np.empty((2, *share.shape), np.uint8)
+    for plane, light in zip(roots, (sun, sky), strict=True):
+        plane[...] = np.minimum(255.0 * cv2.sqrt(share * light), 255.0)
+    return roots
+
+
+def decoded(roots: Bytes | Floats) -> Floats:
+    """Reflected share (h, w) of sun or sky from the output of ``encoded``."""
+    share: Floats = np.square(roots, dtype=np.float32)
+    share *= np.float32(2.0 / 255.0**2)
+    return share
+
 
 TILE: Final = 512  # texels a side
 _BLOCK: Final = 32  # texels a side of the blocks whose light is updated together

@@ -1,14 +1,17 @@
-"""Calibrated camera behind a rover's left rear wheel, with the dimensions of the rover."""
+"""Calibrated camera behind a rover's left rear wheel, and the nominal one of Reina 2008."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from sensors.camera.lens import CameraModel
-from vehicle.frames import FloatArray, inverse
+from vehicle.frames import FloatArray, inverse, transform
 from vehicle.rover.command import WheelPlace
+from vehicle.rover.description import Rover
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,3 +39,28 @@ class TraceRig:
         X_CR = inverse(self.X_RC)
         H: FloatArray = self.camera.matrix @ np.column_stack([X_CR[:3, 0], X_CR[:3, 1], X_CR[:3, 3]])
         return H
+
+
+# The paper gives the field of view and says that the camera is a webcam on a frame on the body. The rest follows or is
+# assumed.
+_BEHIND: Final = 0.10  # from the wheel's centre back to the camera, above the wheel's rear edge [m]
+_HEIGHT: Final = 0.75  # above hard ground [m]
+_TILT: Final = math.radians(15.0)  # backwards from straight down
+_FOCAL: Final = 620.0  # [px]: 0.80 m across in the middle, 0.63 m along
+_DISTORTION: Final = (-0.09, 0.03, 0.0006, -0.0004, 0.0)  # of a webcam's lens: barrel, 2 % in the corners; assumed
+
+
+def nominal_rig(rover: Rover) -> TraceRig:
+    """Calibrated camera of a rover; the lower edge of the image is at the wheel, the right edge on the rover's left."""
+    x, y = rover.wheel_places[rover.rear_left].tolist()
+    right, ahead = np.array([0.0, 1.0, 0.0]), np.array([-math.sin(_TILT), 0.0, -math.cos(_TILT)])
+    R_RC = np.column_stack([right, np.cross(ahead, right), ahead])
+    return TraceRig(
+        camera=CameraModel(width=640, height=480, fx=_FOCAL, fy=_FOCAL, cx=319.5, cy=239.5, distortion=_DISTORTION),
+        X_RC=transform(R_RC, np.array([x - _BEHIND, y, _HEIGHT])),
+        wheel=(x, y),
+        wheel_radius=rover.radius,
+        wheel_width=rover.width,
+        wheels=rover.places,
+        watched=rover.rear_left,
+    )

@@ -1,4 +1,4 @@
-"""Field of sand with a rover on it."""
+"""Field of sand with a rover on it, whose wheels imprint their paths, and the true trace of a wheel."""
 
 from __future__ import annotations
 
@@ -6,25 +6,181 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sensors.sand.field import Field
-from sensors.sand.grid import Bytes, Floats, Window
-from sensors.sand.imprint import Tread
-from sensors.sand.kinds import SandKind, kind_named
-from sensors.sand.light import Reach
-from sensors.sand.relief import Relief
+from sensors.sand.field import Field, Reach, foreign_tracks
+from sensors.sand.grid import Bytes, Floats, Roll, Sand, Tread, Window, imprinted, slumped, strip_of, window_of
+from sensors.sand.relief import Relief, SandKind, kind_named
 from sensors.sand.solids import Rock, scattered
-from sensors.sand.trace import TraceTruth, WheelHistory
-from sensors.sand.tracks import foreign_tracks
-from sensors.sand.wheels import Wheel, stands
 from sensors.world.sky import Sunlight, daylight
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, Pose2, wrap
 from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
+
+_SHORTEST, _LONGEST = 0.003, 0.02  # path that is imprinted at once [m]
+_SHARPEST: Final = 0.5  # turn of the direction of travel beyond which a path starts anew [rad]
+_SHALLOWEST: Final = 0.0008  # sinkage below which a wheel leaves no mark [m]
+_MEMORY: Final = 0.03  # distance over which the berms follow the displaced sand [m]
+_SWEEPS: Final = 4  # of slumping after each imprint
+
+
+class Stand(NamedTuple):
+    """Place and motion of a wheel at one moment."""
+
+    place: FloatArray  # (2,) of its lowest point in W [m]
+    travel: float  # direction of travel in W [rad]
+    slip_angle: float  # [rad]
+    turned: float  # angle rolled so far [rad]
+    sinkage: float  # [m]
+
+    def distance(self, to: Stand) -> float:
+        """Distance to another stand [m]."""
+        return math.dist(self.place, to.place)
+
+
+def stands(truth: RoverTruth) -> tuple[Stand, ...]:
+    """Stands of all wheels of a rover."""
+    return tuple(
+        Stand(
+            place=truth.wheel_positions[k, :2],
+            travel=float(truth.wheel_headings[k] + truth.slip_angles[k]),
+            slip_angle=float(truth.slip_angles[k]),
+            turned=float(truth.wheel_turns[k]),
+            sinkage=float(truth.sinkages[k]),
+        )
+        for k in range(len(truth.wheel_headings))
+    )
+
+
+@dataclass(slots=True)
+class Wheel:
+    """Wheel that leaves an imprint, with the end of its last one."""
+
+    tread: Tread
+    last: Stand | None = None
+    displaced: float = 0.0  # sand per length of path, smoothed [m2]
+
+    def roll_on(self, field: Field, to: Stand, after: Stand | None = None) -> None:
+        """Imprint the path to ``to``, if it is long enough to show.
+
+        ``after`` is the next stand, if it is known: short paths are imprinted together.
+        """
+        if self.last is None:
+            self.last, self.displaced = to, to.sinkage * self.tread.width
+            return
+        distance = self.last.distance(to)
+        if distance < _SHORTEST or (after is not None and self.last.distance(after) <= _LONGEST):
+            return
+        pieces = math.ceil(distance / _LONGEST)
+        for k in range(pieces):
+            self._imprint(field, _between(self.last, to, k / pieces), _between(self.last, to, (k + 1) / pieces))
+        self.last = to
+
+    def _imprint(self, field: Field, a: Stand, b: Stand) -> None:
+        roll = _roll(a, b)
+        if roll.sinkage < _SHALLOWEST:
+            return
+        reach = roll.reach(self.tread)
+        window = window_of(roll, reach)
+        strip = strip_of(roll, window, reach)
+        inside, sand, relief = strip.inside, field.sand(window), field.relief
+        large, crumbs = relief.large(window)[inside], relief.crumbs(window).texels(inside)
+        after, removed = imprinted(roll, self.tread, strip, sand.texels(inside), large, crumbs, self.displaced)
+        self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
+        new = sand.with_texels(inside, after)
+        field.write(window, Sand(slumped(new.height, inside, _SWEEPS), new.packed))
+
+
+def _between(a: Stand, b: Stand, share: float) -> Stand:
+    """Interpolated stand."""
+    mixed = [
+        p + share * (q - p) for p, q in ((a.slip_angle, b.slip_angle), (a.turned, b.turned), (a.sinkage, b.sinkage))
+    ]
+    return Stand(a.place + share * (b.place - a.place), a.travel + share * wrap(b.travel - a.travel), *mixed)
+
+
+def _roll(a: Stand, b: Stand) -> Roll:
+    """Path from a to b; its ends are square to the travel there, unless that differs much from the path."""
+    step = b.place - a.place
+    straight = math.atan2(step[1], step[0])
+    ends = [end if abs(wrap(end - straight)) < _SHARPEST else straight for end in (a.travel, b.travel)]
+    towards = [np.array([math.cos(end), math.sin(end)]) for end in ends]
+    return Roll(
+        a=a.place,
+        b=b.place,
+        towards_a=towards[0],
+        towards_b=towards[1],
+        slip_angle=0.5 * (a.slip_angle + b.slip_angle),
+        turned_a=a.turned,
+        turned_b=b.turned,
+        sinkage=0.5 * (a.sinkage + b.sinkage),
+    )
+
+
+NEAREST, FARTHEST = 0.12, 0.60  # behind the wheel's centre: between the wheel and the far edge of the view [m]
+_STEP: Final = 0.02  # [m]
+_STANDS_APART: Final = 0.004  # distance between remembered stands [m]
+_KEPT: Final = 400  # remembered stands: more than the length of a view
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TraceTruth:
+    """Visible part of a wheel's own trace."""
+
+    tick: int
+    line: FloatArray  # (n, 2) middle of the rut in R behind the wheel, nearest first [m]
+    there: NDArray[np.bool_]  # (n,) True where the ground took an imprint
+    slip_angles: FloatArray  # (n,) of the wheel when it passed, + left [rad]
+    wheel_slip: float  # of the wheel now, + left [rad]
+    slip_angle: float  # of the body at R's origin now, + left [rad]
+
+    @property
+    def share(self) -> float:
+        """Share of the visible length with an imprint."""
+        return float(self.there.mean())
+
+    @property
+    def present(self) -> bool:
+        """True if over half of the visible length has an imprint."""
+        return self.share > 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class WheelHistory:
+    """History of a wheel: its last stands, oldest first."""
+
+    stands: tuple[tuple[Stand, bool], ...] = ()  # with True where the wheel left an imprint
+
+    def extended(self, stand: Stand, imprinted: bool) -> WheelHistory:
+        """History with one more stand; the oldest are dropped."""
+        if self.stands and math.dist(self.stands[-1][0].place, stand.place) < _STANDS_APART:
+            return self
+        return WheelHistory((*self.stands[-_KEPT:], (stand, imprinted)))
+
+    def seen_from(self, truth: RoverTruth, wheel: tuple[float, float], slip: float) -> TraceTruth:
+        """Trace behind a wheel at a place in R [m] whose slip angle is ``slip`` [rad]."""
+        stations = np.arange(NEAREST, FARTHEST + 1e-9, _STEP)
+        places = np.array([stand.place for stand, _ in self.stands]).reshape(-1, 2)
+        x, y = Pose2(*truth.pose.tolist()).inverse().apply(places).T
+        behind = wheel[0] - x
+        order = np.argsort(behind, kind="stable")
+        there = np.array([imprinted for _, imprinted in self.stands], dtype=float)
+        angles = np.array([stand.slip_angle for stand, _ in self.stands])
+        offset, share, slips = (np.interp(stations, behind[order], value[order]) for value in (y, there, angles))
+        reached = stations <= behind.max(initial=-1.0)
+        return TraceTruth(
+            tick=truth.tick,
+            line=np.stack([wheel[0] - stations, offset], axis=-1),
+            there=(share > 0.5) & reached,
+            slip_angles=slips,
+            wheel_slip=slip,
+            slip_angle=truth.slip_angle,
+        )
+
 
 LUGS: Final = 20  # on a wheel of El Dorado II; assumed, no photograph is good enough to count them
 LUG_HEIGHT: Final = 0.005  # [m], assumed
@@ -42,7 +198,7 @@ class SandWorld:
     """Sand under one sun that keeps the imprints of wheels.
 
     Args:
-        kind: one of ``sensors.sand.kinds.KINDS``.
+        kind: one of ``sensors.sand.relief.KINDS``.
         rng: decides everything not given here; equal generators give bitwise equal worlds.
         rover: leaves traces with its wheels.
         terrain: large shape of the ground.
@@ -132,7 +288,7 @@ class SandWorld:
         return self._field.height(window)
 
     def lit(self, window: Window) -> Bytes:
-        """Light of sun and sky that a window reflects (2, h, w), see ``sensors.sand.light.encoded``."""
+        """Light of sun and sky that a window reflects (2, h, w), see ``sensors.sand.field.encoded``."""
         return self._field.light(window)
 
     def tint(self, window: Window) -> Bytes:

@@ -1,9 +1,14 @@
-"""The rendered ground: mesh, map of the road on it, and relief beyond the course."""
+"""The rendered ground: mesh, relief, map of the road on it, its condition, and painted lane lines.
+
+Interpolated distances must be smooth where a line is. So the distance across has a sign, which changes at the line, and
+neighbouring lines count in opposite directions: between them the distance saturates instead of jumping.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import scipy.fft
@@ -12,9 +17,10 @@ from scipy.spatial import Delaunay, cKDTree
 
 from sensors.textures import NoiseArray, fractal_noise
 from sensors.world.shapes import FaceArray, Mesh
+from vehicle.foundation.polyline import arc_length, dense, is_left, sides
 from vehicle.frames import FloatArray
-from vehicle.polyline import arc_length, dense, is_left, sides
-from vehicle.surface import Surface
+from vehicle.surface import Potholes, Surface
+from vehicle.surface.relief import BesideLine
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
 _HORIZON = 900.0  # extent of the ground around the course; hills beyond fade into haze [m]
@@ -137,7 +143,7 @@ class RoadMap:
     light: NoiseArray  # (ny, nx) 1 in the sun, 0 in full shadow
     gravel: NoiseArray  # (ny, nx) off the road: share of gravel, 0 to 1; on it: wear, 0 to 1
     lushness: NoiseArray  # (ny, nx) of the grass, 0..1
-    lines: NoiseArray | None = None  # (ny, nx, 2) lines between lanes, see sensors.world.lane_lines; None: none
+    lines: NoiseArray | None = None  # (ny, nx, 2) lines between lanes, see sensors.world.ground; None: none
 
 
 def road_map(rng: np.random.Generator, centreline: Centreline, low: FloatArray, high: FloatArray) -> RoadMap:
@@ -260,3 +266,118 @@ def _too_wide(
     divisible = side > np.maximum(finest, _GRADING * (distance - _FINE))
     too_wide: NDArray[np.bool_] = divisible & (bent | (side > coarsest))
     return too_wide
+
+
+# Appearance by friction: breakpoints of friction [-] and the share of the appearance there. Wet asphalt has 0.5 to 0.6,
+# muddy or snowy ground 0.3 to 0.4, ice 0.1 to 0.2; from 0.65 on the road is dry.
+_WET = ((0.41, 0.46, 0.60, 0.65), (0.0, 1.0, 1.0, 0.0))
+_MUDDY = ((0.22, 0.27, 0.41, 0.46), (0.0, 1.0, 1.0, 0.0))
+_ICY = ((0.22, 0.27), (1.0, 0.0))
+_FADE = (4.0, 10.0)  # distances from the road's edge between which the appearance fades to dry [m]
+_NO_HOLE = (1e6, 1e6, 1.0, 0.0)  # far away
+_SURROUNDINGS = 1.5  # extent of a pothole's broken edge and cracks from its middle [radii]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Condition:
+    """Condition of the ground on the nodes of its RoadMap."""
+
+    looks: NoiseArray | None  # (ny, nx, 3) wet, muddy and icy appearance, 0 to 1; None: dry everywhere
+    holes: NoiseArray | None  # (ny, nx, 4) x, y of the middle, radius, depth of the pothole there [m]; None: none
+
+
+def condition_of(surface: Surface, road: RoadMap) -> Condition:
+    """Condition of a surface; one of uniform friction looks dry."""
+    potholes = surface.roughness.potholes if surface.roughness else None
+    return Condition(
+        looks=None if surface.is_uniform else _looks(surface, road),
+        holes=_holes(potholes, road) if potholes else None,
+    )
+
+
+def _looks(surface: Surface, road: RoadMap) -> NoiseArray:
+    ny, nx = road.light.shape
+    x, y = np.meshgrid(road.origin[0] + road.cell * np.arange(nx), road.origin[1] + road.cell * np.arange(ny))
+    friction = surface.friction_at(x, y)
+    near = np.interp(road.edge_distance, _FADE, (1.0, 0.0))
+    return np.stack([near * np.interp(friction, *look) for look in (_WET, _MUDDY, _ICY)], axis=-1).astype(np.float32)
+
+
+def _holes(potholes: Potholes, road: RoadMap) -> NoiseArray:
+    """Pothole of every node: the one whose surroundings reach closest to its cell."""
+    ny, nx = road.light.shape
+    holes = np.full((ny, nx, 4), _NO_HOLE, dtype=np.float32)
+    nearest = np.full((ny, nx), 0.71 * road.cell)  # half a cell's diagonal: the pixels that look this node up [m]
+    for hole in np.column_stack([potholes.x, potholes.y, 0.5 * potholes.diameter, potholes.depth]):
+        reach = _SURROUNDINGS * hole[2]
+        window, distance = _window(road, hole[:2], reach + road.cell)
+        closer = distance - reach < nearest[window]
+        nearest[window][closer] = (distance - reach)[closer]
+        holes[window][closer] = hole
+    return holes
+
+
+def _window(road: RoadMap, middle: FloatArray, reach: float) -> tuple[tuple[slice, slice], FloatArray]:
+    """Part of the map around a point, and the distances of its nodes from the point [m]."""
+    u, v = (middle - road.origin) / road.cell
+    radius = reach / road.cell
+    rows, columns = (slice(max(int(w - radius), 0), max(int(w + radius) + 2, 0)) for w in (v, u))
+    ny, nx = road.light.shape
+    j, i = np.arange(ny)[rows], np.arange(nx)[columns]
+    return (rows, columns), road.cell * np.hypot(j[:, None] - v, i[None, :] - u)
+
+
+_DASH, _PERIOD = 3.0, 12.0  # of a broken line [m]
+_COARSEST_LANES: Final = 0.8  # cell of a map on which lanes can be told from each other [m]
+_PART: Final = 65_536  # nodes at a time
+
+
+def line_range(road: RoadMap) -> float:
+    """Greatest distance on the map of lines [m]: beyond all nodes around a place on a line."""
+    return 2.0 * road.cell
+
+
+def line_map(road: RoadMap, centreline: FloatArray, lines: FloatArray) -> NoiseArray | None:
+    """Lines on the nodes of a road's map (ny, nx, 2); None if its cells are wider than a part of a lane.
+
+    Args:
+        road: the map.
+        centreline: of the road, points (n, 2) closer than a metre [m].
+        lines: (n, k, 2) at those points, from right to left: place to the left of the centreline [m], NaN for none;
+            1 if the line is broken, 0 if it is solid.
+
+    Returns:
+        Distance across from the nearest line, with a sign, and distance along into a line from its end, negative
+        outside; both within ``line_range``, the second one at its least where no line is near [m].
+    """
+    if road.cell > _COARSEST_LANES:
+        return None
+    limit = line_range(road)
+    table = np.full((*road.edge_distance.shape, 2), -limit, dtype=np.float32)
+    rows, columns = np.nonzero(road.edge_distance < 0.0)
+    beside = BesideLine(centreline)
+    for first in range(0, len(rows), _PART):
+        part = rows[first : first + _PART], columns[first : first + _PART]
+        along, across, _, _ = beside.at(road.origin[0] + road.cell * part[1], road.origin[1] + road.cell * part[0])
+        table[part] = np.clip(_beside_lines(along, across, beside.along, lines, 1.5 * road.cell), -limit, limit)
+    return table
+
+
+def _beside_lines(
+    along: FloatArray, across: FloatArray, stations: FloatArray, lines: FloatArray, near: float
+) -> FloatArray:
+    """Distances (m, 2) of places along and across (m,) from lines at stations [m], without a limit."""
+    after = np.clip(np.searchsorted(stations, along), 1, len(stations) - 1)
+    share = (along - stations[after - 1]) / (stations[after] - stations[after - 1])
+    offsets = lines[after - 1, :, 0] + share[:, None] * (lines[after, :, 0] - lines[after - 1, :, 0])
+    gaps = across[:, None] - offsets
+    distances = np.where(np.isnan(gaps), np.inf, np.abs(gaps))
+    nearest = np.argmin(distances, axis=1)
+    at = np.arange(len(along)), nearest
+    is_near = distances[at] < near
+    sign = np.where(nearest % 2 == 0, 1.0, -1.0)
+    broken = lines[after, nearest, 1] > 0.5
+    into_dash = np.abs(along % _PERIOD - 0.5 * _PERIOD) - 0.5 * (_PERIOD - _DASH)
+    into = np.where(broken, into_dash, _DASH)
+    signed = np.where(np.isfinite(distances[at]), sign * gaps[at], near)
+    return np.stack([signed, np.where(is_near, into, -np.inf)], axis=1)

@@ -1,4 +1,4 @@
-"""Roadside things: their data type, and the small ones: rocks, fences, posts, lamps, signs, kerb stones.
+"""Roadside things: their data type, small things such as rocks, fences and signs, and plants.
 
 Sizes are those of real things [m]. The generator passed to a builder decides the irregularities.
 """
@@ -6,12 +6,25 @@ Sizes are those of real things [m]. The generator passed to a builder decides th
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from sensors.world.shapes import Mesh, blob, box, joined, pole, polygon
+from sensors.world.shapes import (
+    Mesh,
+    blob,
+    box,
+    cards,
+    grid_faces,
+    joined,
+    massed,
+    pole,
+    polygon,
+    scattered_on,
+    smooth_normals,
+)
+from vehicle.frames import FloatArray
 
 Colour = tuple[float, float, float]
 WHITE: Colour = (1.0, 1.0, 1.0)
@@ -103,3 +116,110 @@ def kerb_stone() -> Thing:
     near = Part(mesh=joined(*strips, *caps), texture="stone", colour=colour, distances=(0.0, _JOINTS_RANGE))
     far = Part(mesh=joined(*strips), texture="stone", colour=colour, distances=(_JOINTS_RANGE, math.inf))
     return Thing(name="kerb_stone", parts=(near, far), variety=0.12)
+
+
+HEDGE_LENGTH = 4.0  # [m]
+_LUMPS_RANGE = 45.0  # distance from which on lumps have fewer triangles [m]
+
+Lump = tuple[Mesh, Mesh]  # near and far level of detail
+
+
+def _lump(
+    rng: np.random.Generator,
+    centre: tuple[float, float, float],
+    radii: tuple[float, float, float],
+    *,
+    sides: int = 6,
+    roughness: float = 0.15,
+    texture_size: float = 1.5,
+) -> Lump:
+    """A lump of foliage in two levels of detail whose textures coincide."""
+    near = blob(rng, centre, radii, rings=4, sides=sides, roughness=roughness, texture_size=texture_size)
+    far = blob(
+        np.random.default_rng(0), centre, radii, rings=3, sides=sides - 1, roughness=0.0, texture_size=texture_size
+    )
+    return near, replace(far, uv=far.uv + near.uv[0] - far.uv[0])
+
+
+def _leafy(
+    rng: np.random.Generator, lumps: list[Lump], sprays: int, size: float, colour: Colour
+) -> tuple[Part, Part, Part]:
+    """Lumps of foliage in both levels of detail, and sprays of leaves on them."""
+    mass, afar = (massed(*meshes) for meshes in zip(*lumps, strict=True))
+    places, outwards, shade = scattered_on(rng, mass, sprays)
+    fringe = cards(rng, places, outwards, size, np.minimum(shade + 0.1, 1.0))
+    return (
+        Part(mesh=mass, texture="foliage", colour=colour, distances=(0.0, _LUMPS_RANGE)),
+        Part(mesh=afar, texture="foliage", colour=colour, distances=(_LUMPS_RANGE, math.inf)),
+        Part(mesh=fringe, texture="twigs", colour=colour, distances=(0.0, TWIGS_RANGE)),
+    )
+
+
+def broadleaf(rng: np.random.Generator, colour: Colour) -> Thing:
+    """A broad-leaved tree of about 8 m: a crown of overlapping lumps on a stem."""
+    lumps = [_lump(rng, (0.0, 0.0, 5.4), (1.9, 1.9, 1.9), sides=7, roughness=0.10)]
+    for azimuth in np.arange(7) * 2.4 + rng.uniform(0.0, 6.0):  # golden angle: no gaps, no rows
+        r, z, size = rng.uniform(0.9, 1.7), rng.uniform(3.6, 6.9), rng.uniform(0.8, 1.3)
+        centre = (r * np.cos(azimuth), r * np.sin(azimuth), z)
+        lumps.append(_lump(rng, centre, (size, size, 0.85 * size), roughness=0.12))
+    stem = Part(mesh=pole((0.24, -0.5), (0.13, 4.4), sides=7), texture="bark")
+    return Thing(name="broadleaf", parts=(stem, *_leafy(rng, lumps, 100, 0.8, colour)), variety=0.25)
+
+
+def conifer(rng: np.random.Generator) -> Thing:
+    """A spruce of about 9 m: ragged tiers of twigs above each other."""
+    tiers = []
+    for z, radius in zip(np.linspace(1.0, 7.4, 6), np.linspace(2.0, 0.5, 6), strict=True):
+        ragged = rng.uniform(0.72, 1.12, size=9)
+        tiers.append((_skirt(ragged, float(z), float(radius)), _skirt(ragged[::2], float(z), float(radius))))
+    stem = pole((0.2, -0.5), (0.12, 2.0), sides=6)
+    twigs = _leafy(rng, tiers, 70, 0.6, (0.55, 0.68, 0.62))
+    return Thing(name="conifer", parts=(Part(mesh=stem, texture="bark"), *twigs), variety=0.2)
+
+
+def _skirt(ragged: FloatArray, z: float, radius: float) -> Mesh:
+    """One tier of a conifer: a cone with a ragged rim (n,) relative to the radius, closed below by a flatter one."""
+    profile = np.array([(0.0, 0.10), (0.75, -0.05), (1.0, -0.12), (0.45, 0.60), (0.0, 1.35)])  # reach, height / radius
+    ragged = np.append(ragged, ragged[0])
+    angle = np.linspace(0.0, 2.0 * np.pi, len(ragged))
+    reach = profile[:, :1] * ragged * radius
+    height = np.broadcast_to(z + profile[:, 1:] * radius, reach.shape)
+    vertices = np.stack([reach * np.cos(angle), reach * np.sin(angle), height], axis=-1).reshape(-1, 3)
+    faces = grid_faces(len(profile), len(angle))[:, ::-1].copy()
+    return Mesh(
+        vertices=vertices,
+        normals=smooth_normals(vertices, faces),
+        uv=np.stack(np.broadcast_arrays(3.0 * angle / np.pi, profile[:, 1:]), axis=-1).reshape(-1, 2),
+        shade=(0.35 + 0.65 * profile[:, :1] * ragged / 1.12).ravel(),
+        faces=faces,
+    )
+
+
+def bush(rng: np.random.Generator) -> Thing:
+    """A bush of about 1.3 m."""
+    lumps = []
+    for azimuth in np.arange(3) * 2.4:
+        size = rng.uniform(0.45, 0.7)
+        centre = (0.4 * np.cos(azimuth), 0.4 * np.sin(azimuth), 0.8 * size)
+        lumps.append(_lump(rng, centre, (size, size, 0.95 * size), texture_size=1.0))
+    return Thing(name="bush", parts=_leafy(rng, lumps, 20, 0.4, (0.95, 1.0, 0.85)), variety=0.3)
+
+
+def hedge(rng: np.random.Generator) -> Thing:
+    """One length of a clipped, uneven hedge along x, 1.5 m high."""
+    lumps = []
+    for x in np.linspace(-0.5, 0.5, 4) * (HEDGE_LENGTH - 1.0):
+        lumps.append(_lump(rng, (float(x), 0.0, 0.6), (0.95, 0.65, 0.95), texture_size=1.1))
+    return Thing(name="hedge", parts=_leafy(rng, lumps, 36, 0.35, (0.82, 0.9, 0.78)), variety=0.1)
+
+
+def wood(rng: np.random.Generator) -> Thing:
+    """The edge of a distant wood: 18 m of crowns along x, 6 to 10 m high."""
+    crowns = []
+    for x in np.linspace(-8.0, 8.0, 5):
+        height, width = rng.uniform(6.0, 10.0), rng.uniform(2.8, 4.2)
+        centre = (float(x), rng.uniform(-1.5, 1.5), 0.45 * height)
+        size = (width, width, 0.55 * height)
+        crowns.append(blob(rng, centre, size, rings=3, sides=7, roughness=0.09, texture_size=5.0))
+    mass = Part(mesh=massed(*crowns), texture="foliage", colour=(0.75, 0.82, 0.72))
+    return Thing(name="wood", parts=(mass,), variety=0.15)

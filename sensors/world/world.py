@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 from sensors import textures
 from sensors.textures import TextureArray
 from sensors.world import sky
-from sensors.world.airfield import grain_fields, patched
-from sensors.world.condition import Condition, condition_of
-from sensors.world.ground import Centreline, Landscape, RoadMap, ground_mesh, road_map
-from sensors.world.lane_lines import line_map
-from sensors.world.scenery import Instances, Site, kerbs, planted
+from sensors.world.ground import (
+    Centreline,
+    Condition,
+    Landscape,
+    RoadMap,
+    condition_of,
+    ground_mesh,
+    line_map,
+    road_map,
+)
+from sensors.world.scenery import Instances, Site, grain_fields, kerbs, patched, planted
 from sensors.world.shapes import Mesh
 from sensors.world.sky import Sunlight, daylight
 from vehicle.frames import FloatArray

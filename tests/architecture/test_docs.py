@@ -14,13 +14,13 @@ from typing import Any, Final
 import pytest
 import typer
 
-from scenarios.campaigns.campaign import campaign_names, load_campaign
+from offtrack.commands.cli import app
+from offtrack.studies.campaigns.campaign import campaign_names, load_campaign
+from offtrack.studies.reproduce.reproduction import names_of
+from offtrack.studies.study import load_study
 from scenarios.catalogue import TRAILER_STEERING, Catalogue, resolve
-from scenarios.cli import app
-from scenarios.listing import KINDS
 from scenarios.options.scenario import load_any_scenario, scenario_names
-from scenarios.reproduce.catalogue import names_of
-from scenarios.studies.study import load_study
+from scenarios.part_listing import KINDS
 from vehicle.combination.description import load_vehicle
 from vehicle.rover.description import load_rover, rover_names
 

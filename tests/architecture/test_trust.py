@@ -10,8 +10,8 @@ from typing import Final
 
 import pytest
 
-from vehicle import user_file
-from vehicle.user_file import FileKind
+from vehicle.foundation import user_file
+from vehicle.foundation.user_file import FileKind
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
@@ -24,14 +24,14 @@ PROGRAMS: Final = {"system", "popen", "execv", "execve", "execvp", "execl", "spa
 # The only modules that may start a program, reach a network or import by name, with the functions that they use for it.
 ALLOWED: Final = {
     ("vehicle/engine/compiler.py", "subprocess"),  # the C compiler
-    ("scenarios/fmi_export/binaries.py", "subprocess"),  # the C compiler, or Zig's
-    ("scenarios/fmi_import/process.py", "subprocess"),  # Python, for the library of an FMU that the user names
-    ("scenarios/hil/udp.py", "socket"),  # to the bench that --udp names
-    ("scenarios/watching/server.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
-    ("scenarios/watching/server.py", "urllib"),  # splits addresses
+    ("offtrack/exchange/fmi_export/fmu_writer.py", "subprocess"),  # the C compiler, or Zig's
+    ("offtrack/exchange/fmi_import/instance.py", "subprocess"),  # Python, for the library of an FMU that the user names
+    ("offtrack/exchange/bench/links.py", "socket"),  # to the bench that --udp names
+    ("offtrack/reports/watching.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
+    ("offtrack/reports/watching.py", "urllib"),  # splits addresses
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
-    ("scenarios/reproduce/catalogue.py", "import_module"),  # own figures only
-    ("scenarios/cluster/connection.py", "import_module"),  # classes of dask-jobqueue, by a table
+    ("offtrack/studies/reproduce/reproduction.py", "import_module"),  # own figures only
+    ("offtrack/studies/cluster_executor.py", "import_module"),  # classes of dask-jobqueue, by a table
     ("scenarios/loop/kept.py", "pickle"),  # own rows, in a temporary file that has no name
 }
 

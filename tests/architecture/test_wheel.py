@@ -24,7 +24,7 @@ def test_every_data_file_reaches_the_wheel(tmp_path: Path) -> None:
         for file in (ROOT / package).rglob("*")
         if file.is_file() and "__pycache__" not in file.parts and not file.name.startswith(".")
     }
-    assert "scenarios/environments/surrogate.toml" in kept
-    assert {"scenarios/report/templates/page.html.j2", "scenarios/report/numbers.toml"} <= kept
+    assert "scenarios/assembly/surrogate.toml" in kept
+    assert {"offtrack/reports/templates/page.html.j2", "offtrack/reports/numbers.toml"} <= kept
     assert "controllers/trailer_steering/networks/trailer_steering_v0.npz" in kept
     assert kept - there == set()

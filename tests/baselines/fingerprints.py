@@ -121,7 +121,7 @@ def _command(*arguments: str) -> str:
     # One thread per process: the processes share the cores, and sums keep their order.
     single_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", "from scenarios.cli import main; main()", *arguments],
+        [sys.executable, "-c", "from offtrack.commands.cli import main; main()", *arguments],
         capture_output=True,
         text=True,
         env=os.environ | single_thread | {"COLUMNS": "400"},
@@ -170,7 +170,7 @@ def _run_python(code: str) -> str:
 _ROLLOUT = """
 import hashlib, json
 import gymnasium, numpy as np
-import scenarios.gym_env
+import offtrack.environments.registry
 def rollout(name, steps, **options):
     env = gymnasium.make(name, **options)
     digest = hashlib.sha256()

@@ -23,16 +23,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.agreement import Agreement, agreement
-from estimators.protocol import Odometry
+from offtrack.exchange.recordings.estimation import Chosen, Estimation, estimate, off_tracking_source
+from offtrack.exchange.recordings.estimation_summary import motion_errors, straight_frames
+from offtrack.exchange.recordings.mounting import MountingOptions
+from offtrack.exchange.recordings.stereo_reader import open_recording
 from scenarios.catalogue import ODOMETRY, resolve
-from scenarios.recordings.agreement import straight_frames
-from scenarios.recordings.estimation import Estimation, estimate
-from scenarios.recordings.motion_errors import motion_errors
-from scenarios.recordings.mounting import MountingOptions
-from scenarios.recordings.off_tracking_source import Chosen, off_tracking_source
-from scenarios.recordings.stereo_reader import open_recording
 from sensors.camera.rig import StereoCalibration
 from tests.benchmarks.covariance_drives import SETS, recorded
 from vehicle.frames import FloatArray

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
 
 _ALL: Final = ("off_tracking=surrogate", "reference_unit=false")  # the recorded images are what counts

@@ -12,8 +12,7 @@ import numpy as np
 from sensors.camera.lens import mount_rotation
 from sensors.camera.rig import StereoCalibration
 from sensors.faults.fault import FaultContext
-from sensors.faults.image_kinds import Dirt, Gain, Glare, ImageFault
-from sensors.faults.stereo_kinds import Decalibration
+from sensors.faults.image_kinds import Decalibration, Dirt, Gain, Glare, ImageFault
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, transform
 

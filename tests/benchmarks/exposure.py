@@ -20,11 +20,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimators.estimates import Health
-from scenarios.loop.run import run
+from offtrack.exchange.recordings.estimation import Chosen, Estimation, estimate, off_tracking_source
+from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.recordings.estimation import Estimation, estimate
-from scenarios.recordings.off_tracking_source import Chosen, off_tracking_source
-from scenarios.recordings.stereo_reader import Recording, open_recording
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse

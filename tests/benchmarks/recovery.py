@@ -18,10 +18,10 @@ import numpy as np
 from estimators.context import OffTrackingSource
 from estimators.estimates import CameraOffTracking, Health, Motion
 from estimators.rigid_motion import rotation_vector
-from scenarios.recordings.images import Dropped, stream
-from scenarios.recordings.mounting import MountingOptions
-from scenarios.recordings.off_tracking_source import Chosen, off_tracking_source
-from scenarios.recordings.stereo_reader import Recording, open_recording
+from offtrack.exchange.recordings.estimation import Chosen, off_tracking_source
+from offtrack.exchange.recordings.mounting import MountingOptions
+from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
+from offtrack.exchange.recordings.stereo_sequence import Dropped, stream
 from tests.benchmarks.disturbances import SECOND, Disturbance, Drive, disturbances
 from vehicle.frames import inverse
 

@@ -14,10 +14,10 @@ import time
 from pathlib import Path
 from typing import Final
 
-from scenarios.loop.run import run_any
-from scenarios.results.summary import summary
-from scenarios.studies.case import Case
-from scenarios.studies.pool import run_cases
+from offtrack.studies.case import Case
+from offtrack.studies.pool import run_cases
+from scenarios.loop.runner import run_any
+from scenarios.results.run_summary import summary
 
 _FIXED: Final = (  # 11 s simulated: the shorter a run, the more the machinery counts
     *(("off_tracking", "truth"), ("reference_unit", "false")),

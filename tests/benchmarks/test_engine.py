@@ -15,8 +15,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from vehicle.combination.batch import BatchGround, PlantBatch
 from vehicle.combination.description import load_vehicle
+from vehicle.combination.functions import numbers
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.symbolic import numbers
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import Pose2

@@ -10,11 +10,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env
+import offtrack.environments.registry
 from vehicle.engine.compiler import compiler
 
 TRAILER = "offtrack/TrailerSteering-v0"
-NAMES = [f"offtrack/{name}" for name in scenarios.gym_env.CORES]
+NAMES = [f"offtrack/{name}" for name in offtrack.environments.registry.CORES]
 N = 1024
 
 
@@ -132,7 +132,7 @@ def test_a_hundred_thousand_random_steps_are_finite_and_need_no_more_memory(name
 def test_single_environments_run_in_processes_of_their_own() -> None:
     """Spawned, not forked: everything an environment needs travels, or is made anew."""
     made = gymnasium.make_vec(
-        "scenarios.gym_env:offtrack/TrailerSteering-v0",
+        "offtrack.environments.registry:offtrack/TrailerSteering-v0",
         num_envs=2,
         vectorization_mode="async",
         vector_kwargs={"context": "spawn"},

@@ -11,14 +11,14 @@ from typing import Final
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from scenarios.fmi_export.archive import write_fmu
-from scenarios.fmi_export.plants import plant_model
-from scenarios.fmi_import.archive import open_fmu
-from scenarios.fmi_import.host import Host
-from scenarios.fmi_import.instance import FmuInstance
-from scenarios.fmi_import.law import law_signals
-from scenarios.fmi_import.mapping import PartSignals, read_map
-from scenarios.fmi_import.plant import plant_signals
+from offtrack.exchange.fmi_export.fmu_writer import write_fmu
+from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from offtrack.exchange.fmi_import.fmu_file import open_fmu
+from offtrack.exchange.fmi_import.fmu_parts import law_signals
+from offtrack.exchange.fmi_import.fmu_plant import plant_signals
+from offtrack.exchange.fmi_import.host import Host
+from offtrack.exchange.fmi_import.instance import FmuInstance
+from offtrack.exchange.fmi_import.mapping import PartSignals, read_map
 from tests.fmus import proportional_law
 from vehicle.combination.description import load_vehicle
 

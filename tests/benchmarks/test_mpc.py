@@ -13,7 +13,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.mpc import stepping
+from controllers.trailer_steering.mpc import trailer_model
 from controllers.trailer_steering.mpc.law import Mpc
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry
@@ -76,7 +76,7 @@ def test_step_in_real_time(benchmark: BenchmarkFixture, engine: str, monkeypatch
     """25 ms at the median and 50 ms at the 99th percentile, with and without a compiler."""
     if engine == "interpreted":
         monkeypatch.setenv("OFFTRACK_COMPILER", "none")
-    for built in (stepping._prediction, stepping._tyres):
+    for built in (trailer_model._prediction, trailer_model._tyres):
         built.cache_clear()
     law = Mpc(trailer_geometry(VEHICLE, 1), combination=Combination(VEHICLE, 1))
     seconds = benchmark.pedantic(spent, (law,), rounds=1)
@@ -84,5 +84,5 @@ def test_step_in_real_time(benchmark: BenchmarkFixture, engine: str, monkeypatch
     benchmark.extra_info.update(median_ms=median, p99_ms=slowest)
     assert median <= 25.0
     assert slowest <= 50.0
-    for built in (stepping._prediction, stepping._tyres):
+    for built in (trailer_model._prediction, trailer_model._tyres):
         built.cache_clear()

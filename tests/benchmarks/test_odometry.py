@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from estimators.protocol import Odometry
-from scenarios.assembly.trailer import assemble
+from estimators.context import Odometry
+from scenarios.assembly.trailer_run import assemble
 from scenarios.catalogue import ODOMETRY, resolve
 from scenarios.options.scenario import load_scenario
 from sensors.camera.rig import StereoCalibration

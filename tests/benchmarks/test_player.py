@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.loop.run import run
+from offtrack.reports.player.encoding import encoded
+from offtrack.reports.player.trailer_playback import trailer_playback
+from offtrack.reports.run_page import report_html
+from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
-from scenarios.player.encoding import encoded
-from scenarios.player.trailer import trailer_playback
-from scenarios.report.run_page import report_html
 from scenarios.results.log import Log
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
+from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import opened_page, running_browser
 
 SHARE = 0.05  # of a run's wall time for its page

@@ -19,11 +19,10 @@ from estimators.estimates import Health
 from estimators.slip.trace_tracker.tracker import FTracePlus
 from estimators.slip.wheel_trace.ftrace import FTrace
 from sensors.messages import GreyImage, RoverView
-from sensors.sand.kinds import KINDS
-from sensors.sand.rig import nominal_rig
-from sensors.sand.rover_pass import FRAME_TICKS, RoverPass
-from sensors.sand.sequence import labelled_sequence, route_of
+from sensors.sand.relief import KINDS
+from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, labelled_sequence, route_of
 from sensors.sand.trace_camera import TraceCamera, Webcam
+from sensors.sand.trace_rig import nominal_rig
 from sensors.sand.world import SandWorld
 from vehicle.clock import TICK
 from vehicle.rover.description import load_rover

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from scenarios.assembly.trailer import Assembly, assemble
+from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.options.scenario import load_scenario
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.assembly.rover import assemble_rover
-from scenarios.assembly.trailer import assemble
+from scenarios.assembly.rover_run import assemble_rover
+from scenarios.assembly.trailer_run import assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, TRAILER_STEERING, resolve
-from scenarios.loop.combination import TrailerSession
-from scenarios.loop.rover import RoverSession
+from scenarios.loop.rover_session import RoverSession
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.combination.plant import Plant, VehicleCommand

@@ -11,19 +11,25 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from estimators.context import OffTrackingEstimator, RoverContext, SlipEstimator, TrailerContext
+from estimators.context import (
+    Estimator,
+    FusesSignals,
+    Odometry,
+    OffTrackingEstimator,
+    RoverContext,
+    SlipEstimator,
+    TrailerContext,
+)
 from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking, SlipAngle
-from estimators.protocol import Estimator, FusesSignals, Odometry
-from scenarios.assembly.rover import rover_geometry
-from scenarios.assembly.trailer import Assembly, assemble
+from scenarios.assembly.rover_run import rover_geometry
+from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, resolve
 from scenarios.options.scenario import load_scenario
 from sensors.camera.rig import StereoCalibration
-from sensors.instruments.navigation import ExactPose
-from sensors.instruments.rover_navigation import ExactSlip
+from sensors.instruments.navigation import ExactPose, ExactSlip
 from sensors.messages import StereoFrame, TrailerView, stereo_frame
-from sensors.sand.rig import nominal_rig
-from sensors.sand.sequence import Labelled, labelled_sequence
+from sensors.sand.rover_pass import Labelled, labelled_sequence
+from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.plant import VehicleCommand
 from vehicle.rover.description import load_rover
 

@@ -15,12 +15,11 @@ from controllers.checked import CheckedLaw
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Guarded
 from controllers.trailer_steering.policy import Network, feature_names, save_network
-from controllers.trailer_steering.reverse_lock import ReverseLock
-from controllers.trailer_steering.supervision import Supervised
+from controllers.trailer_steering.supervision import ReverseLock, Supervised
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.trailer_law import trailer_law
+from offtrack.studies.tuning import defaults_of
+from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.catalogue import TRAILER_STEERING, resolve
-from scenarios.studies.parameters import defaults_of
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION
 from tests.trailers import TWO_OF_THREE as TRAILER

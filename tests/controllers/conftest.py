@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from controllers.actuator import settle
 from controllers.driver import PreviewDriver
+from controllers.equations import settle
 from controllers.tractor import TractorGeometry
 from controllers.trailer import TrailerGeometry, TrailerSteering
 from estimators.estimates import OffTracking

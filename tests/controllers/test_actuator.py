@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.actuator import settle
+from controllers.equations import settle
 
 angles = st.floats(-0.6, 0.6)
 times = st.floats(0.0, 2.0)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.actuator import settle
+from controllers.equations import settle
 from controllers.trailer import Linkage, TrailerGeometry
 from controllers.trailer_steering.actuator_monitor import ActuatorMemory, ActuatorMonitor
 from tests.trailers import TWO_OF_THREE as TRAILER

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.trailer_steering.axle_grip import AxleGrip, GripMemory
-from controllers.trailer_steering.hitch_motion import hitch_motion
-from controllers.trailer_steering.tractor_motion import TractorMotion
+from controllers.trailer_steering.reckoned_motion import TractorMotion, hitch_motion
+from controllers.trailer_steering.supervision import AxleGrip, GripMemory
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals
 from vehicle.combination.description import GRAVITY
 from vehicle.combination.loads import static_axle_loads
-from vehicle.combination.rollover import roll_gradients
+from vehicle.combination.roll import roll_gradients
 from vehicle.frames import FloatArray
 from vehicle.tyres import Planar
 

@@ -11,8 +11,8 @@ import pytest
 
 from controllers.trailer import Combination
 from controllers.trailer_steering.command_steer import CommandSteer
-from controllers.trailer_steering.hitch_motion import hitch_motion
 from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.reckoned_motion import hitch_motion
 from scenarios.courses import roundabout
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.driver_trace import DriverTrace, TraceDriver
+from controllers.driver import DriverTrace, TraceDriver
 from controllers.path import Path, SpeedProfile, arc, line
 from sensors.messages import EgoState
 from vehicle.frames import Pose2

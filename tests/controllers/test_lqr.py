@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.lateral_design import KMH, Weights, closed_loop, path_nodes, plant
-from controllers.trailer_steering.lqr import Lqr
+from controllers.trailer_steering.lqr import KMH, Lqr, Weights, closed_loop, path_nodes, plant
 from estimators.estimates import Health, OffTracking
+from offtrack.studies.standards.lane_change import lane_change
+from offtrack.studies.standards.yaw_stability import pulse
 from scenarios.assembly.adapters import trailer_geometry
-from scenarios.standards.lane_change import lane_change
-from scenarios.standards.pulse import pulse
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray

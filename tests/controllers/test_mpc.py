@@ -16,7 +16,7 @@ from controllers.trailer import Combination, Linkage, TrailerGeometry
 from controllers.trailer_steering.mpc.law import Mpc, MpcMemory
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import peak, rms
 from sensors.messages import CombinationSignals

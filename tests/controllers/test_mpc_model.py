@@ -9,8 +9,17 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.mpc.stepping import STEP, TYRE_STEP, Stepper, rolled_on
-from controllers.trailer_steering.mpc.trailer_model import Inputs, State, TrailerModel, rate, state_sizes
+from controllers.trailer_steering.mpc.trailer_model import (
+    STEP,
+    TYRE_STEP,
+    Inputs,
+    State,
+    Stepper,
+    TrailerModel,
+    rate,
+    rolled_on,
+    state_sizes,
+)
 from scenarios.assembly.adapters import trailer_geometry
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
-from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, Reckoned, reckoned
-from controllers.trailer_steering.mpc.reference import denser, hitch_course, path_now, reference, with_estimate
+from controllers.trailer_steering.mpc.observer import (
+    FrictionMemory,
+    Observer,
+    ObserverMemory,
+    Reckoned,
+    reckoned,
+    updated,
+)
+from controllers.trailer_steering.mpc.planning import denser, hitch_course, path_now, reference, with_estimate
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env
+import offtrack.environments.registry
 from controllers.trailer import Combination
 from controllers.trailer_steering.policy import (
     Network,
@@ -20,12 +20,12 @@ from controllers.trailer_steering.policy import (
     save_network,
     shipped_networks,
 )
+from offtrack.environments.training.evaluation import NetworkPilot, driven
 from scenarios.assembly.adapters import trailer_geometry
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.combination import TrailerSession
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms, true_off_tracking
-from scenarios.training.evaluation import NetworkPilot, driven
 from vehicle.combination.description import load_vehicle
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
@@ -147,7 +147,7 @@ def test_a_shipped_network_steers_where_it_has_not_been(name: str) -> None:
     """
     network = load_network(network_file(name))
     assert network_file(name).with_suffix(".json").is_file()
-    env = scenarios.gym_env.vector(
+    env = offtrack.environments.registry.vector(
         "TrailerSteering-v0", 4, courses=("random-110", "random-111"), autoreset_mode="Disabled"
     )
     for episode in driven(env, NetworkPilot(network), 11, {"speed": (3.0, 5.0)}):

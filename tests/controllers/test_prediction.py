@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from controllers.actuator import settle
-from controllers.trailer_steering.kinematics import AxleGroup
-from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
+from controllers.equations import settle
+from controllers.trailer_steering.kinematics import AxleGroup, Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
 from tests.trailers import TWO_OF_THREE as TRAILER
 from tests.trailers import signals

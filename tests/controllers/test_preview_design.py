@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers import preview_design as design
-from controllers.tractor import TractorAxle, TractorDynamics, TractorGeometry
-from controllers.tractor_model import STATES, path_matrices, tractor_model
+from controllers import preview_law as design
+from controllers.tractor import STATES, TractorAxle, TractorDynamics, TractorGeometry, path_matrices, tractor_model
 
 DYNAMICS = TractorDynamics(
     mass=8000.0,

@@ -7,9 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.reversing.chain import RollingChain
-from controllers.reversing.law import ReversingLaw
-from controllers.reversing.reference import ReverseReference
+from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, Pose2
 

@@ -9,7 +9,7 @@ import pytest
 
 from controllers.path import Path, arc, line
 from controllers.rover_driver import Compensation, RoverDriver
-from estimators.rover_geometry import RoverGeometry
+from estimators.context import RoverGeometry
 from estimators.slip.rover_odometry import Rolling, RoverOdometry, RoverPose
 from sensors.messages import RoverReadings
 from vehicle.frames import Pose2

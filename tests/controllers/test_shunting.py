@@ -10,7 +10,7 @@ import pytest
 
 from controllers.driver import DriverCommand, PreviewDriver
 from controllers.path import Path, arc, line
-from controllers.reversing.chain import RollingChain
+from controllers.reversing_law import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState

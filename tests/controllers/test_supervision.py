@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.actuator import settle
+from controllers.equations import settle
 from controllers.trailer import Actuation, SteerCommand
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.supervision import Supervised, actuator_findings

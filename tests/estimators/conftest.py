@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.protocol import Odometry
+from estimators.context import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration, StereoRig
 from tests.estimators.stereo_scene import Drive, stereo_drive

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.context import Memory, Odometry
 from estimators.estimates import Motion
-from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame

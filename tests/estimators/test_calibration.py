@@ -8,9 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimators.calibration.board_views import BoardView, board_view, in_same_order
-from estimators.calibration.single_camera import calibrated
-from estimators.calibration.stereo import calibrated_pair
+from estimators.calibration.boards import BoardView, board_view, calibrated, calibrated_pair, in_same_order
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.lens import CameraModel

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.context import Odometry
 from estimators.estimates import Health
-from estimators.matched_frame import MatchedFrame, Turned, with_levels
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.corners import detect_corners
 from estimators.odometry.exposure import alike, both_alike, clipped_alike, clipped_share
+from estimators.odometry.image_points import detect_corners
 from estimators.odometry.warped_matching import match_patches, templates, warped_patches
-from estimators.protocol import Odometry
+from estimators.stereo_pair import MatchedFrame, Turned, with_levels
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.messages import GreyImage, StereoFrame
 from tests.estimators.stereo_scene import Drive

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.odometry.corners import detect_corners
+from estimators.odometry.image_points import detect_corners
 
 
 def test_corners_of_a_square_are_found() -> None:

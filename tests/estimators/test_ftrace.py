@@ -14,20 +14,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators.estimates import Health, SlipAngle
-from estimators.slip.body_slip import Heading, Pointing, body_slip, mean_steer, rate_of_turn
-from estimators.slip.wheel_trace.ftrace import BREAKPOINTS, FTrace
-from estimators.slip.wheel_trace.fuzzy import confidence
+from estimators.slip.wheel_trace.ftrace import (
+    BREAKPOINTS,
+    FTrace,
+    Heading,
+    Pointing,
+    body_slip,
+    mean_steer,
+    rate_of_turn,
+)
 from estimators.slip.wheel_trace.lines import (
     STEEPEST,
+    GroundLines,
     TraceEdges,
     canny_thresholds,
+    confidence,
     ground_mask,
     strongest_lines,
     upright,
 )
-from estimators.slip.wheel_trace.poses import GroundLines
 from sensors.messages import GreyImage, RoverView
-from sensors.sand.rig import nominal_rig
+from sensors.sand.trace_rig import nominal_rig
 from vehicle.frames import FloatArray
 from vehicle.rover.description import load_rover
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.ground_view import Pairs, ground_motion, planar_motion
 from estimators.off_tracking.ground_watching import GroundWatching, SingleGroundWatching
-from estimators.off_tracking.planar_fit import Pairs, ground_motion, planar_motion
 from estimators.off_tracking.pose_chain import Sample, closed, extended, first_sample, positions_now
 from estimators.rigid_motion import UncertainMotion
 from sensors.camera.rig import StereoRig, ground_watching_pair

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimators.calibration.epipolar import EpipolarFit, fitted_to_rays
+from estimators.calibration.corrections import SelfCalibratedMotion
+from estimators.calibration.epipolar import EpipolarFit, RightRotation, fitted_to_rays, homography
 from estimators.calibration.mount_state import (
     DELAY,
     LENS,
@@ -25,17 +26,14 @@ from estimators.calibration.mount_state import (
     with_fit,
     with_information,
 )
-from estimators.calibration.right_rotation import RightRotation, homography
-from estimators.calibration.seen_motion import ground_moves
-from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
-from estimators.calibration.self_calibration import SelfCalibratedOdometry
-from estimators.displaced_right import DisplacedFrame, as_calibrated, displaced, image_shift
+from estimators.calibration.self_calibration import SelfCalibratedOdometry, ground_moves
+from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.odometry.viso2 import Viso2Odometry
-from estimators.protocol import Odometry
 from estimators.rigid_motion import stretched
+from estimators.stereo_pair import DisplacedFrame, as_calibrated, displaced, image_shift
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from tests.estimators.stereo_scene import Drive, Scene

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.odometry.corners import Points
-from estimators.odometry.local_planes import local_planes, rays_through, warps
-from estimators.stereo_geometry import project
+from estimators.odometry.image_points import Points, local_planes, rays_through, warps
+from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, rotation_zyx
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.context import Odometry
 from estimators.estimates import Health, Motion
-from estimators.protocol import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration
 from tests.estimators.stereo_scene import Drive

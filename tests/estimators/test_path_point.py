@@ -10,7 +10,7 @@ import pytest
 from estimators.estimates import Health
 from estimators.off_tracking.buffer import BodyMotion, OffTrackingBuffer
 from scenarios.results.metrics import true_off_tracking
-from vehicle.combination.path_point import plan_pose
+from vehicle.combination.truth import plan_pose
 from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
 from vehicle.surface import Surface
 

@@ -7,11 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from estimators.odometry.point_tracking import Matches
-from estimators.odometry.pose import _CORRELATION, Observations, Solution, point_covariance, refined
-from estimators.odometry.ransac import Consensus, consensus
+from estimators.odometry.image_points import Matches
+from estimators.odometry.pose import (
+    _CORRELATION,
+    Consensus,
+    Observations,
+    Solution,
+    consensus,
+    point_covariance,
+    refined,
+)
 from estimators.rigid_motion import rotation_vector
-from estimators.stereo_geometry import linearised, project, triangulate, triangulation_jacobian
+from estimators.stereo_pair import linearised, project, triangulate, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 

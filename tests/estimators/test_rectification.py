@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.calibration.rectification import Rectifier
-from estimators.stereo_geometry import triangulate
+from estimators.stereo_pair import triangulate
 from sensors.camera.lens import UNDISTORTED, CameraModel, Distortion, RawStereoRig
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.context import Odometry
 from estimators.estimates import Health, lost_motion
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
-from estimators.protocol import Odometry
 from sensors.messages import StereoFrame
 from tests.estimators.stereo_scene import NOISE, Drive
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from estimators.slip.reference import ReferenceSlip
-from estimators.slip.repeated_views import NewViews, NewViewsMemory
+from estimators.odometry.repeated_frames import NewViews, NewViewsMemory
+from estimators.slip.reference_slip import ReferenceSlip
 from sensors.messages import GreyImage, RoverView, SlipReading
 
 RADIUS = 0.1  # [m]

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from estimators.context import RoverGeometry
 from estimators.estimates import Health, SlipAngle
-from estimators.rover_geometry import RoverGeometry
 from estimators.slip.rover_odometry import RoverOdometry, RoverPose
 from sensors.messages import LaserFix, RoverReadings
 from vehicle.rover.command import corner_wheels

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.odometry.covariance import Contributions, estimated, own_part, stacked, summed
 from estimators.odometry.pose import _CORRELATION, Observations, Solution, point_covariance, refined
-from estimators.odometry.sandwich import Contributions, estimated, own_part, stacked, summed
 from sensors.camera.rig import StereoCalibration
 from tests.estimators.test_pose import MOTION, STD, VARIANCE, error, images, points_ahead
 from vehicle.frames import FloatArray

@@ -12,16 +12,14 @@ import cv2
 import numpy as np
 import pytest
 
-from estimators.calibration.calibration_memory import look_due, looked, view_due
+from estimators.calibration.corrections import SelfCalibratedMotion
+from estimators.calibration.epipolar import RightRotation, homography, moved, sensitivity
 from estimators.calibration.mount_state import UNKNOWN, YAW, MountState, geometry, with_information
-from estimators.calibration.right_rotation import RightRotation, homography, moved, sensitivity
-from estimators.calibration.rotation_fit import from_motion
-from estimators.calibration.rotation_views import Images, View
-from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
-from estimators.calibration.self_calibration import SelfCalibratedOdometry
+from estimators.calibration.rotation_fit import Images, View, from_motion
+from estimators.calibration.self_calibration import SelfCalibratedOdometry, look_due, looked, view_due
+from estimators.context import Odometry
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import CircularOdometry
-from estimators.protocol import Odometry
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

@@ -9,9 +9,9 @@ import pytest
 
 from estimators.estimates import Anchor, Health, lost_motion
 from estimators.odometry.agreement import agreement, halved
+from estimators.odometry.covariance import SelfConsistency, factors, stated, updated
 from estimators.odometry.pose import Observations, point_covariance, refined
-from estimators.odometry.self_consistency import SelfConsistency, factors, stated, updated
-from estimators.stereo_geometry import project, triangulate
+from estimators.stereo_pair import project, triangulate
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration
 from tests.estimators.stereo_scene import Drive

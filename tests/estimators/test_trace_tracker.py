@@ -13,10 +13,8 @@ from estimators.estimates import Health, SlipAngle
 from estimators.slip.trace_tracker.tracker import FTracePlus
 from sensors.camera.lens import CameraModel
 from sensors.messages import RoverView
-from sensors.sand.rig import nominal_rig
-from sensors.sand.rover_pass import RoverPass
-from sensors.sand.sequence import Labelled, labelled_sequence, recorded
-from sensors.sand.trace_rig import TraceRig
+from sensors.sand.rover_pass import Labelled, RoverPass, labelled_sequence, recorded
+from sensors.sand.trace_rig import TraceRig, nominal_rig
 from vehicle.rover.description import load_rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth

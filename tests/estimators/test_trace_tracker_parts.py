@@ -9,17 +9,30 @@ from functools import partial
 import numpy as np
 import pytest
 
-from estimators.slip.trace_tracker import histories, path_line, path_state, slip_estimate
-from estimators.slip.trace_tracker.acquisition import Find
-from estimators.slip.trace_tracker.channels import CHANNELS, channels
-from estimators.slip.trace_tracker.ground_patch import STEP, GroundPatch
-from estimators.slip.trace_tracker.learning import Lesson, learned
-from estimators.slip.trace_tracker.matching import SEARCH, correlation, peaks, rut_score, unit, windows
+from estimators.slip.trace_tracker import path_state, tracker
 from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, QUICK, PathState
-from estimators.slip.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, Profiles, shipped_templates
-from estimators.slip.trace_tracker.tracker import Pursuit, begun
+from estimators.slip.trace_tracker.templates import (
+    AZIMUTHS,
+    CHANNELS,
+    ELEVATIONS,
+    SEARCH,
+    STEP,
+    WIDTH,
+    GroundPatch,
+    Lesson,
+    Profiles,
+    channels,
+    correlation,
+    learned,
+    peaks,
+    rut_score,
+    shipped_templates,
+    unit,
+    windows,
+)
+from estimators.slip.trace_tracker.tracker import Find, Pursuit, begun
 from estimators.slip.trace_tracker.tracker import judged as pursuit_after
-from sensors.sand.rig import nominal_rig
+from sensors.sand.trace_rig import nominal_rig
 from vehicle.frames import FloatArray, inverse
 from vehicle.rover.description import load_rover
 
@@ -33,7 +46,7 @@ PIECE = 0.016  # [m]
 def moved(state: PathState, yaw: float, steer: float, k: int) -> PathState:
     """One piece on, after which the compass reads what the heading is."""
     state = path_state.moved(state, PIECE, yaw, 0.2, steer, 200 * k)
-    return path_line.with_fronts(state, RIG)
+    return path_state.with_fronts(state, RIG)
 
 
 def with_straight_piece(k: int, state: PathState) -> PathState:
@@ -51,7 +64,7 @@ def driven(slip: float, yaw: float, pieces: int = 60) -> PathState:
 def test_straight_drive_with_slip_leaves_a_straight_slanting_trace() -> None:
     """A wheel that slips to the left by alpha leaves its trace to the right behind it, at tan(alpha) of the way."""
     slip = math.radians(8.0)
-    assert path_line.trace(driven(slip, 0.0), RIG, BEHIND) == pytest.approx(-math.tan(slip) * BEHIND, abs=1e-9)
+    assert path_state.trace(driven(slip, 0.0), RIG, BEHIND) == pytest.approx(-math.tan(slip) * BEHIND, abs=1e-9)
 
 
 def test_turning_without_slip_leaves_the_arc_of_the_rear_wheel() -> None:
@@ -61,7 +74,7 @@ def test_turning_without_slip_leaves_the_arc_of_the_rear_wheel() -> None:
     x, y = RIG.wheel
     radius = math.hypot(x, centre - y)
     circle = centre - np.sqrt(radius**2 - (x - BEHIND) ** 2) - y
-    assert path_line.trace(driven(0.0, yaw), RIG, BEHIND) == pytest.approx(circle, abs=1e-4)  # pieces are chords
+    assert path_state.trace(driven(0.0, yaw), RIG, BEHIND) == pytest.approx(circle, abs=1e-4)  # pieces are chords
 
 
 def test_crab_steering_turns_the_trace_and_not_the_slip() -> None:
@@ -70,8 +83,8 @@ def test_crab_steering_turns_the_trace_and_not_the_slip() -> None:
     state = path_state.with_slip(path_state.begun(0.3, steer, 0, len(BEHIND), QUICK), 0.0, 0.05)
     for k in range(1, 61):
         state = moved(state, 0.0, steer, k)
-    assert path_line.trace(state, RIG, BEHIND) == pytest.approx(-math.tan(steer) * BEHIND, abs=1e-9)
-    assert path_line.slip_at(state, 0)[0] == 0.0
+    assert path_state.trace(state, RIG, BEHIND) == pytest.approx(-math.tan(steer) * BEHIND, abs=1e-9)
+    assert path_state.slip_at(state, 0)[0] == 0.0
 
 
 def test_every_piece_keeps_the_steering_under_which_it_was_driven() -> None:
@@ -79,7 +92,7 @@ def test_every_piece_keeps_the_steering_under_which_it_was_driven() -> None:
     state = driven(0.0, 0.0)
     for k in range(61, 77):
         state = moved(state, 0.0, math.radians(5.0), k)
-    lies = path_line.trace(state, RIG, BEHIND)
+    lies = path_state.trace(state, RIG, BEHIND)
     far = BEHIND > 0.3
     bent = -math.sin(math.radians(5.0)) * 15.5 * PIECE  # the piece of the change is driven at half of it
     assert lies[far] == pytest.approx(np.full(far.sum(), bent), abs=2e-4)
@@ -88,12 +101,12 @@ def test_every_piece_keeps_the_steering_under_which_it_was_driven() -> None:
 def test_gradient_of_the_trace_is_its_derivative() -> None:
     """At any slip history, against central differences; neglected: the shift along the way, sin(angle) of 10 deg."""
     state = driven(math.radians(5.0), math.radians(0.1))
-    _, gradient = path_line.predicted(state, RIG, BEHIND)
+    _, gradient = path_state.predicted(state, RIG, BEHIND)
     for part in (0, 7, 20, PIECES, PIECES + 4, 2 * PIECES + 9, 3 * PIECES + 1, len(state.mean) + OFFSET):
         step = np.zeros(len(state.mean))
         step[part] = 1e-6
-        up, _ = path_line.predicted(state._replace(mean=state.mean + step), RIG, BEHIND)
-        down, _ = path_line.predicted(state._replace(mean=state.mean - step), RIG, BEHIND)
+        up, _ = path_state.predicted(state._replace(mean=state.mean + step), RIG, BEHIND)
+        down, _ = path_state.predicted(state._replace(mean=state.mean - step), RIG, BEHIND)
         near = 0.035 * max(1.0, abs(gradient[:, part]).max())
         assert gradient[:, part] == pytest.approx((up - down) / 2e-6, abs=near)
 
@@ -103,10 +116,10 @@ def test_filter_finds_slip_from_where_the_trace_lies() -> None:
     state, slip = driven(math.radians(2.0), 0.0), math.radians(6.0)
     for k in range(61, 125):
         state = path_state.with_compass(moved(state, 0.0, 0.0, k), 0.3)
-        expected, gradient = path_line.predicted(state, RIG, BEHIND)
+        expected, gradient = path_state.predicted(state, RIG, BEHIND)
         there = -math.tan(slip) * BEHIND - expected
         state, _ = path_state.with_innovation(state, gradient, there, 9e-6 * np.eye(len(BEHIND)))
-    found, variance = path_line.slip_at(state, 0)
+    found, variance = path_state.slip_at(state, 0)
     assert found == pytest.approx(slip, abs=math.radians(0.3))
     assert math.radians(0.3) < math.sqrt(variance) < math.radians(2.0)
 
@@ -114,15 +127,15 @@ def test_filter_finds_slip_from_where_the_trace_lies() -> None:
 @pytest.mark.parametrize(("slips", "quick"), [((0.0, 0.0), False), ((6.0, -6.0), True)])
 def test_pace_that_fits_what_slip_does_gets_the_larger_share(slips: tuple[float, float], quick: bool) -> None:
     """Exact places of a trace whose slip is steady, or swings by 12 deg every 16 cm, which a steady one would not."""
-    both = histories.with_new_trace(histories.begun(0.0, 0.0, 0, len(BEHIND)), 0.0, 0.05)
+    both = path_state.with_new_trace(path_state.begun_histories(0.0, 0.0, 0, len(BEHIND)), 0.0, 0.05)
     true = path_state.with_slip(path_state.begun(0.0, 0.0, 0, len(BEHIND), QUICK), 0.0, 0.05)
     every = np.ones(len(BEHIND), dtype=bool)
     for k in range(1, 120):
         true = moved(true, 0.0, 0.0, k)
         true.mean[0] = math.radians(slips[k // 10 % 2])
         both = both.each(partial(with_straight_piece, k))
-        lies = path_line.trace(true, RIG, BEHIND)
-        both = histories.with_trace(both, RIG, BEHIND, lies, every, 9e-6 * np.eye(len(BEHIND)))
+        lies = path_state.trace(true, RIG, BEHIND)
+        both = path_state.with_trace(both, RIG, BEHIND, lies, every, 9e-6 * np.eye(len(BEHIND)))
     assert both.paths[0].pace is QUICK
     assert bool(both.shares[0] > 0.5) is quick
 
@@ -130,7 +143,7 @@ def test_pace_that_fits_what_slip_does_gets_the_larger_share(slips: tuple[float,
 def test_front_rut_lies_aside_by_the_slip_of_a_straight_drive() -> None:
     """Straight on with slip alpha the front rut lies a wheelbase times sin(alpha) beside the rear one, by geometry."""
     slip = math.radians(9.0)
-    fronts = path_line.fronts_at(driven(slip, 0.0, 120), RIG, BEHIND)
+    fronts = path_state.fronts_at(driven(slip, 0.0, 120), RIG, BEHIND)
     assert fronts == pytest.approx(np.full(len(BEHIND), math.atan(math.sin(slip))), abs=1e-6)
 
 
@@ -138,8 +151,8 @@ def test_wheel_goes_where_a_rigid_body_takes_it() -> None:
     """Turning about a centre on the rear axle, the rear wheel goes straight ahead and the middle aside (eq. 2)."""
     radius = 2.0  # from the centre to the middle of the rear axle
     slip, rate = math.atan2(-RIG.wheel[0], radius), 1.0 / math.hypot(radius, RIG.wheel[0])
-    assert slip_estimate.wheel_direction(RIG, slip, rate) == pytest.approx(0.0, abs=1e-12)
-    assert slip_estimate.wheel_direction(RIG, 0.1, 0.0) == pytest.approx(0.1, abs=1e-12)
+    assert tracker.wheel_direction(RIG, slip, rate) == pytest.approx(0.0, abs=1e-12)
+    assert tracker.wheel_direction(RIG, 0.1, 0.0) == pytest.approx(0.1, abs=1e-12)
 
 
 def test_places_on_the_ground_keep_their_place_in_the_patch() -> None:

@@ -7,11 +7,21 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.nearest_descriptors import Placed, Window, most_similar
-from estimators.odometry.point_tracking import moved
+from estimators.odometry.image_points import moved
 from estimators.odometry.viso2 import Velocity, Viso2Odometry, expected_motion, started, updated
-from estimators.odometry.viso2_features import BLOB, CORNER, Features, blob_response, corner_response, detect_features
-from estimators.odometry.viso2_matching import circular_matches, pair_features
+from estimators.odometry.viso2_matching import (
+    BLOB,
+    CORNER,
+    Features,
+    Placed,
+    Window,
+    blob_response,
+    circular_matches,
+    corner_response,
+    detect_features,
+    most_similar,
+    pair_features,
+)
 from estimators.rigid_motion import UncertainMotion
 from tests.estimators.stereo_scene import Drive
 from vehicle.frames import FloatArray, so3_exp, transform

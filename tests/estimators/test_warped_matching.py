@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from estimators.odometry.corners import Points
+from estimators.odometry.image_points import Points
 from estimators.odometry.warped_matching import Float32Array, PatchMatches, match_patches, templates, warped_patches
 from vehicle.frames import FloatArray
 

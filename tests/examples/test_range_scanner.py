@@ -12,10 +12,10 @@ from range_scanner import NOISE, RANGE, RangeScan, RangeScanner, row_camera
 from scan_matching import ScanMatching, aligned
 
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.run import run
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_result import error_of_estimate
+from scenarios.results.trailer_result import error_of_estimate
 from sensors.faults.fault import Fault, with_faults
 from sensors.faults.image_kinds import Dirt
 from sensors.render import StereoRenderer

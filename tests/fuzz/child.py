@@ -54,9 +54,9 @@ class _Loop:
     """
 
     def __init__(self) -> None:
-        import scenarios.cli  # noqa: F401  # now, not in the first case
+        import offtrack.commands.cli  # noqa: F401  # now, not in the first case
+        from offtrack.studies import pool, tuning
         from scenarios.loop.session import Session
-        from scenarios.studies import pool, tuning
 
         self._advance: Callable[[Any], None] = Session.advance
         Session.advance = lambda session: self._counted(session)  # type: ignore[method-assign, assignment]
@@ -129,7 +129,7 @@ def _result(case: Case, folder: Path, watch: _Loop) -> Result:
 
 
 def _run_command(arguments: tuple[str, ...]) -> str:
-    from scenarios.cli import main
+    from offtrack.commands.cli import main
 
     sys.argv = ["offtrack", *arguments]
     main()

@@ -8,9 +8,9 @@ from typing import Any, Final
 import tomli_w
 from hypothesis import strategies as st
 
+from offtrack.reports.sections import groups
+from offtrack.studies.campaigns.verdict import GROUPS, OUTCOMES
 from scenarios import catalogue
-from scenarios.campaigns.requirements import GROUPS, OUTCOMES
-from scenarios.report.numbers import groups
 from tests.fuzz.case import Case
 from tests.fuzz.drawn_scenarios import ROVERS, TRAILERS, drawn_settings
 from tests.fuzz.files import settings

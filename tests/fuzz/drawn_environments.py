@@ -8,13 +8,12 @@ from typing import Any, Final, Literal, Union, get_args, get_origin, get_type_hi
 
 from hypothesis import strategies as st
 
-from scenarios.environments.registry import CORES
+from offtrack.environments.registry import CORES
 from tests.fuzz.case import Case
 from vehicle.combination.description import vehicle_names
-from vehicle.rover.description import rover_names
-from vehicle.rover.soil import soil_names
+from vehicle.rover.description import rover_names, soil_names
 
-_HEAD: Final = "from math import inf, nan\nimport numpy as np\nimport scenarios.gym_env as made\n"
+_HEAD: Final = "from math import inf, nan\nimport numpy as np\nimport offtrack.environments.registry as made\n"
 _ODD: Final = st.sampled_from(
     (
         *("nan", "inf", "-1", "0", "1e308", "10**30", "None", "True", "4.0", "''", "'x'", "b'x'", "object()"),

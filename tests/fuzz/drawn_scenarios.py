@@ -11,20 +11,19 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from scenarios import catalogue, listing
+from scenarios import catalogue, part_listing
 from scenarios.options.base import tables_in
 from scenarios.options.course import COURSES
-from scenarios.options.rover import RoverScenario
 from scenarios.options.rover_course import ROVER_COURSES
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
-from sensors.faults.catalogue import FAULTS
+from sensors.faults.fault import FAULTS
 from tests.fuzz.case import Case
 from tests.fuzz.files import settings
 from tests.fuzz.mutations import ODD_NUMBERS
 from vehicle.combination.description import vehicle_names
 from vehicle.option import Option, declared_options
-from vehicle.rover.description import rover_names
-from vehicle.rover.soil import soil_names
+from vehicle.rover.description import rover_names, soil_names
 
 _TEXTS: Final = (
     "",
@@ -287,7 +286,7 @@ def every_key() -> set[str]:
 
 def keys_of_listing() -> set[str]:
     """Names of all keys that ``offtrack keys`` lists, without those of courses, of lists' tables and of parts."""
-    listed = {key.name for name in (None, ROVERS[0]) for key in listing.keys(name)}
+    listed = {key.name for name in (None, ROVERS[0]) for key in part_listing.keys(name)}
     apart = ("course.", "steering", "estimator", "driving", "sensing", "name", "description", "kind", "plant.units.")
     return {
         name for name in listed if not name.startswith(apart) and "[]" not in name and not name.endswith("parameters")

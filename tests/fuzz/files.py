@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.fuzz.case import Case
 from tests.fuzz.mutations import hostile
 from tests.fuzz.specimens import FRAMES, SHORT, SHORT_ROVER
-from vehicle.user_file import FileKind
+from vehicle.foundation.user_file import FileKind
 
 _STEPS: Final = 40
 
@@ -57,7 +57,7 @@ TUNING: Final = (
     *("--out", "tuning", "--jobs", "1"),
 )
 _ENVIRONMENT: Final = """
-import scenarios.gym_env as made
+import offtrack.environments.registry as made
 env = made.single("{name}", {option}="{file}")
 env.reset(seed=1)
 env.step(env.action_space.sample())

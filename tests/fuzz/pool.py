@@ -181,7 +181,7 @@ def try_all(
 
 def _genuine(case: Case, folder: Path, hang: float) -> Result:
     """The command as a process of its own, as a user starts it."""
-    program = [sys.executable, "-c", case.script] if case.script else [sys.executable, "-m", "scenarios.cli"]
+    program = [sys.executable, "-c", case.script] if case.script else [sys.executable, "-m", "offtrack.commands.cli"]
     process = subprocess.Popen(
         [*program, *case.command],
         cwd=folder,

@@ -17,16 +17,15 @@ import pyarrow.parquet as pq
 import pyopencrg
 
 import controllers.trailer_steering
+import offtrack.exchange.bench
 import scenarios
-import scenarios.hil
 import vehicle
-from scenarios.recordings.rover_writer import RoverRecordingWriter
-from scenarios.recordings.stereo_writer import RecordingWriter
+from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.lens import CameraModel, RawStereoRig
 from sensors.camera.rig import StereoRig
 from sensors.messages import RoverView, StereoFrame
-from sensors.sand.rig import nominal_rig
+from sensors.sand.trace_rig import nominal_rig
 from tests.fmus import proportional_law
 from tests.fuzz.case import Case
 from tests.open_drive import crossing
@@ -105,7 +104,7 @@ def _ground(folder: Path) -> None:
     surface = pyopencrg.CrgRoad(0.01 * np.sin(u)[:, None] * np.ones(21), u_inc=0.1, v=2.0, banking=0.01)
     surface.save(folder / "surface.crg", fmt="KRBI")
     surface.save(folder / "text.crg", fmt="LDFI")
-    shutil.copy(Path(scenarios.hil.__path__[0]) / "example.dbc", folder / "bus.dbc")
+    shutil.copy(Path(offtrack.exchange.bench.__path__[0]) / "example.dbc", folder / "bus.dbc")
     demands = [f"{20 * k},1,{0.01 * math.sin(k):.4f},0.01" for k in range(1, 20)]
     (folder / "demands.csv").write_text(
         "\n".join(["tick,came_semitrailer,steer_demand_1,steer_demand_2", *demands, ""]), encoding="utf-8"

@@ -17,7 +17,7 @@ from tests.fuzz.files import FILES, hostile_files
 from tests.fuzz.mutations import FORMATS, hostile
 from tests.fuzz.pool import Tried, try_all
 from tests.fuzz.specimens import make
-from vehicle.user_file import FileKind
+from vehicle.foundation.user_file import FileKind
 
 _SEED = 8
 _SLOW = ("study", "")  # specimens that take seconds to make

@@ -78,7 +78,7 @@ def prepare(folder: Path) -> None:
 def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command in a group of processes of its own; it heeds Ctrl-C even if this process does not."""
     return subprocess.Popen(
-        [sys.executable, "-m", "scenarios.cli", *command, "--quiet"],
+        [sys.executable, "-m", "offtrack.commands.cli", *command, "--quiet"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.DEVNULL,

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.fmi_import import process
-from scenarios.fmi_import.archive import open_fmu
-from scenarios.fmi_import.instance import FmuInstance
-from scenarios.fmi_import.law import law_signals
-from scenarios.fmi_import.mapping import map_file, read_map
-from scenarios.fmi_import.process import FmuError
+from offtrack.exchange.fmi_import import instance as process
+from offtrack.exchange.fmi_import.fmu_file import open_fmu
+from offtrack.exchange.fmi_import.fmu_parts import law_signals
+from offtrack.exchange.fmi_import.instance import FmuError, FmuInstance
+from offtrack.exchange.fmi_import.mapping import map_file, read_map
 from tests.fmus import END_MISHAPS, LAW, LAW_CODE, MISHAPS, STEP_MISHAPS, build_fmu
 
 IN_STEPS = {

@@ -20,20 +20,17 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
-from scenarios.fmi_export.archive import write_fmu
-from scenarios.fmi_export.binaries import PLATFORMS, library_path
-from scenarios.fmi_export.plants import plant_model
+from offtrack.exchange.fmi_export.fmu_writer import PLATFORMS, library_path, write_fmu
+from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from tests.fmu_plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
-from vehicle.combination.attitude import smooth_ground_sizes
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.ground_inputs import SurfaceLookup
-from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_inputs import GroundInputs, ground_input_sizes, slices
+from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices
+from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
+from vehicle.combination.truth_vectors import smooth_ground_sizes
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
 from vehicle.rover.command import RoverCommand
-from vehicle.rover.description import load_rover, rover_names
+from vehicle.rover.description import load_rover, load_soil, rover_names
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 from vehicle.surface import Roughness, RoughProfile, Surface

@@ -27,15 +27,15 @@ from fmpy.validation import validate_fmu
 
 import offtrack
 from estimators.estimates import Health, OffTracking
+from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, write_fmu
+from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from offtrack.exchange.fmi_import.mapping import map_file
+from offtrack.exchange.fmi_import.numbered_signals import estimate_signals, estimate_values, reading_values
+from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy
+from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
+from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
+from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
-from scenarios.fmi_export.archive import fmu_bytes, write_fmu
-from scenarios.fmi_export.plants import plant_model
-from scenarios.fmi_import.estimate_signals import estimate_signals, estimate_values, reading_values
-from scenarios.fmi_import.mapping import map_file
-from scenarios.fmi_proxy.driver import driver_proxy
-from scenarios.fmi_proxy.law import law_proxy
-from scenarios.fmi_proxy.sensor import sensor_proxy
-from scenarios.fmi_proxy.system import fmu_system
 from scenarios.options.scenario import load_scenario
 from sensors.messages import CombinationSignals
 from tests.fmu_hosts import host_here

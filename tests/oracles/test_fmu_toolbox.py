@@ -18,15 +18,14 @@ import pytest
 from fmpy import simulate_fmu
 
 import offtrack
-from scenarios.fmi_export.archive import fmu_bytes
-from scenarios.fmi_export.exported import Exported, exported_plant
-from scenarios.fmi_export.plants import plant_model
-from scenarios.fmi_proxy.description import Proxy
-from scenarios.fmi_proxy.driver import driver_proxy
-from scenarios.fmi_proxy.ground import ground_proxy
-from scenarios.fmi_proxy.law import law_proxy
-from scenarios.fmi_proxy.sensor import sensor_proxy
-from scenarios.fmi_proxy.system import fmu_system
+from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
+from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from offtrack.exchange.fmi_export.plant_model import Exported, exported_plant
+from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy, ground_proxy
+from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
+from offtrack.exchange.fmi_proxy.proxy import Proxy
+from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
+from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.options.scenario import load_scenario
 from vehicle.combination.description import load_vehicle
 

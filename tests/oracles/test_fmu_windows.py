@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.fmi_export.archive import fmu_bytes, write_fmu
-from scenarios.fmi_export.plants import plant_model
-from scenarios.fmi_proxy.law import law_proxy
+from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, write_fmu
+from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
 from tests.fmu_hosts import HAS_ZIG, Host, compiled_for_windows, host_of_windows, wine
 from tests.fmu_plants import START, Slave, deviations, driven_here, weave
 from vehicle.combination.description import load_vehicle

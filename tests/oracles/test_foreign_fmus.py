@@ -17,12 +17,10 @@ from fmpy import simulate_fmu
 import offtrack
 from controllers.trailer import Combination, SteerCommand
 from estimators.estimates import OffTracking
+from offtrack.exchange.fmi_import.fmu_file import open_fmu
+from offtrack.exchange.fmi_import.fmu_parts import law_of, signals_of
+from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
-from scenarios.fmi_import.archive import open_fmu
-from scenarios.fmi_import.first_map import first_map
-from scenarios.fmi_import.law import law_of
-from scenarios.fmi_import.mapping import map_file, read_map
-from scenarios.fmi_import.signals import signals_of
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
 

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.hil.can_bus import CanLink
-from scenarios.hil.udp import UdpLink
-from scenarios.loop.pacer import Pacer
-from scenarios.loop.run import run
+from offtrack.exchange.bench.can_bus import CanLink
+from offtrack.exchange.bench.links import UdpLink
+from offtrack.reports.run_writer import write_run
+from scenarios.loop.runner import run
+from scenarios.loop.timing import Pacer
 from scenarios.options.scenario import load_scenario
-from scenarios.report.writer import write_run
-from scenarios.results.run_result import RunResult
+from scenarios.results.trailer_result import RunResult
 from tests.bench_controller import Controller
 
 BENCH = Path(__file__).parents[1] / "bench_controller.py"
@@ -96,7 +96,7 @@ def test_lost_answers_are_bridged_by_the_last_demand(inside: tuple[float, float]
 def test_a_law_behind_can_is_the_law_inside() -> None:
     """The shipped DBC file has steps of 0.1 mrad and 2 mm/s: a law without path is the same to millimetres."""
     can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
-    database = cantools.database.load_file(str(files("scenarios.hil") / "example.dbc"))
+    database = cantools.database.load_file(str(files("offtrack.exchange.bench") / "example.dbc"))
     demand = database.get_message_by_name("TrailerDemand")
     bus = can.Bus("bench", interface="virtual")
     ended = threading.Event()

@@ -13,11 +13,11 @@ import pyopencrg
 import pytest
 
 from scenarios.assembly.adapters import course_of, surface_of, vehicle_of
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.randomness import stream
-from vehicle.polyline import dense
-from vehicle.surface.beside_line import BesideLine
+from vehicle.foundation.polyline import dense
+from vehicle.surface.relief import BesideLine
 
 _BASE = ("off_tracking=truth", "trailer_steering=none", "speed_kmh=60")
 _BEFORE = 30.0  # the file begins before the guided point's start [m]

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 import pytest
 
-import scenarios.assembly.views
+import scenarios.assembly.mount
 from scenarios.results.log import Log, Signal
 from scenarios.results.metrics import true_off_tracking
-from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
+from scenarios.results.summary_numbers import Timing
 from scenarios.results.swept_path import UnitOutline
-from scenarios.results.timing import Timing
+from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, RunResult
 from sensors.world.world import World, build_world
 from tests.in_process import make_runs_here
 from tests.scenarios.browser import running_browser
@@ -225,5 +225,5 @@ def kept_worlds() -> Worlds:
 def worlds(kept_worlds: Worlds) -> Iterator[Worlds]:
     """Build each world once, for modules that ask for it: elsewhere every run builds its own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenarios.assembly.views, "build_world", kept_worlds.build)
+        patch.setattr(scenarios.assembly.mount, "build_world", kept_worlds.build)
         yield kept_worlds

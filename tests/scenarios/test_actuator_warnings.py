@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from controllers.trailer_steering.actuator_monitor import ActuatorFinding
-from scenarios.results.actuator_warnings import actuator_warnings
+from scenarios.results.run_warnings import actuator_warnings
 
 
 def test_a_line_for_every_actuator_with_periods_and_kinds() -> None:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from estimators.calibration.right_rotation import RightRotation
-from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
+from estimators.calibration.corrections import SelfCalibratedMotion
+from estimators.calibration.epipolar import RightRotation
 from estimators.estimates import lost_motion
-from scenarios.results.calibration_warnings import calibration_warnings
+from scenarios.results.run_warnings import calibration_warnings
 
 
 def motion(tick: int, **changes: Any) -> SelfCalibratedMotion:

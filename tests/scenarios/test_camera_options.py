@@ -10,17 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.assembly.board_calibration import BoardCalibration
-from scenarios.assembly.rover import assemble_rover
-from scenarios.assembly.trailer import assemble
-from scenarios.assembly.views import Views
-from scenarios.loop.combination import TrailerSession
-from scenarios.options.rover import RoverScenario
+from offtrack.exchange.recordings.writers import RecordingWriter
+from scenarios.assembly.cameras import BoardCalibration
+from scenarios.assembly.mount import Views
+from scenarios.assembly.rover_run import assemble_rover
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.trailer_session import TrailerSession
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
-from scenarios.recordings.stereo_writer import RecordingWriter
 from sensors.camera.lens import RawStereoRig, load_raw_rig
-from sensors.camera.raw_camera import RawStereoCamera
-from sensors.camera.stereo_camera import StereoCamera
+from sensors.camera.stereo_camera import RawStereoCamera, StereoCamera
 from sensors.messages import RoverView
 
 pytestmark = pytest.mark.usefixtures("worlds")
@@ -174,7 +173,7 @@ def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch:
         left = replace(true.left, fx=1.01 * true.left.fx, fy=1.01 * true.left.fy)
         return BoardCalibration(replace(true, left=left, right=left), 0.05, 1e-4)
 
-    monkeypatch.setattr("scenarios.assembly.stereo_cameras.calibrated_with_boards", said)
+    monkeypatch.setattr("scenarios.assembly.cameras.calibrated_with_boards", said)
     parts = assemble(scenario("rig.calibration=boards", "rig.misrotation_deg=[0, 0.1, 0]"), seed=1)
     assert parts.cameras is not None
     try:

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.campaigns.default import default_campaign
-from scenarios.cli import app
-from scenarios.loop.run import run
+from offtrack.commands.cli import app
+from offtrack.studies.campaigns.default_campaign import default_campaign
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 
 SHORT = ["off_tracking=truth", "speed_kmh=15", "course.entry=20", "course.turn_deg=30", "course.exit=5"]
@@ -70,7 +70,7 @@ def test_a_campaign_is_run_judged_and_reported_and_its_runs_are_used_again(
         assert not tasks
         yield from ()
 
-    monkeypatch.setattr("scenarios.studies.pool.each_in_a_worker", nothing)
+    monkeypatch.setattr("offtrack.studies.pool.each_in_a_worker", nothing)
     file.write_text(FILE.format(steer=1), encoding="utf-8")
     monkeypatch.setenv("COLUMNS", "80")
     again = invoked(str(file), "--out", str(out), "--jobs", "1")
@@ -134,7 +134,7 @@ def test_commands_that_join_a_campaign_share_its_runs_and_those_of_its_bisection
             yield name, work(*arguments)
 
     for module in ("join", "pool"):
-        monkeypatch.setattr(f"scenarios.studies.{module}.each_in_a_worker", each_here)
+        monkeypatch.setattr(f"offtrack.studies.{module}.each_in_a_worker", each_here)
     joined = tmp_path / "joined"
     assert invoked(*command, str(joined), "--join").exit_code == 130
     status = json.loads(invoked(*command, str(joined), "--status").stdout)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
-from scenarios.campaigns.fault_entry import FaultTime, fault_time
-from scenarios.campaigns.verdict import time_of
+from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
+from offtrack.studies.campaigns.fault_entry import FaultTime, fault_time
+from offtrack.studies.campaigns.verdict import time_of
 
 HEAD = """scenario = "roundabout"
 seeds = [1, 2]

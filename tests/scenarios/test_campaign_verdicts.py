@@ -11,17 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.campaigns.bisection import bisected
-from scenarios.campaigns.campaign import Campaign, load_campaign
-from scenarios.campaigns.failures import Times, badness, cells_of, requirement_failures, totals, unaccepted
-from scenarios.campaigns.fault_entry import FaultTime
-from scenarios.campaigns.requirements import Limit
-from scenarios.campaigns.response import response
-from scenarios.campaigns.verdict import END_OF_RUN, Judgement, judged
+from offtrack.studies.campaigns.campaign import Campaign, load_campaign
+from offtrack.studies.campaigns.failures import (
+    Times,
+    badness,
+    bisected,
+    cells_of,
+    requirement_failures,
+    totals,
+    unaccepted,
+)
+from offtrack.studies.campaigns.fault_entry import FaultTime
+from offtrack.studies.campaigns.verdict import END_OF_RUN, Judgement, Limit, judged, response
+from offtrack.studies.case import Case, Outcome
+from offtrack.studies.draws import Stop, made_in_batches, spared
+from offtrack.studies.status import Status
 from scenarios.results.log import Log, Signal, write_log
-from scenarios.studies.case import Case, Outcome
-from scenarios.studies.status import Status
-from scenarios.studies.stopping import Stop, made_in_batches, spared
 from vehicle.frames import FloatArray
 
 FILE = """scenario = "roundabout"
@@ -291,7 +296,7 @@ def test_draws_that_a_stop_rule_spares_are_not_waiting() -> None:
     ]
 
     def intervals(known: Sequence[Outcome], axes: Any) -> list[tuple[float, float]]:
-        from scenarios.studies.spread import Exceeding
+        from offtrack.studies.table import Exceeding
 
         runs = [one for one in known if one.case.axes == axes]
         return [Exceeding(sum(not one.completed for one in runs), len(runs)).interval()]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
 
 OFFTRACK = str(Path(sys.executable).with_name("offtrack"))
 SETTINGS = ["off_tracking=truth", "course.entry=20", "course.turn_deg=30", "course.exit=5"]

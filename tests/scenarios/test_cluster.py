@@ -18,17 +18,14 @@ from typer.testing import CliRunner
 
 pytest.importorskip("distributed")
 
-from scenarios.cli import app
-from scenarios.cluster.checks import difference, renders
-from scenarios.cluster.connection import connected, job_queue
-from scenarios.cluster.executor import DaskExecutor
-from scenarios.cluster.shipment import packed
-from scenarios.cluster.workshop import Workshop
+from offtrack.commands.cli import app
+from offtrack.studies.case import Case
+from offtrack.studies.cluster_executor import DaskExecutor, connected, job_queue
+from offtrack.studies.cluster_workshop import Workshop, difference, packed, renders
+from offtrack.studies.identity import installed
+from offtrack.studies.pool import run_cases
+from offtrack.studies.study import load_study
 from scenarios.processes import SpareWorkers, WorkerDiedError
-from scenarios.studies.case import Case
-from scenarios.studies.identity import installed
-from scenarios.studies.pool import run_cases
-from scenarios.studies.study import load_study
 from tests.in_process import make_runs_here
 
 STUDY = """scenario = "cambered-road"
@@ -39,7 +36,7 @@ set.surface.roughness = "none"
 speed_kmh = [50, 60]
 """
 LAW = """from laws.gains import GAIN
-from controllers.trailer_steering.unsteered import Unsteered
+from controllers.trailer_steering.command_steer import Unsteered
 
 class Mine(Unsteered):
     pass

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_result import RunResult
+from scenarios.results.trailer_result import RunResult
 
 STEER_LIMIT, STEER_RATE = math.radians(30.0), math.radians(20.0)  # of the long semitrailer's axles, its vehicle file
 ROUND = (

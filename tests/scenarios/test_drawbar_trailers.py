@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from controllers.driver import PreviewDriver
-from scenarios.assembly.tractor_data import tractor_guided_at
+from offtrack.studies.standards.proving_ground import drive
+from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import Turn, turns
-from scenarios.standards.proving_ground import drive
 from tests.drawbar_trailers import centre_axle, full_trailer
 from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface

@@ -13,19 +13,17 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from scenarios.commands.assess import assess as assess_command
-from scenarios.commands.draw import draw as draw_command
-from scenarios.drawings import shapes
-from scenarios.drawings.content import DrivenPath, drawing
-from scenarios.drawings.files import geojson, write_drawing
-from scenarios.drawings.shapes import unit_layer
-from scenarios.loop.run import run
+from offtrack.commands.export import draw as draw_command
+from offtrack.commands.vehicle import assess as assess_command
+from offtrack.exchange import drawings
+from offtrack.exchange.drawings import DrivenPath, drawing, geojson, unit_layer, write_drawing
+from offtrack.studies.standards.assessment import Assessment
+from offtrack.studies.standards.assessment_report import write_drawings
+from offtrack.studies.standards.proving_ground import Manoeuvre
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal, write_log
 from scenarios.results.swept_path import UnitOutline
-from scenarios.standards.assessment import Assessment
-from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.standards.manoeuvre_drawings import write_drawings
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
@@ -67,14 +65,14 @@ def areas(told: dict[str, Any], layer: str) -> list[Any]:
 
 def test_a_straight_drive_sweeps_a_rectangle() -> None:
     """From the rear at the start to the front at the end, as wide as the body."""
-    (swept,) = areas(geojson(drawing(driven(straight()))), shapes.SWEPT)
+    (swept,) = areas(geojson(drawing(driven(straight()))), drawings.SWEPT)
     assert swept.bounds == pytest.approx((-1.0, -1.0, 23.0, 1.0))
     assert swept.area == pytest.approx(24.0 * 2.0)
 
 
 def test_a_circle_sweeps_a_ring_with_an_island() -> None:
     """Inner radius R - w/2, outer radius that of the front corner: the area of the ring to 0.1 %."""
-    (swept,) = areas(geojson(drawing(driven(circling()))), shapes.SWEPT)
+    (swept,) = areas(geojson(drawing(driven(circling()))), drawings.SWEPT)
     outer, inner = math.hypot(11.0, 3.0), 9.0
     assert len(swept.interiors) == 1
     assert swept.is_valid
@@ -102,9 +100,9 @@ def test_a_road_is_an_area_with_its_edges() -> None:
     """20 m of road, 4 m to either side."""
     road = np.column_stack([np.linspace(0.0, 20.0, 41), np.zeros(41)])
     told = geojson(drawing(driven(straight(), road=road, road_half_width=4.0)))
-    (area,) = areas(told, shapes.ROAD)
+    (area,) = areas(told, drawings.ROAD)
     assert area.bounds == pytest.approx((0.0, -4.0, 20.0, 4.0))
-    assert [len(areas(told, layer)) for layer in (shapes.ROAD_CENTRE, shapes.COURSE)] == [1, 0]
+    assert [len(areas(told, layer)) for layer in (drawings.ROAD_CENTRE, drawings.COURSE)] == [1, 0]
 
 
 def test_geojson_is_as_its_specification_asks() -> None:
@@ -135,15 +133,21 @@ def test_dxf_opens_without_errors_in_metres_on_named_layers(tmp_path: Path) -> N
         by_layer.setdefault(entity.dxf.layer, []).append(entity)
     body = unit_layer(BODY.name)
     assert body == "VEHICLE_TRUCK_1_"
-    closed = {shapes.SWEPT: True, body: True, shapes.WHEELS: True, shapes.COURSE: False, shapes.FRONT_AXLE: False}
+    closed = {
+        drawings.SWEPT: True,
+        body: True,
+        drawings.WHEELS: True,
+        drawings.COURSE: False,
+        drawings.FRONT_AXLE: False,
+    }
     for layer, is_closed in closed.items():
         assert layer in document.layers
         assert all(entity.closed is is_closed for entity in by_layer[layer]), layer
-    assert len(by_layer[shapes.SWEPT]) == 2
-    assert len(by_layer[shapes.WHEELS]) == 4 * len(by_layer[body])
+    assert len(by_layer[drawings.SWEPT]) == 2
+    assert len(by_layer[drawings.WHEELS]) == 4 * len(by_layer[body])
     corner = np.array(by_layer[body][0].get_points("xy"))
     np.testing.assert_allclose(sorted(corner[:, 0]), [-1.0, -1.0, 3.0, 3.0], atol=1e-12)
-    assert [text.dxf.text for text in by_layer[shapes.NOTES]][:2] == ["test", "a note"]
+    assert [text.dxf.text for text in by_layer[drawings.NOTES]][:2] == ["test", "a note"]
 
 
 def test_names_from_files_do_not_break_the_drawing(tmp_path: Path) -> None:
@@ -152,7 +156,7 @@ def test_names_from_files_do_not_break_the_drawing(tmp_path: Path) -> None:
     write_drawing(drawing(replace(driven(straight()), title="a\n  0\nEOF\n" + 1000 * "x")), path, "dxf")
     document = ezdxf.readfile(path)
     assert not document.audit().errors
-    title = next(entity for entity in document.modelspace() if entity.dxf.layer == shapes.NOTES)
+    title = next(entity for entity in document.modelspace() if entity.dxf.layer == drawings.NOTES)
     assert len(title.dxf.text) < 400
 
 
@@ -188,7 +192,7 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
     assert sorted(math.dist(*pair) for pair in zip(first.exterior.coords, first.exterior.coords[1:], strict=False)) == (
         pytest.approx([3.0, 3.0, length, length], abs=1e-3)
     )
-    (swept,) = areas(told, shapes.SWEPT)
+    (swept,) = areas(told, drawings.SWEPT)
     for unit in result.units:
         origin = shapely.points(result.poses(unit)[:, :2])
         assert shapely.contains(swept.buffer(0.01), origin).all()
@@ -241,7 +245,7 @@ def test_assessments_draw_what_follows_a_path(tmp_path: Path) -> None:
     case = Assessment(vehicle=vehicle, trailer_steering="none", manoeuvres=manoeuvres, linear={})
     write_drawings(case, tmp_path, "full-left-", ("dxf", "geojson"))
     assert {file.name for file in tmp_path.iterdir()} == {"full-left-turn.dxf", "full-left-turn.geojson"}
-    (swept,) = areas(json.loads((tmp_path / "full-left-turn.geojson").read_text(encoding="utf-8")), shapes.SWEPT)
+    (swept,) = areas(json.loads((tmp_path / "full-left-turn.geojson").read_text(encoding="utf-8")), drawings.SWEPT)
     truck = vehicle.units[0]
     assert swept.area == pytest.approx((20.0 + truck.front_x - truck.rear_x) * truck.width, rel=1e-3)
 

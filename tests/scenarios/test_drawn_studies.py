@@ -11,11 +11,11 @@ import pytest
 from scipy.stats import binom, kstest, lognorm, norm
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.studies.case import Case, Outcome
-from scenarios.studies.spread import Exceeding, running_mean
-from scenarios.studies.stopping import made_in_batches
-from scenarios.studies.study import Study, load_study
+from offtrack.commands.cli import app
+from offtrack.studies.case import Case, Outcome
+from offtrack.studies.draws import made_in_batches
+from offtrack.studies.study import Study, load_study
+from offtrack.studies.table import Exceeding, running_mean
 
 HEAD = 'scenario = "cambered-road"\nseeds = [1, 2]\n[set]\noff_tracking = "truth"\ncourse.length = 20\n'
 SAMPLE = '[sample]\ncount = {count}\nmethod = "{method}"\nseed = 3\n'

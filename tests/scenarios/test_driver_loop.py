@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 
 from controllers.driver import PreviewDriver
-from scenarios.assembly.tractor_data import tractor_guided_at
+from offtrack.studies.standards.comparison import linear_figures
+from offtrack.studies.standards.proving_ground import amplification, drive, lateral_acceleration, point_path
+from offtrack.studies.validation.driver_checks import driver_modes, with_damping
+from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import corner, lane_change, straight
-from scenarios.standards.motion import amplification, lateral_acceleration, point_path
-from scenarios.standards.proving_ground import drive
-from scenarios.standards.theory import linear_figures
-from scenarios.validation.driver_checks import with_damping
-from scenarios.validation.driver_loop import driver_modes
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
-from vehicle.combination.plant_changes import changed_vehicle
 from vehicle.combination.truth import Truth
+from vehicle.combination.variants import changed_vehicle
 from vehicle.surface import Surface
 from vehicle.tyres.laws import TYRES
 

@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import scenarios.gym_env  # noqa: F401  # registers the environments
-from scenarios.assembly.views import built_world
+import offtrack  # noqa: F401  # registers the environments
+from offtrack.environments.camera_observations import CameraObservations
+from offtrack.environments.domain import Domain, Variation
+from offtrack.environments.sensed import reduced, reduced_shape
+from offtrack.environments.vector import CoreVectorEnv
+from scenarios.assembly.mount import built_world
 from scenarios.courses import straight
-from scenarios.environments.camera_observations import CameraObservations
-from scenarios.environments.domain import Domain
-from scenarios.environments.images import reduced, reduced_shape
-from scenarios.environments.variation import Variation
-from scenarios.environments.vector import CoreVectorEnv
 from scenarios.options.scenario import Scenario, load_scenario
 from sensors.world.world import World
 from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.ground_inputs import SurfaceLookup
-from vehicle.combination.plant import Plant
+from vehicle.combination.plant import Plant, SurfaceLookup
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
 
@@ -56,7 +54,7 @@ def names(env: Any) -> list[str]:
 
 
 _BUILT: list[World] = []
-BUILT_WORLD = "scenarios.environments.sensed_trailer.built_world"
+BUILT_WORLD = "offtrack.environments.camera_observations.built_world"
 
 
 def _the_world(*arguments: Any) -> World:
@@ -152,7 +150,7 @@ def test_a_spawned_process_has_cameras_of_its_own() -> None:
     """A spawned process and this one make the same observation from the same options."""
 
     def make() -> Any:
-        return gymnasium.make(f"scenarios.gym_env:{ROVER}", observation="camera", image_scale=4)
+        return gymnasium.make(f"offtrack:{ROVER}", observation="camera", image_scale=4)
 
     spawned, here = gymnasium.vector.AsyncVectorEnv([make], context="spawn"), make()
     seen, _ = spawned.reset(seed=101)

@@ -8,15 +8,13 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env  # noqa: F401  # it registers the environments
+import offtrack.environments.registry  # noqa: F401  # it registers the environments
 from controllers.driver import PreviewDriver
 from controllers.path import Path, line
-from controllers.reversing.chain import RollingChain
-from controllers.reversing.law import ReversingLaw
-from controllers.reversing.reference import ReverseReference
+from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from controllers.tractor import TractorGeometry
-from scenarios.environments.domain import N_DRAWN, Circumstances, Domain
-from scenarios.environments.movers import SlippingTyreFleet
+from offtrack.environments.domain import N_DRAWN, Circumstances, Domain
+from offtrack.environments.driving import SlippingTyreFleet
 from sensors.messages import EgoState
 from vehicle.clock import to_ticks
 from vehicle.combination.description import load_vehicle

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
-import scenarios.gym_env  # noqa: F401  # registers the environments
-from scenarios.environments.domain import Domain
-from scenarios.environments.moment import Moment
-from scenarios.environments.registry import CORES, single, vector
-from scenarios.environments.rewards import follow_error
+import offtrack  # noqa: F401  # registers the environments
+from offtrack.environments.domain import Domain
+from offtrack.environments.registry import CORES, single, vector
+from offtrack.environments.rewards import Moment, follow_error
 
 TRAILER, DRIVING, ROVER = CORES
 NAN, INF = float("nan"), float("inf")
@@ -252,7 +251,7 @@ def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: st
 def test_the_adapter_for_stable_baselines_refuses_the_same() -> None:
     """Actions pass through the vector environment; a copy in mid-episode continues."""
     pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
-    from scenarios.environments.sb3 import sb3_vector
+    from offtrack.environments.sb3 import sb3_vector
 
     env = sb3_vector(TRAILER, 2)
     with pytest.raises(ResetNeeded):

@@ -13,12 +13,12 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-import scenarios.gym_env
-from scenarios.environments.core import Features, Observation
-from scenarios.environments.moment import Moment
-from scenarios.environments.vector import CoreVectorEnv
+import offtrack.environments.registry
+from offtrack.environments.core import Features, Observation
+from offtrack.environments.rewards import Moment
+from offtrack.environments.vector import CoreVectorEnv
 
-TRAILER, DRIVING, ROVER = (f"offtrack/{name}" for name in scenarios.gym_env.CORES)
+TRAILER, DRIVING, ROVER = (f"offtrack/{name}" for name in offtrack.environments.registry.CORES)
 EVERY: list[tuple[str, dict[str, Any]]] = [
     (TRAILER, {}),
     (TRAILER, {"observation": "truth"}),

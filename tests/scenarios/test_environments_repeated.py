@@ -8,17 +8,17 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env
-from scenarios.environments.core import Observation
-from scenarios.environments.moment import Moment
-from scenarios.environments.vector import CoreVectorEnv
+import offtrack.environments.registry
+from offtrack.environments.core import Observation
+from offtrack.environments.rewards import Moment
+from offtrack.environments.vector import CoreVectorEnv
 
 TRAILER = "offtrack/TrailerSteering-v0"
 
 
 def vector(n: int, **options: Any) -> CoreVectorEnv:
     """Environments without autoreset."""
-    return scenarios.gym_env.vector("TrailerSteering-v0", n, autoreset_mode="Disabled", **options)
+    return offtrack.environments.registry.vector("TrailerSteering-v0", n, autoreset_mode="Disabled", **options)
 
 
 def equal(one: Observation, other: Observation) -> bool:

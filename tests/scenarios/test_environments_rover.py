@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env  # noqa: F401  # registers the environments
-from scenarios.environments import rover_rewards
-from scenarios.environments.rover_rewards import RoverMoment
+import offtrack  # noqa: F401  # registers the environments
+from offtrack.environments import rover_options
+from offtrack.environments.rover_options import RoverMoment
 from vehicle.frames import FloatArray
 
 LEVEL = {"cross_fall": 0.0, "grade": 0.0, "curvature": 0.0, "speed": 0.1, "sensor_error": 1.0}
@@ -54,7 +54,7 @@ def test_the_reward_is_the_sum_of_its_parts_and_can_be_ones_own() -> None:
         return moment.cross_track
 
     usual, info = rewarded()
-    slowness, _ = rewarded(reward={rover_rewards.slowness: 1.0})
+    slowness, _ = rewarded(reward={rover_options.slowness: 1.0})
     own, _ = rewarded(reward={left_of_path: 2.0})
     assert own == pytest.approx(2.0 * info["cross_track"], rel=1e-6)
     assert usual == pytest.approx(-((info["cross_track"] / 0.1) ** 2) + 0.1 * slowness - 0.01 * 0.1**2, rel=1e-5)

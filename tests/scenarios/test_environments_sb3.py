@@ -10,20 +10,20 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env
-from scenarios.environments.core import Features, Observation
-from scenarios.environments.moment import Moment
+import offtrack.environments.registry
+from offtrack.environments.core import Features, Observation
+from offtrack.environments.rewards import Moment
 
 pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
 
 from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.env_checker import check_env
 
-from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
-from scenarios.training.saved_model import saved_network
+from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
+from offtrack.environments.training.saved_model import saved_network
 from vehicle.combination.description import load_vehicle
 
-NAMES = list(scenarios.gym_env.CORES)
+NAMES = list(offtrack.environments.registry.CORES)
 
 
 def off_path(moment: Moment) -> Any:
@@ -47,7 +47,7 @@ def test_it_tells_what_the_vector_environment_does() -> None:
     """Same seed and actions: observations, rewards and ends are equal; infos report the ended episodes."""
     options: dict[str, Any] = {"endings": {"off path": off_path}}
     adapted = sb3_vector("TrailerSteering-v0", 3, reward_scale=0.5, **options)
-    plain = scenarios.gym_env.vector("TrailerSteering-v0", 3, autoreset_mode="SameStep", **options)
+    plain = offtrack.environments.registry.vector("TrailerSteering-v0", 3, autoreset_mode="SameStep", **options)
     adapted.seed(7)
     assert np.array_equal(features(adapted.reset()), features(plain.reset(seed=7)[0]))
     assert "true_rms_m" in adapted.reset_infos[2]
@@ -95,7 +95,7 @@ def test_it_is_one_object() -> None:
     with pytest.raises(ValueError, match="one object"):
         env.set_attr("num_envs", 1, indices=[0])
     with pytest.raises(ValueError, match="SAME_STEP"):
-        Sb3VecEnv(scenarios.gym_env.vector("TrailerSteering-v0", 2))
+        Sb3VecEnv(offtrack.environments.registry.vector("TrailerSteering-v0", 2))
 
 
 @pytest.mark.parametrize("make", [PPO, A2C, SAC, TD3])

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from scenarios.environments.fitting import RunErrors, fitted, run_errors, surrogate_toml
-from scenarios.environments.surrogate import Estimate, Surrogate, SurrogateParameters, load_surrogate
-from scenarios.environments.surrogate_estimator import SurrogateOffTracking
+from offtrack.environments.surrogate_fit import RunErrors, fitted, run_errors, surrogate_toml
+from scenarios.assembly.surrogate import Estimate, Surrogate, SurrogateOffTracking, SurrogateParameters, load_surrogate
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray
 

@@ -9,24 +9,23 @@ import gymnasium
 import numpy as np
 import pytest
 
-import scenarios.gym_env
+import offtrack.environments.registry
 from controllers.driver import PERIOD, PreviewDriver
+from offtrack.environments import rewards
+from offtrack.environments.domain import N_DRAWN, Domain, Variation, narrowed
+from offtrack.environments.hitch_paths import HitchPaths
+from offtrack.environments.observations import Encoders
+from offtrack.environments.rewards import Moment
+from offtrack.environments.trailer_steering import named_course
 from scenarios.assembly.adapters import course_of, tractor_geometry
-from scenarios.environments import endings, rewards
-from scenarios.environments.domain import N_DRAWN, Domain, narrowed
-from scenarios.environments.encoders import Encoders
-from scenarios.environments.hitch_paths import HitchPaths
-from scenarios.environments.moment import Moment
-from scenarios.environments.road import named_course
-from scenarios.environments.variation import Variation
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import true_off_tracking
 from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import to_ticks
 from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import load_vehicle
+from vehicle.combination.functions import numbers
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.symbolic import numbers
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
 
@@ -235,10 +234,10 @@ def test_rewards_cost_nothing_at_best_and_have_their_units() -> None:
 def test_endings_are_met_at_their_limits() -> None:
     """And not before."""
     for ending, name, harmless, bad in (
-        (endings.jackknifed, "articulation", [[1.5]], [[-1.6]]),
-        (endings.rolled_over, "load_transfer", [[0.1, 0.97]], [[0.1, -0.99]]),
-        (endings.left_the_road, "road_offset", [4.4], [-4.6]),
-        (endings.diverged, "finite", [True], [False]),
+        (rewards.jackknifed, "articulation", [[1.5]], [[-1.6]]),
+        (rewards.rolled_over, "load_transfer", [[0.1, 0.97]], [[0.1, -0.99]]),
+        (rewards.left_the_road, "road_offset", [4.4], [-4.6]),
+        (rewards.diverged, "finite", [True], [False]),
     ):
         assert not ending(moment(**{name: np.array(harmless)}))[0]
         assert ending(moment(**{name: np.array(bad)}))[0]
@@ -246,4 +245,4 @@ def test_endings_are_met_at_their_limits() -> None:
 
 def test_unknown_environments_are_not_registered() -> None:
     """Those that there are begin with the project's name."""
-    assert all(f"offtrack/{name}" in gymnasium.registry for name in scenarios.gym_env.CORES)
+    assert all(f"offtrack/{name}" in gymnasium.registry for name in offtrack.environments.registry.CORES)

@@ -19,11 +19,11 @@ from typer.testing import CliRunner, Result
 
 from estimators.context import TrailerContext
 from estimators.estimates import Health, Motion, OffTracking
-from scenarios.commands.estimate import app
-from scenarios.recordings import images
-from scenarios.recordings.recording_video import Composition
-from scenarios.recordings.stereo_writer import RecordingWriter
-from scenarios.report.canvas import Picture
+from offtrack.commands.estimate import app
+from offtrack.exchange.recordings import stereo_sequence
+from offtrack.exchange.recordings.recording_pictures import Composition
+from offtrack.exchange.recordings.writers import RecordingWriter
+from offtrack.reports.canvas import Picture
 from scenarios.results.log import read_log
 from scenarios.results.metrics import true_off_tracking
 from sensors.camera.rig import StereoCalibration, StereoRig
@@ -368,7 +368,7 @@ def test_options_leave_nothing_to_assume(yard: Path) -> None:
 
 def test_an_interrupt_keeps_what_is_finished(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All files for the frames so far, exit code 130, no video."""
-    genuine, read = images._read, []
+    genuine, read = stereo_sequence._read, []
 
     def interrupted_at(files: Any, size: Any) -> Any:
         read.append(files)
@@ -376,7 +376,7 @@ def test_an_interrupt_keeps_what_is_finished(yard: Path, monkeypatch: pytest.Mon
             raise KeyboardInterrupt  # comes out of the future where the loop asks for it
         return genuine(files, size)
 
-    monkeypatch.setattr(images, "_read", interrupted_at)
+    monkeypatch.setattr(stereo_sequence, "_read", interrupted_at)
     result = estimated(yard, "--out", "out", "--quiet")
     assert result.exit_code == 130
     assert result.stderr == "offtrack: interrupted; what was estimated until then is in out\n"
@@ -402,16 +402,16 @@ def test_the_shortest_recordings_are_no_obstacle(yard: Path, count: int) -> None
 
 def test_an_interrupt_before_the_first_frame_leaves_empty_results(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As everywhere: exit code 130, and files that can be read."""
-    genuine = images._read
+    genuine = stereo_sequence._read
 
     def interrupted(files: Any, size: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(images, "_read", interrupted)
+    monkeypatch.setattr(stereo_sequence, "_read", interrupted)
     assert estimated(yard, "--out", "out").exit_code == 130
     assert {path.name for path in Path("out").iterdir()} == WRITTEN | {".interrupted"}
     assert rows() == []
-    monkeypatch.setattr(images, "_read", genuine)
+    monkeypatch.setattr(stereo_sequence, "_read", genuine)
     assert estimated(yard, "--out", "out", "--no-video").exit_code == 0  # the next one takes the place
     assert len(rows()) == FRAMES
 

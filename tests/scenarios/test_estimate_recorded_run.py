@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.commands.estimate import app
-from scenarios.loop.run import run
+from offtrack.commands.estimate import app
+from offtrack.exchange.recordings.stereo_reader import open_recording
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.recordings.stereo_reader import open_recording
 from scenarios.results.log import read_log
 
 

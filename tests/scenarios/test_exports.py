@@ -15,7 +15,7 @@ import pytest
 from scipy.io import loadmat
 from typer.testing import CliRunner
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal, write_log
 

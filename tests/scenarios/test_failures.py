@@ -19,22 +19,21 @@ from typer.testing import CliRunner
 from controllers.driver import PreviewDriver
 from controllers.rover_driver import RoverDriver
 from estimators.off_tracking.reference import ReferenceOffTracking
-from estimators.slip.reference import ReferenceSlip
-from scenarios.cli import app
+from estimators.slip.reference_slip import ReferenceSlip
+from offtrack.commands.cli import app
+from offtrack.reports.rover_report import rover_report_html
+from offtrack.reports.run_page import report_html
+from offtrack.reports.run_writer import write_run
 from scenarios.loop.channel import InLine
-from scenarios.loop.course_judge import CourseJudge
-from scenarios.loop.pictures import Pictures, StereoPictures
-from scenarios.loop.run import run_any
+from scenarios.loop.image_observers import Pictures, StereoPictures
+from scenarios.loop.referee import CourseJudge
+from scenarios.loop.runner import run_any
 from scenarios.options.scenario import load_any_scenario
-from scenarios.report.rover_page import rover_report_html
-from scenarios.report.run_page import report_html
-from scenarios.report.writer import write_run
 from scenarios.results.log import read_log
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
+from scenarios.results.trailer_result import RunResult
 from sensors.instruments.combination import CombinationSensors
-from sensors.instruments.navigation import ExactPose
-from sensors.instruments.rover_navigation import ExactSlip, RoverInstruments
+from sensors.instruments.navigation import ExactPose, ExactSlip, RoverInstruments
 from vehicle.combination.plant import Plant
 from vehicle.rover.plant import RoverPlant
 
@@ -171,7 +170,7 @@ def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
     def breaking(*arguments: Any, **options: Any) -> None:
         raise error
 
-    monkeypatch.setattr(f"scenarios.report.{broken}", breaking)
+    monkeypatch.setattr(f"offtrack.reports.{broken}", breaking)
     break_after(Plant, "observe", 3, RuntimeError("first"))
     result = run_any(load_any_scenario("cambered-road", SHORT), 1)
     with pytest.raises(ValueError, match=rf"^the (report|video) could not be drawn: {told}; all"):

@@ -14,15 +14,13 @@ from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
 import offtrack
-from scenarios.cli import app
-from scenarios.fmi_export import binaries
-from scenarios.fmi_export.archive import write_fmu
-from scenarios.fmi_export.c_files import common_files
-from scenarios.fmi_export.combination import combination_inputs, combination_model
-from scenarios.fmi_export.model import PlantModel
-from scenarios.fmi_export.plants import plant_model
-from scenarios.fmi_export.rover import rover_model
-from scenarios.fmi_export.units import base_unit
+from offtrack.commands.cli import app
+from offtrack.exchange.fmi_export import fmu_writer
+from offtrack.exchange.fmi_export.c_files import common_files
+from offtrack.exchange.fmi_export.fmu_writer import write_fmu
+from offtrack.exchange.fmi_export.plant_kinds import combination_inputs, combination_model, plant_model, rover_model
+from offtrack.exchange.fmi_export.plant_model import PlantModel
+from offtrack.exchange.fmi_export.variables import base_unit
 from tests.fmu_hosts import host_here
 from tests.fmu_plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
 from vehicle.combination.description import Vehicle, load_vehicle
@@ -47,7 +45,7 @@ def fmus(model: PlantModel, tmp_path_factory: pytest.TempPathFactory) -> dict[in
     """The truck in both versions, compiled by the system's compiler: the quickest."""
     folder = tmp_path_factory.mktemp("fmus")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(binaries, "_has_zig", lambda: False)
+        patch.setattr(fmu_writer, "_has_zig", lambda: False)
         for version in (2, 3):
             write_fmu(folder / f"{version}.fmu", model, version, ("linux64",), optimisation=0)
     return {version: folder / f"{version}.fmu" for version in (2, 3)}
@@ -260,7 +258,7 @@ def test_wrong_input_is_one_line(
 def test_a_compiler_that_fails_leaves_no_file(
     model: PlantModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(binaries, "_FLAGS", ("--no-such-flag",))
+    monkeypatch.setattr(fmu_writer, "_FLAGS", ("--no-such-flag",))
     with pytest.raises(ValueError, match="the compiler failed") as error:
         write_fmu(tmp_path / "x.fmu", model, 3, ("linux64",))
     assert "\n" not in str(error.value)
@@ -311,7 +309,7 @@ def test_our_own_fmu_in_a_run_drives_as_the_plant_here(tmp_path: Path, monkeypat
     The plant here looks the ground up anew every 0.1 m, the FMU gets it every 10 ms: hundredths of a millimetre.
     """
     file = tmp_path / "truck.fmu"
-    monkeypatch.setattr(binaries, "_has_zig", lambda: False)
+    monkeypatch.setattr(fmu_writer, "_has_zig", lambda: False)
     write_fmu(file, combination_model(load_vehicle("eu_tractor_semitrailer")), 2, ("linux64",), optimisation=0)
     settings = {
         "vehicle": "eu_tractor_semitrailer",

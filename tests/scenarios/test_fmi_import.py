@@ -17,14 +17,14 @@ from typer.testing import CliRunner
 
 import offtrack
 from controllers.trailer import Combination
+from offtrack.commands.cli import app
+from offtrack.exchange.fmi_import.fmu_file import open_fmu
+from offtrack.exchange.fmi_import.fmu_parts import FmuLaw, law_of, law_signals
+from offtrack.exchange.fmi_import.fmu_plant import plant_signals
+from offtrack.exchange.fmi_import.instance import FmuInstance
+from offtrack.exchange.fmi_import.mapping import PartSignals, Signal, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.catalogue import ODOMETRY, resolve
-from scenarios.cli import app
-from scenarios.fmi_import.archive import open_fmu
-from scenarios.fmi_import.instance import FmuInstance
-from scenarios.fmi_import.law import FmuLaw, law_of, law_signals
-from scenarios.fmi_import.mapping import PartSignals, Signal, map_file, read_map
-from scenarios.fmi_import.plant import plant_signals
 from tests.fmus import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, pursuit_driver, rolling_plant
 from vehicle.combination.description import load_vehicle
 

@@ -18,45 +18,48 @@ from typer.testing import CliRunner
 
 from controllers.trailer import Combination
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
-from scenarios.assembly.ground import opened_ground
-from scenarios.assembly.trailer import assemble
-from scenarios.assembly.trailer_law import trailer_law
-from scenarios.cli import app
-from scenarios.fmi_export import binaries
-from scenarios.fmi_export.archive import fmu_bytes
-from scenarios.fmi_import.archive import open_fmu
-from scenarios.fmi_import.estimate_signals import (
+from offtrack.commands.cli import app
+from offtrack.exchange.fmi_export import fmu_writer
+from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
+from offtrack.exchange.fmi_import.fmu_file import open_fmu
+from offtrack.exchange.fmi_import.fmu_parts import law_of, off_tracking_signals
+from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
+from offtrack.exchange.fmi_import.numbered_signals import (
     PATH_POINTS,
     estimate_of,
     estimate_signals,
     estimate_values,
     reading_values,
+    truth_of,
+    truth_signals,
+    truth_values,
 )
-from scenarios.fmi_import.first_map import first_map
-from scenarios.fmi_import.law import law_of
-from scenarios.fmi_import.mapping import map_file, read_map
-from scenarios.fmi_import.off_tracking import off_tracking_signals
-from scenarios.fmi_import.truth_signals import truth_of, truth_signals, truth_values
-from scenarios.fmi_proxy.computation import Opening
-from scenarios.fmi_proxy.description import Proxy
-from scenarios.fmi_proxy.driver import DriverComputation, driver_proxy
-from scenarios.fmi_proxy.ground import GroundComputation, ground_proxy, in_wind_of
-from scenarios.fmi_proxy.law import law_proxy
-from scenarios.fmi_proxy.sensor import SensorComputation, sensor_proxy
-from scenarios.fmi_proxy.server import folder_of
-from scenarios.fmi_proxy.system import FmuSystem, fmu_system
+from offtrack.exchange.fmi_proxy.driver_and_ground import (
+    DriverComputation,
+    GroundComputation,
+    driver_proxy,
+    ground_proxy,
+    in_wind_of,
+)
+from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
+from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
+from offtrack.exchange.fmi_proxy.sensor_proxy import SensorComputation, sensor_proxy
+from offtrack.exchange.fmi_proxy.server import folder_of
+from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
+from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
+from scenarios.assembly.course_ground import opened_ground
+from scenarios.assembly.drivers_and_laws import trailer_law
+from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.channel import InLine
-from scenarios.loop.combination import TrailerSession
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from sensors.messages import CombinationSignals
 from tests.fmu_plants import Slave, c_compiler
 from tests.fmu_proxies import alive, stand_in
-from vehicle.combination.attitude import smooth_ground_sizes
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.ground_inputs import SurfaceLookup
-from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes
+from vehicle.combination.layout import command_sizes, ground_input_sizes
+from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
+from vehicle.combination.truth_vectors import smooth_ground_sizes
 from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
@@ -70,7 +73,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     folder = tmp_path_factory.mktemp("laws")
     proxy = law_proxy("path_preview", load_vehicle(VEHICLE), {"gain": 0.5})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(binaries, "_has_zig", lambda: False)
+        patch.setattr(fmu_writer, "_has_zig", lambda: False)
         for version in (2, 3):
             (folder / f"{version}.fmu").write_bytes(
                 fmu_bytes(proxy.exported(version), version, ("linux64",), optimisation=0)
@@ -252,7 +255,7 @@ class Clock:
 
 def test_the_clock_of_a_law_keeps_up_with_the_run(fmus: dict[int, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop asks every 20 ms, the FMU steps by 10 ms: after every call its time is just past that of the run."""
-    monkeypatch.setattr("scenarios.fmi_import.law.FmuInstance", Clock)
+    monkeypatch.setattr("offtrack.exchange.fmi_import.fmu_parts.FmuInstance", Clock)
     vehicle = load_vehicle(VEHICLE)
     law = law_of(str(fmus[2]))(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1))
     memory = law.init()
@@ -349,7 +352,7 @@ def test_a_first_map_connects_equal_names_first_and_lists_texts(
     drive: tuple[TrailerSession, Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "sensor.fmu"
-    monkeypatch.setattr("scenarios.fmi_import.archive._check_binary", lambda *_: None)
+    monkeypatch.setattr("offtrack.exchange.fmi_import.fmu_file._check_binary", lambda *_: None)
     file.write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ()))
     fmu, part = open_fmu(file), off_tracking_signals(drive[0].parts.vehicle)
     by_names = read_map(fmu, part)
@@ -508,7 +511,7 @@ def test_a_rovers_scenario_is_refused_with_the_reason(
 
 def test_ground_is_written_as_an_fmu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(binaries, "_has_zig", lambda: False)
+    monkeypatch.setattr(fmu_writer, "_has_zig", lambda: False)
     result = CliRunner().invoke(app, ["fmu", "ground", "roundabout", "--set", "surface.grade=0.02", "--fmi", "2"])
     assert result.exit_code == 0, result.output
     assert validate_fmu("roundabout_ground.fmu") == []

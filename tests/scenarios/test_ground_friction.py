@@ -11,7 +11,7 @@ from PIL import Image
 from scenarios.assembly.adapters import course_of, surface_of
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.randomness import stream
-from scenarios.results.friction_picture import friction_picture
+from scenarios.results.trailer_result import friction_picture
 from vehicle.combination.description import load_vehicle
 from vehicle.surface import Surface
 

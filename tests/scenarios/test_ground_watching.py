@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios.assembly.ground_cameras import wheels_near
-from scenarios.loop.run import run
+from scenarios.assembly.cameras import wheels_near
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.numbers import number_at
-from scenarios.results.reference_unit import ReferenceOffTracking
-from scenarios.results.run_result import RunResult, error_of_estimate
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
+from scenarios.results.summary_numbers import number_at
+from scenarios.results.trailer_result import RunResult, error_of_estimate
+from scenarios.results.trailer_signals import ReferenceOffTracking
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform

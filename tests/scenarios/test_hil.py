@@ -13,20 +13,28 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.fmi_import.mapping import Signal
-from scenarios.hil.can_bus import CanLink
-from scenarios.hil.demands import Demands, checked_message, driver_demands, trailer_demands
-from scenarios.hil.exchange import Exchange
-from scenarios.hil.link import Link, Numbers
-from scenarios.hil.record import RecordedDemands, Values, record_text
-from scenarios.hil.udp import UdpLink
-from scenarios.loop.run import run
-from scenarios.options.outside import OutsideOptions
+from offtrack.commands.cli import app
+from offtrack.exchange.bench.can_bus import CanLink
+from offtrack.exchange.bench.links import UdpLink
+from offtrack.exchange.fmi_import.mapping import Signal
+from scenarios.loop.demands import (
+    Demands,
+    Exchange,
+    Link,
+    Numbers,
+    RecordedDemands,
+    Values,
+    checked_message,
+    driver_demands,
+    record_text,
+    trailer_demands,
+)
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
+from scenarios.options.vehicle_and_driver import OutsideOptions
 from scenarios.results.run_inputs import write_inputs
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
+from scenarios.results.trailer_result import RunResult
 
 TRAILER = trailer_demands("semitrailer", 2, is_last=True)
 SHORT = ("off_tracking=truth", "reference_unit=false", "course.entry=20", "course.turn_deg=30", "course.exit=5")
@@ -279,7 +287,7 @@ def test_a_can_bus_carries_signals_and_demands_in_the_units_of_its_file(tmp_path
 def test_the_shipped_dbc_file_fits_the_signals(inside: RunResult) -> None:
     """Every signal of the file is known, in its unit, and all demands are there."""
     pytest.importorskip("cantools")
-    from scenarios.hil.opened import signals_of
+    from offtrack.exchange.bench.links import signals_of
 
     link = CanLink("dbc=example,channel=two")
     signals = signals_of([trailer_demands("semitrailer", 3, is_last=True)], 2)

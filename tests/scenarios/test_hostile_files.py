@@ -12,35 +12,30 @@ import numpy as np
 import pytest
 
 from controllers.trailer_steering.policy import load_network
-from scenarios.assembly.ground_friction import ground_friction
-from scenarios.assembly.recorded_drive import read_trace
-from scenarios.environments.fitting import run_errors
-from scenarios.environments.surrogate import load_surrogate
+from offtrack.environments.surrogate_fit import run_errors
+from offtrack.environments.training.training_directory import check_directory, read_curve
+from offtrack.environments.training.training_plan import Plan
+from offtrack.exchange.recordings.calibration_files import board_of, views_of
+from offtrack.exchange.recordings.mounting import read_rig
+from offtrack.exchange.recordings.rover_recording import load_rig, open_rover_recording
+from offtrack.exchange.recordings.stereo_reader import read_kitti_poses, read_projections
+from offtrack.exchange.recordings.stereo_sequence import LAYOUTS, Dropped, find_sequence, stream
+from offtrack.reports.vehicle_sheet.library import open_sheet
+from offtrack.studies.study import load_study
+from scenarios.assembly.adapters import ground_friction
+from scenarios.assembly.drivers_and_laws import read_trace
+from scenarios.assembly.surrogate import load_surrogate
 from scenarios.options.scenario import load_any_scenario
-from scenarios.options.surface import SurfaceOptions
+from scenarios.options.surroundings import SurfaceOptions
 from scenarios.progress import no_progress
-from scenarios.recordings.calibration_files import board_of, views_of
-from scenarios.recordings.images import Dropped, stream
-from scenarios.recordings.mounting import read_rig
-from scenarios.recordings.projections import read_projections
-from scenarios.recordings.rover_format import load_rig
-from scenarios.recordings.rover_reader import open_rover_recording
-from scenarios.recordings.sequence import LAYOUTS, find_sequence
-from scenarios.recordings.trajectory import read_kitti_poses
 from scenarios.results.log import read_log
 from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.path_file import read_path
-from scenarios.studies.study import load_study
-from scenarios.training.curve import read_curve
-from scenarios.training.plan import Plan
-from scenarios.training.results import check_directory
-from scenarios.vehicle_sheet.library import open_sheet
 from sensors.camera.lens import load_raw_rig
 from tests.hostile_files import HOSTILE
 from vehicle.combination.description import load_vehicle
-from vehicle.rover.description import load_rover
-from vehicle.rover.height_map import load_height_map
-from vehicle.rover.soil import load_soil
+from vehicle.rover.description import load_rover, load_soil
+from vehicle.rover.terrain import load_height_map
 
 BLACK: Final = np.zeros((6, 8), np.uint8)
 ROVER_RIG: Final = """

@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.studies.claims import Claims
-from scenarios.studies.identity import software
+from offtrack.commands.cli import app
+from offtrack.studies.claims import Claims
+from offtrack.studies.identity import software
 
 STUDY = """scenario = "cambered-road"
 seeds = [1]
@@ -106,15 +106,15 @@ def test_runs_of_a_command_that_ended_are_made_by_another(study: Path, tmp_path:
 
 def test_another_study_or_version_is_refused(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one line, before anything is changed."""
-    from scenarios.studies.join import planned
-    from scenarios.studies.study import load_study
+    from offtrack.studies.join import planned
+    from offtrack.studies.study import load_study
 
     cases = load_study(study).cases()
     names = planned(cases, tmp_path)
     assert planned(cases, tmp_path) == names
     with pytest.raises(ValueError, match="another study, other files or another version of offtrack"):
         planned(cases[:1], tmp_path)
-    monkeypatch.setattr("scenarios.studies.identity.installed", lambda: ("another", "{}"))
+    monkeypatch.setattr("offtrack.studies.identity.installed", lambda: ("another", "{}"))
     assert software()[0] == "another"
     with pytest.raises(ValueError, match="was begun on"):
         planned(cases, tmp_path)

@@ -13,10 +13,10 @@ from typing import ClassVar, cast
 import numpy as np
 import pytest
 
+from offtrack.exchange.recordings.writers import RoverRecordingWriter
+from scenarios.loop.image_observers import TracePictures
 from scenarios.loop.kept import Kept
-from scenarios.loop.pictures import TracePictures
-from scenarios.loop.stopwatch import Stopwatch
-from scenarios.recordings.rover_writer import RoverRecordingWriter
+from scenarios.loop.timing import Stopwatch
 from sensors.messages import RoverView
 from vehicle.rover.truth import RoverTruth
 

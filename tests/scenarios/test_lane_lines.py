@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.lane_lines import LINES
-from scenarios.roads.opendrive.lane_points import lane_points
-from scenarios.roads.opendrive.route import Request
+from scenarios.roads.opendrive.route import LINES, Request, lane_points
 from tests.open_drive import Piece, file, lane, lanes, road
 from vehicle.frames import FloatArray
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.assembly.trailer import assemble
-from scenarios.environments.core import Features, Observation
-from scenarios.environments.hitch_paths import HitchPaths
-from scenarios.environments.law_pilot import LawPilot
-from scenarios.environments.surrogate import SurrogateParameters
-from scenarios.gym_env import vector
-from scenarios.loop.combination import TrailerSession
+from offtrack.environments.core import Features, Observation
+from offtrack.environments.hitch_paths import HitchPaths
+from offtrack.environments.registry import vector
+from offtrack.environments.training.law_pilot import LawPilot
+from scenarios.assembly.surrogate import SurrogateParameters
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms, true_off_tracking
 from vehicle.combination.description import load_vehicle

@@ -10,17 +10,16 @@ from typing import TypeVar, overload
 import numpy as np
 import pytest
 
-from scenarios.assembly.rover import assemble_rover
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.combination import TrailerSession
+from scenarios.assembly.rover_run import assemble_rover
+from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.result import trailer_result
-from scenarios.loop.rover import RoverSession
-from scenarios.options.rover import RoverScenario
+from scenarios.loop.rover_session import RoverSession
+from scenarios.loop.trailer_session import TrailerSession
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario, load_scenario
-from scenarios.results import parts
-from scenarios.results.log import Log, Signal
-from scenarios.results.parts import columns_by_parts
-from scenarios.results.rover_signals import RoverRow, rover_log
+from scenarios.results import log as parts
+from scenarios.results.log import Log, Signal, columns_by_parts
+from scenarios.results.rover_result import RoverRow, rover_log
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.trailer_signals import TrailerRow, run_log
 

@@ -12,16 +12,16 @@ import pytest
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
 from estimators.estimates import OffTracking
-from scenarios.assembly.drivers import OpenedDriver
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.combination import TrailerSession
-from scenarios.loop.pacer import Pacer
-from scenarios.loop.run import run
+from scenarios.assembly.drivers_and_laws import OpenedDriver
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.runner import run
+from scenarios.loop.timing import Pacer
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress
-from scenarios.results.numbers import number_at
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
+from scenarios.results.summary_numbers import number_at
+from scenarios.results.trailer_result import RunResult
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
 

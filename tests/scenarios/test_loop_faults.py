@@ -12,19 +12,25 @@ import pytest
 
 import offtrack
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.rover import assemble_rover
-from scenarios.assembly.trailer import Assembly, assemble
+from offtrack.exchange.fmi_proxy.system import fmu_system
+from scenarios.assembly.applied_faults import trailer_faults
+from scenarios.assembly.rover_run import assemble_rover
+from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.catalogue import FAULT, resolve
-from scenarios.fmi_proxy.system import fmu_system
 from scenarios.loop.channel import InLine
-from scenarios.loop.pilot import SteeredTrailer
-from scenarios.loop.stopwatch import Stopwatch
-from scenarios.loop_faults.applied import trailer_faults
-from scenarios.loop_faults.catalogue import LOOP_FAULTS, is_loop_kind
-from scenarios.loop_faults.fault import ActuatorFault, LoopFault, LoopFaultContext, MessageFault
-from scenarios.loop_faults.message_kinds import DemandLoss
+from scenarios.loop.timing import Stopwatch
+from scenarios.loop.trailer_session import SteeredTrailer
+from scenarios.loop_faults.fault import (
+    LOOP_FAULTS,
+    ActuatorFault,
+    LoopFault,
+    LoopFaultContext,
+    MessageFault,
+    is_loop_kind,
+)
+from scenarios.loop_faults.fault_kinds import DemandLoss
 from scenarios.options.faults import FaultOptions
-from scenarios.options.rover import RoverScenario
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario, load_scenario
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand

@@ -12,9 +12,9 @@ import pyopencrg
 import pytest
 
 from scenarios.assembly.adapters import course_of, surface_of
-from scenarios.assembly.measured_ground import measured_ground
+from scenarios.assembly.course_ground import measured_ground
 from scenarios.courses import Course
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.randomness import stream
 from scenarios.roads import crg_file

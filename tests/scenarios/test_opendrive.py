@@ -16,9 +16,8 @@ from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.courses import Course
 from scenarios.options.scenario import load_scenario
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.lane_points import lane_points
 from scenarios.roads.opendrive.network import Road
-from scenarios.roads.opendrive.route import Request
+from scenarios.roads.opendrive.route import Request, lane_points
 from scenarios.roads.path_file import PathPoints
 from tests.open_drive import TWO_LANES, Piece, Start, bend, crossing, file, lane, lanes, road
 from vehicle.frames import FloatArray

@@ -9,15 +9,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+from offtrack.commands.cli import app
+from offtrack.commands.console import PlainConsole, printable
 from scenarios import catalogue
 from scenarios.catalogue import resolve
-from scenarios.cli import app
-from scenarios.commands.console import PlainConsole, printable
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from vehicle.combination.description import load_vehicle, vehicle_from
+from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, without_sources
 from vehicle.option import Option
-from vehicle.parameter_file import nearest, read_toml, without_sources
-from vehicle.parameter_library import ParameterLibrary
 
 ESC = "\x1b[31m"
 KINDS = (

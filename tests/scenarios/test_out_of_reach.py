@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from controllers.driver import PreviewDriver
-from scenarios.assembly.rover import PERIOD, assemble_rover
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.course_judge import CourseJudge
-from scenarios.loop.rover import RoverJudge
-from scenarios.loop.run import run_any
-from scenarios.options.rover import RoverScenario
+from scenarios.assembly.rover_run import PERIOD, assemble_rover
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.referee import CourseJudge
+from scenarios.loop.rover_session import RoverJudge
+from scenarios.loop.runner import run_any
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario, load_scenario
 from vehicle.frames import Pose2
 

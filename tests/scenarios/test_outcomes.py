@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scenarios.loop.referee import Outcome, Referee, lift_warnings
-from scenarios.results.load_signals import load_columns
 from scenarios.results.log import Log, Signal
+from scenarios.results.trailer_signals import load_columns
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.truth import Truth

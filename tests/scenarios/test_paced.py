@@ -12,13 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from controllers.checked import LawError
-from scenarios.cli import app
+from offtrack.commands.cli import app
 from scenarios.loop.channel import Channel
-from scenarios.loop.pacer import Pacer
-from scenarios.loop.run import run
-from scenarios.loop.stopwatch import Stopwatch
+from scenarios.loop.runner import run
+from scenarios.loop.timing import Pacer, Stopwatch
 from scenarios.options.scenario import load_scenario
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
 from vehicle.clock import Schedule
 
 

@@ -15,13 +15,12 @@ from typing import Final, cast
 import numpy as np
 import pytest
 
-from scenarios.player.web_files import explorer_script, player_script
-from scenarios.recordings import recording_page, slip_page
-from scenarios.recordings.estimation import Estimation
-from scenarios.recordings.rover_reader import RoverRecording
-from scenarios.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
-from scenarios.recordings.slip_estimation import SlipEstimation
-from scenarios.report.page import (
+from offtrack.exchange.recordings import recording_page, slip_report
+from offtrack.exchange.recordings.estimation import Estimation
+from offtrack.exchange.recordings.rover_recording import RoverRecording
+from offtrack.exchange.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
+from offtrack.exchange.recordings.slip_estimation import SlipEstimation
+from offtrack.reports.page import (
     Bar,
     Card,
     Cell,
@@ -37,26 +36,27 @@ from scenarios.report.page import (
     Table,
     Verdict,
 )
-from scenarios.report.plots import drawn
-from scenarios.report.rover_page import rover_report_html
-from scenarios.report.run_page import report_html
+from offtrack.reports.player.encoding import explorer_script, player_script
+from offtrack.reports.plots import drawn
+from offtrack.reports.rover_report import rover_report_html
+from offtrack.reports.run_page import report_html
+from offtrack.studies.case import Case, Outcome
+from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
+from offtrack.studies.standards.assessment_report import assessment_page
+from offtrack.studies.standards.proving_ground import Manoeuvre
+from offtrack.studies.study import Study
+from offtrack.studies.study_page import study_page
+from offtrack.studies.table import rows_of
+from offtrack.studies.tuning import Range, Trial, Tuning
+from offtrack.studies.tuning_page import tuning_page
+from offtrack.studies.validation.check import Check, Plot, Series
+from offtrack.studies.validation.check import Section as ValidationSection
+from offtrack.studies.validation.suite import validation_page
 from scenarios.results.log import Log, Signal
-from scenarios.results.rover import RoverResult, rover_summary
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
-from scenarios.results.timing import Timing
-from scenarios.standards.assessment import Assessment, AssessmentMatrix
-from scenarios.standards.assessment_page import assessment_page
-from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.studies.case import Case, Outcome
-from scenarios.studies.study import Study
-from scenarios.studies.study_page import study_page
-from scenarios.studies.table import rows_of
-from scenarios.studies.tuning import Range, Trial, Tuning
-from scenarios.studies.tuning_page import tuning_page
-from scenarios.validation.check import Check, Plot, Series
-from scenarios.validation.check import Section as ValidationSection
-from scenarios.validation.validation_page import validation_page
+from scenarios.results.rover_result import RoverResult, rover_summary
+from scenarios.results.run_summary import summary
+from scenarios.results.summary_numbers import Timing
+from scenarios.results.trailer_result import RunResult
 from sensors.sand.trace_rig import TraceRig
 from vehicle.combination.description import load_vehicle
 
@@ -164,7 +164,7 @@ def slip_html(_: RunResult) -> str:
         recording=cast(RoverRecording, SimpleNamespace(view=lambda k: BAD)),
         estimator=BAD, outcome=BAD, dropped={2: BAD}, log=log, seconds=1.0,
     )  # fmt: skip
-    return slip_page.report_page(estimation, {"recording": BAD, "frames": {"images": 5}})
+    return slip_report.report_page(estimation, {"recording": BAD, "frames": {"images": 5}})
 
 
 def study_html(_: RunResult) -> str:

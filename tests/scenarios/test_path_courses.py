@@ -11,21 +11,19 @@ from scipy.spatial import KDTree
 
 from controllers.path import Path as DrivenPath
 from controllers.path import Segment, arc, line
+from offtrack.studies.identity import content
+from offtrack.studies.validation.no_slip_limit import poses_along, rolling_chain
 from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.courses import Course
 from scenarios.loop.referee import Referee
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.rover_course import RoverPathOptions
 from scenarios.options.scenario import load_scenario
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
 from scenarios.results.swept_path import placed
 from scenarios.roads import path_file
-from scenarios.roads.fitted_path import Fit, fitted_path
-from scenarios.roads.path_file import PathPoints
-from scenarios.roads.smooth_path import smooth_path
-from scenarios.roads.tangent_plane import tangent_plane
-from scenarios.studies.identity import content
-from scenarios.validation.no_slip import poses_along, rolling_chain
+from scenarios.roads.fitted_path import Fit, fitted_path, smooth_path
+from scenarios.roads.path_file import PathPoints, tangent_plane
 from tests.open_drive import bend as arc_road
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.plant import Plant

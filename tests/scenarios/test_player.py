@@ -13,16 +13,14 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.player.encoding import encoded, kept_rows
-from scenarios.player.pictures import small_pictures
-from scenarios.player.playback import Picture
-from scenarios.player.spans import fault_spans, health_spans
-from scenarios.player.trailer import trailer_playback
-from scenarios.report.run_page import report_html
+from offtrack.reports.player.encoding import encoded, kept_rows, small_pictures
+from offtrack.reports.player.playback import Picture, fault_spans, health_spans
+from offtrack.reports.player.trailer_playback import trailer_playback
+from offtrack.reports.run_page import report_html
 from scenarios.results.log import Log, Signal, read_log, write_log
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
 from scenarios.results.swept_path import placed
+from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import Opened, opened_page
 
 MOMENT = 12.345  # [s]

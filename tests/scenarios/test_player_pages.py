@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
 from scenarios.results.log import read_log
 from tests.scenarios.browser import opened_page
 
@@ -24,7 +24,9 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An assessment in two manoeuvres."""
     out = tmp_path_factory.mktemp("assessed") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("scenarios.standards.assessment.default_jobs", lambda: 1)  # a worker takes seconds to start
+        patch.setattr(
+            "offtrack.studies.standards.assessment.default_jobs", lambda: 1
+        )  # a worker takes seconds to start
         offtrack("assess", "eu_tractor_semitrailer", "--manoeuvres", "turn,lane_change", "--out", str(out), "--quiet")
     return out
 

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.interrupts import postponed_interrupts
 from scenarios.processes import WorkerDiedError, each_in_a_worker, workers
-from scenarios.progress import no_progress
+from scenarios.progress import no_progress, postponed_interrupts
 
 STUCK = """
 import time

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.recordings.stereo_writer import RecordingWriter
+from offtrack.exchange.recordings.writers import RecordingWriter
 from sensors.camera.lens import CameraModel, RawStereoRig, load_raw_rig
 from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from scenarios.recordings.mounting import (
+from offtrack.exchange.recordings.mounting import (
     Facing,
     MountingOptions,
     Rig,
@@ -20,10 +20,9 @@ from scenarios.recordings.mounting import (
     mounting,
     read_rig,
 )
-from scenarios.recordings.projections import read_projections
-from scenarios.recordings.sequence import LAYOUTS
-from scenarios.recordings.stereo_reader import Recording, open_recording
-from scenarios.recordings.stereo_writer import calibration_text, rig_text
+from offtrack.exchange.recordings.stereo_reader import Recording, open_recording, read_projections
+from offtrack.exchange.recordings.stereo_sequence import LAYOUTS
+from offtrack.exchange.recordings.writers import calibration_text, rig_text
 from sensors.camera.lens import CameraModel, RawStereoRig
 from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
@@ -231,7 +230,7 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
                 tracks=tracks,
             )
 
-    monkeypatch.setattr("scenarios.recordings.mounting.CircularOdometry", Moving)
+    monkeypatch.setattr("offtrack.exchange.recordings.mounting.CircularOdometry", Moving)
     grey = np.zeros((32, 64), np.uint8)
     frames = [StereoFrame(tick=100 * k, left=grey, right=grey) for k in range(10)]
     calibration = replace(RIG.calibration(), X_SC=np.eye(4))

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from offtrack.exchange.recordings.stereo_sequence import LAYOUTS, Dropped, Layout, find_sequence, image_size, stream
 from scenarios.image_file import read_grey
-from scenarios.recordings.images import Dropped, image_size, stream
-from scenarios.recordings.sequence import LAYOUTS, Layout, find_sequence
 from sensors.messages import GreyImage
 
 SIZE = (24, 16)  # width, height [px]
@@ -241,7 +240,7 @@ def test_colour_and_16_bits_become_8_bits_of_grey(tmp_path: Path) -> None:
 
 def test_only_a_few_frames_are_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After the first of 40 frames no more than some ten have been read."""
-    from scenarios.recordings import images
+    from offtrack.exchange.recordings import stereo_sequence
 
     make(tmp_path, range(40))
     read: list[Path] = []
@@ -250,7 +249,7 @@ def test_only_a_few_frames_are_in_memory(tmp_path: Path, monkeypatch: pytest.Mon
         read.append(path)
         return read_grey(path)
 
-    monkeypatch.setattr(images, "read_grey", counted)
+    monkeypatch.setattr(stereo_sequence, "read_grey", counted)
     frames = stream(find_sequence(tmp_path, 10.0).frames, SIZE)
     next(frames)
     frames.close()  # type: ignore[attr-defined]  # a generator

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
 from scenarios.results.run_directory import appearing_at_once, check_run_directory, mark_interrupted
 
 REFUSED = {

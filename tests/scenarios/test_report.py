@@ -9,14 +9,12 @@ import re
 import numpy as np
 import pytest
 
+from offtrack.reports.run_page import report_html, steer
+from offtrack.reports.sections import changes, groups
 from scenarios.options.scenario import load_scenario
-from scenarios.report.facts import changes
-from scenarios.report.numbers import groups
-from scenarios.report.run_figures import steer
-from scenarios.report.run_page import report_html
 from scenarios.results.log import Log
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
+from scenarios.results.run_summary import summary
+from scenarios.results.trailer_result import RunResult
 
 
 @pytest.fixture(scope="module")

@@ -14,14 +14,13 @@ from typer.testing import CliRunner
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
-from scenarios.commands.reproduce import reproduce
+from offtrack.commands.validate import reproduce
+from offtrack.studies.reproduce import reproduction, trace_sets
+from offtrack.studies.reproduce.reina2008_figures import PUBLISHED
+from offtrack.studies.reproduce.reina2008_table3 import SETS
+from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Comparison, Reproduction, maker, names_of
+from offtrack.studies.reproduce.trace_sets import Table, TraceSet
 from scenarios.progress import Progress
-from scenarios.reproduce import catalogue, trace_sets
-from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
-from scenarios.reproduce.figure import Comparison, Reproduction
-from scenarios.reproduce.reina2008_sample import PUBLISHED
-from scenarios.reproduce.reina2008_table3 import SETS
-from scenarios.reproduce.trace_sets import Table, TraceSet
 from scenarios.results.log import Log, Signal, read_log
 from sensors.messages import RoverView
 
@@ -124,7 +123,7 @@ def test_interrupt_of_all_keeps_what_is_finished_and_stops(
     """Ctrl-C in the second figure: the first is there, of the second what is finished, and no third is begun."""
     begun: list[str] = []
 
-    def made(name: str) -> catalogue.Maker:
+    def made(name: str) -> reproduction.Maker:
         def make(quick: bool, progress: Progress) -> Reproduction:
             begun.append(name)
             if len(begun) == 2 and not kept:
@@ -142,7 +141,7 @@ def test_interrupt_of_all_keeps_what_is_finished_and_stops(
 
         return make
 
-    monkeypatch.setattr(catalogue, "maker", made)
+    monkeypatch.setattr(reproduction, "maker", made)
     result = CliRunner().invoke(APP, ["all", "--quiet", "--out", str(tmp_path)])
     assert result.exit_code == 130
     assert begun == list(REPRODUCTIONS)[:2]

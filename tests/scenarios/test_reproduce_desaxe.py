@@ -11,21 +11,20 @@ import cv2
 import numpy as np
 import pytest
 
+from offtrack.studies.reproduce import desaxe2018_drive as drives
+from offtrack.studies.reproduce import desaxe2018_field, desaxe2018_outcomes, desaxe2018_simulation
+from offtrack.studies.reproduce.desaxe2018_drive import Case, Drive, Track
+from offtrack.studies.reproduce.desaxe2018_outcomes import Facing, Point
+from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Reproduction, maker, write_reproduction
 from scenarios.assembly.adapters import course_of
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress, no_progress
-from scenarios.reproduce import desaxe2018_drift, desaxe2018_field, desaxe2018_outcomes, desaxe2018_views
-from scenarios.reproduce import desaxe2018_drive as drives
-from scenarios.reproduce.catalogue import REPRODUCTIONS, maker
-from scenarios.reproduce.desaxe2018_drive import Case, Drive, Track
-from scenarios.reproduce.desaxe2018_outcomes import Facing, Point
-from scenarios.reproduce.figure import Reproduction, write_reproduction
 from scenarios.results.log import read_log
 from sensors.camera.rig import StereoRig
 from sensors.messages import StereoFrame
-from sensors.world.airfield import grain_fields, patched
 from sensors.world.ground import Centreline, Landscape, road_map
+from sensors.world.scenery import grain_fields, patched
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -166,12 +165,12 @@ def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pyte
     calibration = StereoRig(
         facing="rear", width=1344, height=391, hfov=math.radians(100.0), x=-14.0, y=0.0, z=3.0, baseline=0.5
     ).calibration()
-    matches = desaxe2018_views._matched(calibration, frames)
+    matches = desaxe2018_field._matched(calibration, frames)
     assert len(matches.current) > 300
     assert np.mean(matches.current[:, 0] - matches.current[:, 2] == 8.0) > 0.99
     assert np.mean(np.all(matches.current == matches.previous, axis=1)) > 0.99
-    view = desaxe2018_views.View(facing="rear", left=frames[0].left, right=frames[0].right, matches=matches)
-    monkeypatch.setattr(desaxe2018_views, "_view", lambda facing, until, progress: view)
+    view = desaxe2018_field.View(facing="rear", left=frames[0].left, right=frames[0].right, matches=matches)
+    monkeypatch.setattr(desaxe2018_field, "_view", lambda facing, until, progress: view)
     made = make("desaxe2018-fig13")
     write_reproduction(made, tmp_path / "made", {})
     data = read_log(tmp_path / "made" / "desaxe2018-fig13.parquet")
@@ -188,7 +187,7 @@ def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
     drive = made_up(case, lambda time: summed)
     track = dataclasses.replace(drive.tracks["viso2"], lateral=burst)
     drive = dataclasses.replace(drive, tracks={"viso2": track, "keyframe": track})
-    assert desaxe2018_drift._explained(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
+    assert desaxe2018_simulation._explained(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
     assert desaxe2018_outcomes._outcome(Point(), drive, "viso2").largest == pytest.approx(0.08)
 
 

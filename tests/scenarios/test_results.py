@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.report.writer import write_run
+from offtrack.reports.run_writer import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import (
     appearing_at_once,
@@ -21,9 +21,9 @@ from scenarios.results.run_directory import (
     next_run_directory,
     results_directory,
 )
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
-from scenarios.results.timing import Timing
+from scenarios.results.run_summary import summary
+from scenarios.results.summary_numbers import Timing
+from scenarios.results.trailer_result import RunResult
 from vehicle.engine.compiler import engine_name
 
 NAMES = {
@@ -219,7 +219,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
         seen.extend(path.name for path in run.iterdir() if not path.name.startswith("."))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("scenarios.report.run_video.write_video", write_video)
+    monkeypatch.setattr("offtrack.reports.run_video.write_video", write_video)
     with pytest.raises(KeyboardInterrupt):
         write_run(camera_run, run)
     kept = ["manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"]

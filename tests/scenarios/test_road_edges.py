@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.results.road_edges import RoadEdges, wheel_clearance
-from scenarios.results.swept_path import UnitOutline
+from scenarios.results.swept_path import RoadEdges, UnitOutline, wheel_clearance
 
 TRUCK = UnitOutline("truck", 5.0, -1.0, 2.5, (4.0, 0.0), (2.0, 1.8))
 

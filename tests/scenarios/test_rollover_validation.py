@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.validation.roll_energy import rollover_by_energy
+from offtrack.studies.validation.rollover_checks import rollover_by_energy
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.load_cases import with_load
-from vehicle.combination.rollover import static_rollover
+from vehicle.combination.roll import static_rollover
+from vehicle.combination.variants import with_load
 
 
 @pytest.mark.parametrize("load", ["full", "half"])

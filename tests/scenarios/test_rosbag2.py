@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
+from offtrack.exchange.recordings.bags import parsed_topics, unpacked_bag
 from scenarios.options.scenario import load_scenario
-from scenarios.recordings.bag_reader import unpacked_bag
-from scenarios.recordings.bag_topics import parsed_topics
 from scenarios.results.log import Log, Signal, write_log
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="bags need the extra 'export'")

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.loop.run import run_rover
-from scenarios.options.rover import RoverScenario
+from offtrack.commands.cli import app
+from scenarios.loop.runner import run_rover
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
-from scenarios.results.rover import RoverResult
+from scenarios.results.rover_result import RoverResult
 
 SHORT = ("slip_estimator=truth", "course.length=0.6", "surface.slope_from=0.1")
 PARTS = '''
 import math
 from vehicle.option import Option
 from vehicle.rover.command import RoverCommand
-from sensors.instruments.rover_navigation import ExactSlip
+from sensors.instruments.navigation import ExactSlip
 
 
 class Veering:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import read_log
 from scenarios.results.run_inputs import RunInputs, run_inputs, write_inputs

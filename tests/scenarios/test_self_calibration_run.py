@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 
 pytestmark = pytest.mark.usefixtures("worlds")

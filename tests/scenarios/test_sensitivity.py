@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 pytest.importorskip("SALib")
 
-from scenarios.cli import app
-from scenarios.studies.case import Outcome
-from scenarios.studies.sensitivity import NOT_COMPLETED, Analysis, Sensitivity, analysed
-from scenarios.studies.sensitivity_page import sensitivity_csv, sensitivity_sections
-from scenarios.studies.study import Study, load_study
+from offtrack.commands.cli import app
+from offtrack.studies.case import Outcome
+from offtrack.studies.sensitivity import NOT_COMPLETED, Analysis, Sensitivity, analysed
+from offtrack.studies.study import Study, load_study
+from offtrack.studies.study_page import sensitivity_csv, sensitivity_sections
 
 HEAD = 'scenario = "cambered-road"\n[set]\noff_tracking = "truth"\ncourse.length = 20\n'
 ISHIGAMI = """[draw]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.assembly.rover import assemble_rover
-from scenarios.loop.run import run_any
-from scenarios.options.rover import RoverScenario
+from scenarios.assembly.rover_run import assemble_rover
+from scenarios.loop.runner import run_any
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
-from sensors.messages import BodyPose, CombinationSignals
-from sensors.sensor import check_receives
+from sensors.messages import BodyPose, CombinationSignals, check_receives
 
 
 @pytest.mark.parametrize(
@@ -29,7 +28,7 @@ def test_a_sensor_of_other_messages_is_refused(scenario: str, settings: list[str
 @pytest.mark.parametrize("camera", ["stereo_camera", "ground_cameras"])
 def test_cameras_that_an_estimator_can_not_use_are_not_opened(camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their world takes half a minute to build."""
-    monkeypatch.setattr("scenarios.assembly.trailer.built_world", None)
+    monkeypatch.setattr("scenarios.assembly.trailer_run.built_world", None)
     scenario = load_any_scenario("roundabout", ["off_tracking=truth", f"sensor={camera}"])
     with pytest.raises(ValueError, match=r"off_tracking = truth needs .* BodyPose; the sensor sends StereoFrame"):
         run_any(scenario, 1)

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.combination import TrailerSession
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.trailer_signals import TrailerRow
 from vehicle.frames import FloatArray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from estimators.off_tracking.signal_monitor import Finding
-from scenarios.results.signal_warnings import signal_warnings
+from scenarios.results.run_warnings import signal_warnings
 
 
 def test_each_signal_has_a_line_with_its_times() -> None:

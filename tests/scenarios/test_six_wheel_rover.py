@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.loop.run import run_rover
-from scenarios.options.rover import RoverScenario
+from offtrack.commands.cli import app
+from offtrack.exchange.recordings.rover_recording import open_rover_recording
+from scenarios.loop.runner import run_rover
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
-from scenarios.recordings.rover_reader import open_rover_recording
 from scenarios.results.log import read_log
-from scenarios.results.rover import RoverResult
+from scenarios.results.rover_result import RoverResult
 
 SIX = ("vehicle=six_wheel_rover", "surface.slope_from=0.5", "surface.slope_over=0.3")
 

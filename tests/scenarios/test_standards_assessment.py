@@ -12,18 +12,14 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from scenarios.commands.assess import assess as assess_command
+from offtrack.commands.vehicle import assess as assess_command
+from offtrack.studies.standards.assessment import DRIVES, MANOEUVRES, Assessment, AssessmentMatrix, assess, loaded
+from offtrack.studies.standards.assessment_report import BY_NAME, assessment_page, matrix_table
+from offtrack.studies.standards.comparison import CRITERIA, judged
+from offtrack.studies.standards.low_speed import aashto_turn, ctsw_turn, roundabout, turn
+from offtrack.studies.standards.manoeuvre_kinds import KINDS, OTHER_NAMES, STANDARD_SET
+from offtrack.studies.standards.proving_ground import Conditions, Hand, Manoeuvre
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
-from scenarios.standards.assessment import MANOEUVRES, Assessment, AssessmentMatrix, assess, loaded
-from scenarios.standards.assessment_page import assessment_page, matrix_table
-from scenarios.standards.catalogue import KINDS, OTHER_NAMES, STANDARD_SET
-from scenarios.standards.conditions import Conditions, Hand
-from scenarios.standards.drives import DRIVES
-from scenarios.standards.guided_axle import aashto_turn, ctsw_turn
-from scenarios.standards.levels import CRITERIA, judged
-from scenarios.standards.low_speed import roundabout, turn
-from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.standards.quantities import BY_NAME
 from vehicle.combination.description import load_vehicle
 
 HANDS: tuple[Hand, ...] = ("left", "right")
@@ -144,7 +140,9 @@ def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assess
 
 def test_the_command_prints_json_and_writes_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A rigid truck: what does not apply to it is null, and a missed level is no failure."""
-    monkeypatch.setattr("scenarios.standards.assessment.default_jobs", lambda: 1)  # a worker takes seconds to start
+    monkeypatch.setattr(
+        "offtrack.studies.standards.assessment.default_jobs", lambda: 1
+    )  # a worker takes seconds to start
     app = typer.Typer()
     app.command()(assess_command)
     done = CliRunner().invoke(

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from scenarios.standards.braking import braking, braking_in_turn, braking_slippery, braking_split
-from scenarios.standards.conditions import Conditions
-from scenarios.standards.levels import judged
-from scenarios.validation.stops import without_abs
+from offtrack.studies.standards.comparison import judged
+from offtrack.studies.standards.full_braking import braking, braking_in_turn, braking_slippery, braking_split
+from offtrack.studies.standards.proving_ground import Conditions
+from offtrack.studies.validation.stopping_checks import without_abs
 from vehicle.combination.description import Vehicle, load_vehicle
 
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.standards.conditions import Conditions
-from scenarios.standards.random_steer import PEAK, amplification_response, random_steer, steer_cycle
-from scenarios.standards.random_steer import SPEED as RANDOM_SPEED
-from scenarios.standards.sine_with_dwell import DWELL, END, FREQUENCY, START, sine_with_dwell, steer_for, wave
-from scenarios.standards.steady_circle import set_speed, steady_circle
+from offtrack.studies.standards.proving_ground import Conditions
+from offtrack.studies.standards.random_steer import PEAK, amplification_response, random_steer, steer_cycle
+from offtrack.studies.standards.random_steer import SPEED as RANDOM_SPEED
+from offtrack.studies.standards.steady_circle import set_speed, steady_circle
+from offtrack.studies.standards.yaw_stability import DWELL, END, FREQUENCY, START, sine_with_dwell, steer_for, wave
 from vehicle.combination.description import GRAVITY, load_vehicle
 from vehicle.combination.handling import rearward_amplification, understeer_gradient
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.standards.lane_change import (
+from offtrack.studies.standards.comparison import linear_figures
+from offtrack.studies.standards.lane_change import (
     FREQUENCY,
     OFFSET,
     PEAK,
@@ -17,13 +18,12 @@ from scenarios.standards.lane_change import (
     prescribed_acceleration,
     prescribed_path,
 )
-from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.standards.theory import linear_figures
+from offtrack.studies.standards.proving_ground import Manoeuvre
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Axle
 from vehicle.frames import FloatArray
-from vehicle.tyres.linear import LinearTyre
+from vehicle.tyres.laws import LinearTyre
 
 STIFFNESS = (280_693.53, 581_536.8, 970_209.0)  # of the audited 40 t set's axles [N/rad]
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from offtrack.studies.standards.proving_ground import amplification, damping, lateral_acceleration, overshoot
 from scenarios.results.log import Log, Signal
-from scenarios.standards.motion import amplification, damping, lateral_acceleration, overshoot
 from vehicle.frames import FloatArray
 
 TIME: FloatArray = np.arange(0.0, 12.0, 0.02)

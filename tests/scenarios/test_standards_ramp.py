@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.standards.ramp import falls
-from scenarios.standards.tilt import TiltTable
+from offtrack.studies.standards.static_rollover import TiltTable, falls
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.layout import State, state_sizes
+from vehicle.combination.layout import State, slices, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_inputs import slices
 from vehicle.frames import Pose2
 
 SECONDS = np.arange(17.0)  # of a hold

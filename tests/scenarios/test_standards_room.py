@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.path import Path, arc, line
+from offtrack.studies.standards.low_speed import front_reach, reach
 from scenarios.results.swept_path import UnitOutline, tail_swings
-from scenarios.standards.reach import front_reach, reach
 from vehicle.frames import FloatArray, Pose2
 
 BODY = UnitOutline("truck", 6.0, -2.0, 2.5, (5.0, 0.0), (2.0, 2.0))

@@ -11,10 +11,10 @@ import pytest
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
 from estimators.estimates import OffTracking
 from scenarios.courses import Turn, roundabout, turns
-from scenarios.loop.run import run
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal
-from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
+from scenarios.results.run_warnings import SteeredAxle, steer_warnings
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray

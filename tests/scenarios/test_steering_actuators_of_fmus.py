@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.fmi_import.steering_actuators import SteeringActuators
+from offtrack.exchange.fmi_import.fmu_plant import SteeringActuators
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import Pose2

@@ -13,15 +13,15 @@ import pytest
 from typer.testing import CliRunner
 
 import offtrack
-from scenarios.cli import app
-from scenarios.commands.study_table import fitting, least_width
-from scenarios.results.files import digest
-from scenarios.studies.case import Case, Outcome, listed, seeds_of
-from scenarios.studies.files import check_study_directory, opened_study, study_text
-from scenarios.studies.pool import run_cases
-from scenarios.studies.study import Study, load_study
-from scenarios.studies.table import rows_of, table_csv
-from vehicle.engine.trusted_cache import warn_once
+from offtrack.commands.cli import app
+from offtrack.commands.study import fitting, least_width
+from offtrack.studies.case import Case, Outcome, listed, seeds_of
+from offtrack.studies.files import check_study_directory, opened_study, study_text
+from offtrack.studies.pool import run_cases
+from offtrack.studies.study import Study, load_study
+from offtrack.studies.table import rows_of, table_csv
+from scenarios.results.atomic_files import digest
+from vehicle.engine.compiler import warn_once
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))  # half a second of driving
 

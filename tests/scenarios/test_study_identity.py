@@ -12,15 +12,14 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from offtrack.studies import identity
+from offtrack.studies.case import Case
+from offtrack.studies.pool import run_cases
+from offtrack.studies.study import settings_of
 from scenarios.options.base import tables_in
-from scenarios.options.rover import RoverScenario
+from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
-from scenarios.results.own_modules import own_modules
-from scenarios.studies import identity as identities
-from scenarios.studies import opened_files
-from scenarios.studies.case import Case
-from scenarios.studies.pool import run_cases
-from scenarios.studies.study import settings_of
+from scenarios.results.run_inputs import own_modules
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))
 LAW = """
@@ -127,7 +126,7 @@ def test_the_same_files_elsewhere_are_the_same_run(tmp_path: Path, monkeypatch: 
 def read_again() -> Iterator[None]:
     """Whatever becomes of a test, the next one reads offtrack's own files anew."""
     yield
-    identities.installed.cache_clear()
+    identity.installed.cache_clear()
 
 
 @pytest.mark.usefixtures("read_again")
@@ -135,16 +134,16 @@ def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: p
     """An editable checkout changes without its version; a README changes no number."""
     (tmp_path / "vehicle").mkdir()
     source, readme = tmp_path / "vehicle" / "plant.py", tmp_path / "vehicle" / "README.md"
-    monkeypatch.setattr(identities, "package_folders", lambda: (tmp_path / "vehicle",))
+    monkeypatch.setattr(identity, "package_folders", lambda: (tmp_path / "vehicle",))
     found = []
     for file, content in ((source, "a"), (readme, "text"), (source, "b")):
         file.write_text(content)
-        identities.installed.cache_clear()
-        found.append(identities.software())
+        identity.installed.cache_clear()
+        found.append(identity.software())
     assert found[0] == found[1] != found[2]
-    monkeypatch.setattr(identities, "compiler", lambda: None)
-    assert identities.software() != found[2]
-    assert identities.identity("", 1) != identities.identity("", 2)
+    monkeypatch.setattr(identity, "compiler", lambda: None)
+    assert identity.software() != found[2]
+    assert identity.identity("", 1) != identity.identity("", 2)
 
 
 def test_files_that_a_law_opens_by_itself_count_too(
@@ -182,22 +181,22 @@ def test_files_opened_are_told_from_those_that_are_named_or_written(
 ) -> None:
     """A file of another run's law stays; one of another run's option, and a log, do not."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(opened_files, "_unnamed", {})
+    monkeypatch.setattr(identity, "_unnamed", {})
     for name in ("table.txt", "option.txt", "second.txt"):
         (tmp_path / name).write_text("1")
-    monkeypatch.setattr(opened_files, "_written", set())  # as if another process had written them
-    opened_files.watch_files()
+    monkeypatch.setattr(identity, "_written", set())  # as if another process had written them
+    identity.watch_files()
     (tmp_path / "table.txt").read_text()
     (tmp_path / "option.txt").read_text()
     (tmp_path / "log.txt").write_text("written")
     (tmp_path / "log.txt").read_text()
-    first = opened_files.opened_files({tmp_path / "option.txt"})
+    first = identity.opened_files({tmp_path / "option.txt"})
     assert [Path(name).name for name in first] == ["table.txt"]
-    opened_files.watch_files()
+    identity.watch_files()
     (tmp_path / "second.txt").read_text()
-    second = opened_files.opened_files(set())
+    second = identity.opened_files(set())
     assert {Path(name).name for name in second} == {"table.txt", "second.txt"}
     (tmp_path / "table.txt").write_text("2")
     os.utime(tmp_path / "table.txt", (1, 1))
     with pytest.raises(ValueError, match=r"table\.txt has changed while the study ran"):
-        opened_files.opened_files(set())
+        identity.opened_files(set())

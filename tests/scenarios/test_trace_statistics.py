@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from scenarios.reproduce.trace_statistics import Judgement, judged, line_distance, statistics
-from sensors.sand.rig import nominal_rig
-from sensors.sand.trace import TraceTruth
+from offtrack.studies.reproduce.trace_sets import Judgement, judged, line_distance, statistics
+from sensors.sand.trace_rig import nominal_rig
+from sensors.sand.world import TraceTruth
 from vehicle.rover.description import load_rover
 
 RIG = nominal_rig(load_rover("el_dorado_ii"))

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.assembly.recorded_drive import read_trace
-from scenarios.loop.run import run
+from offtrack.reports.run_page import report_html
+from scenarios.assembly.drivers_and_laws import read_trace
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.report.run_page import report_html
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary, trailer_summaries
+from scenarios.results.run_summary import summary, trailer_summaries
+from scenarios.results.trailer_result import RunResult
 
 DOUBLE = ("vehicle=b_double_steered", "course.turn_deg=60", "course.exit=10", "reference_unit=false")
 

@@ -17,14 +17,20 @@ import pytest
 from typer.testing import CliRunner
 
 from controllers.trailer_steering.policy import Network, load_network
-from scenarios.cli import app
-from scenarios.environments.domain import Domain
+from offtrack.commands.cli import app
+from offtrack.environments.domain import Domain
+from offtrack.environments.training import evaluation
+from offtrack.environments.training.evaluation import CONDITIONS, Condition, scored
+from offtrack.environments.training.training_directory import (
+    Point,
+    check_directory,
+    draw_curve,
+    opened_directory,
+    read_curve,
+    write_curve,
+)
+from offtrack.environments.training.training_plan import COURSES, DOMAIN, Plan, normalisation
 from scenarios.progress import no_progress
-from scenarios.training import evaluation
-from scenarios.training.curve import Point, draw_curve, read_curve, write_curve
-from scenarios.training.evaluation import CONDITIONS, Condition, scored
-from scenarios.training.plan import COURSES, DOMAIN, Plan, normalisation
-from scenarios.training.results import check_directory, opened_directory
 
 needs_extra = pytest.mark.skipif(
     importlib.util.find_spec("stable_baselines3") is None,
@@ -146,7 +152,7 @@ def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, m
     """Neither those in the model's description nor those among its tensors."""
     import torch
 
-    from scenarios.training.learner import Budget, learn
+    from offtrack.environments.training.learner import Budget, learn
 
     monkeypatch.chdir(tmp_path)
     plan, directory = Plan(envs=8), tmp_path / "run"

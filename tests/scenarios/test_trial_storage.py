@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 pytest.importorskip("sqlalchemy")
 
-from scenarios.cli import app
-from scenarios.studies.study import Study
-from scenarios.studies.trial_storage import database, hidden
-from scenarios.studies.tuning import Range, Tuning, finished, in_database, resume, work
+from offtrack.commands.cli import app
+from offtrack.studies.study import Study
+from offtrack.studies.trial_storage import database, hidden
+from offtrack.studies.tuning import Range, Tuning, finished, in_database, resume, work
 
 SHORT = {"course.turn_deg": "30", "course.entry": "20", "course.exit": "5", "speed_kmh": "20", "off_tracking": "truth"}
 

@@ -12,11 +12,11 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from typer.testing import CliRunner
 
-from scenarios.cli import app
+from offtrack.commands.cli import app
+from offtrack.studies.study import Study
+from offtrack.studies.tuning import Range, Trial, Tuning, chosen, finished, former, pareto, resume
 from scenarios.options.scenario import load_scenario
-from scenarios.results.files import digest
-from scenarios.studies.study import Study
-from scenarios.studies.tuning import Range, Trial, Tuning, chosen, finished, former, pareto, resume
+from scenarios.results.atomic_files import digest
 
 
 def trial(number: int, *values: float) -> Trial:

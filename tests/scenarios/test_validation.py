@@ -17,20 +17,18 @@ from typer.testing import CliRunner, Result
 
 from controllers.path import Path as Course
 from controllers.path import arc, line
-from scenarios.commands.validate import validate
+from offtrack.commands.validate import validate
+from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
+from offtrack.studies.validation.check import Check, Plot, Section, Series, Task, number, tally
+from offtrack.studies.validation.integration import OtherStepPlant
+from offtrack.studies.validation.lateral_checks import multibody_check, rearward_amplification
+from offtrack.studies.validation.linear_checks import linear_theory, tyre_lag
+from offtrack.studies.validation.mechanics import mechanics
+from offtrack.studies.validation.no_slip_limit import RollingChain, poses_along
+from offtrack.studies.validation.simple_drives import on_single_axles
+from offtrack.studies.validation.stopping_checks import parking
+from offtrack.studies.validation.suite import validation_page
 from scenarios.results.swept_path import placed
-from scenarios.validation import closed_forms, no_slip_limit, suite
-from scenarios.validation.amplification import rearward_amplification
-from scenarios.validation.check import Check, Plot, Section, Series, Task, number, tally
-from scenarios.validation.integration import OtherStepPlant
-from scenarios.validation.linear_theory import linear_theory
-from scenarios.validation.mechanics import mechanics
-from scenarios.validation.multibody_check import multibody_check
-from scenarios.validation.no_slip import RollingChain, poses_along
-from scenarios.validation.parking import parking
-from scenarios.validation.tyre_lag import tyre_lag
-from scenarios.validation.validation_page import validation_page
-from scenarios.validation.vehicles import on_single_axles
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.loads import static_axle_loads
@@ -50,7 +48,7 @@ FOOT = 0.3048
 def test_the_tractrix_has_the_angles_known_for_it(radius: float, length: float, at_90: float, at_180: float) -> None:
     """Calculated beforehand, to three decimals of a degree."""
     for turned, known in ((0.5 * math.pi, at_90), (math.pi, at_180)):
-        found = math.degrees(closed_forms.tractrix_articulation(radius, length, turned))
+        found = math.degrees(turns_without_slip.tractrix_articulation(radius, length, turned))
         assert found == pytest.approx(known, abs=6e-4)  # rounding of the known
 
 
@@ -58,18 +56,20 @@ def test_the_tractrix_has_the_angles_known_for_it(radius: float, length: float, 
 def test_the_tractrix_solves_its_equation(ratio: float, turned: float) -> None:
     """gamma' = 1 - (R / L) sin(gamma) from 0, integrated numerically."""
     end = solve_ivp(lambda _, g: 1.0 - ratio * np.sin(g), (0.0, turned), [0.0], rtol=1e-10, atol=1e-12).y[0, -1]
-    assert closed_forms.tractrix_articulation(ratio, 1.0, turned) == pytest.approx(end, abs=1e-8)  # of the integration
+    assert turns_without_slip.tractrix_articulation(ratio, 1.0, turned) == pytest.approx(
+        end, abs=1e-8
+    )  # of the integration
 
 
 def test_steady_forms_have_the_values_known_for_them() -> None:
     """Off-tracking of follow point and axle, the path-following law's own geometry, the ring's longest wheelbase."""
-    assert closed_forms.follow_point_off_tracking(15.0, 9.0, 14.0) == pytest.approx(2.142135, abs=1e-6)
+    assert turns_without_slip.follow_point_off_tracking(15.0, 9.0, 14.0) == pytest.approx(2.142135, abs=1e-6)
     known = {12.5: 3.3830, 15.0: 2.6765, 20.0: 1.9205, 30.0: 1.2447, 50.0: 0.7367, 100.0: 0.3663}
     for radius, off_tracking in known.items():
-        found = closed_forms.front_axle_off_tracking(radius, 3.8, 0.7744762, 7.7)
+        found = turns_without_slip.front_axle_off_tracking(radius, 3.8, 0.7744762, 7.7)
         assert found == pytest.approx(off_tracking, abs=5e-5)  # rounding of the known
     for width, length in ((2.55, 8.135), (2.50, 8.155), (2.60, 8.115)):
-        assert closed_forms.longest_wheelbase_on_the_roundabout(width) == pytest.approx(length, abs=5e-4)
+        assert turns_without_slip.longest_wheelbase_on_the_roundabout(width) == pytest.approx(length, abs=5e-4)
 
 
 @given(st.floats(9.0, 50.0), st.floats(0.0, 1.0))
@@ -78,7 +78,7 @@ def test_path_following_axles_point_along_the_trailers_turn(radius: float, share
     follow = 14.0
     centre = np.array([-0.5 * follow, math.sqrt(radius**2 - 0.25 * follow**2)])  # of the turn, in the trailer's frame
     axle = np.array([-share * follow, 0.0])
-    delta = closed_forms.path_following_steer(radius, share * follow, follow)
+    delta = turns_without_slip.path_following_steer(radius, share * follow, follow)
     assert (centre - axle) @ np.array([math.cos(delta), math.sin(delta)]) == pytest.approx(0.0, abs=1e-9 * radius)
 
 

@@ -18,17 +18,16 @@ from matplotlib.patches import Circle, Polygon
 from PIL import Image
 from typer.testing import CliRunner, Result
 
-from scenarios.commands.vehicle import vehicle
-from scenarios.vehicle_sheet import rover_views
-from scenarios.vehicle_sheet.combination_views import CombinationDrawing, plan_view, side_view
-from scenarios.vehicle_sheet.library import open_sheet
-from scenarios.vehicle_sheet.paper import Scale, save_sheet
+from offtrack.commands.vehicle import vehicle
+from offtrack.reports.vehicle_sheet import rover_sheet as rover_views
+from offtrack.reports.vehicle_sheet.combination_views import CombinationDrawing, plan_view, side_view
+from offtrack.reports.vehicle_sheet.library import open_sheet
+from offtrack.reports.vehicle_sheet.sheet import Scale, save_sheet
 from vehicle.combination.data_sheet import data_sheet, handling_at
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.rover.data_sheet import rover_sheet
-from vehicle.rover.description import load_rover, rover_names
+from vehicle.rover.description import load_rover, load_soil, rover_names, soil_names
 from vehicle.rover.plant import settled_sinkage
-from vehicle.rover.soil import load_soil, soil_names
 
 Drawn = Callable[[str], tuple[Path, Path]]
 

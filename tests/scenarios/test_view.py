@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.player.playback import Picture
-from scenarios.report.run_page import report_html
+from offtrack.commands.cli import app
+from offtrack.reports.player.playback import Picture
+from offtrack.reports.run_page import report_html
+from offtrack.reports.viewing import finished_run, pictures_of_page
 from scenarios.results.log import read_log
-from scenarios.results.run_result import RunResult
-from scenarios.results.summary import summary
-from scenarios.viewing.finished import finished_run
-from scenarios.viewing.page_pictures import pictures_of_page
+from scenarios.results.run_summary import summary
+from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import opened_page
 
 LAWS = ("path_preview", "none")

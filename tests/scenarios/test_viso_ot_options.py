@@ -7,9 +7,9 @@ import inspect
 import pytest
 
 from estimators.off_tracking.viso_ot import VisoOt
-from scenarios.assembly.trailer import assemble
+from scenarios.assembly.trailer_run import assemble
+from scenarios.options.perception import VisoOtOptions
 from scenarios.options.scenario import load_scenario
-from scenarios.options.viso_ot import VisoOtOptions
 
 
 def test_options_are_the_keywords_of_the_estimator_with_the_same_defaults() -> None:

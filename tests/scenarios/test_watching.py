@@ -13,13 +13,12 @@ from urllib.parse import urlsplit
 import pytest
 from typer.testing import CliRunner
 
-from scenarios.cli import app
-from scenarios.loop.run import run
+from offtrack.commands.cli import app
+from offtrack.reports.watching import Watcher, watched
+from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.log import Log
-from scenarios.results.run_result import RunResult
-from scenarios.watching.server import watched
-from scenarios.watching.watcher import Watcher
+from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import Opened
 
 

@@ -14,13 +14,21 @@ import pytest
 
 from sensors.camera.lens import CameraModel, mount_rotation
 from sensors.camera.rig import StereoRig
-from sensors.faults.catalogue import FAULTS, checked_kind
-from sensors.faults.fault import Fault, FaultContext, Pinhole, T, defaults, with_faults
+from sensors.faults.fault import FAULTS, Fault, FaultContext, Pinhole, T, checked_kind, defaults, with_faults
 from sensors.faults.image_kinds import ImageFault
 from sensors.faults.message_kinds import AnySensorFault
 from sensors.instruments.navigation import ExactPose
-from sensors.messages import BodyPose, GreyImage, RoverView, SlipReading, StereoFrame
-from sensors.sensor import Message, Sensor, Stamped, message_type
+from sensors.messages import (
+    BodyPose,
+    GreyImage,
+    Message,
+    RoverView,
+    Sensor,
+    SlipReading,
+    Stamped,
+    StereoFrame,
+    message_type,
+)
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 from vehicle.option import Option

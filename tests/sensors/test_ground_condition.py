@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage
 from sensors.render import StereoRenderer
-from sensors.world.condition import condition_of
-from sensors.world.ground import Centreline, Landscape, road_map
+from sensors.world.ground import Centreline, Landscape, condition_of, road_map
 from sensors.world.world import World
 from vehicle.frames import FloatArray
 from vehicle.surface import (

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from sensors.world.ground import Centreline, road_map
-from sensors.world.lane_lines import line_map
+from sensors.world.ground import Centreline, line_map, road_map
 from sensors.world.world import World
 from tests.sensors.test_ground_texture import from_above
 from vehicle.frames import FloatArray

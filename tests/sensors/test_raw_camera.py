@@ -12,12 +12,19 @@ import pytest
 from cv2.typing import MatLike
 from numpy.typing import NDArray
 
-from sensors.camera.image_formation import AutoExposure, LightNoise, grey
+from sensors.camera.image_formation import (
+    AutoExposure,
+    LensMap,
+    LightNoise,
+    Twist,
+    covering_pinholes,
+    grey,
+    moved,
+    twist_between,
+)
 from sensors.camera.lens import UNDISTORTED, RawStereoRig, mount_rotation
-from sensors.camera.lens_map import LensMap, covering_pinholes
-from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.camera.rig import StereoRig
-from sensors.camera.shutter import Twist, moved, twist_between
+from sensors.camera.stereo_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.render import StereoRenderer
 from sensors.world.world import World
 from vehicle.combination.truth import Truth

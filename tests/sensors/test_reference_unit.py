@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sensors.instruments.reference_unit import PERIOD, ReferenceUnit
+from sensors.instruments.navigation import PERIOD, ReferenceUnit
 from sensors.messages import GnssIns
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, rotation_zyx, transform

@@ -7,13 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from sensors.sand.field import Field
-from sensors.sand.grid import TEXEL, Floats, Window, slumped
-from sensors.sand.imprint import Tread
-from sensors.sand.kinds import SandKind
-from sensors.sand.light import Reach, around, decoded, encoded, sunlit
-from sensors.sand.relief import ALBEDO, Relief
-from sensors.sand.wheels import Stand, Wheel
+from sensors.sand.field import Field, Reach, around, decoded, encoded, sunlit
+from sensors.sand.grid import TEXEL, Floats, Tread, Window, slumped
+from sensors.sand.relief import ALBEDO, Relief, SandKind
+from sensors.sand.world import Stand, Wheel
 from sensors.world.sky import daylight
 from vehicle.rover.terrain import Terrain
 

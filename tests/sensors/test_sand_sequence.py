@@ -7,18 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from sensors.sand.field import TILE, Field
+from sensors.sand.field import TILE, Field, Reach, foreign_tracks
 from sensors.sand.grid import Window
-from sensors.sand.kinds import KINDS, SandKind
-from sensors.sand.light import Reach
-from sensors.sand.relief import Relief
-from sensors.sand.rig import nominal_rig
-from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches
-from sensors.sand.sequence import labelled_sequence, route_of
+from sensors.sand.relief import KINDS, Pebbles, Relief, SandKind
+from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches, labelled_sequence, route_of
 from sensors.sand.solids import scattered
-from sensors.sand.stones import Pebbles
 from sensors.sand.trace_camera import TraceCamera, Webcam
-from sensors.sand.tracks import foreign_tracks
+from sensors.sand.trace_rig import nominal_rig
 from sensors.sand.world import SandWorld
 from sensors.world.sky import daylight
 from vehicle.clock import TICK

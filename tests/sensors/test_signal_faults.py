@@ -9,10 +9,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from scenarios.assembly.trailer import assemble
+from scenarios.assembly.trailer_run import assemble
 from scenarios.options.scenario import load_scenario
-from sensors.faults.catalogue import FAULTS, checked_kind
-from sensors.faults.fault import Fault, FaultContext
+from sensors.faults.fault import FAULTS, Fault, FaultContext, checked_kind
 from sensors.faults.signal_kinds import SignalFault
 from sensors.messages import CombinationSignals, StereoFrame
 

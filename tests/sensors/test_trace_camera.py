@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from sensors.messages import GreyImage
-from sensors.sand.casters import Casters
-from sensors.sand.rig import nominal_rig
-from sensors.sand.rover_pass import RoverPass
-from sensors.sand.sequence import route_of
-from sensors.sand.trace_camera import TraceCamera, Webcam
-from sensors.sand.trace_rig import TraceRig
-from sensors.sand.view import GroundView, VisibleGround
+from sensors.sand.rover_pass import RoverPass, route_of
+from sensors.sand.solids import Casters
+from sensors.sand.trace_camera import GroundView, TraceCamera, VisibleGround, Webcam
+from sensors.sand.trace_rig import TraceRig, nominal_rig
 from sensors.sand.world import SandWorld, Sun
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, transform
 from vehicle.rover.description import Rover, load_rover

@@ -11,10 +11,20 @@ import pytest
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
-from sensors.world.road_vehicles import car, lorry, vehicle_textures
 from sensors.world.scenery import Instances
 from sensors.world.things import Thing
-from sensors.world.traffic import KINDS, MAX_VEHICLES, DrivenPath, InTraffic, Traffic, TrafficKind, populated
+from sensors.world.traffic import (
+    KINDS,
+    MAX_VEHICLES,
+    DrivenPath,
+    InTraffic,
+    Traffic,
+    TrafficKind,
+    car,
+    lorry,
+    populated,
+    vehicle_textures,
+)
 from sensors.world.world import World
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sensors.instruments.combination import TrailerViewSensor
 from sensors.messages import CombinationSignals, StereoFrame, TrailerView, stereo_frame
-from sensors.trailer_view import TrailerViewSensor
 from vehicle.clock import Schedule
 
 DARK = np.zeros((2, 2), dtype=np.uint8)

@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.assembly.trailer import assemble
-from scenarios.loop.combination import TrailerSession
+from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.result import trailer_result
+from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_inputs import RunInputs
 from tests.soak.measure import usage

@@ -60,10 +60,10 @@ def _environment(name: str, steps: int, *, many: int = 0, **options: Any) -> Cal
 
     @contextmanager
     def opened(folder: Path) -> Iterator[Cycle]:
-        from scenarios import gym_env
+        from offtrack.environments import registry
 
         def cycle() -> None:
-            made = gym_env.vector(name, many, **options) if many else gym_env.single(name, **options)
+            made = registry.vector(name, many, **options) if many else registry.single(name, **options)
             made.action_space.seed(1)
             for seed in (1, 2):
                 made.reset(seed=seed)
@@ -79,9 +79,9 @@ def _environment(name: str, steps: int, *, many: int = 0, **options: Any) -> Cal
 @contextmanager
 def _long_run(folder: Path) -> Iterator[Cycle]:
     """One environment that is never closed."""
-    from scenarios import gym_env
+    from offtrack.environments import registry
 
-    environment = gym_env.vector("TrailerSteering-v0", 4)
+    environment = registry.vector("TrailerSteering-v0", 4)
     environment.reset(seed=1)
     straight = np.zeros_like(environment.action_space.sample())
 
@@ -100,7 +100,7 @@ def _command(*arguments: str, specimen: str = "") -> Callable[[Path], Any]:
     def opened(folder: Path) -> Iterator[Cycle]:
         from typer.testing import CliRunner
 
-        from scenarios.cli import app
+        from offtrack.commands.cli import app
 
         if specimen:
             make(folder, [specimen])
@@ -121,7 +121,7 @@ def _runs(scenario: str, *keys: str) -> Callable[[Path], Any]:
 
     @contextmanager
     def opened(folder: Path) -> Iterator[Cycle]:
-        from scenarios.loop.run import run_any
+        from scenarios.loop.runner import run_any
         from scenarios.options.scenario import load_any_scenario
 
         def cycle() -> None:
@@ -137,7 +137,7 @@ def _refusals(folder: Path) -> Iterator[Cycle]:
     """Damaged files of several kinds."""
     from typer.testing import CliRunner
 
-    from scenarios.cli import app
+    from offtrack.commands.cli import app
 
     for name in ("bad.toml", "bad.csv", "bad.png", "bad.npz"):
         (folder / name).write_bytes(b"\x89PNG\x00[[[" * 200)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicle.actuators import demand_rate, steer_rate
+from vehicle.combination.actuators import demand_rate, steer_rate
 
 angles = st.floats(-3.0, 3.0)
 LIMITS = {"lag": 0.15, "limit": 0.5, "rate_limit": 0.35}

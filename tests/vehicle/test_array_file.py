@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vehicle.array_file import read_archive, read_array, read_arrays
-from vehicle.rover.height_map import load_height_map
-from vehicle.user_file import MAX_MEMBERS, FileKind
+from vehicle.foundation.data_file import read_archive, read_array, read_arrays
+from vehicle.foundation.user_file import MAX_MEMBERS, FileKind
+from vehicle.rover.terrain import load_height_map
 
 
 def array_of(descr: str, shape: str, content: bytes = b"", padding: int = 0) -> bytes:

@@ -9,9 +9,8 @@ import pytest
 
 from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import Vehicle
-from vehicle.combination.ground_inputs import SurfaceLookup
-from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.symbolic import numbers
+from vehicle.combination.functions import numbers
+from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface

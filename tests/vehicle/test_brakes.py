@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.validation.stops import braked, without_abs
-from vehicle.combination.brake_channels import brake_channels
-from vehicle.combination.brake_data import Distribution
+from offtrack.studies.validation.stopping_checks import braked, without_abs
 from vehicle.combination.data_sheet import data_sheet
-from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
+from vehicle.combination.description import GRAVITY, Vehicle, brake_channels, load_vehicle, vehicle_names
 from vehicle.combination.layout import state_sizes
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Distribution
 from vehicle.surface import SplitFriction, Surface
 
 DRY = Surface(friction=0.8)

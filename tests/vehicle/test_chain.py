@@ -13,14 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vehicle.combination.brake_channels import brake_channels
 from vehicle.combination.chain import derivative, relaxation
-from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, brake_channels
 from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Unit
-from vehicle.integrator import exact_diagonal
+from vehicle.engine.integrator import exact_diagonal
 from vehicle.tyres import ROLLING_SPEED_FLOOR
 
 seeds = st.integers(0, 2**32 - 1)

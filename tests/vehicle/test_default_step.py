@@ -13,8 +13,8 @@ from vehicle.clock import TICK
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
+from vehicle.engine.integrator import semi_implicit_step
 from vehicle.frames import FloatArray
-from vehicle.integrator import semi_implicit_step
 
 
 @lru_cache(maxsize=8)

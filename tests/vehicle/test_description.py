@@ -13,7 +13,7 @@ import pytest
 
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names, vehicle_sources
 from vehicle.combination.unit import Actuator
-from vehicle.tyres.tmeasy import TmeasyTyre
+from vehicle.tyres.laws import TmeasyTyre
 
 FILE = Path(str(resources.files("vehicle"))) / "parameters" / "eu_tractor_semitrailer.toml"
 

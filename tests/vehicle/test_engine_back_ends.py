@@ -6,13 +6,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vehicle.engine.arithmetic import evaluated
-from vehicle.engine.blocks import Blocks
 from vehicle.engine.compiler import Compiler, compiler
+from vehicle.engine.interpreter import Blocks, Virtual, evaluated
 from vehicle.engine.native import NativeMany, NativeOne
-from vehicle.engine.program import Program, program_of
-from vehicle.engine.tape import OPERATIONS, Operation
-from vehicle.engine.virtual import Virtual
+from vehicle.engine.program import OPERATIONS, Operation, Program, program_of
 from vehicle.frames import FloatArray
 
 x, u, p = ca.SX.sym("x", 3), ca.SX.sym("u", 2), ca.SX.sym("p", 2)

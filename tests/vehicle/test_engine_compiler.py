@@ -13,8 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, library, warn_if_interpreted
-from vehicle.engine.trusted_cache import warn_once
+from vehicle.engine.compiler import (
+    Compiler,
+    CompilerError,
+    compiler,
+    engine_name,
+    library,
+    warn_if_interpreted,
+    warn_once,
+)
 
 SOURCE = "int answer(void) { return ANSWER; }"
 

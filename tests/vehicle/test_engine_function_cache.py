@@ -10,14 +10,12 @@ import casadi as ca
 import pytest
 
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import step_function
-from vehicle.combination.symbolic import topology
+from vehicle.combination.functions import step_function, topology
 from vehicle.engine import function_cache
-from vehicle.engine.composite import Composite
-from vehicle.engine.function_cache import derived_once
+from vehicle.engine.compiler import warn_once
+from vehicle.engine.function_cache import Composite, derived_once
 from vehicle.engine.program import program_of
-from vehicle.engine.trusted_cache import warn_once
-from vehicle.tyres.brush import BrushTyre
+from vehicle.tyres.laws import BrushTyre
 
 
 class Derivation:

@@ -13,22 +13,21 @@ import pytest
 from vehicle.clock import TICK
 from vehicle.combination.chain import relaxation
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import compiled_derivative, step_function, wheel_function
-from vehicle.combination.layout import State, parts, state_sizes
-from vehicle.combination.plant_inputs import (
+from vehicle.combination.functions import compiled_derivative, numbers, sampled_states, step_function, wheel_function
+from vehicle.combination.layout import (
     CommandInputs,
     GroundInputs,
+    State,
     chain_input,
     command_sizes,
     ground_input_sizes,
+    parts,
+    state_sizes,
 )
-from vehicle.combination.step_calls import sampled_states
-from vehicle.combination.symbolic import numbers
-from vehicle.engine.compiler import compiler
+from vehicle.engine.compiler import compiler, warn_once
+from vehicle.engine.integrator import semi_implicit_step
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
-from vehicle.engine.trusted_cache import warn_once
 from vehicle.frames import FloatArray
-from vehicle.integrator import semi_implicit_step
 
 with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 N = 50

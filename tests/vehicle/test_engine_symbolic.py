@@ -8,9 +8,8 @@ import pytest
 
 from vehicle.combination.chain import derivative
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.functions import compiled_derivative, step_function
+from vehicle.combination.functions import compiled_derivative, numbers, step_function, symbolic_twin, topology
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
-from vehicle.combination.symbolic import numbers, symbolic_twin, topology
 
 
 def test_symbols_are_named_after_their_places_in_the_file(tractor_semitrailer: Vehicle) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.validation.derivations import Accelerations, Motion, lagrange, modelled, newton_euler
+from offtrack.studies.validation.mechanics import Accelerations, Motion, lagrange, modelled, newton_euler
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes

@@ -11,8 +11,8 @@ import pytest
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import compiled_derivative
 from vehicle.combination.layout import Input, State, input_sizes, state_sizes, wheels
+from vehicle.engine.integrator import semi_implicit_step
 from vehicle.frames import FloatArray
-from vehicle.integrator import semi_implicit_step
 
 
 def integrate(f: ca.Function, x: FloatArray, h: float, end: float, blocks: list[tuple[int, int]]) -> FloatArray:

@@ -9,10 +9,17 @@ import pytest
 from scipy.interpolate import interp1d
 
 from controllers.path import Path, arc, line
-from scenarios.validation.driving import GRIP, along_path, poses_of, round_circle, steered
-from scenarios.validation.no_slip import poses_along, rolling_chain
-from scenarios.validation.no_slip_limit import kinematic_poses
-from scenarios.validation.vehicles import gripping, on_single_axles, tractor_and_trailer
+from offtrack.studies.validation.no_slip_limit import kinematic_poses, poses_along, rolling_chain
+from offtrack.studies.validation.simple_drives import (
+    GRIP,
+    along_path,
+    gripping,
+    on_single_axles,
+    poses_of,
+    round_circle,
+    steered,
+    tractor_and_trailer,
+)
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.frames import Pose2
 from vehicle.surface import Surface

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.lateral_outputs import OutputKind
 from vehicle.combination.layout import Input, input_sizes, parts
-from vehicle.combination.linear import LateralModel, lateral_model, straight_running
+from vehicle.combination.linear import LateralModel, OutputKind, lateral_model, straight_running
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.tyres.linear import LinearTyre
+from vehicle.tyres.laws import LinearTyre
 
 STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different
 

@@ -23,7 +23,7 @@ from vehicle.combination.handling import (
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Axle
-from vehicle.tyres.linear import LinearTyre
+from vehicle.tyres.laws import LinearTyre
 
 SPEED = 24.0  # [m/s] of the audit
 LANE_CHANGE_SPEED = 88.0 / 3.6  # [m/s] ISO 14791

@@ -9,8 +9,7 @@ import pytest
 from vehicle.combination.chain import derivative
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
-from vehicle.combination.linear import straight_running
-from vehicle.combination.mirror import flipped, kept
+from vehicle.combination.linear import flipped, kept, straight_running
 
 SPEED = 20.0  # [m/s]
 

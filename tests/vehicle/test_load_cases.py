@@ -8,11 +8,10 @@ import pytest
 
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import step_function
-from vehicle.combination.load_cases import LOADS, load_cases, payload_mass, with_load
 from vehicle.combination.loads import static_axle_loads
-from vehicle.combination.plant_changes import changed_vehicle
-from vehicle.combination.rollover import roll_gradients
-from vehicle.parameter_library import ParameterLibrary
+from vehicle.combination.roll import roll_gradients
+from vehicle.combination.variants import LOADS, changed_vehicle, load_cases, payload_mass, with_load
+from vehicle.foundation.parameter_file import ParameterLibrary
 
 
 @pytest.mark.parametrize("name", vehicle_names())

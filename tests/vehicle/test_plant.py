@@ -9,12 +9,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from scenarios.validation.stops import without_abs
+from offtrack.studies.validation.stopping_checks import without_abs
 from tests.vehicle.braking import without_governor
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import State, parts, state_sizes
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
-from vehicle.combination.rollover import roll_gradients
+from vehicle.combination.roll import roll_gradients
 from vehicle.combination.truth import Truth
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine

@@ -9,14 +9,10 @@ import pytest
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import wheels
 from vehicle.combination.loads import static_axle_loads
-from vehicle.combination.plant_changes import NamedChanges, changed_vehicle, number_paths
-from vehicle.parameter_library import ParameterLibrary
-from vehicle.quantities import Frozen
+from vehicle.combination.variants import NamedChanges, changed_vehicle, number_paths
+from vehicle.foundation.parameter_file import Frozen, ParameterLibrary
 from vehicle.tyres import Planar, Tyre
-from vehicle.tyres.brush import BrushTyre
-from vehicle.tyres.laws import TYRES
-from vehicle.tyres.linear import LinearTyre
-from vehicle.tyres.magic_formula import MagicFormulaTyre
+from vehicle.tyres.laws import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre
 
 _LINEAR = {
     "nominal_load": 30e3,

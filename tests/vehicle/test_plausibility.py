@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_from, vehicle_names
-from vehicle.combination.plant_changes import number_paths
+from vehicle.combination.variants import number_paths
 from vehicle.tyres.laws import TYRES
 
 PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"

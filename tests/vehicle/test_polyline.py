@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.polyline import arc_length, dense, resampled, rows_every
+from vehicle.foundation.polyline import arc_length, dense, resampled, rows_every
 
 CORNER = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])  # 5 m and 6 m
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from scenarios.standards.longitudinal import Incline, longitudinal, longitudinal_theory
+from offtrack.studies.standards.longitudinal_capability import Incline, longitudinal, longitudinal_theory
+from vehicle.combination.actuators import retarder_capacity
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import State, parts, state_sizes, wheels
 from vehicle.combination.longitudinal import startability
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.powertrain import retarder_capacity
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from vehicle.combination.description import Vehicle
-from vehicle.combination.plant import VehicleCommand
-from vehicle.combination.prescribed import ConstantSlipPlant
+from vehicle.combination.plant import ConstantSlipPlant, VehicleCommand
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
 

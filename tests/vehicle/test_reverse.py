@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.validation.vehicles import gripping, tractor_and_trailer
+from offtrack.studies.validation.simple_drives import gripping, tractor_and_trailer
 from tests.vehicle.braking import without_governor
 from vehicle.combination.batch import BatchGround, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.functions import numbers
 from vehicle.combination.layout import State, parts, state_sizes, wheels
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.symbolic import numbers
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface

@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import compiled_output, step_function
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
-from vehicle.combination.load_cases import with_load
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_changes import changed_vehicle
-from vehicle.combination.roll import settled_rolls, springs_of
-from vehicle.combination.rollover import roll_gradients, static_rollover
-from vehicle.engine.composite import written_out
+from vehicle.combination.roll import roll_gradients, settled_rolls, springs_of, static_rollover
+from vehicle.combination.variants import changed_vehicle, with_load
+from vehicle.engine.function_cache import written_out
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
 

@@ -10,9 +10,8 @@ import pytest
 from vehicle.frames import Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.data_sheet import RoverSheet, rover_sheet
-from vehicle.rover.description import Rover, load_rover
+from vehicle.rover.description import Rover, load_rover, load_soil
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Terrain
 
 GRAVITY = 9.81

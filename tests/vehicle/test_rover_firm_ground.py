@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from vehicle.combination.layout import parts
-from vehicle.combination.plant_inputs import slices
+from vehicle.combination.layout import parts, slices
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
-from vehicle.rover.equations import dynamics
-from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
+from vehicle.rover.equations import RoverInput, RoverState, dynamics, input_sizes, state_sizes
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import Terrain, slope_towards
 from vehicle.rover.truth import RoverTruth

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
-from vehicle.rover.description import Rover, load_rover
-from vehicle.rover.footprint import Footprint
+from vehicle.rover.description import Footprint, Rover, load_rover, load_soil
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Terrain, slope_towards
 from vehicle.rover.terramechanics import GRAVITY
 from vehicle.rover.truth import RoverTruth

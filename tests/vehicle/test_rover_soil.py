@@ -15,9 +15,8 @@ from vehicle.combination.plant import DivergedError
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
-from vehicle.rover.description import load_rover
+from vehicle.rover.description import load_rover, load_soil, soil_names
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.soil import load_soil, soil_names
 from vehicle.rover.terrain import FirmPatch, Mound, Terrain, slope_towards
 from vehicle.rover.terramechanics import Rolling, soil_force
 from vehicle.rover.truth import RoverTruth

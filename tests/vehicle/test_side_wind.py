@@ -12,7 +12,7 @@ from vehicle.combination.functions import compiled_derivative, step_function
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.roll import springs_of
-from vehicle.engine.composite import written_out
+from vehicle.engine.function_cache import written_out
 from vehicle.frames import Pose2
 from vehicle.surface import Gust, Surface
 

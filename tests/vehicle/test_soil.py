@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.parameter_file import read_toml, sources
-from vehicle.rover.soil import Soil, load_soil, soil_names
+from vehicle.foundation.parameter_file import read_toml, sources
+from vehicle.rover.description import Soil, load_soil, soil_names
 
 
 @pytest.mark.parametrize("name", soil_names())

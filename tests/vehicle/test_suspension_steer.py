@@ -11,8 +11,8 @@ from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import compiled_derivative
 from vehicle.combination.handling import understeer_gradient
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.plant_changes import changed_vehicle
 from vehicle.combination.sprung import settled
+from vehicle.combination.variants import changed_vehicle
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Roughness, RoughProfile, Surface
 

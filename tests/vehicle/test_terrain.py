@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from vehicle.frames import FloatArray
-from vehicle.rover.height_map import HeightMap, load_height_map
-from vehicle.rover.terrain import FirmPatch, Mound, Terrain, slope_towards
+from vehicle.rover.terrain import FirmPatch, HeightMap, Mound, Terrain, load_height_map, slope_towards
 
 MOUND = Mound(x=1.0, y=-0.5, height=0.4, radius=1.5)
 

@@ -15,7 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 import vehicle.rover.terramechanics
 from vehicle.frames import FloatArray
-from vehicle.rover.soil import Soil, load_soil, soil_names
+from vehicle.rover.description import Soil, load_soil, soil_names
 from vehicle.rover.terramechanics import Rolling, slip_ratio, soil_force
 
 

@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 
+from vehicle.combination.chain_forces import WheelMotion, WheelState, wheel_motion
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import State, parts, state_sizes, wheels
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.multibody import Vector
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 from vehicle.tyres import Planar
-from vehicle.tyres.linear import LinearTyre
+from vehicle.tyres.laws import LinearTyre
 
 SPACING = 0.34  # [m]
 LOAD, SPEED, STIFFNESS = 50e3, 2.0, 15.0

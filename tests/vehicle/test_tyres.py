@@ -11,11 +11,8 @@ from hypothesis import strategies as st
 
 from vehicle.combination.description import Vehicle
 from vehicle.tyres import Contact, Grip, Planar, Tyre, carcass, contact, laws, rolling_speed
-from vehicle.tyres.bristle import slip_speed
-from vehicle.tyres.brush import BrushTyre
-from vehicle.tyres.linear import LinearTyre
-from vehicle.tyres.magic_formula import MagicFormulaTyre
-from vehicle.tyres.tmeasy import TmeasyCurve, TmeasyTyre
+from vehicle.tyres.laws import BrushTyre, LinearTyre, MagicFormulaTyre, TmeasyCurve, TmeasyTyre
+from vehicle.tyres.tyre import slip_speed
 
 loads = st.floats(2e3, 9e4)
 frictions = st.floats(0.05, 1.2)

@@ -18,19 +18,18 @@ from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
     kinematics_function,
+    numbers,
     start_function,
     step_function,
     wheel_function,
 )
-from vehicle.combination.ground_inputs import SurfaceLookup
-from vehicle.combination.layout import State, state_sizes
-from vehicle.combination.plant_inputs import GroundInputs, command_sizes, ground_input_sizes, slices
-from vehicle.combination.symbolic import numbers
+from vehicle.combination.layout import GroundInputs, State, command_sizes, ground_input_sizes, slices, state_sizes
+from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
 from vehicle.combination.truth_vectors import Kinematics, TruthAssembly, WheelTruth, kinematics_sizes, wheel_truth_sizes
 from vehicle.engine.kernels import Engine, kernel_for_rows
+from vehicle.foundation.plant_like import are_sane
 from vehicle.frames import FloatArray
-from vehicle.sanity import are_sane
 
 Lanes: TypeAlias = NDArray[np.intp]  # numbers of vehicles, (k,)
 _APEX: Final = 3.0  # radius over which the tip of conical ground is rounded, as on ``Surface`` [m]

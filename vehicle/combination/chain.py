@@ -14,12 +14,29 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
-from vehicle.actuators import demand_rate, steer_rate
-from vehicle.combination.brakes import BrakeRates, brake_rates, slowing_of, valve_commands
-from vehicle.combination.chain_forces import GroundForce, course_of, ground_forces, hitch_forces, specific_forces
+from vehicle.combination.actuators import (
+    BrakeRates,
+    air_drag,
+    brake_rates,
+    demand_rate,
+    slowing_of,
+    steer_rate,
+    valve_commands,
+)
+from vehicle.combination.chain_forces import (
+    GroundForce,
+    WheelMotion,
+    WheelState,
+    course_of,
+    ground_forces,
+    hitch_forces,
+    side_forces,
+    specific_forces,
+    wheel_motion,
+    wheel_plane,
+)
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
-from vehicle.combination.load_sharing import sharing
 from vehicle.combination.loads import ChainLoads, chain_loads, roll_moments, wheel_loads
 from vehicle.combination.multibody import (
     Speeds,
@@ -31,12 +48,9 @@ from vehicle.combination.multibody import (
     speed_rates,
     velocity,
 )
-from vehicle.combination.powertrain import air_drag
 from vehicle.combination.roll import LYING, Hitch, UnitSprings, body_moments, springs_of
-from vehicle.combination.side_wind import side_forces
-from vehicle.combination.sprung import Ride, rides, spring_rates
+from vehicle.combination.sprung import Ride, rides, sharing, spring_rates
 from vehicle.combination.unit import Unit
-from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, wheel_plane
 from vehicle.tyres import Num, Planar
 
 _AXLE_LAG: Final = 0.016  # [s] of the load transfer by an axle's side force: it rolls on its tyres at about 10 Hz

@@ -1,24 +1,158 @@
 """Combinations of vehicles as data: the validated contents of a vehicle file, and the sources of its numbers.
 
+Without ABS an axle, or a group of axles, has one channel. With it, a modulator is a channel: of one wheel, of the
+wheels on one side of a group, or of all its wheels.
+
 A number in a vehicle file is either plain or ``{ value = ..., source = "..." }``. Units are described in ``unit.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from vehicle.combination.brake_channels import check_brakes
-from vehicle.combination.brake_data import Brakes, with_brakes
-from vehicle.combination.powertrain_data import AirDrag, Powertrain
-from vehicle.combination.unit import Unit
-from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
-from vehicle.parameter_library import ParameterLibrary
-from vehicle.quantities import Flag, Frozen, Lag, quantity
+from vehicle.combination.unit import AxleBrake, Brakes, Unit, with_brakes
+from vehicle.foundation.parameter_file import (
+    Flag,
+    Frozen,
+    Lag,
+    ParameterLibrary,
+    checked,
+    nearest,
+    quantity,
+    read_toml,
+    sources,
+    without_sources,
+)
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
+
+_FORCE: Final = "1 kN moves a car, 1 MN the heaviest transport"
+_POWER: Final = "powers are in W, not kW"
+
+
+class Retarder(Frozen):
+    """Endurance brake on the driven wheels: engine drag, engine brake or retarder.
+
+    If it does not act first, it does a part of the driven axles' own share of a brake demand, so that no force changes.
+    """
+
+    max_force: Annotated[float, quantity("N", ge=100.0, le=1e6, why=_FORCE)]  # at the treads
+    max_power: Annotated[float, quantity("W", ge=1e3, le=5e6, why=_POWER)]  # at the wheels
+    full_speed: Annotated[  # below it the force falls to 0 with the speed
+        float, quantity("m/s", ge=0.1, le=20.0, why="an engine drags from walking pace on")
+    ]
+    acts_first: Flag = False  # it does all that it can, and the service brakes the rest; unstable on slippery ground
+
+
+class Powertrain(Frozen):
+    """Engine and gearbox as a force limit, a power limit (``Drive.max_power``) and a governor; continuous ratio."""
+
+    launch_force: Annotated[float, quantity("N", ge=100.0, le=1e6, why=_FORCE)]  # at the treads in the lowest gear
+    lowest_gear_speed: Annotated[  # of the rims at governed engine speed in the lowest gear
+        float, quantity("m/s", ge=0.3, le=20.0, why="a crawler gear has 0.3 m/s, a car's first gear 15 m/s")
+    ]
+    overspeed: Annotated[  # governed engine speed over that at which the gear in use is driven
+        float, quantity("-", ge=1.0, le=5.0, why="the governor is above the speed in use; gears span a factor of 2")
+    ]
+    top_speed: Annotated[  # of the rims in the highest gear at governed engine speed, or at a road speed limiter
+        float, quantity("m/s", ge=1.0, le=100.0, why="from a transporter's 4 km/h to 360 km/h")
+    ]
+    governor_band: Annotated[  # of the rims' speed, over which the torque falls to 0
+        float, quantity("m/s", ge=0.1, le=5.0, why="a governor takes a few percent of the engine's speed")
+    ]
+    traction_control: Flag = True
+    traction_slip: Annotated[float, quantity("-", ge=0.01, le=1.0, why="driven tyres have their peak at 0.05 to 0.3")]
+    traction_slip_speed: Annotated[  # added to it: for setting off
+        float, quantity("m/s", ge=0.1, le=5.0, why="walking pace at most")
+    ]
+    retarder: Retarder | None = None
+
+
+class AirDrag(Frozen):
+    """Drag of the air on the straight combination."""
+
+    drag_area: Annotated[float, quantity("m2", ge=0.1, le=30.0, why="drag coefficient times frontal area; cars 0.6 m2")]
+    density: Annotated[float, quantity("kg/m3", ge=0.5, le=1.6, why="from 8000 m of height to severe frost")]
+
+
+class Channel(NamedTuple):
+    """Wheels with a common brake pressure."""
+
+    unit: int
+    axles: tuple[int, ...]  # numbers in ``Unit.axles``
+    brake: AxleBrake  # of the foremost of them
+    side: int  # +1 left, -1 right, 0 both
+    valve: int | None  # number of its ABS modulator; None: no ABS
+    mirrored: int  # number of the channel that is its mirror image
+
+
+def brake_channels(vehicle: Vehicle) -> tuple[Channel, ...]:
+    """All brake channels, front to rear, left before right; none if the vehicle describes no brakes."""
+    channels: list[Channel] = []
+    for unit, axles, brake in _groups(vehicle):
+        with_abs = vehicle.brakes is not None and vehicle.brakes.abs and brake.abs is not None
+        sides = (+1, -1) if with_abs and brake.abs == "wheel" else (0,)
+        first = len(channels)
+        for k, side in enumerate(sides):
+            valve = sum(channel.valve is not None for channel in channels) if with_abs else None
+            channels.append(Channel(unit, axles, brake, side, valve, first + len(sides) - 1 - k))
+    return tuple(channels)
+
+
+def channel_of_wheel(vehicle: Vehicle) -> dict[tuple[int, int, int], int]:
+    """Number of the brake channel by unit, axle in it, and side (+1 left, -1 right); wheels without brakes lack."""
+    return {
+        (channel.unit, axle, side): number
+        for number, channel in enumerate(brake_channels(vehicle))
+        for axle in channel.axles
+        for side in (+1, -1)
+        if channel.side in (0, side)
+    }
+
+
+def check_brakes(vehicle: Vehicle) -> None:
+    """Refuse brakes that do not fit together.
+
+    Raises:
+        ValueError: one line that names the table.
+    """
+    if vehicle.brakes is not None and not any(axle.brake for unit in vehicle.units for axle in unit.axles):
+        raise ValueError("brakes: no axle has a brake: give axles a table 'brake', or remove [brakes]")
+    for i, axles, brake in _groups(vehicle):
+        for k in axles[1:]:
+            other = vehicle.units[i].axles[k].brake
+            if other is not None and _shared(other) != _shared(brake):
+                raise ValueError(
+                    f"units.{i}.axles.{k}: brakes of abs_group '{brake.abs_group}' must have the same lag, fill_rate "
+                    "and abs"
+                )
+
+
+def _shared(brake: AxleBrake) -> tuple[object, ...]:
+    return brake.lag, brake.fill_rate, brake.abs
+
+
+def _groups(vehicle: Vehicle) -> Iterator[tuple[int, tuple[int, ...], AxleBrake]]:
+    """Unit, axles and brake of each group of axles, in the order of their foremost axles."""
+    if vehicle.brakes is None:
+        return
+    for i, unit in enumerate(vehicle.units):
+        for axles in _grouped(unit):
+            brake = unit.axles[axles[0]].brake
+            if brake is not None:
+                yield i, axles, brake
+
+
+def _grouped(unit: Unit) -> list[tuple[int, ...]]:
+    groups: dict[str | int, list[int]] = {}
+    for k, axle in enumerate(unit.axles):
+        if axle.brake is not None:
+            groups.setdefault(k if axle.brake.abs_group is None else axle.brake.abs_group, []).append(k)
+    return [tuple(group) for group in groups.values()]
+
 
 GRAVITY: Final = 9.81  # [m/s2]
 

@@ -1,4 +1,6 @@
-"""The chain's equations as CasADi functions of vectors.
+"""The chain's equations as CasADi functions of vectors, also with the vehicle's numbers as symbols.
+
+Brakes are controlled once a tick, by a function of their own.
 
 A third argument takes the vehicle's numbers, in the order of ``symbolic.numbers``: such a function is built once for
 all vehicles of one topology.
@@ -11,27 +13,190 @@ from functools import lru_cache, wraps
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import casadi as ca
+import numpy as np
+from pydantic import BaseModel
 
-from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
-from vehicle.combination.chain import derivative, output
+from vehicle.clock import TICK
+from vehicle.combination.chain import brake_control, derivative, output, relaxation, wheel_travel
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
-from vehicle.combination.loads import static_axle_loads
-from vehicle.combination.multibody import Vector, along
-from vehicle.combination.plant_inputs import (
+from vehicle.combination.layout import (
     CommandInputs,
     GroundInputs,
+    Input,
+    State,
     chain_input,
     command_sizes,
     gravity_along,
     ground_input_sizes,
+    input_sizes,
+    parts,
+    slices,
+    state_sizes,
+    wheels,
 )
+from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.multibody import Vector, along
 from vehicle.combination.sprung import settled
-from vehicle.combination.step_calls import step_in_calls
-from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
-from vehicle.combination.truth_vectors import kinematics, wheel_truth
-from vehicle.engine.composite import Composite
-from vehicle.engine.function_cache import derived_once
+from vehicle.combination.truth_vectors import SmoothGround, body_poses, kinematics, smooth_ground_sizes, wheel_truth
+from vehicle.engine.function_cache import Call, Composite, derived_once
+from vehicle.engine.integrator import after, damped_rate, half_weight, halfway
+from vehicle.frames import FloatArray
+
+_WORDS = frozenset(["name", "summary"])  # fields that no equation depends on
+_IDLE = frozenset(["payload"])  # tables that no equation depends on
+
+
+class SymbolicTwin(NamedTuple):
+    """A vehicle with a symbol for each of its numbers, and the numbers."""
+
+    vehicle: Vehicle  # its numbers are ``casadi.SX``
+    symbols: ca.SX  # (n,)
+    values: FloatArray  # (n,)
+
+
+def symbolic_twin(vehicle: Vehicle) -> SymbolicTwin:
+    """The vehicle with a symbol for every physical number, named by its path in the file."""
+    symbols: list[ca.SX] = []
+
+    def symbol(path: str, _: float) -> ca.SX:
+        symbols.append(ca.SX.sym(path))
+        return symbols[-1]
+
+    twin = _with_numbers(vehicle, symbol)
+    return SymbolicTwin(twin, ca.vertcat(ca.SX(0, 1), *symbols), numbers(vehicle))
+
+
+def numbers(vehicle: Vehicle) -> FloatArray:
+    """Every physical number of a vehicle, in the order of its symbols."""
+    values: list[float] = []
+    _with_numbers(vehicle, lambda _, value: values.append(value))
+    return np.array(values)
+
+
+@lru_cache(maxsize=64)
+def topology(vehicle: Vehicle) -> Vehicle:
+    """The vehicle without numbers and names: equal for vehicles with the same equations."""
+    bare: Vehicle = _with_numbers(vehicle, lambda *_: 0.0, words=False)
+    return bare
+
+
+def _with_numbers(
+    thing: Any,
+    number: Callable[[str, float], Any],
+    path: str = "",
+    *,
+    words: bool = True,
+) -> Any:
+    """A copy with every number replaced by ``number(path, value)``; not validated, as numbers may be symbols."""
+
+    def copied(part: Any, key: object) -> Any:
+        return _with_numbers(part, number, f"{path}.{key}", words=words)
+
+    if isinstance(thing, BaseModel):
+        fields: dict[str, Any] = {
+            name: "" if name in _WORDS and not words else None if name in _IDLE else copied(value, name)
+            for name, value in thing
+        }
+        return type(thing).model_construct(**fields)
+    if isinstance(thing, tuple | list):
+        return type(thing)(copied(part, k) for k, part in enumerate(thing))
+    if isinstance(thing, int | float) and not isinstance(thing, bool):
+        return number(path.removeprefix("."), thing)
+    return thing
+
+
+def sampled_states(vehicle: Vehicle) -> range:
+    """Numbers of the states of brakes, which are controlled once a tick; they are the last ones."""
+    at = State(*slices(state_sizes(vehicle)))
+    return range(at.brake_pressure.start, at.brake_valve.stop)
+
+
+def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers: ca.SX) -> Composite:
+    """Function (state, plant's input, numbers) -> state one tick later.
+
+    ``x``, ``v`` and ``numbers`` are its symbols, ``u`` is the chain's input in terms of ``v``.
+    """
+    s, at, sampled = (
+        State(*parts(x, state_sizes(vehicle))),
+        State(*slices(state_sizes(vehicle))),
+        sampled_states(vehicle),
+    )
+    n = sampled.start
+    travel = wheel_travel(vehicle, s, u) if sampled else ca.SX(0, 1)
+    rates = _Rates(ca.vertcat(*derivative(vehicle, s, u))[:n], ca.vertcat(*relaxation(vehicle, s, u))[:n], travel)
+    of_rates = ca.Function("rates", [x, v, numbers], [rates.entries])
+    calls = [Call(of_rates), Call(_halfway(rates, of_rates), results=(1,)), Call(of_rates, state=2, needed=n)]
+    if sampled:
+        now = ca.SX.sym("now", rates.entries.numel())
+        spin = ca.vertsplit(rates.rate(now)[at.omega])
+        brakes = brake_control(vehicle, s, ca.vertsplit(rates.travel(now)), spin)
+        later = x[n:] + TICK * ca.vertcat(*brakes.pressure, *brakes.valve)
+        calls.append(Call(ca.Function("brakes", [x, v, numbers, now], [ca.cse(later)]), results=(1,)))
+    calls.append(Call(_after(rates, of_rates, len(sampled)), results=tuple(range(1, len(calls) + 1))))
+    return Composite("step", tuple(calls))
+
+
+# CasADi's machine runs every operation of these two functions on a whole vector.
+
+
+def _halfway(rates: _Rates, of_rates: Any) -> Any:
+    """Function (state, input, numbers, rates) -> state halfway, and the weights of half a step."""
+    x, v, numbers = _arguments(of_rates)
+    now = ca.MX.sym("now", of_rates.numel_out(0))
+    half = _chosen(half_weight(rates.relaxing(now), TICK), rates.places, half_weight(0.0, TICK))
+    continuous = halfway(x[: rates.n], rates.rate(now), half)
+    return ca.Function("halfway", [x, v, numbers, now], [ca.vertcat(continuous, x[rates.n :], half)])
+
+
+def _after(rates: _Rates, of_rates: Any, n_sampled: int) -> Any:
+    """Function (state, input, numbers, rates, halfway, rates halfway, brakes later if any) -> state later."""
+    x, v, numbers = _arguments(of_rates)
+    now, then = ca.MX.sym("now", of_rates.numel_out(0)), ca.MX.sym("then", rates.n)
+    between = ca.MX.sym("halfway", x.numel() + rates.n)
+    brakes = [ca.MX.sym("brakes", n_sampled)] if n_sampled else []
+    damped = _chosen(damped_rate(rates.relaxing(now)), rates.places, 0.0)
+    continuous = after(x[: rates.n], rates.rate(now), then, damped, between[x.numel() :])
+    return ca.Function("after", [x, v, numbers, now, between, then, *brakes], [ca.vertcat(continuous, *brakes)])
+
+
+def _arguments(function: Any) -> list[Any]:
+    return [ca.MX.sym("v", function.numel_in(k)) for k in range(3)]
+
+
+class _Rates:
+    """The result of the rates' function: rates of the n continuous states, then what relaxes, each expression once."""
+
+    def __init__(self, rate: ca.SX, relaxation: ca.SX, travel: ca.SX) -> None:
+        self.n = rate.numel()
+        whole = ca.vertsplit(ca.cse(ca.densify(ca.vertcat(rate, relaxation, travel))))
+        distinct: dict[Any, int] = {}
+        numbers = [
+            None if entry.is_zero() else distinct.setdefault(entry.element_hash(), len(distinct))
+            for entry in whole[self.n :]
+        ]
+        self.places, self._travel = numbers[: self.n], numbers[self.n :]  # where they are among the distinct ones
+        self._n_relaxing = 1 + max((place for place in self.places if place is not None), default=-1)
+        first = [self.n + numbers.index(k) for k in range(len(distinct))]
+        self.entries = ca.vertcat(*whole[: self.n], *(whole[k] for k in first))
+
+    def rate(self, entries: Any) -> Any:
+        """Rate of every continuous state."""
+        return entries[: self.n]
+
+    def relaxing(self, entries: Any) -> Any:
+        """The distinct relaxation rates that are not zero; ``places`` tells whose they are."""
+        return entries[self.n : self.n + self._n_relaxing]
+
+    def travel(self, entries: Any) -> Any:
+        """``wheel_travel``."""
+        return _chosen(entries[self.n :], self._travel, 0.0)
+
+
+def _chosen(entries: Any, places: list[int | None], otherwise: float) -> Any:
+    """Entries by place, and a number where there is none."""
+    n = entries.numel()
+    return ca.vertcat(entries, otherwise)[[n if place is None else place for place in places]]
+
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 

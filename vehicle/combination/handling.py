@@ -15,7 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from vehicle.combination.description import Vehicle
 from vehicle.combination.linear import LateralModel, lateral_model
-from vehicle.combination.rollover import static_rollover
+from vehicle.combination.roll import static_rollover
 from vehicle.frames import FloatArray
 
 Amplified: TypeAlias = Literal["lateral_acceleration", "yaw_rate"]

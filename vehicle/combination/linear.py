@@ -1,27 +1,188 @@
 """Linear lateral motion about straight running: A, B, C, D from the chain's equations.
 
-To first order it is independent of longitudinal motion (``vehicle.combination.mirror``). Units and trailer
+A straight-running vehicle is its own mirror image, so to first order the two halves of its state do not act on each
+other: lateral motion is linear in the flipped coordinates, and straight running is a balance in the kept ones.
+
+A name is a kind and a number: of the unit, or of the axle in the whole vehicle, front to rear from 0.
+
+To first order it is independent of longitudinal motion (``vehicle.combination.linear``). Units and trailer
 actuators are numbered front to rear from 0; the input "steer" turns all steered axles of the tractor. The operating
 point is straight running at constant speed on level ground.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final, NamedTuple, TypeAlias
+from itertools import pairwise
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vehicle.combination.chain import derivative
-from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.lateral_outputs import OutputKind, check_outputs, lateral_outputs
+from vehicle.combination.chain import derivative, output
+from vehicle.combination.description import GRAVITY, Channel, Vehicle, brake_channels
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
-from vehicle.combination.mirror import Coordinate, flipped, kept
+from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
+from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
+from vehicle.tyres import Num
+
+SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also change places
+    x=1,
+    y=-1,
+    psi=-1,
+    v_x=1,
+    v_y=-1,
+    yaw_rate=-1,
+    heave=1,
+    pitch=1,
+    roll=-1,
+    heave_spring=1,
+    pitch_spring=1,
+    roll_spring=-1,
+    load_shift=1,
+    side_force=-1,
+    hitch_x=1,
+    hitch_y=-1,
+    omega=1,
+    deflection_x=1,
+    deflection_y=-1,
+    brake_windup=1,
+    twin_x=1,
+    twin_y=-1,
+    steer=-1,
+    acceleration=1,
+    brake_pressure=1,
+    brake_valve=1,
+)
+_PER_WHEEL: Final = frozenset({"omega", "deflection_x", "deflection_y", "brake_windup", "twin_x", "twin_y"})
+_PER_CHANNEL: Final = frozenset({"brake_pressure", "brake_valve"})
+_PER_HITCH: Final = frozenset({"hitch_x", "hitch_y"})
+_SINGLE: Final = frozenset({"x", "y", "v_x", "v_y", "acceleration"})
+
+
+class Coordinate(NamedTuple):
+    """Scalar coordinate of the state, ``reading`` @ state; a change by 1 changes the state by ``direction``."""
+
+    name: str
+    kind: str  # its part of the state, or "articulation"
+    direction: FloatArray  # (n_x,)
+    reading: FloatArray  # (n_x,)
+
+
+def kept(vehicle: Vehicle) -> tuple[Coordinate, ...]:
+    """Coordinates that a mirror keeps; for an axle's wheels their mean or half their difference."""
+    return tuple(_coordinates(vehicle, +1))
+
+
+def flipped(vehicle: Vehicle) -> tuple[Coordinate, ...]:
+    """Coordinates that a mirror flips; yaw angles as that of the tractor and the articulations."""
+    return tuple(_coordinates(vehicle, -1))
+
+
+def _coordinates(vehicle: Vehicle, sign: int) -> Iterator[Coordinate]:
+    sizes = state_sizes(vehicle)
+    rows = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
+    for part, part_rows, own in zip(State._fields, rows, SIGNS, strict=True):
+        if part in _PER_WHEEL:
+            yield from _per_axle(part, part_rows, sign * own)
+        elif part in _PER_CHANNEL:
+            channels = brake_channels(vehicle)
+            yield from _per_channel(part, part_rows, channels, sign * own)
+        elif sign == own:
+            yield from _angles(part_rows) if part == "psi" else _plain(part, part_rows)
+
+
+def _per_axle(part: str, rows: FloatArray, side: int) -> Iterator[Coordinate]:
+    """Mean of each axle's two wheels (side +1), or half the left one's excess over the right one (-1)."""
+    for k, (left, right) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
+        yield Coordinate(f"{part}_{k}", part, left + side * right, 0.5 * (left + side * right))
+
+
+def _per_channel(part: str, rows: FloatArray, channels: Sequence[Channel], side: int) -> Iterator[Coordinate]:
+    """The same of brake channels with this state; a channel of both sides is its own mirror image."""
+    present = [k for k, channel in enumerate(channels) if part == "brake_pressure" or channel.valve is not None]
+    row = dict(zip(present, rows, strict=True))
+    for k in present:
+        mirrored = channels[k].mirrored
+        if mirrored == k and side == +1:
+            yield Coordinate(f"{part}_{k}", part, row[k], row[k])
+        elif mirrored > k:
+            sum_ = row[k] + side * row[mirrored]
+            yield Coordinate(f"{part}_{k}", part, sum_, 0.5 * sum_)
+
+
+def _angles(rows: FloatArray) -> Iterator[Coordinate]:
+    """Yaw of the whole straight combination, then the articulation of each towed unit, psi ahead less psi."""
+    yield Coordinate("psi", "psi", rows.sum(axis=0), rows[0])
+    for k in range(1, len(rows)):
+        yield Coordinate(f"articulation_{k}", "articulation", -rows[k:].sum(axis=0), rows[k - 1] - rows[k])
+
+
+def _plain(part: str, rows: FloatArray) -> Iterator[Coordinate]:
+    first = 1 if part in _PER_HITCH else 0  # a hitch has the number of the unit behind it
+    for k, row in enumerate(rows, start=first):
+        yield Coordinate(part if part in _SINGLE else f"{part}_{k}", part, row, row)
+
+
+OutputKind = Literal[
+    "yaw_rate",  # [rad/s]
+    "lateral_velocity",  # of each unit's origin, along its y axis [m/s]
+    "lateral_acceleration",  # of each centre of gravity, along the unit's y axis [m/s2]
+    "articulation",  # of each towed unit: psi of the unit ahead less its own [rad]
+    "load_transfer",  # right less left wheel loads of each unit, over their sum [-]
+    "axle_position",  # of each axle's middle, to the left of the path [m]
+    "follow_position",  # of each follow point, to the left of the path [m]
+]
+_FROM_PATH: Final = ("axle_position", "follow_position")
+
+
+def check_outputs(kinds: Sequence[OutputKind], *, path: bool) -> None:
+    """Check that the kinds are known, and that there is a path for those measured from it.
+
+    Raises:
+        ValueError: naming the first such kind.
+    """
+    for kind in kinds:
+        if kind not in get_args(OutputKind):
+            raise ValueError(f"unknown output '{kind}'{nearest(kind, get_args(OutputKind))}")
+        if kind in _FROM_PATH and not path:
+            raise ValueError(f"output '{kind}' is measured from a path: it needs path=True")
+
+
+def lateral_outputs(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], rate: State[ca.SX]) -> dict[str, Num]:
+    """Every output by name; ``rate`` is the derivative of the state. The path is W's x axis."""
+    psi, yaw_rate = ca.vertsplit(s.psi), ca.vertsplit(s.yaw_rate)
+    e, speeds = axes(psi), Speeds(s.v_x, s.v_y, yaw_rate)
+    rates = Speeds(rate.v_x, rate.v_y, ca.vertsplit(rate.yaw_rate))
+    units = list(enumerate(vehicle.units))
+    axle_places = [(i, axle.x) for i, unit in units for axle in unit.axles]
+    transfer = ca.vertsplit(output(vehicle, s, u).lateral_load_transfer)
+
+    def lateral_position(unit: int, x: float) -> ca.SX:
+        return s.y + sum(length * ca.sin(psi[k]) for k, length in levers_to(vehicle, unit, x))
+
+    def lateral_velocity(unit: int, x: float) -> Num:
+        return along(e[unit], velocity(levers_to(vehicle, unit, x), e, speeds)).y
+
+    def lateral_acceleration(unit: int, x: float) -> Num:
+        return along(e[unit], acceleration(levers_to(vehicle, unit, x), e, speeds, rates)).y
+
+    return {
+        **{f"yaw_rate_{i}": r for i, r in enumerate(yaw_rate)},
+        **{f"lateral_velocity_{i}": lateral_velocity(i, 0.0) for i, _ in units},
+        **{f"lateral_acceleration_{i}": lateral_acceleration(i, unit.cg_x) for i, unit in units},
+        **{f"articulation_{i}": ahead - own for i, (ahead, own) in enumerate(pairwise(psi), start=1)},
+        **{f"load_transfer_{i}": t for i, t in enumerate(transfer)},
+        **{f"axle_position_{k}": lateral_position(i, x) for k, (i, x) in enumerate(axle_places)},
+        **{
+            f"follow_position_{i}": lateral_position(i, unit.follow_x) for i, unit in units if unit.follow_x is not None
+        },
+    }
+
 
 _IDLE: Final = ("brake_windup", "brake_pressure", "brake_valve")  # have no effect while no brake is applied
 _ITERATIONS: Final = 30  # Newton's method needs two to five

@@ -12,11 +12,11 @@ from typing import Final, NamedTuple
 
 from scipy.optimize import brentq
 
+from vehicle.combination.actuators import air_drag, retarder_capacity
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import wheels
 from vehicle.combination.loads import axle_loads
 from vehicle.combination.multibody import Vector
-from vehicle.combination.powertrain import air_drag, retarder_capacity
 from vehicle.combination.unit import Unit
 from vehicle.tyres import Planar
 from vehicle.tyres.tyre import Tyre

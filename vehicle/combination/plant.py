@@ -1,4 +1,11 @@
-"""The simulated combination: its equations stepped over whole ticks on a surface."""
+"""The simulated combination on a surface, stepped over whole ticks, and one of prescribed motion.
+
+Values that are the same everywhere are looked up once. Lookups take ``Kinematics`` as a vector (..., n), for one
+vehicle or many.
+
+De Saxe & Cebon 2018, "Estimation of trailer off-tracking using visual odometry", section 3.1: constant speed, constant
+slip angle. With the follow point L_f behind the hitch the off-tracking is e = -L_f tan(slip angle).
+"""
 
 from __future__ import annotations
 
@@ -12,20 +19,100 @@ from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
     kinematics_function,
+    numbers,
     start_function,
     step_function,
     wheel_function,
 )
-from vehicle.combination.ground_inputs import SurfaceLookup, ticks_to_next_lookup
-from vehicle.combination.layout import State, state_sizes
-from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes, slices
-from vehicle.combination.symbolic import numbers
+from vehicle.combination.layout import (
+    GroundInputs,
+    State,
+    command_sizes,
+    ground_input_sizes,
+    slices,
+    state_sizes,
+    wheels,
+)
+from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import TruthAssembly
+from vehicle.combination.truth_vectors import (
+    Kinematics,
+    SmoothGround,
+    TruthAssembly,
+    kinematics_sizes,
+    smooth_ground_sizes,
+)
 from vehicle.engine.kernels import Engine, kernel_for_one
+from vehicle.foundation.plant_like import is_sane
 from vehicle.frames import FloatArray, Pose2
-from vehicle.sanity import is_sane
 from vehicle.surface import Surface
+
+_LOOKUP_DISTANCE: Final = 0.1  # travelled between two lookups of changing ground [m]: half a contact patch
+_LEAST_SPEED: Final = 1.0  # that a vehicle at rest may reach before the next lookup [m/s]
+
+
+def ticks_to_next_lookup(speed: float) -> int:
+    """Number of ticks for which changing ground is held, at a speed [m/s]."""
+    return max(1, int(_LOOKUP_DISTANCE / (max(_LEAST_SPEED, speed) * TICK)))
+
+
+class SurfaceLookup:
+    """A surface, sampled at the wheels and units of vehicles of one topology."""
+
+    def __init__(self, surface: Surface, vehicle: Vehicle) -> None:
+        self._surface = surface
+        self._is_plane = surface.is_plane
+        self._is_uniform, self._is_smooth = surface.is_uniform, surface.is_smooth
+        self._at = Kinematics(*slices(kinematics_sizes(vehicle)))
+        self._inputs = GroundInputs(*slices(ground_input_sizes(vehicle)))
+        self._smooth = SmoothGround(*slices(smooth_ground_sizes(vehicle)))
+        slope_x, slope_y = surface.gradient(0.0, 0.0)
+        self._default_inputs = np.zeros(self._inputs.wind.stop)  # the values that do not change with position
+        self._default_inputs[self._inputs.friction] = surface.friction_at(0.0, 0.0)
+        self._default_inputs[self._inputs.slope_x] = slope_x
+        self._default_inputs[self._inputs.slope_y] = slope_y
+        self._default_smooth = np.zeros(self._smooth.slope_y.stop)
+        self._default_smooth[self._smooth.slope_x] = slope_x
+        self._default_smooth[self._smooth.slope_y] = slope_y
+
+    @property
+    def constant(self) -> FloatArray | None:
+        """The ``GroundInputs`` of a smooth plane of one friction; None if they change with position."""
+        calm = self._surface.gust is None
+        return self._default_inputs if calm and self._is_plane and self._is_uniform and self._is_smooth else None
+
+    def ground_inputs(self, kinematics: FloatArray) -> FloatArray:
+        """``GroundInputs`` of vehicles at these positions, (..., n)."""
+        surface, at, into = self._surface, self._at, self._inputs
+        inputs = _copies(self._default_inputs, kinematics)
+        if not self._is_plane:
+            slope = surface.gradient(kinematics[..., at.centre_x], kinematics[..., at.centre_y])
+            inputs[..., into.slope_x], inputs[..., into.slope_y] = slope[..., 0], slope[..., 1]
+        if not self._is_uniform:
+            inputs[..., into.friction] = surface.friction_at(kinematics[..., at.wheel_x], kinematics[..., at.wheel_y])
+        if not self._is_smooth:
+            inputs[..., into.road] = surface.roughness_at(kinematics[..., at.wheel_x], kinematics[..., at.wheel_y])
+        if surface.gust is not None and into.wind.stop > into.wind.start:
+            inputs[..., into.wind] = surface.gust.velocity_at(kinematics[..., at.centre_x])
+        return inputs
+
+    def smooth_ground(self, kinematics: FloatArray) -> FloatArray:
+        """``SmoothGround`` of vehicles at these positions, (..., n)."""
+        x, y = kinematics[..., self._at.support_x], kinematics[..., self._at.support_y]
+        ground = _copies(self._default_smooth, kinematics)
+        ground[..., self._smooth.height] = self._surface.height(x, y)
+        if not self._is_plane:
+            slope = self._surface.gradient(x, y)
+            ground[..., self._smooth.slope_x], ground[..., self._smooth.slope_y] = slope[..., 0], slope[..., 1]
+        return ground
+
+
+def _copies(row: FloatArray, kinematics: FloatArray) -> FloatArray:
+    """An array with a copy of the row for every vehicle."""
+    copies = np.empty((*kinematics.shape[:-1], len(row)))
+    copies[...] = row
+    return copies
+
 
 _NOTHING: Final = np.empty(0)
 
@@ -149,3 +236,71 @@ class Plant:
 
     def _ground_inputs(self, kinematics: FloatArray) -> FloatArray:
         return self._lookup.ground_inputs(kinematics) if self._constant_ground is None else self._constant_ground
+
+
+class ConstantSlipPlant:
+    """A combination with prescribed motion at a constant slip angle.
+
+    Units ahead of ``unit`` point in the direction of travel; ``unit`` and those behind it travel ``slip_angle`` [rad]
+    to the left of their heading. Tyre forces are not modelled: commands have no effect, loads are static, no friction
+    is used.
+    """
+
+    def __init__(self, vehicle: Vehicle, surface: Surface, *, unit: int, slip_angle: float, speed: float) -> None:
+        if not 1 <= unit < len(vehicle.units):
+            raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
+        if not abs(slip_angle) <= math.radians(80.0):
+            raise ValueError(f"slip_angle = {slip_angle} rad must be within +-{math.radians(80.0):.4f} rad (80 deg)")
+        if not speed > 0.0:
+            raise ValueError(f"speed = {speed} m/s must be positive")
+        self._vehicle = vehicle
+        self._surface = surface
+        self._speed = speed
+        n = len(vehicle.units)
+        self._slip = np.where(np.arange(n) < unit, 0.0, slip_angle)  # of every unit [rad]
+        self._loads = np.repeat(0.5 * np.concatenate(static_axle_loads(vehicle)), 2)  # (n_wheels,) [N]
+        self._wheel_unit = [wheel.unit for wheel in wheels(vehicle)]
+        self._n_steered = sum(len(unit.steered_axles) for unit in vehicle.units)
+
+    def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
+        """State: the tractor's pose X_WT, with psi as the direction of travel.
+
+        Raises:
+            ValueError: if ``speed`` [m/s] is not the constant one.
+        """
+        if speed != self._speed:
+            raise ValueError(f"speed = {speed} m/s must be the constant speed, {self._speed} m/s")
+        return np.array(pose)
+
+    def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
+        """State after whole ticks; the command has no effect."""
+        return np.array(Pose2(*state) @ Pose2(self._speed * ticks * TICK, 0.0, 0.0))
+
+    def observe(self, state: FloatArray, tick: int) -> Truth:
+        """Ground truth of this state."""
+        poses = self._poses(Pose2(*state))
+        velocities = self._speed * np.column_stack([np.cos(self._slip), np.sin(self._slip), np.zeros(len(poses))])
+        return Truth(
+            tick=tick,
+            poses=poses,
+            velocities=velocities,
+            bodies=np.array(
+                [
+                    self._surface.pose_on(x, y, psi, self._vehicle.supports(i))
+                    for i, (x, y, psi) in enumerate(poses.tolist())
+                ]
+            ),
+            steer=np.zeros(self._n_steered),
+            wheel_loads=self._loads.copy(),
+            wheel_slip_angles=self._slip[self._wheel_unit],
+            friction_used=np.zeros(len(self._wheel_unit)),
+            load_transfer=np.zeros(len(poses)),
+        )
+
+    def _poses(self, X_WT: Pose2) -> FloatArray:
+        """x [m], y [m], psi [rad] of each unit's frame in W, (N, 3)."""
+        poses = [X_WT]
+        for k, ahead in enumerate(self._vehicle.units[:-1]):
+            turn = float(self._slip[k] - self._slip[k + 1])
+            poses.append(poses[-1] @ Pose2(ahead.rear_hitch[0], 0.0, turn))
+        return np.array(poses)

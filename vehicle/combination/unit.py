@@ -1,4 +1,4 @@
-"""Units of a combination as data: a rigid body with its axles, steering actuators and suspensions.
+"""Units of a combination as data: a rigid body with axles, brakes, steering, suspensions, side wind and payload.
 
 Positions are along a unit's own x axis (forward), from the rear-axle centre for the tractor and from the front hitch
 for every towed unit, so that axles and follow points of towed units have negative x.
@@ -8,15 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
-from vehicle.combination.brake_data import AxleBrake
-from vehicle.combination.payload import Payload
-from vehicle.combination.roll_data import Coupling, RollBody, Suspension
-from vehicle.combination.side_wind_data import SideWind
-from vehicle.quantities import (
+from vehicle.foundation.parameter_file import (
     Breadth,
     Flag,
     Fraction,
@@ -26,15 +22,204 @@ from vehicle.quantities import (
     Height,
     Inertia,
     Lag,
+    Length,
     Mass,
     Position,
+    checked,
+    nearest,
     quantity,
 )
+from vehicle.foundation.user_file import shown
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
-from vehicle.user_file import shown
 
-_DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
+Modulation = Literal["wheel", "select_low"]
+Distribution = Literal["load", "pressure"]
+
+_TORQUE: Final = "10 N m is a hand cart's brake, 5e5 a dumper's"
+
+AirLag = Annotated[float, quantity("s", ge=0.01, le=2.0, why="no brake answers within 10 ms or after 2 s")]
+
+
+class AxleBrake(Frozen):
+    """Service brake of an axle with two equal wheels."""
+
+    torque: Annotated[float, quantity("N m", ge=10.0, le=5e5, why=_TORQUE)]  # of both wheels at full pressure
+    lag: AirLag  # first-order time constant of the pressure in the chambers
+    fill_rate: Annotated[
+        float, quantity("1/s", ge=0.1, le=50.0, why="pressure builds up in 0.02 s to 10 s")
+    ]  # at most, of the pressure over the full one
+    abs: Modulation | None = None  # "wheel": each side has its modulator; "select_low": one, led by the slower side
+    abs_group: str | None = None  # axles of a unit with the same name share their modulators
+
+
+class Brakes(Frozen):
+    """The system that controls the service brakes of a combination."""
+
+    distribution: Distribution  # "load": forces in proportion to static loads, as EBS does; "pressure": equal pressure
+    lag: AirLag  # from the pedal to the valves of the axles, first order
+    abs: Flag = True
+    abs_slip: Fraction  # slip at which a modulator releases the pressure
+    abs_slip_speed: Annotated[
+        float, quantity("m/s", ge=0.05, le=5.0, why="below it wheels may lock")
+    ]  # added to it: slower wheels may lock
+    abs_hysteresis: Fraction  # share of that limit by which the slip must fall until the modulator lets pressure in
+    abs_lead: Annotated[
+        float, quantity("s", ge=0.0, le=0.2, why="a wheel locks within 0.2 s")
+    ]  # slip is predicted so far ahead from the spin's rate
+    abs_release_lag: Annotated[
+        float, quantity("s", ge=0.01, le=1.0, why="no chamber empties within 10 ms; slower wheels lock")
+    ]  # first order, of the pressure let out by ABS
+    abs_valve_lag: Annotated[
+        float, quantity("s", ge=0.002, le=0.1, why="solenoid valves take some ms")
+    ]  # of the modulator's valves
+
+
+def with_brakes(contents: dict[str, Any], axles: list[tuple[str, dict[str, Any]]], file: str) -> dict[str, Any]:
+    """The contents with the data of table ``[axle_brakes.name]`` in place of each axle's ``brake = "name"``.
+
+    ``axles`` are the dotted key and the table of every axle in the contents.
+
+    Raises:
+        ValueError: one line, if a table is not valid or there is none of a name.
+    """
+    tables = contents.get("axle_brakes", {})
+    if not isinstance(tables, dict):
+        raise ValueError(f"{file}: axle_brakes: must be tables [axle_brakes.name]")
+    known = {name: _axle_brake(table, file, f"axle_brakes.{name}") for name, table in tables.items()}
+    for key, axle in axles:
+        brake = axle.get("brake")
+        if isinstance(brake, dict):
+            axle["brake"] = _axle_brake(brake, file, f"{key}.brake")
+        elif isinstance(brake, str):
+            if brake not in known:
+                hint = nearest(brake, known)
+                raise ValueError(f"{file}: {key}.brake = '{brake}': no table [axle_brakes.{brake}]{hint}")
+            axle["brake"] = known[brake]
+    return {key: value for key, value in contents.items() if key != "axle_brakes"}
+
+
+def _axle_brake(table: object, file: str, key: str) -> AxleBrake:
+    if not isinstance(table, dict):
+        raise ValueError(f"{file}: {key}: must be a table")
+    return checked(AxleBrake, table, file, key)
+
+
+_DEG: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
+_STIFFNESS: Final = "1e4 is a car's axle, and at 1e7 an axle is rigid beside its tyres"
+
+
+class Suspension(Frozen):
+    """Springs of one axle in roll, and its tyres under load: the table ``suspension`` of an axle."""
+
+    roll_stiffness: Annotated[float, quantity("N m/rad", ge=1e4, le=1e7, why=_STIFFNESS)]  # springs and stabiliser
+    roll_centre_height: Annotated[
+        float, quantity("m", ge=0.01, le=2.0, why="roll centres lie between the ground and the top of the wheels")
+    ]
+    tyre_stiffness: Annotated[  # vertical, of one wheel; of both tyres of a twin wheel
+        float, quantity("N/m", ge=5e4, le=1e7, why="1.5e5 is a car's tyre, 2e6 a twin wheel of a truck")
+    ]
+    roll_damping: (
+        Annotated[float, quantity("N m s/rad", ge=3e2, le=1e6, why="1e3 is a car's axle, 1e5 one of a heavy truck")]
+        | None
+    ) = None  # None for all axles of a unit: by its ``suspension_damping``
+    at_front: Flag = False  # the unit's frame twists between this axle and the others
+
+    def tyre_roll_stiffness(self, track: float, twin_spacing: float | None) -> float:
+        """Roll stiffness of the axle on its tyres [N m/rad], with the spacing of twin tyres if it is given [m]."""
+        squares = track**2 if twin_spacing is None else track**2 + twin_spacing**2
+        return 0.5 * self.tyre_stiffness * squares
+
+
+class RollBody(Frozen):
+    """A unit's body in roll: its table ``roll``."""
+
+    inertia: Inertia  # about the axis along the body through its centre of gravity
+    frame_stiffness: (
+        Annotated[
+            float, quantity("N m/rad", ge=1e4, le=1e8, why="a ladder frame has some 1e5 to 1e6; leave out a rigid body")
+        ]
+        | None
+    ) = None  # twist between front support (axles ``at_front`` or the fifth wheel) and rear; None: rigid
+
+
+class Coupling(Frozen):
+    """The fifth wheel under a unit's front end: its table ``coupling``. Without it, the hitch rolls freely."""
+
+    roll_stiffness: Annotated[float, quantity("N m/rad", ge=1e4, le=1e8, why=_STIFFNESS)]
+    plate_width: Annotated[  # over which it presses on the trailer's plate
+        float, quantity("m", ge=0.1, le=3.0, why="fifth wheels are 0.6 m to 1 m wide, turntables as wide as the unit")
+    ]
+    lash_deg: Annotated[float, quantity("deg", ge=0.0, le=20.0, why="the kingpin catches a trailer that separates")]
+
+    @property
+    def lash(self) -> float:
+        """Angle between separation and the kingpin's catch [rad]."""
+        return _DEG * self.lash_deg
+
+
+class SideWind(Frozen):
+    """A unit's body in side wind: its table ``side_wind``."""
+
+    area: Annotated[float, quantity("m2", ge=0.5, le=200.0, why="of the side: a car has 4 m2, a trailer of 4 m 45 m2")]
+    coefficient: Annotated[  # side force over dynamic pressure, area and sine of the wind's angle to the unit
+        float, quantity("-", ge=0.2, le=5.0, why="bodies of vehicles have 0.8 to 2")
+    ]
+    x: Position  # of the pressure's centre
+    height: Height  # of the pressure's centre
+
+
+class Payload(Frozen):
+    """The load on a unit, included in the numbers of the laden unit."""
+
+    mass: Mass
+    cg_x: Position
+    cg_height: Length
+    length: Annotated[  # of a box with the load's yaw inertia: beyond the body where the laden unit's inertia needs it
+        float, quantity("m", gt=0.0, le=40.0, why="no unit is longer than 40 m")
+    ]
+    width: Length
+    height: Length  # of the box; the load bed lies below its centre by half of it
+
+    @property
+    def yaw_inertia(self) -> float:
+        """About its own centre of gravity [kg m2]."""
+        return self.mass * (self.length**2 + self.width**2) / 12.0
+
+    @property
+    def roll_inertia(self) -> float:
+        """About its own centre of gravity [kg m2]."""
+        return self.mass * (self.width**2 + self.height**2) / 12.0
+
+
+class Body(NamedTuple):
+    """Mass properties of a unit."""
+
+    mass: float  # [kg]
+    cg_x: float  # [m]
+    cg_height: float  # [m]
+    yaw_inertia: float  # about the centre of gravity [kg m2]
+    roll_inertia: float | None = None  # the same; None: not known
+
+
+def without(laden: Body, payload: Payload, removed: float) -> Body:
+    """Mass properties without the share ``removed`` of the payload, by the parallel-axis theorem; not checked."""
+    gone = removed * payload.mass
+    mass = laden.mass - gone
+    cg_x = (laden.mass * laden.cg_x - gone * payload.cg_x) / mass
+    cg_height = (laden.mass * laden.cg_height - gone * payload.cg_height) / mass
+    along = gone * (payload.cg_x - laden.cg_x) ** 2 + mass * (cg_x - laden.cg_x) ** 2
+    up = gone * (payload.cg_height - laden.cg_height) ** 2 + mass * (cg_height - laden.cg_height) ** 2
+    roll = laden.roll_inertia
+    return Body(
+        mass,
+        cg_x,
+        cg_height,
+        laden.yaw_inertia - removed * payload.yaw_inertia - along,
+        None if roll is None else roll - removed * payload.roll_inertia - up,
+    )
+
+
 _UNIT_NAME: Final = re.compile(r"[^\W\d_]([\w -]{0,38}[\w-])?")
 _ENDINGS: Final = ("command", "std")  # of signals that have another one of the same beginning
 
@@ -103,12 +288,12 @@ class Steering(Frozen):
     @property
     def limit(self) -> float:
         """Largest road-wheel angle to either side [rad]."""
-        return _DEGREE * self.limit_deg
+        return _DEG * self.limit_deg
 
     @property
     def rate_limit(self) -> float:
         """Largest rate of the road-wheel angle [rad/s]."""
-        return _DEGREE * self.rate_limit_deg
+        return _DEG * self.rate_limit_deg
 
 
 class LoadSharing(Frozen):

@@ -8,14 +8,11 @@ from typing import Any, Final, Literal, Protocol, TypeAlias, get_args
 import casadi as ca
 import numpy as np
 
-from vehicle.engine.arithmetic import evaluated
-from vehicle.engine.blocks import Blocks
-from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted
-from vehicle.engine.composite import AnyFunction, Composite, written_out
+from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted, warn_once
+from vehicle.engine.function_cache import AnyFunction, Composite, written_out
+from vehicle.engine.interpreter import Blocks, Virtual, evaluated
 from vehicle.engine.native import NativeMany, NativeOne
 from vehicle.engine.program import Program, program_of
-from vehicle.engine.trusted_cache import warn_once
-from vehicle.engine.virtual import Virtual
 from vehicle.frames import FloatArray
 
 Engine: TypeAlias = Literal["auto", "compiled", "interpreted"]

@@ -18,8 +18,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from vehicle.frames import FloatArray
-from vehicle.rover.description import Rover
-from vehicle.rover.soil import Soil
+from vehicle.rover.description import Rover, Soil
 from vehicle.rover.terramechanics import GRAVITY, Rolling, soil_force
 
 Direction = Literal["uphill", "downhill", "sideways"]

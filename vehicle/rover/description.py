@@ -1,19 +1,65 @@
-"""A rover as data: the contents of its file, checked, and the source of each number."""
+"""A rover and its soil as data: the contents of their files, checked, and the source of each number."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
+import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
+from vehicle.foundation.parameter_file import (
+    Flag,
+    Fraction,
+    Frozen,
+    Lag,
+    Length,
+    ParameterLibrary,
+    Position,
+    checked,
+    quantity,
+    read_toml,
+    sources,
+    without_sources,
+)
 from vehicle.frames import FloatArray
-from vehicle.parameter_file import checked, read_toml, sources, without_sources
-from vehicle.parameter_library import ParameterLibrary
-from vehicle.quantities import Flag, Frozen, Lag, Length, Position, quantity
 from vehicle.rover.command import WheelPlace, corner_wheels
-from vehicle.rover.footprint import Footprint
+from vehicle.tyres import Num
+
+
+class Footprint(NamedTuple):
+    """Places of the wheels in R as shares of the two half sizes; wheels are in mirrored pairs around R's origin."""
+
+    half_length: Num  # x of the foremost wheels [m]
+    half_width: Num  # y of the outermost left wheels [m]
+    along: tuple[float, ...]  # x of each wheel over the half length, -1 to 1
+    across: tuple[float, ...]  # y of each wheel over the half width, -1 to 1
+
+    @property
+    def places(self) -> list[tuple[Num, Num]]:
+        """x and y of each wheel in R [m]."""
+        shares = zip(self.along, self.across, strict=True)
+        return [(along * self.half_length, across * self.half_width) for along, across in shares]
+
+    def loads(self, normal: Num, pitch: Num, roll: Num) -> list[Num]:
+        """Loads [N] of the wheels from a normal force [N] and its moments [N m] that load the front and the left.
+
+        The normal force and two moments are three equations, too few for four or six loads. All contacts are taken as
+        equally stiff. Under a rigid body the loads are then linear in place, N_k = N/n + A x_k + B y_k. Of all loads in
+        balance these have the least elastic energy, the least sum of N_k^2. For mirrored pairs around the origin the
+        sums of x_k, y_k and x_k y_k vanish, so A = pitch / sum x_k^2 and B = roll / sum y_k^2.
+
+        A load that would be negative is 0. From there on, far beyond the slopes of any sand, loads do not balance.
+        """
+        forward = pitch / (self.half_length * sum(along**2 for along in self.along))
+        leftward = roll / (self.half_width * sum(across**2 for across in self.across))
+        share = normal / len(self.along)
+        return [
+            ca.fmax(share + along * forward + across * leftward, 0.0)
+            for along, across in zip(self.along, self.across, strict=True)
+        ]
+
 
 _DEGREE: Final = math.pi / 180.0  # [rad]; not math.radians, which takes no symbols
 _TOLERANCE: Final = 1e-9  # of wheel places that must mirror each other [m]
@@ -202,3 +248,59 @@ def rover_sources(name_or_path: str) -> dict[str, str]:
         ValueError: if there is no such rover or file.
     """
     return sources(read_toml(_ROVERS.file(name_or_path)))
+
+
+_Modulus = Annotated[float, quantity("m", gt=0.0, le=0.5)]
+_Change = Annotated[float, quantity("m/rad", ge=-0.5, le=0.5)]
+
+_SOILS: Final = ParameterLibrary("soil", "soils")
+
+
+class Soil(Frozen):
+    """Soil under a rigid wheel: strength, pressure over sinkage, and shear.
+
+    The pressure at a sinkage z under a wheel of width b is, by ``pressure_law``, Bekker's (k_c / b + k_phi) z^n or
+    Reece's (c k_c + rho k_phi b) (z / b)^n. Reece's k_phi is multiplied by the mass density, as in the files of the
+    Tohoku group: with the specific weight in its place the soil would be 9.8 times too stiff.
+    """
+
+    name: str
+    summary: str = ""
+    pressure_law: Literal["bekker", "reece"]
+    shear_law: Literal["separate", "combined"]  # mobilise the shear strength along and across separately, or together
+    cohesion: Annotated[float, quantity("Pa", ge=0.0, le=1e5)]  # c
+    friction_angle_deg: Annotated[float, quantity("deg", gt=0.0, le=55.0)]  # phi
+    density: Annotated[float, quantity("kg/m3", gt=0.0, le=5000.0)]  # rho
+    exponent: Annotated[float, quantity("-", gt=0.0, le=3.0)]  # n
+    exponent_by_slip: Annotated[float, quantity("-", ge=0.0, le=2.0)]  # increase of n for a slip ratio of 1
+    exponent_by_skid: Annotated[float, quantity("-", ge=0.0, le=2.0)]  # increase of n for a slip ratio of -1
+    k_c: Annotated[float, quantity("Pa m^(1-n) (bekker), - (reece)", ge=0.0, le=1e9)]
+    k_phi: Annotated[float, quantity("Pa/m^n (bekker), m2/s2 (reece)", ge=0.0, le=1e9)]
+    crest_at_rest: Fraction  # a_0: angle of the largest pressure over the entry angle, without slip
+    crest_by_slip: Annotated[float, quantity("-", ge=0.0, le=1.0)]  # a_1: increase of a_0 for a slip ratio of 1
+    exit_ratio: Annotated[float, quantity("-", ge=0.0, le=2.0)]  # lambda: exit height over sinkage
+    shear_x: _Modulus  # k_x without side slip
+    shear_x_by_angle: _Change  # increase of k_x with the slip angle
+    shear_x_by_angle_squared: Annotated[float, quantity("m/rad2", ge=-0.5, le=0.5)]
+    shear_y: _Modulus  # k_y without side slip
+    shear_y_by_angle: _Change
+
+    @property
+    def friction_angle(self) -> float:
+        """Angle of internal friction [rad]."""
+        return math.pi / 180.0 * self.friction_angle_deg
+
+
+def soil_names() -> tuple[str, ...]:
+    """Names of the shipped soils."""
+    return _SOILS.names()
+
+
+def load_soil(name_or_path: str) -> Soil:
+    """Load a shipped soil by its name, or one from a ``.toml`` file.
+
+    Raises:
+        ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
+    """
+    path = _SOILS.file(name_or_path)
+    return checked(Soil, without_sources(read_toml(path)), str(path))

@@ -1,4 +1,4 @@
-"""Equations of motion of a rover on sloping ground, as CasADi expressions and as functions (state, input, numbers).
+"""Equations of motion of a rover on sloping ground, as CasADi expressions and functions, and their vectors.
 
 A rigid body moves on a plane with the mean slope of the ground under its wheels. Each wheel also feels the difference
 between its own slope and the plane's. Loads follow from the forces in the plane (see ``footprint``). They do not change
@@ -10,23 +10,71 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
 from pydantic import BaseModel
 
-from vehicle.actuators import steer_rate
+from vehicle.combination.actuators import steer_rate
 from vehicle.combination.layout import parts
 from vehicle.engine.function_cache import derived_once
 from vehicle.frames import FloatArray
-from vehicle.rover.description import Rover
-from vehicle.rover.footprint import Footprint
-from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
-from vehicle.rover.soil import Soil
-from vehicle.rover.terramechanics import GRAVITY, Rolling, soil_force
-from vehicle.rover.wheel import WheelForce, WheelGround, WheelState, ground_force, sinkage_rate, slip_rate, spin_up
+from vehicle.rover.description import Footprint, Rover, Soil
+from vehicle.rover.terramechanics import (
+    GRAVITY,
+    Rolling,
+    WheelForce,
+    WheelGround,
+    WheelState,
+    ground_force,
+    sinkage_rate,
+    slip_rate,
+    soil_force,
+    spin_up,
+)
 from vehicle.tyres import Num
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class RoverState(NamedTuple, Generic[V]):
+    """State of a rover with n wheels, in the order of its file."""
+
+    x: V  # of R in W [m]
+    y: V  # [m]
+    psi: V  # [rad]
+    v_x: V  # of R's origin along the body, in the plane of the ground [m/s]
+    v_y: V  # across, + left [m/s]
+    yaw_rate: V  # about the ground's normal [rad/s]
+    wheel_speed: V  # (n,) of rotation, + forward [rad/s]
+    turn: V  # (n,) angle rolled since the start [rad]
+    steer: V  # (n,) + left [rad]
+    slip_x: V  # (n,) lagged slip along the wheel, as slip / (1 + size of slip) [-]
+    slip_y: V  # (n,) the same across
+    sinkage: V  # (n,) [m]
+
+
+class RoverInput(NamedTuple, Generic[V]):
+    """Demands and ground during a step."""
+
+    wheel_speed: V  # (n,) demanded [rad/s]
+    steer: V  # (n,) demanded [rad]
+    step: V  # length of a step [s]
+    slope_x: V  # (n,) of the ground under each wheel, along W's x [-]
+    slope_y: V  # (n,) along W's y [-]
+    firm: V  # (n,) 1 where the ground does not give way, else 0
+    friction: V  # of firm ground [-]
+
+
+def state_sizes(n: int) -> RoverState[int]:
+    """Sizes of the state's parts for n wheels."""
+    return RoverState(1, 1, 1, 1, 1, 1, n, n, n, n, n, n)
+
+
+def input_sizes(n: int) -> RoverInput[int]:
+    """Sizes of the input's parts for n wheels."""
+    return RoverInput(n, n, 1, n, n, n, 1)
 
 
 class _ExcessSlope(NamedTuple):

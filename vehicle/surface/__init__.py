@@ -10,10 +10,8 @@ from vehicle.surface.friction import (
     circle,
     rectangle,
 )
-from vehicle.surface.ground import Surface
-from vehicle.surface.gust import Gust
-from vehicle.surface.measured import PROFILE_WAVES, Beyond, MeasuredRoad
-from vehicle.surface.relief import Relief, RoadRelief, SumOfReliefs
+from vehicle.surface.ground import Gust, Surface
+from vehicle.surface.relief import PROFILE_WAVES, Beyond, MeasuredRoad, Relief, RoadRelief, SumOfReliefs
 from vehicle.surface.roughness import (
     PATCH_SPREAD,
     ROAD_CLASSES,

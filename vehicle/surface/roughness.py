@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfc
 
+from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray
-from vehicle.polyline import arc_length
-from vehicle.surface.measured import MeasuredRoad
+from vehicle.surface.relief import MeasuredRoad
 
 _WHEEL_RADIUS = 0.5  # of a truck's wheel, 0.48..0.53 m for 315/70 R 22.5 and 385/65 R 22.5 [m]
 # Sizes are assumed: moderate to severe in terms of road maintenance. Potholes are counted from some 0.15 m on, which a

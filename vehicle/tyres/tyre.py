@@ -1,4 +1,25 @@
-"""Tyre data common to all laws, as a table ``[tyres.name]`` of a vehicle file gives them, and what a law must define.
+"""Tyre data common to all laws, and tyre forces through the deflection of an elastic carcass.
+
+Each direction of each wheel has a deflection state n: the force over load that it would cause at the nominal load.
+Sliding builds it up and it decays, n' = C_0 V_s / sigma - decay n; the force is n times the load and a factor for that
+load. A law gives the decay rate: with decay = speed / sigma * (linear force / steady force) the steady state is the law
+at every speed, and n stays bounded by about the friction. Both directions have one decay rate, so a sliding wheel pulls
+along its stiffness-weighted slip.
+
+Only rolling and sliding relax a tyre: one that stands keeps its deflection, and so its force, for good. Slip is not
+defined at rest; there a tyre that slides slowly has the slip of about its largest force (`slip_speed`), so that its
+deflection grows to the limit of the friction and no further.
+
+The carcass is damped: the force is that of n + d n'. The lag of the force must stay sigma / speed all the same.
+Across the wheel d falls to 0 at ``CREEPING_SPEED``, from where on the force relaxes by the textbook's first-order
+equation. Along the wheel d stays, for it damps the spin of a wheel on its carcass, in series with the sliding contact:
+n' = (push - decay n) / (1 + d decay). With that a step of slip is answered at once by a share d decay / (1 + d decay),
+without overshoot, and the area between step and response is still sigma / speed.
+
+The side force acts behind the wheel's centre by the pneumatic trail, which vanishes as the contact patch slides. Not
+modelled: camber, turn slip.
+
+Every function takes numbers or ``casadi.SX``.
 
 A twin wheel counts as one, also where its two contact patches slip each by itself. Stiffnesses and forces are over the
 vertical load. Every method takes numbers or ``casadi.SX``, and so may be the data.
@@ -7,12 +28,94 @@ vertical load. Every method takes numbers or ``casadi.SX``, and so may be the da
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple, TypeAlias
 
 import casadi as ca
 
-from vehicle.quantities import Frozen, quantity
-from vehicle.tyres.bristle import Grip, Num, Planar
+from vehicle.foundation.parameter_file import Frozen, quantity
+
+Num: TypeAlias = "float | ca.SX"
+
+ROLLING_SPEED_FLOOR: Final = 0.05  # below it slip is not defined well: see `slip_speed` [m/s]
+CREEPING_SPEED: Final = 1.35  # at which damping across the wheel has gone: below 5 km/h [m/s]
+_PEAK_DEMAND: Final = 3.0  # linear force over the limit at the largest force: of a brush; truck tyres 2 to 5
+_LEAST_DAMPING: Final = 2e-3  # of a carcass: less lets light wheels swing up in steps of 1 ms [s]
+_TINY: Final = 1e-12  # square of a rate [1/s2]: avoids 0 / 0
+
+
+class Planar(NamedTuple):
+    """A quantity of a wheel along (x, forward) and across (y, left) its plane."""
+
+    x: Num
+    y: Num
+
+
+class Grip(NamedTuple):
+    """Tyre-law output: decay rate of the deflection, and the scale and limit of the force."""
+
+    decay: Num  # rate at which a deflection decays [1/s]
+    limit: Num  # largest force over load in any direction [-]
+    factor: Num  # stiffness over the nominal one, along the wheel [-]
+    skew: Num  # the same across, over that along [-]
+    factor_by_limit: Num  # factor / limit [-]
+    trail: Num  # distance behind the wheel's centre at which the side force acts when rolling forward [m]
+
+
+class Carcass(NamedTuple):
+    """Motion of the damped carcass, and the deflection that gives its force."""
+
+    rate: Planar  # of the deflection [1/s]
+    felt: Planar  # n + d n', to which the force is in proportion [-]
+    at_once: Num  # rise of ``felt`` along the wheel at once with the sliding rate [s]
+
+
+class Contact(NamedTuple):
+    """Tyre force and its sensitivities."""
+
+    force: Planar  # [N]
+    per_deflection: Num  # along the wheel [N]
+    use_along: Num  # squared share of the largest force that acts along the wheel [-]
+
+
+def rolling_speed(v_x: Num) -> Num:
+    """Magnitude of v_x [m/s], at least the floor, for output: slip is finite at rest."""
+    return ca.fmax(ca.fabs(v_x), ROLLING_SPEED_FLOOR)
+
+
+def slip_speed(speed: Num, pull: Num, relaxation_length: Num) -> Num:
+    """Speed [m/s] over which slip is taken, never quite zero: that of rolling, but at rest in proportion to sliding.
+
+    ``pull`` is the rate at which sliding builds up force, over its limit [1/s]. Slowly sliding at rest then is a demand
+    of three times the limit, the largest force of a brush. Beyond some cm/s the floor makes it full sliding.
+    """
+    return ca.fmax(speed, ca.fmin((relaxation_length / _PEAK_DEMAND) * pull, ROLLING_SPEED_FLOOR))
+
+
+def magnitude(rate: Planar) -> Num:
+    """Magnitude of a deflection rate [1/s], never quite zero."""
+    return ca.sqrt(rate.x**2 + (rate.y**2 + _TINY))
+
+
+def carcass(n: Planar, sliding: Planar, decay: Num, damping: Num, v_x: Num) -> Carcass:
+    """Motion of a carcass deflected by n at v_x [m/s], with ``sliding`` from ``Tyre.sliding_rate`` [1/s]."""
+    d = ca.fmax(damping, _LEAST_DAMPING)
+    per_damping = 2.0 / (2.0 * d)  # 1 / d, written so that CasADi divides once and not by d at every use
+    at_once = 1.0 / (per_damping + decay)
+    damped = at_once * (sliding.x - decay * n.x)
+    rate_y = sliding.y - decay * n.y
+    across = ca.fmax(d - (d / CREEPING_SPEED) * ca.fabs(v_x), 0.0)
+    return Carcass(Planar(per_damping * damped, rate_y), Planar(n.x + damped, n.y + across * rate_y), at_once)
+
+
+def contact(felt: Planar, F_z: Num, grip: Grip) -> Contact:
+    """Force of a tyre whose carcass presses with the deflection ``felt``, bounded by its limit."""
+    x = felt.x
+    y = grip.skew * felt.y
+    over_x, over_y = grip.factor_by_limit * x, grip.factor_by_limit * y  # over the limit
+    demand = ca.fmax(over_x**2 + over_y**2, 1.0)  # squared; at least 1
+    scale = (F_z * grip.factor) / ca.sqrt(demand)
+    return Contact(Planar(scale * x, scale * y), scale, over_x**2 / demand)
+
 
 _STIFF: Final = "tyres have 3 to 20, stiff ones in tests up to 60"
 Stiffness = Annotated[float, quantity("-", ge=0.1, le=60.0, why=_STIFF)]  # per unit of slip (tangent of the slip angle)

@@ -15,18 +15,27 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 
 from controllers.trailer import Actuation, Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.limits import check_steered
-from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
-from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, reckoned
-from controllers.trailer_steering.mpc.planning import BLOCKS, STEPS, Limits, Outlook, Planner, Sizes
-from controllers.trailer_steering.mpc.reference import MeasuredPath, hitch_course, path_now, reference, with_estimate
-from controllers.trailer_steering.mpc.stepping import STEP, TYRE_STEP, rolled_on
-from controllers.trailer_steering.mpc.trailer_model import TrailerModel
+from controllers.trailer_steering.kinematics import check_steered
+from controllers.trailer_steering.mpc.observer import FrictionMemory, Observer, ObserverMemory, reckoned, updated
+from controllers.trailer_steering.mpc.planning import (
+    BLOCKS,
+    STEPS,
+    Limits,
+    MeasuredPath,
+    Outlook,
+    Planner,
+    Sizes,
+    hitch_course,
+    path_now,
+    reference,
+    with_estimate,
+)
+from controllers.trailer_steering.mpc.trailer_model import STEP, TYRE_STEP, TrailerModel, rolled_on
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY
-from vehicle.combination.rollover import roll_gradients
+from vehicle.combination.roll import roll_gradients
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
 

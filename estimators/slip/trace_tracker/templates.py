@@ -1,18 +1,149 @@
-"""Templates of cross profiles of ruts, by slip and sun direction, learned from traces with known truth."""
+"""Templates of a trace in a patch of ground, and the patch that is cut out of an image.
+
+The logarithm turns shadows into steps, which a clipped high-pass filter reduces to thin lines. The local contrast is
+normalised, so that exposure, contrast and haze have no effect.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
 
-from estimators.slip.trace_tracker.ground_patch import STEP
-from vehicle.frames import FloatArray
+from sensors.messages import GreyImage
+from sensors.sand.trace_rig import TraceRig
+from vehicle.frames import FloatArray, inverse
+
+FloatImage = NDArray[np.float32]
+
+STEP: Final = 0.002  # pixel size: resolves lug marks of 5 mm; the camera resolves 1.2 mm [m]
+HALF_WIDTH: Final = 0.32  # of the patch: a trace 0.7 m long at 18 deg, plus the width of the templates [m]
+BAND: Final = 0.04  # length over which the trace is averaged: one and a half lugs [m]
+_ROWS: Final = round(BAND / STEP)  # of a band
+_FARTHEST: Final = 0.72  # behind the wheel: older parts carry no information on recent slip [m]
+_NEEDED: Final = 4  # least number of bands
+_MARGIN: Final = 0.016  # cut off at both ends for the wheel's lugs and width, and for roll and pitch of 0.5 deg [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroundPatch:
+    """Map of the visible ground behind the wheel: rows go backwards, columns to the left.
+
+    Raises:
+        ValueError: if the camera sees too little of the ground behind the wheel.
+    """
+
+    rig: TraceRig
+    behind: FloatArray = field(init=False)  # (rows,) of each row from the wheel's lowest point B [m]
+    columns: int = field(init=False)
+    _maps: tuple[NDArray[np.int16], NDArray[np.uint16]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        begin, end = self._visible()
+        rows = _ROWS * int((end - begin) / BAND + 1e-6)
+        if rows < _NEEDED * _ROWS:
+            raise ValueError(
+                f"rig: the camera sees the ground {begin:.2f} to {end:.2f} m behind the wheel; it has to be seen "
+                f"over at least {_NEEDED * BAND:.2f} m"
+            )
+        behind = begin + STEP * (0.5 + np.arange(rows))
+        columns = 2 * round(HALF_WIDTH / STEP) + 1
+        lateral = STEP * (np.arange(columns) - columns // 2)
+        at = self._pixels(*np.meshgrid(behind, lateral, indexing="ij")).astype(np.float32)
+        maps = cv2.convertMaps(at[..., 0], at[..., 1], cv2.CV_16SC2)
+        for name, value in (("behind", behind), ("columns", columns), ("_maps", maps)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def bands(self) -> FloatArray:
+        """Centres of the bands behind the wheel [m]."""
+        middles: FloatArray = self.behind.reshape(-1, _ROWS).mean(axis=1)
+        return middles
+
+    def rectified(self, image: GreyImage) -> NDArray[np.uint8]:
+        """Image rectified to a map of the ground."""
+        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    def _pixels(self, behind: FloatArray, lateral: FloatArray) -> FloatArray:
+        """Pixels in the distorted image of points behind and beside the wheel; level ground, no sinkage."""
+        x, y = self.rig.wheel
+        points = np.stack([x - behind, y + lateral, np.zeros_like(behind)], axis=-1)
+        X_CR = inverse(self.rig.X_RC)
+        p_C = points @ X_CR[:3, :3].T + X_CR[:3, 3]
+        return self.rig.camera.pixels(p_C[..., :2] / p_C[..., 2:])
+
+    def _visible(self) -> tuple[float, float]:
+        """First and last visible distance behind the wheel, limited by the wheel and the image's edge [m]."""
+        s = np.arange(0.0, _FARTHEST, STEP)
+        camera, r = self.rig.X_RC[:3, 3], self.rig.wheel_radius
+        ahead, height = camera[0] - self.rig.wheel[0], camera[2]
+        # visible where the ray to the camera passes behind the hub, r above B, at a distance of at least r
+        beyond = s * (height - r) - r * ahead >= r * np.hypot(ahead + s, height)
+        at = self._pixels(s, np.zeros_like(s))
+        inside = (at >= 0.0).all(axis=1) & (at[:, 0] < self.rig.camera.width) & (at[:, 1] < self.rig.camera.height)
+        visible = s[beyond & inside]
+        return (visible[0] + _MARGIN, visible[-1] - _MARGIN) if len(visible) else (0.0, 0.0)
+
+
+CHANNELS: Final = 3
+MARKS: Final = 1  # the channel of the lugs
+_DARK: Final = 4.0  # grey level below which noise and JPEG artefacts dominate
+_ACROSS: Final = (1, 25)  # window of the mean across the trace that is subtracted: 5 cm, half a wheel [px of 2 mm]
+_SATURATION: Final = 0.22  # clipping of log brightness: lug and wall marks reach it, shadow edges reach 1 and more
+_SURROUNDINGS: Final = (41, 41)  # window of the mean that is subtracted [px]
+_CONTRAST: Final = (61, 61)  # window of the contrast normalisation [px]
+_NOISE: Final = 0.02  # contrast of the camera's noise on sand, in log brightness
+_LUG_ACROSS: Final = (15, 1)  # lug marks are straight over 3 cm, pebbles and ripples are not [px]
+_WALL_ALONG: Final = (3, 25)  # walls are straight over 5 cm along [px]
+
+
+def channels(patch: NDArray[np.uint8]) -> FloatImage:
+    """Brightness, strength of lug marks and strength of walls (rows, columns, 3) of a ground image."""
+    bright = _normalised(patch)
+    lugs = np.abs(_along(_smooth(cv2.GaussianBlur(bright, (0, 0), 1.2), _LUG_ACROSS)))
+    walls = np.abs(_across(_smooth(bright, _WALL_ALONG)))
+    # saturated at the median strength of marks, so that one bright edge does not dominate
+    return np.asarray(cv2.merge([bright, lugs / (lugs + 0.5), walls / (walls + 0.35)]), dtype=np.float32)
+
+
+def _normalised(patch: NDArray[np.uint8]) -> FloatImage:
+    log = np.log(np.arange(256, dtype=np.float32) + _DARK)[patch]
+    log -= _smooth(log, _ACROSS)
+    np.clip(log, -_SATURATION, _SATURATION, out=log)
+    log -= _smooth(log, _SURROUNDINGS)
+    # beside an area of one grey level (glare, dirt, a black edge), where its running sums end just below zero
+    power = np.maximum(_smooth(log * log, _CONTRAST), np.float32(0.0))
+    log /= np.sqrt(power) + np.float32(_NOISE)
+    np.clip(log, -2.0, 2.0, out=log)
+    return np.asarray(log, dtype=np.float32)
+
+
+def _smooth(image: ArrayLike, size: tuple[int, int]) -> FloatImage:
+    """Mean over (columns, rows)."""
+    return np.asarray(cv2.blur(np.asarray(image, dtype=np.float32), size), dtype=np.float32)
+
+
+def _along(image: FloatImage) -> FloatImage:
+    """Differences over 8 mm along the trace, 0 at the ends."""
+    out = np.zeros_like(image)
+    np.subtract(image[4:], image[:-4], out=out[2:-2])
+    return out
+
+
+def _across(image: FloatImage) -> FloatImage:
+    """Differences over 8 mm across the trace, 0 at the ends."""
+    out = np.zeros_like(image)
+    np.subtract(image[:, 4:], image[:, :-4], out=out[:, 2:-2])
+    return out
+
 
 Profiles = NDArray[np.float32]  # (..., CHANNELS, length across)
 
@@ -67,3 +198,196 @@ def shipped_templates() -> Templates:
     with files(__package__).joinpath(FILE).open("rb") as stream, np.load(stream) as kept:
         parts = {name: kept[name].astype(np.float32) * kept[f"{name}_scale"][..., None] for name in _PARTS}
     return Templates(**parts)
+
+
+_COURSES: Final = 24  # number of azimuths in the world that are compared
+_WORTH: Final = 4.0  # log likelihood per unit of correlation, by band of one image
+_FORGETTING: Final = 0.99  # per image: the sun moves, and clouds appear
+_NEGLIGIBLE: Final = 8.0  # difference of log likelihood to the best that is ignored
+SEARCH: Final = round(0.034 / STEP)  # largest lateral distance of the trace from its prediction [px]
+_FLAT: Final = 1e-6  # norm of a profile without any marks
+
+
+def straightened(image: FloatImage, lateral: FloatArray, margin: int = SEARCH) -> Profiles:
+    """Profiles (bands, CHANNELS, WIDTH + 2 margin) along a line at ``lateral`` (rows,) from the middle [m]."""
+    rows, columns = image.shape[:2]
+    reach = np.arange(-HALF - margin, HALF + margin + 1)
+    u = (lateral[:, None] / STEP + columns // 2 + reach).astype(np.float32)
+    v = np.repeat(np.arange(rows, dtype=np.float32)[:, None], len(reach), axis=1)
+    straight = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profiles: Profiles = straight.reshape(-1, _ROWS, len(reach), CHANNELS).mean(axis=1).transpose(0, 2, 1)
+    return profiles
+
+
+def windows(profiles: Profiles) -> Profiles:
+    """All windows of a template's width (..., shifts, CHANNELS, WIDTH), each of mean 0 and norm 1."""
+    sums, squares = (_sums(values)[..., None] for values in (profiles, np.square(profiles)))
+    lengths = np.sqrt(np.maximum(squares - sums**2 / WIDTH, 0.0)) + _FLAT
+    parts = (sums / WIDTH).astype(np.float32), (1.0 / lengths).astype(np.float32)
+    mean, scale = (np.swapaxes(part, -2, -3) for part in parts)
+    cut = np.swapaxes(sliding_window_view(profiles, WIDTH, axis=-1), -2, -3)
+    free = np.subtract(cut, mean, order="C")
+    free *= scale
+    return free
+
+
+def unit(profiles: Profiles) -> Profiles:
+    """Profiles normalised to mean 0 and norm 1."""
+    ones = np.full(profiles.shape[-1], 1.0 / profiles.shape[-1], dtype=np.float32)
+    free = profiles - (profiles @ ones)[..., None]
+    free /= np.sqrt(np.einsum("...w,...w->...", free, free))[..., None] + np.float32(_FLAT)
+    return free
+
+
+def _sums(values: Profiles) -> FloatArray:
+    """Sums over all windows of a template's width (..., shifts), by cumulative sums."""
+    running = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
+    np.cumsum(values, axis=-1, out=running[..., 1:])
+    sums: FloatArray = running[..., WIDTH:] - running[..., :-WIDTH]
+    return sums
+
+
+def correlation(cut: Profiles, templates: Profiles) -> FloatArray:
+    """Mean over the channels (bands, shifts) of unit windows (bands, shifts, ...) and unit templates (bands, ...)."""
+    bands, shifts = cut.shape[:2]
+    flat = cut.reshape(bands, shifts, -1) @ templates.reshape(bands, -1, 1)
+    return np.asarray(flat[..., 0] / CHANNELS, dtype=np.float64)
+
+
+def rut_score(scores: ArrayLike, marks: ArrayLike) -> FloatArray:
+    """Score of a rut: mean correlation of all channels, with double weight of the lug marks.
+
+    Shadows have edges like walls and are as dark as ruts, but only wheels leave lug marks.
+    """
+    more: FloatArray = (CHANNELS * np.asarray(scores) + np.asarray(marks)) / (CHANNELS + 1)
+    return more
+
+
+def peaks(scores: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Offset (bands,) [m] of the best match in scores (bands, shifts), and its score.
+
+    Offsets are penalised by their distance in units of ``std`` (bands,) [m].
+    """
+    shifts = (np.arange(scores.shape[1]) - scores.shape[1] // 2) * STEP
+    penalty = 0.03 * (shifts / np.maximum(std, 0.004)[:, None]) ** 2
+    k = np.clip((scores - penalty).argmax(axis=1), 1, len(shifts) - 2)
+    band = np.arange(len(scores))
+    before, at, after = scores[band, k - 1], scores[band, k], scores[band, k + 1]
+    bend = before - 2.0 * at + after
+    finer = np.where(bend < -1e-9, 0.5 * (before - after) / np.minimum(bend, -1e-9), 0.0)
+    return shifts[k] + STEP * np.clip(finer, -1.0, 1.0), at
+
+
+def unknown_sun() -> FloatArray:
+    """Uniform log likelihood (courses, elevations)."""
+    return np.zeros((_COURSES, len(ELEVATIONS)))
+
+
+def lit(templates: Templates, direction: float) -> Profiles:
+    """Profiles (courses, elevations, slips, ...) of a trace in a world direction [rad], for all suns."""
+    azimuths = np.asarray(2.0 * math.pi / _COURSES * np.arange(_COURSES) - direction, dtype=np.float64)
+    return templates.under(azimuths)
+
+
+def probable(sun: FloatArray) -> FloatArray:
+    """Mask (courses, elevations) of suns that are not improbable."""
+    worth: FloatArray = sun > sun.max() - _NEGLIGIBLE
+    return worth
+
+
+def expected(profiles: Profiles, sun: FloatArray) -> Profiles:
+    """Expected profiles (slips, ...), weighted with the probability of each sun."""
+    share = np.exp(sun - sun.max())
+    mixed: Profiles = np.tensordot((share / share.sum()).astype(np.float32), profiles, axes=2)
+    return mixed
+
+
+def weighed(sun: FloatArray, profiles: Profiles, observed: Profiles, slips: FloatArray) -> FloatArray:
+    """Log likelihood after observed rut profiles (n, CHANNELS, WIDTH) at slips (n,)."""
+    predicted = unit(at_slips(profiles, slips))
+    scores = np.einsum("asncw,ncw->as", predicted, observed, optimize=True) / CHANNELS
+    belief: FloatArray = _FORGETTING * sun + _WORTH * scores
+    belief -= belief.max()
+    return belief
+
+
+_AZIMUTH_KERNEL: Final = math.radians(12.0)  # width of the kernel over the sun's azimuth
+_SLIP_KERNEL: Final = math.radians(1.25)  # the same over slip
+_SHADED: Final = 0.68  # largest grey level of a band in shadow, relative to the brightest sand
+
+
+class Lesson(NamedTuple):
+    """Profiles of one image, straightened along the true trace."""
+
+    profiles: Profiles  # (n, CHANNELS, WIDTH)
+    slips: FloatArray  # (n,) of the front wheel's rut, see ``path_line.with_fronts`` [rad]
+    azimuths: FloatArray  # (n,) of the sun relative to the trace, + left [rad]
+    elevation: float  # of the sun [rad]
+    shaded: NDArray[np.bool_]  # (n,) True: in shadow
+
+
+def lesson(
+    patch: GroundPatch, image: GreyImage, line: FloatArray, front: FloatArray, azimuth: float, elevation: float
+) -> Lesson:
+    """Training sample from an image with the rear wheel's rut along ``line`` and the front one's along ``front``.
+
+    Both are (n, 2) in R, nearest first [m]. The sun's azimuth is relative to the rover's x axis [rad]. Bands beyond the
+    line's ends are left out.
+    """
+    x, y = patch.rig.wheel
+    behind = x - line[:, 0]
+    use = (patch.bands > behind[0] + 0.5 * BAND) & (patch.bands < behind[-1] - 0.5 * BAND)
+    lateral = np.interp(patch.behind, behind, line[:, 1] - y)
+    rectified = patch.rectified(image)
+    directions = np.arctan(-np.gradient(lateral, STEP)).reshape(-1, _ROWS).mean(axis=1)
+    offset = np.interp(patch.bands, behind, line[:, 1]) - np.interp(patch.bands, x - front[:, 0], front[:, 1])
+    return Lesson(
+        profiles=straightened(channels(rectified), lateral, margin=0)[use],
+        slips=np.arctan2(offset * np.cos(directions), patch.rig.wheelbase)[use],
+        azimuths=(azimuth - directions)[use],
+        elevation=elevation,
+        shaded=_shaded(rectified, lateral)[use],
+    )
+
+
+def learned(lessons: Sequence[Lesson]) -> Templates:
+    """Templates from lessons; each is used twice, also mirrored."""
+    shape = (AZIMUTHS, len(ELEVATIONS), len(SLIPS))
+    sunny, in_sun = np.zeros((*shape, CHANNELS, WIDTH)), np.zeros(shape)
+    dark, in_shade = np.zeros((len(SLIPS), CHANNELS, WIDTH)), np.zeros(len(SLIPS))
+    for one in lessons:
+        level = int(np.argmin(np.abs(ELEVATIONS - one.elevation)))
+        for sign in (1, -1):
+            profiles = one.profiles[..., ::sign]
+            profiles = profiles - profiles.mean(axis=-1, keepdims=True)
+            slip = _near(sign * one.slips, SLIPS, _SLIP_KERNEL)
+            sun = _near(sign * one.azimuths, np.linspace(0.0, 2.0 * math.pi, AZIMUTHS, endpoint=False), _AZIMUTH_KERNEL)
+            weights = sun[:, :, None] * slip[:, None, :] * ~one.shaded[:, None, None]
+            sunny[:, level] += np.einsum("nas,ncw->ascw", weights, profiles)
+            in_sun[:, level] += weights.sum(axis=0)
+            dark += np.einsum("ns,ncw->scw", slip * one.shaded[:, None], profiles)
+            in_shade += (slip * one.shaded[:, None]).sum(axis=0)
+    return Templates(profiles=_mean(sunny, in_sun), shaded=_mean(dark, in_shade))
+
+
+def _shaded(rectified: NDArray[np.uint8], lateral: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n,) of bands of a trace in shadow."""
+    columns = np.clip(
+        np.rint(lateral[:, None] / STEP).astype(int) + rectified.shape[1] // 2 + np.arange(-HALF, HALF + 1),
+        0,
+        rectified.shape[1] - 1,
+    )
+    levels = np.take_along_axis(rectified, columns, axis=1).reshape(-1, _ROWS * WIDTH)
+    dark: NDArray[np.bool_] = np.median(levels, axis=1) < _SHADED * np.percentile(rectified, 95)
+    return dark
+
+
+def _near(values: FloatArray, nodes: FloatArray, width: float) -> FloatArray:
+    """Gaussian weights (n, nodes) of angles by their distance from nodes [rad]."""
+    off = (values[:, None] - nodes + math.pi) % (2.0 * math.pi) - math.pi
+    weights: FloatArray = np.exp(-0.5 * (off / width) ** 2)
+    return weights
+
+
+def _mean(total: FloatArray, weight: FloatArray) -> Profiles:
+    return np.asarray(total / np.maximum(weight, 1e-9)[..., None, None], dtype=np.float32)

@@ -15,26 +15,210 @@ import math
 from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimators.context import RoverContext
-from estimators.estimates import SlipAngle, lost_slip
-from estimators.rover_geometry import wheel_places
+from estimators.context import RoverContext, wheel_places
+from estimators.estimates import Health, SlipAngle, lost_slip
 from estimators.slip.rover_odometry import wheel_motion
-from estimators.slip.trace_tracker import histories, path_line
-from estimators.slip.trace_tracker.acquisition import Find, best_straight
-from estimators.slip.trace_tracker.channels import channels
-from estimators.slip.trace_tracker.following import Ground, matched, with_sun
-from estimators.slip.trace_tracker.ground_patch import GroundPatch
-from estimators.slip.trace_tracker.histories import Histories
-from estimators.slip.trace_tracker.matching import expected, lit, probable, unknown_sun
-from estimators.slip.trace_tracker.path_state import SHORTEST, moved, with_compass
-from estimators.slip.trace_tracker.slip_estimate import slip_angle, steered_to
-from estimators.slip.trace_tracker.templates import Profiles, Templates, shipped_templates
+from estimators.slip.trace_tracker import path_state
+from estimators.slip.trace_tracker.path_state import SHORTEST, Histories, moved, with_compass
+from estimators.slip.trace_tracker.templates import (
+    BAND,
+    CHANNELS,
+    HALF,
+    MARKS,
+    SEARCH,
+    STEP,
+    FloatImage,
+    GroundPatch,
+    Profiles,
+    Templates,
+    at_slips,
+    channels,
+    correlation,
+    expected,
+    lit,
+    peaks,
+    probable,
+    rut_score,
+    shipped_templates,
+    straightened,
+    unit,
+    unknown_sun,
+    weighed,
+    windows,
+)
 from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
+
+_MATCHED: Final = 0.33  # least correlation of a band that shows the trace
+_FARTHEST: Final = 3.5  # largest deviation of the trace [standard deviations], plus
+_SPARE: Final = 0.004  # [m]
+_LOOKS: Final = 2  # iterations; the second is along the corrected line, where templates fit better
+# Measurement error of one band in one image, without that of the sand: peaks jump among lug marks and pebbles. In total
+# it is about 1.1 mm at a correlation of 0.9, 1.7 at 0.8, 2.6 at 0.7, over 4 at 0.5 (simulated).
+_BAND_NOISE: Final = 0.0028  # at a correlation of 0.6 [m]
+_BY_CORRELATION: Final = 3  # exponent of its decrease with correlation
+# Common error of all bands of one image, from roll, pitch and yaw of the rover on the sand.
+_SWAY: Final = 0.0007  # [m]
+_TWIST: Final = math.radians(0.05)  # [rad]
+
+
+class Look(NamedTuple):
+    """Matches along the predicted line of the trace in one image."""
+
+    path: Histories  # corrected states
+    scores: FloatArray  # (bands,) correlation of the best match
+    marks: FloatArray  # (bands,) correlation of the lug marks alone
+    accepted: NDArray[np.bool_]  # (bands,) True: the match shows the trace
+    sunny: NDArray[np.bool_]  # (bands,) True: more similar to a trace in the sun than in shade
+    profiles: Profiles  # (bands, CHANNELS, WIDTH) unit windows at the matches
+    slips: FloatArray  # (bands,) of the front wheel's rut, see ``path_line.with_fronts`` [rad]
+
+    @property
+    def rut_score(self) -> float:
+        """Mean rut score of the whole line."""
+        return float(rut_score(self.scores, self.marks).mean())
+
+
+class Ground(NamedTuple):
+    """One rectified image of the ground with the positions of its rows and bands."""
+
+    rig: TraceRig
+    image: FloatImage  # (rows, columns, CHANNELS)
+    behind: FloatArray  # (rows,) the wheel [m]
+    bands: FloatArray  # (bands,) [m]
+
+
+def matched(ground: Ground, path: Histories, profiles: tuple[Profiles, Profiles]) -> Look:
+    """Match the trace in an image; ``profiles`` (slips, ...) are those in the sun and in shade."""
+    look = _match(ground, path, path, profiles)
+    for _ in range(_LOOKS - 1):
+        look = _match(ground, path, look.path, profiles)
+    return look
+
+
+def with_sun(sun: FloatArray, look: Look, known: Profiles) -> FloatArray:
+    """Log likelihood of the sun's direction after matches of a trace."""
+    use = look.accepted & look.sunny
+    return weighed(sun, known, look.profiles[use], look.slips[use]) if use.any() else sun
+
+
+def _match(ground: Ground, prior: Histories, path: Histories, profiles: tuple[Profiles, Profiles]) -> Look:
+    """One step of an iterated Kalman filter from ``prior``, with the measurement taken along ``path``."""
+    line, rig = path.together, ground.rig
+    expected, gradient = path_state.predicted(line, rig, ground.bands)
+    slips = path_state.fronts_at(line, rig, ground.bands)
+    cut = windows(straightened(ground.image, path_state.trace(line, rig, ground.behind)))
+    std = np.sqrt(np.sum((gradient @ line.covariance) * gradient, axis=1) + _SWAY**2)
+    sunny, shaded = (unit(at_slips(templates, slips)) for templates in profiles)
+    in_sun, in_shade = correlation(cut, sunny), correlation(cut, shaded)
+    off, scores = peaks(np.maximum(in_sun, in_shade), std)
+    positions = path_state.trace(line, rig, ground.bands) + off
+    accepted = (scores > _MATCHED) & (np.abs(positions - expected) < _FARTHEST * std + _SPARE)
+    corrected = path
+    if accepted.any():
+        noise = _noise(scores[accepted], ground.bands[accepted])
+        corrected = path_state.with_trace(prior, rig, ground.bands, positions, accepted, noise)
+    at = np.rint(off / STEP).astype(int) + SEARCH
+    band = np.arange(len(at))
+    best, lit = cut[band, at], (in_sun > in_shade)[band, at]
+    marks = np.where(lit[:, None], sunny[:, MARKS], shaded[:, MARKS])
+    return Look(corrected, scores, np.einsum("bw,bw->b", best[:, MARKS], marks), accepted, lit, best, slips)
+
+
+def _noise(scores: FloatArray, bands: FloatArray) -> FloatArray:
+    """Covariance (n, n) of the measured positions [m2]."""
+    own = np.diag((_BAND_NOISE * (0.6 / np.clip(scores, 0.2, 1.0)) ** _BY_CORRELATION) ** 2)
+    noise: FloatArray = own + _SWAY**2 + _TWIST**2 * np.outer(bands, bands)
+    return noise
+
+
+_ANGLES: Final = np.radians(np.arange(-18.0, 18.1, 2.0))  # of the wheel's travel relative to the body
+_BANDS: Final = 8  # nearest to the wheel, used for the search
+_LATERAL: Final = 3  # largest lateral offset of the trace at the wheel [px]
+_HALVES: Final = 2  # parts of a band: in each a slanting trace counts as straight
+_ROWS: Final = round(BAND / STEP) // _HALVES
+
+
+class Find(NamedTuple):
+    """Best straight trace in an image."""
+
+    slip: float  # of the wheel's travel relative to the body [rad]
+    score: float  # see ``matching.rut_score``
+    marks: float  # correlation of the lug marks alone
+
+
+def best_straight(image: FloatImage, behind: FloatArray, profiles: Profiles) -> Find:
+    """Straight line through the wheel with the best rut score, over the template ``profiles`` (n, slips, ...)."""
+    windows_at = np.moveaxis(_slanting(image, behind), 2, 1)  # (angles, CHANNELS, shifts, WIDTH)
+    templates = unit(at_slips(profiles, _ANGLES)).transpose(1, 2, 3, 0)  # (angles, CHANNELS, WIDTH, n)
+    each = windows_at @ templates
+    marks = each[:, MARKS]
+    scores = rut_score(each.mean(axis=1), marks)
+    best = np.unravel_index(scores.argmax(), scores.shape)
+    return Find(float(_ANGLES[best[0]]), float(scores[best]), float(marks[best]))
+
+
+def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:
+    """Mean unit windows (angles, shifts, CHANNELS, WIDTH) of the bands along straight lines from the wheel."""
+    rows = _BANDS * _HALVES * _ROWS
+    halves = image[:rows].reshape(-1, _ROWS, *image.shape[1:]).mean(axis=1)
+    at = behind[:rows].reshape(-1, _ROWS).mean(axis=1)
+    reach = np.arange(-HALF - _LATERAL, HALF + _LATERAL + 1)
+    middle = np.rint(-np.tan(_ANGLES)[:, None] * at / STEP).astype(int) + image.shape[1] // 2
+    columns = np.clip(middle[..., None] + reach, 0, image.shape[1] - 1)
+    slanting = halves[np.arange(len(at))[None, :, None], columns]  # (angles, halves, reach, CHANNELS)
+    profiles = slanting.reshape(len(_ANGLES), -1, _HALVES, len(reach), CHANNELS).mean(axis=2).transpose(0, 1, 3, 2)
+    mean: Profiles = windows(profiles).mean(axis=1)
+    return mean
+
+
+_LAG: Final = 2.0  # of the delayed, more accurate estimate [s]
+# Ratio of the errors to the filter's standard deviation, which allows for fast slip changes and shadows at any time.
+_OF_FILTER: Final = 0.85
+_CERTAIN: Final = (0.3, 0.7)  # rut score of sand without a trace, and of clear traces
+
+
+def slip_angle(rig: TraceRig, histories: Histories, steer: float, tick: int, score: float) -> SlipAngle:
+    """Slip angle message for a trace with the rut score ``score`` behind a wheel at the angle ``steer`` [rad]."""
+    path = histories.together
+    before = path.ticks <= tick - _LAG / TICK
+    piece = int(np.argmax(before))
+    known = bool(before[piece])
+    slip, variance = path_state.slip_at(path, 0)
+    lagged, lagged_variance = path_state.slip_at(path, piece)
+    value = slip + path.steered
+    return SlipAngle(
+        tick=tick,
+        value=value,
+        std=_OF_FILTER * math.sqrt(variance),
+        health=Health.OK,
+        wheel_slip=wheel_direction(rig, value, path_state.bend(path, 0)) - steer,
+        trace_offset=path.offset,
+        confidence=float(np.interp(score, _CERTAIN, (0.0, 1.0))),
+        lagged_tick=int(path.ticks[piece]) if known else None,
+        lagged_value=lagged + float(path.steer[[max(piece - 1, 0), piece]].mean()) if known else 0.0,
+        lagged_std=_OF_FILTER * math.sqrt(lagged_variance) if known else math.inf,
+    )
+
+
+def wheel_direction(rig: TraceRig, slip: float, rate: float) -> float:
+    """Direction of the wheel's travel relative to the body [rad], from the slip angle at R's origin [rad] (eq. 2).
+
+    ``rate`` is the yaw change per distance of the centre [rad/m].
+    """
+    x, y = rig.wheel
+    return math.atan2(math.sin(slip) + rate * x, math.cos(slip) - rate * y)
+
+
+def steered_to(view: RoverView) -> float:
+    """Direction of the centre's travel relative to the body without sideslip [rad]."""
+    return math.atan(float(np.tan(view.steer).mean()))
+
 
 _MARKED: Final = 0.25  # least correlation of lug marks: edges of shadows reach 0.15, faint marks 0.35
 _SURE: Final = 0.33  # mean correlation of marks for confirmation; chance does not reach it in
@@ -126,7 +310,7 @@ class FTracePlus:
                 estimate = slip_angle(self._rig, path, float(view.steer[self._rig.watched]), view.tick, look.rut_score)
             if pursuit.lost:
                 pursuit = None
-        path = path.each(lambda one: path_line.with_fronts(one, self._rig))
+        path = path.each(lambda one: path_state.with_fronts(one, self._rig))
         return memory._replace(path=path, pursuit=pursuit, estimate=estimate), estimate
 
     def _wheel_motion(self, memory: TraceMemory, view: RoverView) -> TraceMemory:
@@ -155,14 +339,14 @@ class FTracePlus:
         if hints < _IMAGES_TO_FIND:
             return memory._replace(hints=hints), path
         line = path.together
-        slip = find.slip - line.steered - path_line.bend(line, 0) * self._rig.wheel[0]
-        return memory._replace(hints=0, pursuit=begun(find)), histories.with_new_trace(path, slip, _FOUND_STD)
+        slip = find.slip - line.steered - path_state.bend(line, 0) * self._rig.wheel[0]
+        return memory._replace(hints=0, pursuit=begun(find)), path_state.with_new_trace(path, slip, _FOUND_STD)
 
     def _path(self, memory: TraceMemory, view: RoverView) -> Histories:
         """Path states up to the view, by encoders and compass."""
         steer = steered_to(view)
         if memory.path is None:
-            return histories.begun(view.heading, steer, view.tick, len(self._patch.bands))
+            return path_state.begun_histories(view.heading, steer, view.tick, len(self._patch.bands))
         distance, yaw, seconds = memory.unused, memory.turned, memory.seconds
         return memory.path.each(
             lambda path: with_compass(moved(path, distance, yaw, seconds, steer, view.tick), view.heading)

@@ -8,24 +8,27 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.roads.opendrive.cross_section import CrossSections
-from scenarios.roads.opendrive.cubics import Cubics
 from scenarios.roads.opendrive.network import (
     Connection,
     Contact,
+    CrossSections,
+    Cubics,
+    Geometry,
     Lane,
     LineKind,
     Link,
     Network,
+    ReferenceLine,
     Road,
     RoadMarks,
     Section,
+    clothoid,
+    parametric,
+    polynomial,
 )
-from scenarios.roads.opendrive.reference_line import Geometry, ReferenceLine, clothoid, parametric, polynomial
+from vehicle.foundation.data_file import Column, Element, read_xml
+from vehicle.foundation.user_file import shown
 from vehicle.frames import Pose2
-from vehicle.table_file import Column
-from vehicle.user_file import shown
-from vehicle.xml_file import Element, read_xml
 
 _GAP: Final = 0.1  # largest distance between two pieces of a reference line [m]: files are rounded to millimetres
 _KINK: Final = 0.1  # largest change of heading there [rad]

@@ -1,1 +1,0 @@
-"""Reversing along a path: model of the combination, reference and steering law."""

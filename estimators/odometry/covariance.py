@@ -1,0 +1,232 @@
+"""Covariance of motions: from the features' residuals, and by the agreement of halves of the features.
+
+The inverse normal matrix is the covariance only if residuals are as large as their weights say, for all features alike.
+They are not: patches that promise most are further off than they promise, and these are the ones that decide yaw and
+pitch. On rendered drives such covariances were 2.5 times too small for yaw and pitch and 3 times too large along the
+optical axis. The sandwich estimator A^-1 B A^-1 does not rely on the weights: B is the scatter of the features' own
+contributions to the gradient, A the derivative of the gradient with the slope of the robust weights.
+
+Huber: P. J. Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 1967.
+
+Residuals of neighbouring features are alike: an error of the calibration or of the exposure, the slope of patches, a
+moving shadow. A covariance that counts features as independent is then too small, and no residual of a single feature
+shows it. Halves of the features show it: left and right in the image, near and far,
+and, where a frame is measured against keyframes, those of the newest one and of older ones, which are as wrong as the
+poses of their keyframes. Estimates from them differ by more than stated, and so is the estimate from all features wrong
+by more than stated. Squared differences are averaged over frames. Averages of few independent frames scatter: that of a
+component is drawn towards the average over all components, and this towards a larger value at the start, until frames
+show what is so. If a difference persists from frame to frame, errors of motions add up linearly, and a variance that
+counts motions as independent has to be larger by their number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.estimates import Health, Motion
+from vehicle.frames import FloatArray
+
+_PRIOR_FEATURES = 20.0  # features' worth of belief that all residuals are as large as their weights say
+_STEEPEST = 0.75  # largest part of the normal matrix that the slope of the weights may take away
+_DAMPING = 1e-12  # share of the trace; keeps the solution finite for degenerate features
+
+
+class Contributions(NamedTuple):
+    """Contributions of n features to the robust normal equations, at the motion that was found."""
+
+    J: FloatArray  # (6, 3, n) derivative of the images with respect to the motion
+    weighted: FloatArray  # (6, 3, n) the same times inverse covariances of the residuals and robust weights
+    score: FloatArray  # (6, n) ``weighted`` times the residuals
+    bend: FloatArray  # (6, n) its square, summed, is what the slope of the weights takes away from the normal matrix
+    share: NDArray[np.float64]  # (n,) of the residual's variance that comes from the images in C alone
+    least: float  # least variance of the residuals, in the units of ``weighted``
+
+
+class Sums(NamedTuple):
+    """Sums over features; of m sets of features with one more axis ahead."""
+
+    normal: FloatArray  # (6, 6)
+    bend: FloatArray  # (6, 6)
+    scatter: FloatArray  # (6, 6) of the scores
+    gradient: FloatArray  # (6,)
+    number: FloatArray  # () of features
+
+
+class Estimate(NamedTuple):
+    """Motions by m sets of features, relative to that by all, their covariances, and the parts these are made of."""
+
+    step: FloatArray  # (m, 6)
+    covariance: FloatArray  # (m, 6, 6), for independent residuals
+    inverse: FloatArray  # (m, 6, 6) of the gradient's derivative
+    scale: FloatArray  # (m,) variance of the residuals, in the units of their weights
+
+
+def summed(contributions: Contributions, features: NDArray[np.intp] | None = None) -> Sums:
+    """Sums over some features; over all by default."""
+    J, weighted, score, bend, _, _ = contributions
+    if features is not None:
+        J, weighted = J.take(features, axis=2), weighted.take(features, axis=2)
+        score, bend = score.take(features, axis=1), bend.take(features, axis=1)
+    normal = weighted.reshape(6, -1) @ J.reshape(6, -1).T
+    return Sums(normal, bend @ bend.T, score @ score.T, score.sum(axis=1), np.asarray(float(score.shape[1])))
+
+
+def stacked(sums: list[Sums]) -> Sums:
+    """Sums of several sets of features."""
+    return Sums(*(np.stack(parts) for parts in zip(*sums, strict=True)))
+
+
+def estimated(sums: Sums, least: float) -> Estimate:
+    """Estimates by m sets of features from their sums."""
+    trace = np.trace(sums.normal, axis1=-2, axis2=-1)[..., None, None]
+    normal, of_scores = sums.normal + _DAMPING * trace * np.eye(6), _corrected(sums.scatter, sums.number)
+    solved = np.linalg.solve(normal, np.concatenate([sums.bend, of_scores], axis=-1))
+    scale = np.asarray(np.trace(solved[..., 6:], axis1=-2, axis2=-1) / 6.0, dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(_slope(normal, sums.bend, solved[..., :6])), dtype=np.float64)
+    covariance = inverse @ _mixed(of_scores, normal, scale, sums.number, least) @ inverse
+    return Estimate(np.einsum("mij,mj->mi", inverse, sums.gradient), covariance, inverse, scale)
+
+
+def own_part(contributions: Contributions, number: FloatArray, whole: Estimate) -> FloatArray:
+    """Part (6, 6) of the covariance of the ``whole`` estimate, by all features, that comes from the images in C alone.
+
+    ``number`` is that of the features.
+    """
+    share, score = contributions.share, contributions.score
+    own = (contributions.weighted * share).reshape(6, -1) @ contributions.J.reshape(6, -1).T
+    of_scores = _corrected((share * score) @ score.T, number)
+    inverse = whole.inverse[0]
+    covariance: FloatArray = inverse @ _mixed(of_scores, own, whole.scale[0], number, contributions.least) @ inverse
+    return covariance
+
+
+def _slope(normal: FloatArray, bend: FloatArray, relative: FloatArray) -> FloatArray:
+    """Derivative (..., 6, 6) of the gradient by the motion; it stays positive definite.
+
+    ``relative`` is the ``bend`` in terms of the normal matrix.
+    """
+    taken = np.linalg.eigvals(relative).real.max(axis=-1)
+    slope: FloatArray = normal - np.minimum(1.0, _STEEPEST / np.maximum(taken, 1e-12))[..., None, None] * bend
+    return slope
+
+
+def _mixed(of_scores: FloatArray, normal: FloatArray, scale: FloatArray, count: FloatArray, least: float) -> FloatArray:
+    """Scatter (..., 6, 6) of the scores; that of few features in part as large as the weights say."""
+    n = count[..., None, None]
+    mixed: FloatArray = (n * of_scores + _PRIOR_FEATURES * scale[..., None, None] * normal) / (
+        n + _PRIOR_FEATURES
+    ) + least * normal
+    return mixed
+
+
+def _corrected(scatter: FloatArray, count: FloatArray) -> FloatArray:
+    """Scatter without the bias by six degrees of freedom of 3 n."""
+    corrected: FloatArray = scatter * (count / (count - 2.0))[..., None, None]
+    return corrected
+
+
+_HALVES = 3  # left and right, near and far, newest keyframe and older ones
+_MEMORY = 30.0  # frames that are averaged over: three seconds at 10 Hz
+_PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start in differences of this mean square
+_CHANCE = 2.0  # times as large as chance makes it on average a squared mean must be to count as persistent
+INDEPENDENT = 0.7  # mean squared difference of independent errors: variances have a factor for neighbours of 1.44
+_OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
+_LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
+_ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
+_COMMON = 0.01  # error of all features alike, by interpolation between pixels; measured on rendered frames [px]
+_TOGETHER = np.array([[0, 1], [4, 3]])  # pitch with vertical, yaw with lateral translation: they look alike in images
+_FEWEST = 12  # features of a half: twice as many as a motion needs
+_ALIKE = 8.0  # frames that share a keyframe or most of their features, so that their differences are alike
+
+
+class SelfConsistency(NamedTuple):
+    """Averages over frames of the normalised differences between halves, by kind of halves and component."""
+
+    frames: FloatArray = np.zeros(_HALVES)  # averaged over
+    mean: FloatArray = np.zeros((_HALVES, 6))
+    square: FloatArray = np.zeros((_HALVES, 6))
+
+
+def halves(z: FloatArray, newest: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Features (3, n) of one half each: left ones, far ones, and those of the ``newest`` keyframe if there are any.
+
+    Images ``z`` (3, n) are divided at the medians of column and disparity.
+    """
+    newest = np.zeros(z.shape[1], np.bool_) if newest is None else newest
+    return np.stack([*(value < np.median(value) for value in (z[0], z[0] - z[2])), newest])
+
+
+def halves_differences(contributions: Contributions, whole: Sums, halves: NDArray[np.bool_]) -> FloatArray:
+    """Differences (3, 6) of the motions from halves of the features and from the others, in standard deviations.
+
+    They are NaN where one of the two has too few features. ``whole`` has the sums over all features; ``halves`` (3, n)
+    is as of :func:`halves`.
+    """
+    differences = np.full((_HALVES, 6), np.nan)
+    known = [k for k, half in enumerate(halves) if _FEWEST <= half.sum() <= len(half) - _FEWEST]
+    if known:
+        one = stacked([summed(contributions, np.flatnonzero(halves[k])) for k in known])
+        other = Sums(*(all_of - part for all_of, part in zip(whole, one, strict=True)))
+        first, second = estimated(one, contributions.least), estimated(other, contributions.least)
+        variance = np.diagonal(first.covariance + second.covariance, axis1=1, axis2=2)
+        differences[known] = (first.step - second.step) / np.sqrt(variance)
+    return differences
+
+
+def updated(consistency: SelfConsistency, differences: FloatArray) -> SelfConsistency:
+    """Averages with the differences (3, 6) of one more frame; NaN says nothing."""
+    known = np.asarray(np.isfinite(differences).all(axis=1), dtype=np.bool_)
+    frames = consistency.frames + known
+    new = (known / np.clip(frames, 1.0, _MEMORY))[:, None]
+    differences = np.where(known[:, None], differences, 0.0)
+    return SelfConsistency(
+        frames,
+        consistency.mean + new * (differences - consistency.mean),
+        consistency.square + new * (differences**2 - consistency.square),
+    )
+
+
+def stated(consistency: SelfConsistency, motion: Motion, focal_length: float) -> tuple[SelfConsistency, Motion]:
+    """Averages with the motion in it, and the motion with the covariances that it should state.
+
+    Args:
+        consistency: before the motion.
+        motion: its covariances count residuals of features as independent.
+        focal_length: of the camera [px].
+    """
+    if motion.health is Health.LOST:
+        return consistency, motion
+    if motion.halves is not None:
+        consistency = updated(consistency, motion.halves)
+    anchor = motion.anchor
+    by = factors(consistency, _ANCHORED if anchor else float(np.linalg.norm(motion.X_PC[:3, 3])))
+    common = np.diag([(_COMMON / focal_length) ** 2] * 2 + [0.0] * 4)
+    if anchor is not None:
+        anchor = replace(anchor, covariance=_scaled(anchor.covariance, by) + common)
+    return consistency, replace(motion, covariance=_scaled(motion.covariance, by) + 2.0 * common, anchor=anchor)
+
+
+def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
+    """Factors (6,) on the standard deviations of motions over ``distance`` [m] that count as independent."""
+    n = (np.minimum(consistency.frames, 2.0 * _MEMORY) / _ALIKE)[:, None]  # independent frames in the averages
+    square = consistency.square
+    typical = (_PRIOR * _AT_FIRST + np.sum(n * square)) / (_PRIOR + 6.0 * n.sum())
+    likely = (_PRIOR * typical + n * square) / (_PRIOR + n)
+    chance = _CHANCE * square / np.maximum(n, 1.0)  # of a squared mean
+    persistent = np.maximum(0.0, consistency.mean**2 - chance)
+    motions = _OVER / np.clip(distance, _LEAST_STEP, _OVER)
+    variance = np.maximum(1.0, likely + (motions - 1.0) * persistent)
+    largest = variance.max(axis=0)
+    largest[_TOGETHER] = largest[_TOGETHER].max(axis=0)
+    by: FloatArray = np.sqrt(largest)
+    return by
+
+
+def _scaled(covariance: FloatArray, by: FloatArray) -> FloatArray:
+    """Covariance (6, 6) with its standard deviations multiplied by factors (6,)."""
+    larger: FloatArray = covariance * np.outer(by, by)
+    return larger

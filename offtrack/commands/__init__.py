@@ -1,0 +1,1 @@
+"""Subcommands of `offtrack`, one module each; `offtrack.commands.cli` assembles them."""

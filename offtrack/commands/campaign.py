@@ -1,0 +1,219 @@
+"""`offtrack campaign`: how often a loop fails its requirements under faults."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from offtrack.commands.console import BAD_INPUT, CHECK_FAILED, PlainConsole, one_line_errors
+from offtrack.commands.study_options import StudyOptions, takes_study_options
+from offtrack.commands.study_status import print_status
+
+if TYPE_CHECKING:
+    from offtrack.studies.campaigns.campaign import Campaign
+    from offtrack.studies.campaigns.failures import Cell, Search, Times
+    from offtrack.studies.campaigns.run_campaign import Results
+
+EXAMPLES = (
+    "Examples: offtrack campaign --list   offtrack campaign roundabout --set course.turn_deg=90   "
+    "offtrack campaign roundabout-low-friction --controllers path_preview,mpc --seeds 1-4   "
+    "offtrack campaign trailer-steering-faults   offtrack campaign trailer-steering-faults --status   "
+    'Example of a CAMPAIGN.toml:   scenario = "roundabout"   seeds = [1, 2]   [set]   off_tracking = "surrogate"   '
+    '[vary]   trailer_steering = ["path_preview", "mpc"]   surface.friction = [0.8, 0.3]   '
+    '[[fault]]   kind = "gyro_bias"   amounts = [1, 5]   onsets = [6, 9]   durations = [2, "end"]   '
+    "[requirements]   off_tracking.true_max_m = 0.5   time_to_detect_s = 1   time_to_recover_s = 5   "
+    '[[bisect]]   fault = "gyro_bias"   low = 0   high = 20   tolerance = 0.5   [accept]   probability = 0.1'
+)
+
+
+@takes_study_options
+def campaign(
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="CAMPAIGN | SCENARIO",
+            help="Name of a campaign (see --list) or its TOML file; or a scenario, for a campaign with every fault "
+            "that it can have.",
+            show_default=False,
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario in all runs. May be repeated."),
+    ] = None,
+    seeds: Annotated[
+        str | None, typer.Option(help="Seeds, as 1-5 or 1,2,7.", show_default="those of the file; 1-2")
+    ] = None,
+    controllers: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a scenario: comma-separated trailer steering laws; for a rover, values of slip_compensation.",
+            show_default="path_preview,mpc,virtual_driver; none,heading,crab",
+        ),
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the campaigns that come with offtrack.")] = False,
+    *,
+    options: StudyOptions,
+) -> None:
+    """Run a fault campaign: the probability that a loop fails its requirements, for each fault and law.
+
+    It prints a table and writes a report: intervals of the probabilities, times to detect and to recover, the worst
+    runs, and the smallest fault that fails. Finished runs are saved at once: repeat the command to continue. The exit
+    code is 1 if a probability may be larger than [accept] allows.
+    """
+    from offtrack.studies.campaigns.failures import unaccepted
+    from offtrack.studies.campaigns.run_campaign import results_json, run_campaign
+
+    with one_line_errors():
+        if listed or target is None:
+            _list(as_json=options.as_json)
+            raise typer.Exit(0 if listed else BAD_INPUT)
+        chosen = _campaign(target, settings or [], seeds, controllers)
+        title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
+        directory = options.directory(title)
+        if options.status:
+            print_status(chosen, directory, as_json=options.as_json)
+            return
+        with options.opened(title) as run_options:
+            found = run_campaign(title, chosen, directory, run_options)
+    broken = unaccepted(chosen, found.cells)
+    if options.as_json:
+        typer.echo(json.dumps(results_json(chosen, found), indent=2, allow_nan=False))
+    elif not options.quiet:
+        _print(chosen, found, broken, directory)
+    if broken:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _campaign(target: str, settings: list[str], seeds: str | None, controllers: str | None) -> Campaign:
+    from offtrack.studies.campaigns.campaign import campaign_names, campaign_path, load_campaign, with_changes
+    from offtrack.studies.campaigns.default_campaign import default_campaign
+    from offtrack.studies.case import listed, seeds_of
+    from offtrack.studies.study import settings_of
+    from scenarios.options.scenario import scenario_names
+    from vehicle.foundation.parameter_file import nearest
+    from vehicle.foundation.user_file import shown
+
+    changes, chosen = settings_of(settings, "--set"), None if seeds is None else seeds_of(seeds)
+    laws = None if controllers is None else listed(controllers, "--controllers")
+    path = campaign_path(target)
+    if path is not None:
+        if laws:
+            raise ValueError(f"--controllers {controllers}: the laws are in [vary] of {path}")
+        return with_changes(load_campaign(path), changes, chosen)
+    known = [*campaign_names(), *scenario_names()]
+    if not target.endswith(".toml") and target not in known:
+        raise ValueError(f"unknown campaign or scenario '{shown(target)}'{nearest(target, known)}")
+    return default_campaign(target, changes, laws, chosen)
+
+
+def _list(*, as_json: bool) -> None:
+    from offtrack.studies.campaigns.campaign import campaign_names, campaign_path, load_campaign
+
+    paths = {name: path for name in campaign_names() if (path := campaign_path(name))}
+    loaded = {name: load_campaign(path) for name, path in paths.items()}
+    if as_json:
+        rows = [{"name": n, "runs": len(c.cases()), "description": c.description} for n, c in loaded.items()]
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for name, one in loaded.items():
+        table.add_row(name, f"{len(one.cases())} runs", one.description)
+    PlainConsole().print(table)
+
+
+def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
+    from offtrack.studies.campaigns.failures import totals
+
+    console = PlainConsole()
+    console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
+    console.print("failed/runs, and the 95 % interval of the probability [%]")
+    for cell in (cell for cell in found.cells if cell.crashed):
+        console.print(f"failed without a physical end: {cell.crashed} of {_name(cell)}", soft_wrap=True)
+    times = [cell for cell in found.cells if cell.detection.known or cell.recovery.known]
+    if times:
+        console.print(_times(times))
+    if found.searches:
+        console.print(_thresholds(found.searches))
+    if lost := sum(not run.reached for run in found.runs):
+        console.print(f"{lost} runs were completed before their fault began; they are left out")
+    for cell in broken:
+        bound = 100.0 * cell.failing.interval()[1]
+        limit = 100.0 * (campaign.accept.probability if campaign.accept else 0.0)
+        console.print(f"not accepted: {_name(cell)}: up to {bound:.1f} %, allowed {limit:g} %", soft_wrap=True)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+def _name(cell: Cell) -> str:
+    return " · ".join(filter(None, cell.place))
+
+
+def _matrix(campaign: Campaign, cells: list[Cell], width: int) -> Table:
+    laws = list(dict.fromkeys(cell.place[2] for cell in cells))
+    of_place = {cell.place: cell for cell in cells}
+    lines = list(dict.fromkeys(cell.place[:2] for cell in cells))
+    left = _longest([fault for fault, _ in lines]) + _longest([further for _, further in lines]) + 2
+    widest = max(len(_field(cell, full=True)) for cell in cells)
+    headings = [law.replace("_", "_\n") for law in laws]
+    full = left + sum(1 + max(widest, _longest(heading.split("\n"))) for heading in headings) <= width
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("fault", no_wrap=True)
+    if campaign.further:
+        table.add_column("", no_wrap=True)
+    for heading in headings:
+        table.add_column(heading or "runs", justify="right", no_wrap=full)
+    for fault, further in lines:
+        fields = [of_place.get((fault, further, law)) for law in laws]
+        texts = [_field(cell, full=full) if cell else "-" for cell in fields]
+        table.add_row(fault, *([further] if campaign.further else []), *texts)
+    return table
+
+
+def _longest(texts: list[str]) -> int:
+    return max(map(len, texts), default=0)
+
+
+def _field(cell: Cell, *, full: bool) -> str:
+    low, high = cell.failing.interval()
+    counted = f"{cell.failing.beyond}/{cell.failing.runs}"
+    return f"{counted} {100 * low:.0f}-{100 * high:.0f}" if full else counted
+
+
+def _times(cells: list[Cell]) -> Table:
+    """Times of each fault over all laws and further axes."""
+    from offtrack.studies.campaigns.failures import Times
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("fault", no_wrap=True)
+    for heading in ("detected: median", "worst", "never", "recovered: median", "worst", "never"):
+        table.add_column(heading, justify="right")
+    for fault in dict.fromkeys(cell.place[0] for cell in cells):
+        runs = [run.response for cell in cells if cell.place[0] == fault for run in cell.runs]
+        of = (Times.of(run.detection for run in runs), Times.of(run.recovery for run in runs))
+        table.add_row(fault, *(text for times in of for text in _time_texts(times)))
+    return table
+
+
+def _time_texts(times: Times) -> list[str]:
+    from offtrack.studies.campaigns.campaign_page import time_text
+
+    if not times.known:
+        return ["-", "-", "-"]
+    return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
+
+
+def _thresholds(searches: tuple[Search, ...]) -> Table:
+    from offtrack.studies.campaigns.campaign_page import found_text, note_of
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in ("bisected", "law", "", "seed", "smallest that fails", ""):
+        table.add_column(heading)
+    for one in searches:
+        note = "not monotone" if "not monotone" in note_of(one) else ""
+        name = f"{one.entry.title}, {one.table.of}"
+        table.add_row(name, one.law, one.further, str(one.seed), found_text(one), note)
+    return table

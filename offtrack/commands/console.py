@@ -1,0 +1,170 @@
+"""Shared parts of the commands: one-line errors, exit codes, plain text on the terminal and progress bars."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, Final, cast
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressDisplay
+from rich.text import Text
+from typer.core import TyperGroup
+
+from scenarios.progress import Progress
+from vehicle.foundation.own_parts import raised_at
+from vehicle.foundation.user_file import reason, shown
+
+_LONGEST: Final = 1000  # characters of an error message
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_USAGE_ERROR: Final = cast(type[Exception], typer.BadParameter.__base__)  # of click, which newer typers bring along
+_DEBUG: Final = "OFFTRACK_DEBUG"
+_OPTION: Final = "--debug"
+CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
+ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")]
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """End expected errors, and those of the user's own code, in one line on standard error and exit code 2.
+
+    An interrupt ends in exit code 130.
+    """
+    from sensors.render import RendererUnavailableError
+
+    try:
+        yield
+    except (ValueError, OSError, RendererUnavailableError) as error:
+        if debugging():
+            typer.echo(traceback.format_exc(), err=True)
+        remark(_line(error))
+        raise typer.Exit(BAD_INPUT) from error
+    except typer.Exit:
+        raise
+    except Exception as error:
+        if not (place := raised_at(error)):
+            raise
+        if debugging():
+            typer.echo(traceback.format_exc(), err=True)
+        remark(f"{type(error).__name__}: {error}{place}")
+        raise typer.Exit(BAD_INPUT) from error
+    except KeyboardInterrupt as interrupt:
+        remark("interrupted; what is finished is kept")
+        raise typer.Exit(INTERRUPTED) from interrupt
+
+
+def debugging() -> bool:
+    """True if the whole trace of an error is wanted: ``--debug``, or OFFTRACK_DEBUG=1."""
+    return bool(os.environ.get(_DEBUG))
+
+
+def _line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{shown(str(error.filename))}: {reason(error)}"
+    return str(error)
+
+
+def remark(line: str) -> None:
+    """Print a line on standard error."""
+    typer.echo(f"offtrack: {shown(line, _LONGEST)}", file=sys.stderr)
+
+
+class OneLineGroup(TyperGroup):
+    """Commands whose usage errors are one line, as all others; every one of them takes ``--debug``."""
+
+    def main(self, args: Any = None, *more: Any, standalone_mode: bool = True, **options: Any) -> Any:
+        """Run the command that the arguments name, and exit with its code unless it is not the whole program."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        if _OPTION in arguments:
+            arguments = [argument for argument in arguments if argument != _OPTION]
+            os.environ[_DEBUG] = "1"  # worker processes too
+        args = arguments
+        if not standalone_mode:
+            return super().main(args, *more, **options, standalone_mode=False)  # type: ignore[misc]
+        try:
+            code = super().main(args, *more, **options, standalone_mode=False)  # type: ignore[misc]
+        except _USAGE_ERROR as error:
+            problem: Any = error
+            if type(error).__name__ == "NoArgsIsHelpError":
+                problem.show()
+            else:
+                command = getattr(problem.ctx, "command_path", "offtrack")
+                remark(f"{problem.format_message().rstrip('.')}; see {command} --help")
+            sys.exit(BAD_INPUT)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+class PlainConsole(Console):
+    """A console on which texts are plain: brackets are no markup, control characters are shown as escapes."""
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """The text, whose file names and names of units may come from anywhere."""
+        return super().render_str(printable(text), **options)
+
+
+def printable(text: str) -> str:
+    """The text with control characters, which a terminal may obey, as escapes."""
+    return _CONTROL.sub(lambda control: repr(control[0])[1:-1], text)
+
+
+def check_number(option: str, value: float | None, low: float, high: float) -> None:
+    """Refuse a number outside its limits; None is accepted.
+
+    Raises:
+        ValueError: one line with value and limits.
+    """
+    if value is not None and not low <= value <= high:  # also NaN
+        raise ValueError(f"{option} {value}: must be from {low:g} to {high:g}")
+
+
+class LazyDisplay(ProgressDisplay):
+    """A progress display that appears with the first progress; an unused one leaves no empty line."""
+
+    def __enter__(self) -> LazyDisplay:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.live.is_started:
+            self.stop()
+
+
+def progress_display(*, shown: bool) -> LazyDisplay:
+    """A rich progress display on standard error; its tasks carry a field ``detail``."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[detail]}", markup=False),
+    )
+    return LazyDisplay(*columns, console=PlainConsole(stderr=True), disable=not shown)
+
+
+def progress_bar(display: ProgressDisplay, title: str) -> Progress:
+    """Progress callback that draws a bar, which appears with the first call."""
+    tasks: list[TaskID] = []
+
+    def report(done: float, total: float, note: str = "", /) -> None:
+        if not tasks:
+            display.start()
+            tasks.append(display.add_task(printable(title), total=total, detail=""))
+        display.update(tasks[0], completed=done, total=total, detail=printable(note))
+
+    return report
+
+
+def lines(examples: str) -> str:
+    """Epilog of a help text with every example on a line of its own; three spaces separate them."""
+    return "\b\n" + examples.replace("Examples: ", "Examples:   ", 1).replace("   ", "\n  ")

@@ -1,0 +1,299 @@
+"""`offtrack estimate`: run estimators on recorded images."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from offtrack.commands.console import (
+    INTERRUPTED,
+    PlainConsole,
+    Quiet,
+    check_number,
+    lines,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
+from scenarios.progress import postponed_interrupts
+
+if TYPE_CHECKING:
+    pass
+
+app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
+
+EXAMPLES = (
+    "Examples: offtrack run constant-slip --record runs/images, then offtrack estimate off-tracking runs/images   "
+    "offtrack estimate off-tracking kitti/sequences/00 --follow-distance 12   "
+    "offtrack estimate off-tracking drive.mcap --topics left=/stereo/left/image_raw,right=/stereo/right/image_raw   "
+    "offtrack estimate off-tracking photos --calibration rig.toml --rate 10 --facing rear --camera-height 4.2"
+)
+SLIP_EXAMPLES = (
+    "Examples: offtrack run rover-slope --record runs/traces, then offtrack estimate slip runs/traces   "
+    "offtrack estimate slip beach --rig webcam.toml --estimator ftrace"
+)
+_OFF_TRACKING_GROUPS = ("frames", "off_tracking", "odometry", "agreement", "kitti", "self_calibration", "timing")
+_SLIP_GROUPS = ("frames", "slip", "timing")
+_SHOWN = 5  # dropped frames listed on the terminal; the summary lists all
+
+
+@app.callback()
+def _estimate() -> None:
+    """Run estimators on recorded images."""
+
+
+@app.command("off-tracking", epilog=lines(EXAMPLES))
+def off_tracking(
+    directory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder with image_0 and image_1 (or image_2 and image_3, image_left and image_right, left and "
+            "right), calib.txt and times.txt, as in KITTI or from `offtrack run --record`. If it contains poses.txt, "
+            "estimates are compared with these poses. Or a ROS bag: a folder, or a file .mcap, .db3 or .bag.",
+        ),
+    ],
+    topics: Annotated[
+        str,
+        typer.Option(
+            metavar="left=/TOPIC,right=/TOPIC",
+            help="Topics of a bag's images, and left_info=, right_info= of their calibrations.",
+            show_default="found by their names",
+        ),
+    ] = "",
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Calibration to use instead of the folder's: a calib.txt for rectified images, or a TOML file from "
+            "`offtrack calibrate` for raw images."
+        ),
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frame rate, used instead of times.txt [Hz].")] = None,
+    follow_distance: Annotated[
+        float | None, typer.Option(help="Distance from the hitch back to the trailer's follow point [m].")
+    ] = None,
+    facing: Annotated[
+        str | None,
+        typer.Option(help="Viewing direction of the cameras: rear, left, right, front or down.", show_default=False),
+    ] = None,
+    camera_x: Annotated[
+        float | None,
+        typer.Option(help="Position of the cameras ahead of the hitch; negative behind it [m].", show_default=False),
+    ] = None,
+    camera_y: Annotated[
+        float | None, typer.Option(help="Position of the cameras left of the trailer's centre line [m].")
+    ] = None,
+    camera_height: Annotated[float | None, typer.Option(help="Height of the cameras above the ground [m].")] = None,
+    direction_std: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of the cameras' direction in the trailer: of their mount and calibration [deg].",
+            show_default=False,
+        ),
+    ] = None,
+    odometry: Annotated[
+        str | None,
+        typer.Option(
+            help="Name of an odometry (see: offtrack parts), or package.module:Name.", show_default="as in runs"
+        ),
+    ] = None,
+    self_calibration: Annotated[
+        bool,
+        typer.Option(
+            "--self-calibration/--no-self-calibration",
+            help="Estimate the rotation of the right camera and correct its images; without it, a rotation is only "
+            "watched, and degrades the estimates.",
+        ),
+    ] = True,
+    estimator: Annotated[
+        str, typer.Option(help="Off-tracking estimator: viso_ot, or package.module:Name of your own.")
+    ] = "viso_ot",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Option of the estimator, such as estimator.smoothing=true."),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="Vehicle whose data sheet an estimator of your own receives.", show_default="uk_longer_semitrailer"
+        ),
+    ] = None,
+    agreement: Annotated[
+        bool,
+        typer.Option(
+            "--agreement",
+            help="Compare the odometry with itself: left and right halves of the images, and backwards in time. It "
+            "takes four times as long.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
+) -> None:
+    """Estimate the off-tracking of a trailer from recorded stereo images.
+
+    Writes trajectory_tum.txt, trajectory_kitti.txt, off_tracking.csv and .parquet, report.html, a video and
+    summary.json. Missing and corrupt frames are dropped and reported. The pose of the cameras on the trailer comes from
+    options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
+    """
+    from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
+    from offtrack.exchange.recordings.estimation import Chosen, estimate, off_tracking_source
+    from offtrack.exchange.recordings.estimation_files import write_estimation
+    from offtrack.exchange.recordings.estimation_summary import agreement_numbers
+    from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
+    from offtrack.exchange.recordings.stereo_reader import open_recording
+    from scenarios.catalogue import ODOMETRY, resolve
+    from scenarios.options.scenario import estimator_options
+    from scenarios.results.run_directory import results_directory
+
+    with (
+        one_line_errors(),
+        results_directory(out, os.path.basename(os.path.realpath(directory))) as results,
+        ExitStack() as cleanup,
+    ):
+        chosen_topics = parsed_topics(topics)
+        check_number("--camera-x", camera_x, -100.0, 100.0)
+        check_number("--camera-y", camera_y, -10.0, 10.0)
+        check_number("--direction-std", direction_std, 0.0, 10.0)
+        options = MountingOptions(
+            follow_distance=follow_distance,
+            facing=facing_named(facing) if facing else None,
+            x=camera_x,
+            y=camera_y,
+            direction_std=None if direction_std is None else math.radians(direction_std),
+            z=camera_height,
+        )
+        if is_bag(directory):
+            with progress_display(shown=not (quiet or as_json)) as display:
+                bar = progress_bar(display, "bag")
+                directory = cleanup.enter_context(unpacked_bag(directory, chosen_topics, bar))
+        elif chosen_topics:
+            raise ValueError(f"--topics {topics}: {directory} is no bag")
+        recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
+        chosen = Chosen(
+            estimator=estimator,
+            self_calibration=self_calibration,
+            vehicle=vehicle,
+            options=estimator_options(settings or ()),
+        )
+        if odometry is not None:
+            chosen = chosen._replace(odometry=odometry)
+        source, recording = off_tracking_source(recording, chosen)
+        name = chosen.odometry
+        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+            estimation = estimate(recording, source, checked(progress_bar(display, "off-tracking")))
+            compared = agreement_numbers(estimation, resolve("--odometry", name, ODOMETRY)) if agreement else None
+            numbers = write_estimation(
+                estimation,
+                name,
+                results,
+                estimator=estimator,
+                video=video and estimation.outcome == "completed",
+                agreement=compared,
+                progress=checked(progress_bar(display, "video")),
+            )
+    _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
+
+
+@app.command("slip", epilog=lines(SLIP_EXAMPLES))
+def slip(
+    directory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder with images/, readings.csv (time_s, heading_deg, wheel speeds in rad/s, steer angles in deg) "
+            "and rig.toml, as from `offtrack run rover-slope --record`. If it contains slip.csv, estimates are "
+            "compared with it.",
+        ),
+    ],
+    rig: Annotated[Path | None, typer.Option(help="Rig file to use instead of the folder's rig.toml.")] = None,
+    estimator: Annotated[
+        str, typer.Option(help="Slip estimator: ftrace, ftrace_plus or package.module:Name.", show_default=True)
+    ] = "ftrace_plus",
+    out: Annotated[
+        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
+) -> None:
+    """Estimate the slip angle of a rover from recorded images of its wheel trace.
+
+    Writes slip.csv and .parquet, report.html, a video and summary.json. Missing and corrupt images are dropped and
+    reported.
+    """
+    from estimators.context import RoverContext
+    from estimators.odometry.repeated_frames import NewViews
+    from offtrack.exchange.recordings.rover_recording import open_rover_recording
+    from offtrack.exchange.recordings.slip_estimation import estimate_slip
+    from offtrack.exchange.recordings.slip_report import write_slip_estimation
+    from scenarios.catalogue import SLIP_ESTIMATOR, constructed, resolve
+    from scenarios.randomness import stream
+    from scenarios.results.run_directory import results_directory
+
+    with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
+        if estimator == "truth":
+            raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
+        part = resolve("--estimator", estimator, SLIP_ESTIMATOR, in_scenario=False)
+        recording = open_rover_recording(directory, rig)
+        context = RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={})
+        source = constructed("--estimator", estimator, lambda: part.of(context))
+        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+            watched = NewViews(source, recording.rig.wheel_radius)
+            estimation = estimate_slip(recording, estimator, watched, checked(progress_bar(display, "slip angle")))
+            numbers = write_slip_estimation(
+                estimation,
+                results,
+                video=video and estimation.outcome == "completed",
+                progress=checked(progress_bar(display, "video")),
+            )
+    _finish(numbers, results, _SLIP_GROUPS, quiet=quiet, as_json=as_json)
+
+
+def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *, quiet: bool, as_json: bool) -> None:
+    """Print the summary; raise the exit code of an interrupt."""
+    if as_json:
+        typer.echo(json.dumps(numbers, indent=2))
+    elif not quiet:
+        _print(numbers, directory, groups)
+    if numbers["outcome"] == "interrupted":
+        remark(f"interrupted; what was estimated until then is in {directory}")
+        raise typer.Exit(INTERRUPTED)
+
+
+def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) -> None:
+    console = PlainConsole()
+    table = Table(title=f"{numbers['recording']}: {numbers['outcome']}", title_justify="left")
+    table.add_column("")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    for group in groups:
+        rows = [(name, value) for name, value in numbers[group].items() if value not in (None, [])]
+        for k, (name, value) in enumerate(rows):
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
+    console.print(table)
+    for line in (*_remarks(numbers), f"Report: {directory / 'report.html'}"):
+        console.print(line, soft_wrap=True)
+
+
+def _remarks(numbers: dict[str, Any]) -> list[str]:
+    """Warnings, assumptions, notes and the first dropped images, one line each."""
+    frames = numbers.get("dropped_frames", [])
+    dropped = [f"Frame {entry['frame']} dropped: {entry['reason']}" for entry in frames]
+    dropped += [f"Image {entry['image']} dropped: {entry['reason']}" for entry in numbers.get("dropped_images", [])]
+    more = [f"... and {len(dropped) - _SHOWN} more, see summary.json"] if len(dropped) > _SHOWN else []
+    assumed = [f"Assumed: {line}" for line in numbers.get("assumed", [])]
+    warnings = [f"Warning: {line}" for line in numbers.get("warnings", [])]
+    return [*warnings, *assumed, *(f"Note: {line}" for line in numbers.get("notes", [])), *dropped[:_SHOWN], *more]

@@ -1,0 +1,276 @@
+"""`offtrack run`, and `offtrack scenarios`, `parts` and `keys`: run a scenario, and list what there is to choose."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.syntax import Syntax
+from rich.table import Table
+
+from offtrack.commands.console import (
+    CHECK_FAILED,
+    INTERRUPTED,
+    PlainConsole,
+    Quiet,
+    ScenarioName,
+    check_number,
+    debugging,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
+from scenarios.progress import postponed_interrupts
+
+if TYPE_CHECKING:
+    from scenarios.part_listing import Key
+
+
+RUN_EXAMPLES = (
+    "Examples: offtrack run roundabout --set trailer_steering=none   "
+    "offtrack run figure-of-eight --set off_tracking=truth --no-video   "
+    "offtrack run roundabout --set surface.friction=0.3 --set surface.cross_fall=0.025   "
+    "offtrack run roundabout --set traffic=following --set faults=dropout:0.1   "
+    "offtrack run roundabout --set rig.calibration=boards --set rig.self_calibration=true   "
+    "offtrack run roundabout --set odometry=viso2 --set viso_ot.smoothing=true (a Kalman filter of the motions)   "
+    "offtrack run roundabout --paced --speed 0.5   "
+    "offtrack run roundabout --watch   "
+    "offtrack run rover-slope --set slip_compensation=none"
+)
+
+
+def run(
+    scenario: ScenarioName,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a key of the scenario (see: offtrack keys), e.g. off_tracking=truth, trailer_steering=none, "
+            "vehicle=my_truck.toml, surface.friction=0.3, steering.gain=0.5, traffic=mixed. "
+            "May be repeated; the last value of a key counts.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the world and all noise.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Run directory: new, empty, or an interrupted run, which is replaced.",
+            show_default="runs/SCENARIO-N",
+        ),
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
+    paced: Annotated[
+        bool, typer.Option("--paced", help="Keep wall time: every step begins when its time has come; misses are told.")
+    ] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Simulated time over wall time of --paced.", show_default="1"),
+    ] = None,
+    udp: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT[,PORT]",
+            help="Send signals to a controller on a bench, and take its demands at the own PORT (outside.demands says "
+            "which; see docs/real-time.md).",
+        ),
+    ] = None,
+    can: Annotated[
+        str | None,
+        typer.Option(
+            metavar="dbc=FILE[,interface=I][,channel=C]",
+            help="The same on a CAN bus, as a DBC file says; interface virtual or socketcan.",
+        ),
+    ] = None,
+    watch: Annotated[
+        bool,
+        typer.Option("--watch", help="Print a link to a page on this machine that shows the run while it goes on."),
+    ] = False,
+    watch_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of --watch.", show_default="any that is free")
+    ] = 0,
+    record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
+) -> None:
+    """Run a scenario in the closed loop and write its report, signals and video to a run directory.
+
+    If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
+    --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
+    """
+    from offtrack.exchange.bench.links import opened_links
+    from offtrack.reports.run_writer import write_run
+    from scenarios.loop.runner import run_any
+    from scenarios.loop.timing import Pacer
+    from scenarios.options.scenario import load_any_scenario
+    from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
+    from scenarios.results.run_inputs import changed_modules
+    from scenarios.results.run_summary import summary
+
+    with one_line_errors(), ExitStack() as cleanup:
+        check_number("--speed", speed, 0.01, 100.0)
+        if speed is not None and not paced:
+            raise ValueError(f"--speed {speed:g}: needs --paced")
+        chosen = load_any_scenario(scenario, settings or [])
+        links = cleanup.enter_context(opened_links(udp, can))
+        directory = cleanup.enter_context(results_directory(out, chosen.name))
+        for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
+            remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
+        if record:
+            check_run_directory(record)
+            check_apart(directory, record)
+        watcher = None
+        if watch:
+            from offtrack.reports.watching import Watcher, watched
+
+            watcher = Watcher(f"{chosen.name}, seed {seed}")
+            remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
+        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+            result = run_any(
+                chosen,
+                seed,
+                keep_frames=True,
+                record=record,
+                progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
+                calibration_progress=checked(progress_bar(display, "calibration boards")),
+                pacer=Pacer(1.0 if speed is None else speed) if paced else None,
+                links=links,
+                watch=None if watcher is None else watcher.step,
+            )
+            if watcher is not None:
+                watcher.show(result)
+                watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
+            video = video and result.outcome != "interrupted"
+            write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
+        numbers = summary(result)
+        if as_json:
+            typer.echo(json.dumps(numbers, indent=2))
+        elif not quiet:
+            _print_summary(numbers, directory)
+    if numbers["outcome"] == "interrupted":
+        remark(f"interrupted; what was computed until then is in {directory}")
+        raise typer.Exit(INTERRUPTED)
+    if result.traceback:
+        typer.echo(f"offtrack: {result.outcome} (see {directory / 'traceback.txt'})", err=True)
+        if debugging():
+            typer.echo(result.traceback, err=True)
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
+    console = PlainConsole()
+    table = Table(title=f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}", title_justify="left")
+    table.add_column("")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    groups = {**numbers, **numbers.get("trailers", {})}
+    for group, values in groups.items():
+        if isinstance(values, dict) and group != "trailers":
+            for k, (name, value) in enumerate(values.items()):
+                shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+                table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
+    console.print(table)
+    for warning in numbers.get("warnings", ()):
+        console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
+KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
+AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
+Find = Annotated[
+    str, typer.Option(metavar="TEXT", help="Show only entries that contain this text.", show_default=False)
+]
+
+
+def scenarios(
+    name: Annotated[
+        str | None, typer.Argument(help="A scenario to show in full, by its name or TOML file.", show_default=False)
+    ] = None,
+) -> None:
+    """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
+    from scenarios.options.scenario import load_any_scenario, scenario_names
+
+    with one_line_errors():
+        if name is None:
+            table = Table(box=None, show_header=False, pad_edge=False)
+            for known in scenario_names():
+                table.add_row(known, load_any_scenario(known).description)
+            PlainConsole().print(table)
+            return
+        scenario = load_any_scenario(name)
+        console = PlainConsole()
+        console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True)
+        console.print(Syntax(scenario.to_toml(), "toml", background_color="default", word_wrap=True))
+        console.print(f"Run it:     offtrack run {name}", soft_wrap=True)
+        console.print(f"Change it:  offtrack keys {name}", soft_wrap=True)
+
+
+def parts(
+    kind: Annotated[
+        str | None, typer.Argument(help="Kind of parts, e.g. trailer_steering; all kinds if not given.")
+    ] = None,
+    find: Find = "",
+    as_json: AsJson = False,
+) -> None:
+    """List the replaceable parts with their parameters, defaults, units and ranges.
+
+    Choose a part with --set KEY=NAME, or your own with --set KEY=package.module:Name.
+    """
+    from scenarios import part_listing
+
+    with one_line_errors():
+        matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
+        if as_json:
+            typer.echo(json.dumps([part.to_json() for part in matches], indent=2, ensure_ascii=False))
+            return
+        console, kinds = PlainConsole(), dict.fromkeys(part.kind for part in matches)
+        for heading in kinds:
+            table = _table("part", "value", "range", "meaning", title=heading)
+            for part in (part for part in matches if part.kind == heading):
+                table.add_row(part.name, "", "", part.meaning)
+                for key in part.parameters:
+                    table.add_row(f"  {key.name}", _value(key), key.range, key.meaning)
+            console.print(table)
+
+
+def keys(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(help="Scenario whose values are shown as defaults; all keys of trailer scenarios if not given."),
+    ] = None,
+    find: Find = "",
+    as_json: AsJson = False,
+) -> None:
+    """List every key of a scenario with its value, unit, range and meaning.
+
+    Change a key with --set KEY=VALUE. A key that ends with [] belongs to a list of tables.
+    """
+    from scenarios import part_listing
+
+    with one_line_errors():
+        matches = [key for key in part_listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
+        if as_json:
+            typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
+            return
+        table = _table("key", "default" if scenario is None else "value", "range", "meaning")
+        for key in matches:
+            table.add_row(key.name, _value(key), key.range, key.meaning)
+        PlainConsole().print(table)
+
+
+def _table(*columns: str, title: str | None = None) -> Table:
+    """A table without lines whose first column is never broken."""
+    table = Table(box=None, pad_edge=False, title=title, title_justify="left", title_style="bold")
+    for k, column in enumerate(columns):
+        table.add_column(column, overflow="fold", no_wrap=k == 0)
+    return table
+
+
+def _value(key: Key) -> str:
+    return key.default if key.unit == "-" else f"{key.default} {key.unit}"

@@ -1,0 +1,258 @@
+"""`offtrack compare` and `offtrack sweep`: make grids of runs, print their tables and write their reports."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from offtrack.commands.console import CHECK_FAILED, PlainConsole, one_line_errors
+from offtrack.commands.study_options import StudyOptions, takes_study_options
+from offtrack.commands.study_status import print_status
+
+if TYPE_CHECKING:
+    from offtrack.studies.case import Outcome, Settings
+    from offtrack.studies.sensitivity import Sensitivity
+    from offtrack.studies.study import Study
+    from offtrack.studies.table import Row
+
+
+TextColumn = tuple[str, list[str]]  # heading and cells
+
+
+def plain(row: Row) -> dict[str, object]:
+    """A row as JSON has it."""
+    return {
+        "axes": dict(row.axes),
+        "runs": row.runs,
+        "completed": row.completed,
+        "endings": list(row.endings),
+        **row.numbers,
+    }
+
+
+def print_rows(rows: Sequence[Row], directory: Path) -> None:
+    """Print a table of a study's points with their numbers, as many as the terminal is wide."""
+    from offtrack.studies.table import shown_quantities, text_of
+
+    quantities = shown_quantities(rows)
+    varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
+    columns = [(key.rpartition(".")[2], [dict(row.axes)[key] for row in rows]) for key in varied]
+    columns.append(("done", [f"{row.completed}/{row.runs}" for row in rows]))
+    numbers = [(f"{q.label} [{q.unit}]", [text_of(q, row.numbers[q.path]) for row in rows]) for q in quantities]
+    console = PlainConsole()
+    shown = fitting(columns, numbers, console.width)
+    table = Table(padding=(0, 0))
+    for k, (heading, cells) in enumerate([*columns, *shown]):
+        table.add_column(heading, justify="left" if k < len(varied) else "right", width=least_width(heading, cells))
+    for row in zip(*(cells for _, cells in (*columns, *shown)), strict=True):
+        table.add_row(*row)
+    console.print(table)
+    if left_out := [heading for heading, _ in numbers[len(shown) :]]:
+        console.print(f"Left out, as the terminal is narrow: {', '.join(left_out)}", soft_wrap=True)
+    for ending in dict.fromkeys(ending for row in rows for ending in row.endings):
+        count = sum(row.runs - row.completed for row in rows if ending in row.endings)
+        console.print(f"{ending}: {count} runs", soft_wrap=True)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+def fitting(columns: Sequence[TextColumn], numbers: Sequence[TextColumn], width: int) -> Sequence[TextColumn]:
+    """As many of the numbers, from the first on, as fit beside the other columns on a terminal; at least one."""
+    for count in range(len(numbers), 1, -1):
+        shown = [*columns, *numbers[:count]]
+        if sum(least_width(heading, cells) + 1 for heading, cells in shown) + 1 <= width:
+            return numbers[:count]
+    return numbers[:1]
+
+
+def least_width(heading: str, cells: Sequence[str]) -> int:
+    """Least width of a column that cuts neither a number nor a word of its heading."""
+    return max(map(len, (*heading.split(), *cells)))
+
+
+def sensitivity_of(design: Sensitivity, outcomes: Sequence[Outcome]) -> dict[Settings, dict[str, Any]]:
+    """The entry ``sensitivity`` of each point's row in JSON."""
+    from offtrack.studies.sensitivity import analysed, plain
+
+    points: dict[Settings, dict[str, Any]] = {}
+    for analysis in analysed(design, outcomes):
+        points.setdefault(analysis.axes, {"sensitivity": []})["sensitivity"].append(plain(analysis, design.method))
+    return points
+
+
+def print_sensitivity(design: Sensitivity, outcomes: Sequence[Outcome]) -> None:
+    """Print a table for each point: a row for each quantity and key."""
+    from offtrack.studies.sensitivity import analysed
+    from offtrack.studies.study_page import HEADINGS, remarks
+
+    first, second = HEADINGS[design.method]
+    console, analyses = PlainConsole(), analysed(design, outcomes)
+    for axes in dict.fromkeys(analysis.axes for analysis in analyses):
+        point = " ".join(f"{key}={value}" for key, value in axes)
+        table = Table(title=f"Sensitivity{f', {point}' if point else ''}", title_justify="left", padding=(0, 0))
+        for heading in ("", "key", first, "±", second, "±", ""):
+            table.add_column(heading, justify="left" if heading in ("", "key") else "right")
+        for analysis in (one for one in analyses if one.axes == axes):
+            head = f"{analysis.quantity.label} [{analysis.quantity.unit}]"
+            for index in analysis.indices:
+                numbers = ("" if value is None else f"{value:.3g}" for value in index[1:])
+                table.add_row(head, index.key, *numbers, remarks(design, analysis))
+                head = ""
+            if not analysis.indices:
+                table.add_row(head, "", "", "", "", "", remarks(design, analysis))
+        console.print(table)
+    left_out = dict.fromkeys(title for analysis in analyses for title in analysis.left_out)
+    for title in list(left_out)[:10]:
+        console.print(f"left out: {title}", soft_wrap=True)
+    if len(left_out) > 10:
+        console.print(f"left out: {len(left_out) - 10} more, see the report", soft_wrap=True)
+
+
+COMPARE_EXAMPLES = (
+    "Examples: offtrack compare roundabout --controllers none,command_steer,path_preview --off-tracking truth   "
+    "offtrack compare roundabout-low-friction --controllers path_preview,mpc --off-tracking truth,viso_ot "
+    "--vary surface.friction=0.8,0.5,0.3,0.2 --seeds 1-5   "
+    "offtrack compare roundabout --controllers path_preview@tuned.toml,path_preview,mpc   "
+    "offtrack compare rover-slope --slip-estimators truth,ftrace_plus   "
+    "offtrack compare runs/roundabout-1 runs/roundabout-2"
+)
+SWEEP_EXAMPLES = (
+    'Example of a STUDY.toml:   scenario = "roundabout"   seeds = [1, 2, 3]   [set]   off_tracking = "truth"   '
+    'surface.cross_fall = 0.025   [vary]   trailer_steering = ["path_preview", "mpc"]   surface.friction = [0.8, 0.3]'
+)
+
+_LONGEST_NAME = 100  # of a directory
+
+
+@partial(takes_study_options, joined=False)
+def compare(
+    targets: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENARIO | RUN RUN…",
+            help="Name of a scenario (see: offtrack scenarios) or a TOML file; or two or more directories of finished "
+            "runs, which are compared as they are.",
+        ),
+    ],
+    controllers: Annotated[
+        str | None,
+        typer.Option(
+            help="Comma-separated trailer steering laws; for a rover, values of slip_compensation. "
+            "LAW@FILE.toml is a law with the parameters of a file, such as the tuned.toml of offtrack tune.",
+            show_default="none,command_steer,path_preview; none,heading,crab",
+        ),
+    ] = None,
+    estimators: Annotated[
+        str,
+        typer.Option(
+            "--off-tracking", "--slip-estimators", help="Comma-separated off-tracking sources, or slip estimators."
+        ),
+    ] = "truth",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario in all runs. May be repeated."),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated."),
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every combination is run with each.")] = "1",
+    *,
+    options: StudyOptions,
+) -> None:
+    """Compare trailer steering laws, a rover's slip compensations, or finished runs, and print a table.
+
+    Finished runs are saved at once: repeat the command to continue an interrupted study. A law that does not use the
+    off-tracking runs with the first source only.
+    """
+    from offtrack.studies.case import listed, parameters_beside, seeds_of
+    from offtrack.studies.study import TRAILER, Study, settings_of, subject_of
+    from scenarios.catalogue import resolve
+
+    if len(targets) > 1 or Path(targets[0]).is_dir():
+        _compare_runs([Path(target) for target in targets], options)
+        return
+    (scenario,) = targets
+    with one_line_errors():
+        subject = subject_of(scenario)
+        chosen = subject.controllers if controllers is None else listed(controllers, "--controllers")
+        sources = listed(estimators, "--off-tracking")
+        for law in chosen if subject is TRAILER else ():
+            resolve("--controllers", parameters_beside(law)[0], subject.parts)
+        for source in sources:
+            resolve("--off-tracking", source, subject.estimators)
+        axes = {subject.compared: chosen, subject.estimator: sources}
+        axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
+        study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
+    _run_study(f"compare-{_short(scenario)}", study, options)
+
+
+@takes_study_options
+def sweep(
+    study_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY.toml",
+            help="TOML file: scenario, seeds, table [set] of settings, table [vary] of value lists, by dotted keys; "
+            "for values drawn at random [sample], [draw], [limits] and [stop]; [sensitivity] in place of [sample].",
+        ),
+    ],
+    *,
+    options: StudyOptions,
+) -> None:
+    """Run every combination of a study's values with every seed, and print a table.
+
+    Finished runs are saved at once: repeat the command to continue an interrupted study. With --join any number of
+    commands share the work, for example one on each machine of a cluster (sbatch --array) in one shared folder.
+    """
+    from offtrack.studies.study import load_study
+
+    title = f"sweep-{study_file.stem}"
+    with one_line_errors():
+        study = load_study(study_file)
+        if options.status:
+            print_status(study, options.directory(title), as_json=options.as_json)
+            return
+    _run_study(title, study, options)
+
+
+def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
+    from offtrack.studies.study_page import compare_runs
+
+    with one_line_errors():
+        if len(runs) < 2:
+            raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")
+        directory = options.directory(f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME])
+        rows = compare_runs(runs, directory)
+    if options.as_json:
+        typer.echo(json.dumps([plain(row) for row in rows], indent=2))
+    elif not options.quiet:
+        print_rows(rows, directory)
+
+
+def _short(scenario: str) -> str:
+    return Path(scenario).stem if scenario.endswith(".toml") else scenario
+
+
+def _run_study(title: str, study: Study, options: StudyOptions) -> None:
+    """Run the study, write its directory and print its table."""
+    from offtrack.studies.run_study import run_study
+
+    directory = options.directory(title)
+    with one_line_errors(), options.opened(title) as run_options:
+        outcomes, rows = run_study(title, study, directory, run_options)
+    design = study.draws.sensitivity
+    if options.as_json:
+        analyses = sensitivity_of(design, outcomes) if design else {}
+        typer.echo(json.dumps([plain(row) | analyses.get(row.axes, {}) for row in rows], indent=2))
+    elif not options.quiet:
+        print_rows(rows, directory)
+        if design:
+            print_sensitivity(design, outcomes)
+    if any(str(outcome.numbers["outcome"]).startswith("failed") for outcome in outcomes):
+        raise typer.Exit(CHECK_FAILED)

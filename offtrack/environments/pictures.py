@@ -1,0 +1,161 @@
+"""Pictures of episodes for people: top views of trailers and rovers, and the camera view of a trailer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.path import Path
+from estimators.estimates import Health
+from offtrack.reports.camera_pictures import draw_flow
+from offtrack.reports.canvas import ESTIMATED, INK, SHIFT, SOFT, TRUE, Colour, Picture, blank, curve, fixed_point, write
+from scenarios.courses import Course
+from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
+from scenarios.results.trailer_signals import Estimate
+from sensors.messages import GreyImage, StereoFrame
+from vehicle.combination.description import Vehicle
+from vehicle.frames import FloatArray, Pose2
+from vehicle.rover.description import Rover
+from vehicle.rover.truth import RoverTruth
+
+_SIZE = 600  # [px]
+_SCALE = 12.0  # [px/m]: 50 m, three combinations long
+_ROAD, _BODY = (236, 239, 241), (250, 251, 252)
+_BAY, _MARGIN = 6.0, 0.3  # length of a bay's lines, and its margin to either side [m]
+_BACK = 6.0  # from the tractor's rear axle back to the picture's centre [m]
+
+
+class TopView:
+    """Top views of units on their courses."""
+
+    def __init__(self, units: tuple[UnitOutline, ...], courses: Sequence[Course]) -> None:
+        """For these outlines; every lane is on the first course until it begins."""
+        self._units, self._courses = units, courses
+        self._course: dict[int, int] = {}
+
+    def begin(self, lanes: NDArray[np.intp], course: NDArray[np.intp]) -> None:
+        """Set the courses of these lanes."""
+        self._course.update(zip(lanes.tolist(), course.tolist(), strict=True))
+
+    def picture(
+        self,
+        lane: int,
+        poses: FloatArray,
+        steer: tuple[FloatArray, ...],
+        caption: str,
+        *,
+        goal: FloatArray | None = None,
+    ) -> Picture:
+        """Draw units at poses (N, 3) with their axles' angles [rad], and the last unit's ``goal`` x, y, psi."""
+        course = self._courses[self._course.get(lane, 0)]
+        picture = blank(_SIZE, _SIZE)
+        x, y, psi = poses[0]
+        centre = np.array([x - _BACK * np.cos(psi), y - _BACK * np.sin(psi)])
+        width = round(2.0 * float(np.max(course.road_half_width)) * _SCALE)
+        curve(picture, _pixels(course.centreline, centre), _ROAD, width)
+        curve(picture, _pixels(course.path.points(0.5), centre), TRUE, 1)
+        for unit, pose, angles in zip(self._units, poses, steer, strict=True):
+            body = _pixels(placed(unit.corners, pose[None])[0], centre)
+            cv2.fillConvexPoly(picture, fixed_point(body), _BODY, cv2.LINE_AA, SHIFT)
+            for wheel in placed_wheels(unit, pose[None], angles[None])[0]:
+                cv2.fillConvexPoly(picture, fixed_point(_pixels(wheel, centre)), INK, cv2.LINE_AA, SHIFT)
+            curve(picture, body, INK, 1, closed=True)
+        if goal is not None:
+            self._goal(picture, goal, centre)
+        write(picture, caption, (12, 10), colour=SOFT)
+        return picture
+
+    def _goal(self, picture: Picture, goal: FloatArray, centre: FloatArray) -> None:
+        """Draw a bay around the last unit, its end at the goal."""
+        last = self._units[-1]
+        bay = np.array([[_BAY, 1.0], [0.0, 1.0], [0.0, -1.0], [_BAY, -1.0]]) * [1.0, 0.5 * last.width + _MARGIN]
+        curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
+
+
+def side_by_side(plan: Picture, view: Picture | None) -> Picture:
+    """The top view next to the camera view, if there is one."""
+    return plan if view is None else np.concatenate([plan, view], axis=1)
+
+
+def _pixels(points: FloatArray, centre: FloatArray) -> FloatArray:
+    pixels: FloatArray = 0.5 * _SIZE + _SCALE * np.array([1.0, -1.0]) * (points - centre)
+    return pixels
+
+
+def axle_angles(vehicle: Vehicle, steered: FloatArray) -> tuple[FloatArray, ...]:
+    """Angles of each unit's axles [rad] from those of the steered axles, front to rear."""
+    angles = iter(steered.tolist())
+    return tuple(np.array([next(angles) if axle.steered else 0.0 for axle in unit.axles]) for unit in vehicle.units)
+
+
+_ROVER_SIZE, _ROVER_SCALE = 600, 150.0  # [px], [px/m]: 4 m
+_SAND = (244, 238, 226)
+
+
+def rover_picture(rover: Rover, truth: RoverTruth, path: Path, time: float) -> Picture:
+    """Draw the rover at this time [s]."""
+    picture = blank(_ROVER_SIZE, _ROVER_SIZE)
+    picture[:] = _SAND
+    pose = Pose2(*truth.pose.tolist())
+    curve(picture, _rover_pixels(path.points(0.05), pose), TRUE, 2)
+    a, b = 0.4 * rover.wheelbase, 0.4 * rover.tread
+    body = np.array([[a, b], [a, -b], [-a, -b], [-a, b]])
+    cv2.fillConvexPoly(picture, fixed_point(_rover_pixels(pose.apply(body), pose)), SOFT, cv2.LINE_AA, SHIFT)
+    tread = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * [rover.radius, 0.5 * rover.width]
+    for place in rover.wheel_places:
+        cv2.fillConvexPoly(
+            picture, fixed_point(_rover_pixels(pose.apply(place + tread), pose)), INK, cv2.LINE_AA, SHIFT
+        )
+    write(picture, f"{time:.1f} s, slip angle {math.degrees(truth.slip_angle):+.1f} deg", (12, 10), colour=INK)
+    return picture
+
+
+def _rover_pixels(points: FloatArray, pose: Pose2) -> FloatArray:
+    pixels: FloatArray = 0.5 * _ROVER_SIZE + _ROVER_SCALE * np.array([1.0, -1.0]) * (points - [pose.x, pose.y])
+    return pixels
+
+
+WIDTH: Final = 840  # [px]
+_HEIGHT: Final = 600  # as the top view
+_LINE: Final = 34  # height of a text line [px]
+_IMAGE_HEIGHT: Final = (_HEIGHT - 2 * _LINE) // 2  # at most [px]
+
+
+def stereo_view(frame: StereoFrame, estimate: Estimate | None) -> Picture:
+    """Both images, with the newest estimate below."""
+    picture = blank(WIDTH, _HEIGHT)
+    motion = None if estimate is None else estimate.motion
+    tracks: FloatArray = np.empty((0, 4)) if motion is None else motion.tracks.astype(np.float64)
+    write(picture, "left camera above, right camera below", (12, 8), colour=SOFT)
+    bottom = _LINE + _draw_image(picture, frame.left, tracks, _LINE)
+    bottom += _draw_image(picture, frame.right, np.empty((0, 4)), bottom)
+    if estimate is not None:
+        caption, colour = _caption(estimate)
+        write(picture, caption, (12, bottom + 8), colour=colour)
+    return picture
+
+
+def _draw_image(picture: Picture, image: GreyImage, tracks: FloatArray, top: int) -> int:
+    """Draw an image; return its height [px]."""
+    scale = float(min(WIDTH / image.shape[1], _IMAGE_HEIGHT / image.shape[0]))
+    width, height = int(scale * image.shape[1] + 0.5), int(scale * image.shape[0] + 0.5)
+    shown = np.asarray(
+        cv2.cvtColor(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2RGB), np.uint8
+    )
+    draw_flow(shown, scale * (tracks + 0.5) - 0.5)
+    left = (WIDTH - width) // 2
+    picture[top : top + height, left : left + width] = shown
+    return height
+
+
+def _caption(estimate: Estimate) -> tuple[str, Colour]:
+    off_tracking = estimate.off_tracking
+    if off_tracking.health is Health.LOST:
+        return "estimated off-tracking: none", INK
+    value, std = off_tracking.value, 1e3 * off_tracking.std
+    return f"estimated off-tracking {value:+.3f} m, standard deviation {std:.0f} mm", ESTIMATED

@@ -1,0 +1,159 @@
+"""Rewards, endings and running metrics of trailer episodes, as functions of ground truth at one step.
+
+``weighted`` sums them: a mapping from part to weight, which may hold your own functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offtrack.environments.core import Info
+from scenarios.loop.referee import FOLDED, LIFTED
+from vehicle.frames import FloatArray
+
+
+class Moment(NamedTuple):
+    """Ground truth at one step, independent of the observation."""
+
+    off_tracking: FloatArray  # (n,) of the last trailer, + if the path lies left of the follow point [m]
+    curvature: FloatArray  # (n,) of the hitch path, + left [1/m]
+    steer_rate: FloatArray  # (n, n_steered) of the trailer's axles, mean over the step [rad/s]
+    articulation: FloatArray  # (n, N - 1) [rad]
+    load_transfer: FloatArray  # (n, N) +-1: all load on one side's wheels
+    road_offset: FloatArray  # (n,) of the tractor from its course, + left [m]
+    speed: FloatArray  # (n,) of the tractor [m/s]
+    finite: NDArray[np.bool_]  # (n,) False once the physics diverged
+
+
+Reward = Callable[[Moment], FloatArray]  # (n,)
+M = TypeVar("M", bound=tuple[Any, ...])  # a moment of trailers or rovers; its first field is (n,)
+
+_MAX_ERROR = 3.0  # larger distances from the path cost no more: the trailer is off the road [m]
+_KERB = 0.5  # free space to either side: a lane of 3.5 m and a trailer of 2.55 m [m]
+
+
+def follow_error(moment: Moment) -> FloatArray:
+    """Minus the square of the follow point's distance from the path [m2], up to 3 m."""
+    distance = np.minimum(np.abs(moment.off_tracking), _MAX_ERROR)
+    return -distance * distance
+
+
+def off_path(moment: Moment) -> FloatArray:
+    """Minus the follow point's distance from the path [m], up to 3 m: the cost is linear."""
+    return -np.minimum(np.abs(moment.off_tracking), _MAX_ERROR)
+
+
+def outside_path(moment: Moment) -> FloatArray:
+    """Minus the follow point's distance from the path to the outside of the turn [m], up to 3 m."""
+    outside = np.sign(moment.curvature) * moment.off_tracking  # path on the left in a left turn: outside
+    distance: FloatArray = np.minimum(np.maximum(outside, 0.0), _MAX_ERROR)
+    return -distance
+
+
+def kerb(moment: Moment) -> FloatArray:
+    """Minus 1 while the follow point is more than half a metre off the path: its wheels are on the kerb."""
+    on_kerb: FloatArray = (np.abs(moment.off_tracking) > _KERB).astype(np.float64)
+    return -on_kerb
+
+
+def steer_effort(moment: Moment) -> FloatArray:
+    """Minus the mean square of the trailer axles' steer rates [rad2/s2]."""
+    effort: FloatArray = np.einsum("ij,ij->i", moment.steer_rate, moment.steer_rate) / moment.steer_rate.shape[1]
+    return -effort
+
+
+def weighted(parts: Mapping[Callable[[M], FloatArray], float]) -> Callable[[M], FloatArray]:
+    """Weighted sum of parts."""
+    return partial(_sum, tuple(parts.items()))
+
+
+def _sum(terms: tuple[tuple[Callable[[M], FloatArray], float], ...], moment: M) -> FloatArray:
+    total = np.zeros(len(moment[0]))
+    for part, weight in terms:
+        total += weight * part(moment)
+    return total
+
+
+# 0.1 m off the path costs 0.01 a step, 0.1 m to the outside another 0.01; axles at 6 deg/s cost 0.0002.
+USUAL: Final[Mapping[Reward, float]] = {follow_error: 1.0, outside_path: 0.1, steer_effort: 0.02}
+MISHAP: Final = -100.0  # once: as much as 200 steps at 0.7 m
+
+
+Ending = Callable[[Moment], NDArray[np.bool_]]  # (n,)
+_ROAD = 4.5  # half the width of a course's road [m]
+
+
+def jackknifed(moment: Moment) -> NDArray[np.bool_]:
+    """True at an articulation of 90 deg or more."""
+    folded: NDArray[np.bool_] = np.logical_or.reduce(np.abs(moment.articulation) >= FOLDED, axis=1)
+    return folded
+
+
+def rolled_over(moment: Moment) -> NDArray[np.bool_]:
+    """True if all load of a unit is on one side's wheels; a scenario waits until it falls."""
+    lifted: NDArray[np.bool_] = np.logical_or.reduce(np.abs(moment.load_transfer) >= LIFTED, axis=1)
+    return lifted
+
+
+def left_the_road(moment: Moment) -> NDArray[np.bool_]:
+    """True if the tractor's guided point is off its course by more than half the road."""
+    off_road: NDArray[np.bool_] = np.abs(moment.road_offset) > _ROAD
+    return off_road
+
+
+def diverged(moment: Moment) -> NDArray[np.bool_]:
+    """True if the physics diverged."""
+    return ~moment.finite
+
+
+ENDINGS: Final[Mapping[str, Ending]] = {
+    "jackknifed": jackknifed,
+    "rolled over": rolled_over,
+    "left the road": left_the_road,
+    "diverged": diverged,
+}
+
+
+class RunningMetrics:
+    """Off-tracking and steering of n episodes so far."""
+
+    def __init__(self, n: int) -> None:
+        """Begin with no steps."""
+        self._steps, self._squares = np.zeros(n), np.zeros(n)
+        self._largest, self._outside = np.zeros(n), np.zeros(n)
+        self._steer, self._rate = np.zeros(n), np.zeros(n)
+        self.newest = np.zeros(n)  # off-tracking [m]
+
+    def begin(self, lanes: NDArray[np.intp]) -> None:
+        """Begin episodes in these lanes."""
+        for part in (self._steps, self._squares, self._largest, self._outside, self._steer, self._rate, self.newest):
+            part[lanes] = 0.0
+
+    def step(self, moment: Moment, angles: FloatArray) -> None:
+        """Add a step, with the trailer's axles at angles (n, n_steered) [rad]."""
+        error = moment.off_tracking
+        if not moment.finite.all():
+            error = np.where(moment.finite, error, 0.0)
+        self.newest = error
+        self._steps += 1.0
+        self._squares += error * error
+        np.fmax(self._largest, np.abs(error), out=self._largest)
+        np.fmax(self._outside, -outside_path(moment), out=self._outside)
+        np.fmax(self._steer, np.abs(angles).max(axis=1), out=self._steer)
+        np.fmax(self._rate, np.abs(moment.steer_rate).max(axis=1), out=self._rate)
+
+    def info(self) -> Info:
+        """Metrics by their names in ``summary.json``; ``outside_max_m`` is the follow point's, in turns."""
+        return {
+            "off_tracking": self.newest.copy(),
+            "true_rms_m": np.sqrt(self._squares / np.maximum(self._steps, 1.0)),
+            "true_max_m": self._largest.copy(),
+            "outside_max_m": self._outside.copy(),
+            "steer_max_deg": np.degrees(self._steer),
+            "steer_max_rate_deg_s": np.degrees(self._rate),
+        }

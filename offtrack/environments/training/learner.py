@@ -1,0 +1,265 @@
+"""Proximal policy optimisation with stable-baselines3: checkpoints, learning curve, and the network as arrays.
+
+Needs the extra ``rl``. An interrupted training resumes from its last checkpoint, with new episodes.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import time
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from controllers.trailer_steering.policy import Network
+from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
+from offtrack.environments.training.training_directory import Point, read_curve, write_curve
+from offtrack.environments.training.training_plan import (
+    ACTION_REPEAT,
+    ENVIRONMENT,
+    EXPLORATION,
+    LAST_LEARNING_RATE,
+    REWARD_SCALE,
+    SETTINGS,
+    Plan,
+    normalisation,
+)
+from scenarios.progress import Progress
+from scenarios.results.atomic_files import replacing
+from vehicle.foundation.data_file import read_archive, unpacked
+from vehicle.foundation.user_file import FileKind, shown
+
+CHECKPOINT: Final = "checkpoint.zip"
+CURVE: Final = "learning_curve.parquet"
+_NOT_SAVED: Final = ("learning_rate", "lr_schedule")  # of a model: functions that belong to the callback
+_STATES: Final = ("policy", "policy.optimizer")  # of a checkpoint: what training changes, with the counters
+_COUNTERS: Final = ("num_timesteps", "_n_updates")
+_BETWEEN_CHECKPOINTS: Final = 15.0  # [s]
+
+
+class Budget(NamedTuple):
+    """End of a training: a number of steps or a duration, whichever comes first."""
+
+    steps: int  # control steps of all environments together
+    seconds: float | None
+
+
+class Learned(NamedTuple):
+    """Result of a training."""
+
+    network: Network
+    curve: list[Point]
+
+
+class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # untyped: the extra may not be installed
+    """Features normalised by fixed means and standard deviations."""
+
+    def __init__(self, space: spaces.Box[np.float32], mean: list[float], scale: list[float]) -> None:
+        """Mean and standard deviation for each feature of a space."""
+        super().__init__(space, len(mean))
+        self.register_buffer("mean", torch.tensor(mean))
+        self.register_buffer("scale", torch.tensor(scale))
+
+    def forward(self, features: Any) -> Any:
+        """Normalise a batch of features."""
+        return (features - self.mean) / self.scale
+
+
+def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Learned:
+    """Train to the end of the budget, from the directory's checkpoint if there is one.
+
+    Raises:
+        ValueError: one line, if an option does not fit, or if the checkpoint belongs to another training.
+        KeyboardInterrupt: the checkpoint is kept.
+    """
+    env = sb3_vector(ENVIRONMENT, plan.envs, reward_scale=REWARD_SCALE, **plan.environment())
+    try:
+        recorder = _Recorder(budget, directory, progress)
+        model = _model(plan, env, directory, recorder)
+        left = budget.steps // ACTION_REPEAT - model.num_timesteps
+        if left > 0 and recorder.share < 1.0:
+            model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no states of random generators
+            model.learn(left, callback=recorder, reset_num_timesteps=False)
+            recorder.keep(model)
+        return Learned(_network(model, [feature.name for feature in _features(env)]), recorder.curve)
+    finally:
+        env.close()
+
+
+def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: _Recorder) -> Any:
+    """Model with the state of the checkpoint, if there is one."""
+    s = SETTINGS
+    mean, scale = zip(*(normalisation(feature.name) for feature in _features(env)), strict=True)
+    model = PPO(
+        "MlpPolicy",
+        env,
+        learning_rate=recorder.learning_rate,
+        n_steps=s.n_steps,
+        batch_size=min(s.batch_size, s.n_steps * plan.envs),
+        n_epochs=s.n_epochs,
+        gamma=s.gamma,
+        gae_lambda=s.gae_lambda,
+        clip_range=s.clip_range,
+        target_kl=s.target_kl,
+        policy_kwargs={
+            "net_arch": {"pi": list(s.layers), "vf": list(s.layers)},
+            "activation_fn": torch.nn.Tanh,
+            "features_extractor_class": Scaled,
+            "features_extractor_kwargs": {"mean": list(mean), "scale": list(scale)},
+        },
+        seed=plan.seed,
+        device="cpu",
+    )
+    if os.path.lexists(directory / CHECKPOINT):
+        _resume(model, directory / CHECKPOINT)
+        recorder.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
+    return model
+
+
+def _resume(model: Any, file: Path) -> None:
+    """Take weights, optimiser and counters from a checkpoint.
+
+    Only tensors and numbers are read: ``PPO.load`` would also unpickle objects, which can run any code.
+
+    Raises:
+        ValueError: one line, if they cannot be read or do not fit.
+    """
+    members = read_archive(file, FileKind.CHECKPOINT)
+    try:
+        model.set_parameters({name: _tensors(members[f"{name}.pth"]) for name in _STATES}, device="cpu")
+        numbers = json.loads(members["data"])
+        for name in _COUNTERS:
+            setattr(model, name, int(numbers[name]))
+    except Exception as error:  # torch and json raise almost anything for a damaged file
+        reason = shown(str(error).partition("\n")[0])
+        raise ValueError(f"{file}: training can not be resumed ({reason}); choose another --out") from error
+
+
+def _tensors(content: bytes) -> Any:
+    unpacked(content, "a member", FileKind.CHECKPOINT)  # it is an archive itself, whose size is checked here
+    return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+
+
+class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
+    """Callback that records time, learning curve and checkpoints."""
+
+    def __init__(self, budget: Budget, directory: Path, progress: Progress) -> None:
+        super().__init__()
+        self.curve: list[Point] = []
+        self._budget, self._directory, self._progress = budget, directory, progress
+        self._ended: list[dict[str, Any]] = []
+        self._rewards: list[float] = []
+        self._since: float | None = None  # start of learning in this process [s]
+        self._kept = time.monotonic()
+
+    @property
+    def share(self) -> float:
+        """Share of the budget that is spent."""
+        steps = self.curve[-1].steps if self.curve else 0
+        spent = steps / self._budget.steps
+        return spent if self._budget.seconds is None else max(spent, self._seconds() / self._budget.seconds)
+
+    def learning_rate(self, _: float) -> float:
+        """Learning rate, which falls with the share of the budget."""
+        return SETTINGS.learning_rate * (1.0 - (1.0 - LAST_LEARNING_RATE) * min(self.share, 1.0))
+
+    def keep(self, model: Any) -> None:
+        """Write the curve, which may be ahead, then the checkpoint, each completely or not at all."""
+        write_curve(self.curve, self._directory / CURVE)
+        with replacing(self._directory / CHECKPOINT) as unfinished, unfinished.open("wb") as file:
+            model.save(file, exclude=_NOT_SAVED)
+        self._kept = time.monotonic()
+
+    def _on_training_start(self) -> None:
+        self._before = self.curve[-1].wall_s if self.curve else 0.0
+        self._since = time.monotonic()
+
+    def _on_step(self) -> bool:
+        self._ended += [info for info in self.locals["infos"] if info]
+        self._rewards.append(float(np.mean(self.locals["rewards"])))
+        return self._budget.seconds is None or self._seconds() < self._budget.seconds
+
+    def _set_exploration(self) -> None:
+        """Set the scheduled standard deviation of the actions."""
+        first, last = (math.log(deviation) for deviation in EXPLORATION)
+        log_std = self.model.policy.log_std.requires_grad_(False)
+        log_std.fill_(first + (last - first) * min(self.share, 1.0))
+
+    def _on_rollout_start(self) -> None:
+        self._set_exploration()
+        self._record()
+        if time.monotonic() - self._kept > _BETWEEN_CHECKPOINTS:
+            self.keep(self.model)
+
+    def _on_training_end(self) -> None:
+        self._record()
+
+    def _record(self) -> None:
+        """Add a point to the curve if there were steps since the last one."""
+        if _steps(self.model) <= (self.curve[-1].steps if self.curve else 0):
+            return
+        self.curve.append(self._point())
+        self._ended, self._rewards = [], []
+        newest = self.curve[-1]
+        self._progress(min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps{_explored(newest.rms_m)}")
+
+    def _seconds(self) -> float:
+        before = self.curve[-1].wall_s if self.curve else 0.0
+        return before if self._since is None else self._before + time.monotonic() - self._since
+
+    def _point(self) -> Point:
+        logged = self.model.logger.name_to_value
+        ended = self._ended or [{}]
+        nan = float("nan")
+        return Point(
+            steps=_steps(self.model),
+            wall_s=self._seconds(),
+            episodes=len(self._ended),
+            rms_m=float(np.mean([one.get("true_rms_m", nan) for one in ended])),
+            max_m=float(np.mean([one.get("true_max_m", nan) for one in ended])),
+            mishaps=float(np.mean([not one.get("TimeLimit.truncated", True) for one in ended])),
+            reward=float(np.mean(self._rewards or [nan])) / REWARD_SCALE / ACTION_REPEAT,
+            exploration=float(torch.exp(self.model.policy.log_std).mean()),
+            divergence=float(logged.get("train/approx_kl", nan)),
+            explained_variance=float(logged.get("train/explained_variance", nan)),
+        )
+
+
+def _explored(rms: float) -> str:
+    """The result so far, once an episode has ended."""
+    return f", {rms:.3f} m RMS while exploring" if math.isfinite(rms) else ""
+
+
+def _steps(model: Any) -> int:
+    return int(model.num_timesteps) * ACTION_REPEAT
+
+
+def _features(env: Sb3VecEnv) -> Any:
+    return env.env.core.features  # type: ignore[attr-defined]  # this environment's core has them
+
+
+def _network(model: Any, features: list[str]) -> Network:
+    """Network that gives a model's mean action."""
+    policy = model.policy
+    linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
+    layers = [*linear, policy.action_net]
+    return Network(
+        tuple(_array(layer.weight) for layer in layers),
+        tuple(_array(layer.bias) for layer in layers),
+        _array(policy.features_extractor.mean),
+        _array(policy.features_extractor.scale),
+        tuple(features),
+    )
+
+
+def _array(tensor: Any) -> Any:
+    return tensor.detach().numpy()

@@ -1,0 +1,161 @@
+"""Files of a training directory: plan, network, learning curve, picture and summary."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import matplotlib
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+
+from controllers.trailer_steering.policy import Network, save_network
+from offtrack.environments.training.evaluation import POLICY, Score, described
+from offtrack.environments.training.training_plan import Plan
+from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
+from offtrack.studies.files import check_study_directory, opened_study
+from scenarios.results.atomic_files import replaced, replacing
+from scenarios.results.log import read_table
+from vehicle.foundation.user_file import FileKind, read_text
+from vehicle.frames import FloatArray
+
+_WINDOW = 15  # points of the moving average
+_LEVELS = (ESTIMATED, INK, GREY, *SERIES[2:4])  # colours of the laws
+
+
+class Point(NamedTuple):
+    """State of the training after one update; episode numbers are means over the episodes since the last update."""
+
+    steps: int  # control steps of all environments so far
+    wall_s: float  # computing time so far [s]
+    episodes: int  # ended since the last update
+    rms_m: float  # off-tracking, with exploration noise [m]; NaN: no episode ended
+    max_m: float  # the same, maximum [m]
+    mishaps: float  # share of the episodes that ended badly
+    reward: float  # mean of a control step
+    exploration: float  # standard deviation of the actions [-]
+    divergence: float  # of the policy from the previous one (Kullback-Leibler)
+    explained_variance: float  # by the value function [-]
+
+
+def write_curve(curve: Sequence[Point], path: Path) -> None:
+    """Writes the curve; the file appears complete or not at all."""
+    table = pa.table({name: [getattr(point, name) for point in curve] for name in Point._fields})
+    with replacing(path) as unfinished:
+        pq.write_table(table, unfinished)
+
+
+def read_curve(path: Path) -> list[Point]:
+    """The curve in a file of :func:`write_curve`.
+
+    Raises:
+        ValueError: one line, if the file cannot be read or has other columns.
+    """
+    table = read_table(path)
+    if tuple(table.column_names) != Point._fields:
+        raise ValueError(f"{path}: has {', '.join(table.column_names)}, must have {', '.join(Point._fields)}")
+    return [Point(**row) for row in table.to_pylist()]
+
+
+def draw_curve(curve: Sequence[Point], levels: Mapping[str, float], path: Path) -> None:
+    """Draws off-tracking over steps as a PNG, with the off-tracking of trailer laws in the same episodes as lines."""
+    steps = np.array([point.steps for point in curve]) / 1e6
+    rms = np.array([point.rms_m for point in curve])
+    known = np.isfinite(rms)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+        ax = figure.subplots()
+        ax.plot(steps[known], rms[known], color=TRUE, linewidth=0.6, alpha=0.4)
+        ax.plot(steps[known], _smoothed(rms[known]), color=TRUE, linewidth=2.0, label="policy while exploring")
+        for (law, level), colour in zip(levels.items(), _LEVELS, strict=False):
+            ax.axhline(level, color=colour, linewidth=1.3, linestyle=(0, (6, 3)), label=law)
+        ax.set(yscale="log", xlabel="control steps of 20 ms [millions]", ylabel="off-tracking of an episode, RMS [m]")
+        ax.yaxis.set_major_formatter("{x:g}")
+        legend_below(figure, ax)
+        with replacing(path) as unfinished:
+            figure.savefig(unfinished, dpi=110, format="png")
+
+
+def _smoothed(values: FloatArray) -> FloatArray:
+    """Moving average."""
+    half = _WINDOW // 2
+    return np.array([values[max(k - half, 0) : k + half + 1].mean() for k in range(len(values))])
+
+
+PLAN: Final = "training.json"
+NETWORK: Final = "policy.npz"
+SUMMARY: Final = "summary.json"
+PICTURE: Final = "learning_curve.png"
+_PACKAGES: Final = ("offtrack", "stable-baselines3", "torch", "gymnasium", "numpy", "casadi")
+
+Scores = Mapping[str, Mapping[str, Score]]  # by condition and law
+
+
+def check_directory(plan: Plan, directory: Path) -> None:
+    """Refuse a directory that contains another training or other files.
+
+    Raises:
+        ValueError: one line.
+    """
+    check_study_directory(directory, PLAN)
+    file = directory / PLAN
+    if file.is_file() and read_text(file, FileKind.RECORD) != _content(plan):
+        raise ValueError(
+            f"{file} belongs to a training with other options: choose another --out, or use the same options"
+        )
+
+
+def opened_directory(plan: Plan, directory: Path) -> AbstractContextManager[None]:
+    """Lock the directory of a training, which has been checked, and write its plan.
+
+    Raises:
+        ValueError: one line, if another process works in it.
+    """
+    return opened_study(directory, PLAN, _content(plan))
+
+
+def _content(plan: Plan) -> str:
+    return json.dumps(plan.plain(), indent=2) + "\n"
+
+
+def keep_network(network: Network, directory: Path) -> Path:
+    """Write the network completely or not at all, and return its file."""
+    path = directory / NETWORK
+    with replacing(path) as unfinished, unfinished.open("wb") as file:
+        save_network(network, file)
+    return path
+
+
+def summary(plan: Plan, curve: list[Point], scores: Scores, command: str) -> dict[str, Any]:
+    """Summary of the training for JSON."""
+    last = curve[-1]
+    return {
+        "command": command,
+        "plan": plan.plain(),
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}},
+        "steps": last.steps,
+        "wall_s": round(last.wall_s, 1),
+        "conditions": described(),
+        "scores": {name: {law: score._asdict() for law, score in laws.items()} for name, laws in scores.items()},
+    }
+
+
+def keep_summary(content: Mapping[str, Any], curve: list[Point], scores: Scores, directory: Path) -> None:
+    """Write ``summary.json`` and the learning curve, with the laws' results in the training conditions."""
+    replaced(directory / SUMMARY, json.dumps(content, indent=2, allow_nan=False) + "\n")
+    levels = {law: score.rms_m for law, score in scores["trained"].items() if law != POLICY}
+    draw_curve(curve, levels, directory / PICTURE)
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

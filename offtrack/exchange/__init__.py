@@ -1,0 +1,1 @@
+"""Exchange with other programs: recordings, FMUs, a bench, exports and drawings."""

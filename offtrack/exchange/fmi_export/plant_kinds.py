@@ -1,0 +1,390 @@
+"""Combinations and rovers as models to export, by name: inputs, outputs, parameters and programs.
+
+Names are those of ``fmi_import.plant`` where both mean the same, so that an exported plant needs no map there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from offtrack.exchange.fmi_export.plant_model import (
+    PlantModel,
+    fixed_values,
+    interface_of,
+    number_quantity,
+    start_quantities,
+    vector,
+)
+from offtrack.exchange.fmi_export.variables import Quantity, numbered
+from offtrack.reports.vehicle_sheet.library import is_rover
+from vehicle.clock import TICK
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.functions import (
+    body_function,
+    kinematics_function,
+    start_function,
+    step_function,
+    symbolic_twin,
+    wheel_function,
+)
+from vehicle.combination.layout import (
+    CommandInputs,
+    GroundInputs,
+    State,
+    command_sizes,
+    ground_input_sizes,
+    parts,
+    slices,
+    state_sizes,
+    wheels,
+)
+from vehicle.combination.truth_vectors import (
+    Kinematics,
+    WheelTruth,
+    kinematics_sizes,
+    smooth_ground_sizes,
+    wheel_truth_sizes,
+)
+from vehicle.engine.program import Program, program_of
+from vehicle.rover.description import Rover, Soil, load_rover, load_soil
+from vehicle.rover.equations import RoverInput, RoverState, input_sizes, lift_function, load_function, numbers
+from vehicle.rover.equations import state_sizes as rover_state_sizes
+from vehicle.rover.equations import step_function as rover_step_function
+from vehicle.rover.plant import LONGEST_STEP
+
+_ROAD_FRICTION = 0.8  # of dry asphalt, where nothing is connected [-]
+_BODY_SLOPE = "on curved ground: mean rise at the supports of {} less that under its centre of gravity: tilts its body"
+
+
+def combination_model(vehicle: Vehicle) -> PlantModel:
+    """The model of a vehicle; one ``in_wind`` has inputs for the wind."""
+    vehicle = vehicle.with_torque_inputs()
+    twin = symbolic_twin(vehicle)
+    paths = [str(twin.symbols[k]) for k in range(twin.symbols.numel())]
+    parameters = [
+        number_quantity(vehicle, path, value) for path, value in zip(paths, twin.values.tolist(), strict=True)
+    ]
+    inputs, outputs = combination_inputs(vehicle), combination_outputs(vehicle)
+    observe = _observe_combination(vehicle, len(inputs), twin.symbols.numel())
+    programs = {
+        "step": program_of(step_function(vehicle)),
+        "observe": program_of(observe),
+        "start": program_of(start_function(vehicle)),
+    }
+    interface = interface_of(parameters, start_quantities("the tractor's frame"), inputs, outputs, observe, programs)
+    unread = [quantity for k, quantity in enumerate(parameters) if k in interface.fixed]
+    return PlantModel(
+        name=vehicle.name,
+        summary=vehicle.summary,
+        kind="combination",
+        interface=interface,
+        programs=programs,
+        defined={
+            "FIRST_START": len(parameters),
+            "FIRST_GROUND": sum(command_sizes(vehicle)),
+            "FIRST_FRICTION": sum(command_sizes(vehicle)),
+            "N_FRICTIONS": vehicle.n_wheels,
+        },
+        gear=CommandInputs(*slices(command_sizes(vehicle))).gear.start,
+        fixed=fixed_values(vehicle, unread),
+        internal_step=TICK,
+        stepping=f"Internal step: {1e3 * TICK:g} ms.",
+    )
+
+
+def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
+    """Inputs in the order of ``CommandInputs`` and ``GroundInputs``, then heights and slopes below the bodies."""
+    units = [unit.name for unit in vehicle.units]
+    axles = [(unit.name, k) for unit in vehicle.units[1:] for k, _ in enumerate(unit.steered_axles, start=1)]
+    axle_names = [f"axle {k} of {unit.name}" for unit in vehicle.units for k, _ in enumerate(unit.axles, start=1)]
+    tyres = _wheel_names(vehicle)
+    inputs = [
+        Quantity("steer", "rad", "demanded road-wheel angle of the tractor's foremost steered axle, + left"),
+        Quantity("acceleration", "m/s2", "demanded: above 0 drives the way the gear does, below 0 brakes"),
+        *numbered("steer_trailer", "rad", [f"demanded angle of steered axle {k} of {name}" for name, k in axles]),
+        Quantity("gear", "-", "1 forward, -1 backward; change it at a standstill; 0: as at the start", 1.0),
+        *numbered("drive_torque", "N m", [f"of a further drive on {axle}, + forward" for axle in axle_names]),
+        *numbered("brake_torque", "N m", [f"of a further brake on {axle}, not below 0" for axle in axle_names]),
+        *numbered(
+            "friction_wheel",
+            "-",
+            [f"friction coefficient under {tyre}; 0: as at the start" for tyre in tyres],
+            _ROAD_FRICTION,
+        ),
+        *numbered("ground_slope_x", "-", [f"rise of the ground under {name} along x of the world" for name in units]),
+        *numbered("ground_slope_y", "-", [f"rise of the ground under {name} along y of the world" for name in units]),
+        *numbered("road_height", "m", [f"height of the road under {tyre} above the smooth one" for tyre in tyres]),
+        *numbered("wind", "m/s", [f"wind at {name} along y of the world" for name in units if vehicle.exposed]),
+    ]  # fmt: skip
+    supports = [f"{end} support of {name}" for name in units for end in ("front", "rear")]
+    return [
+        *inputs,
+        *numbered(
+            "ground_height", "m", [f"height of the smooth ground at the {at}: lifts its body" for at in supports]
+        ),
+        *numbered("body_slope_x", "-", [f"{_BODY_SLOPE.format(name)} along x of the world" for name in units]),
+        *numbered("body_slope_y", "-", [f"{_BODY_SLOPE.format(name)} along y of the world" for name in units]),
+    ]
+
+
+def combination_outputs(vehicle: Vehicle) -> list[Quantity]:
+    """Outputs: everything that ``Truth`` has, a body's pose as position and angles; units count from 1, the tractor."""
+    units, tyres = [unit.name for unit in vehicle.units], _wheel_names(vehicle)
+    axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
+    return [
+        *numbered("x", "m", [f"position of the frame of {name} in the world" for name in units]),
+        *numbered("y", "m", [f"position of the frame of {name} in the world" for name in units]),
+        *numbered("psi", "rad", [f"heading of {name}, + left, continuous" for name in units]),
+        *numbered("v_x", "m/s", [f"velocity of that point along the x axis of {name}" for name in units]),
+        *numbered("v_y", "m/s", [f"velocity of that point along the y axis of {name}" for name in units]),
+        *numbered("yaw_rate", "rad/s", [f"of {name}" for name in units]),
+        *numbered("heave", "m", [f"of the body of {name} above the ground's height, + up" for name in units]),
+        *numbered("pitch", "rad", [f"of the body of {name} against the ground, + nose down" for name in units]),
+        *numbered("roll", "rad", [f"of the body of {name} against the ground, + left side up" for name in units]),
+        *(
+            quantity
+            for k, name in enumerate(units, start=1)
+            for quantity in (
+                *(Quantity(f"body_{axis}_{k}", "m", f"origin of the body of {name} in the world") for axis in "xyz"),
+                Quantity(f"body_roll_{k}", "rad", f"of the body of {name}, about its x axis, third"),
+                Quantity(f"body_pitch_{k}", "rad", f"of the body of {name}, about the y axis, second, + nose down"),
+                Quantity(f"body_yaw_{k}", "rad", f"of the body of {name}, about the z axis, first; -pi to pi"),
+            )
+        ),
+        *numbered("steer_angle", "rad", [f"angle of steered axle {k} of {name}, + left" for name, k in axles]),
+        *numbered("wheel_load", "N", [f"vertical force of {tyre}" for tyre in tyres]),
+        *numbered("wheel_slip_angle", "rad", [f"of {tyre}" for tyre in tyres]),
+        *numbered("friction_used", "-", [f"horizontal force of {tyre} over friction times load" for tyre in tyres]),
+        *numbered("load_transfer", "-", [f"of {name}: right less left wheel loads over all" for name in units]),
+        *numbered("articulation", "rad", [f"heading of {name} less that of the next unit" for name in units[:-1]]),
+    ]  # fmt: skip
+
+
+def _wheel_names(vehicle: Vehicle) -> list[str]:
+    return [
+        f"the {'left' if wheel.side > 0 else 'right'} wheel of axle {wheel.axle_in_unit + 1} of "
+        f"{vehicle.units[wheel.unit].name}"
+        for wheel in wheels(vehicle)
+    ]
+
+
+def _observe_combination(vehicle: Vehicle, n_inputs: int, n_numbers: int) -> Any:
+    """Function (state, inputs, numbers) -> outputs, in the order of ``combination_outputs``."""
+    N, sizes = len(vehicle.units), (*command_sizes(vehicle), *ground_input_sizes(vehicle))
+    x, u, numbers = vector(sum(state_sizes(vehicle))), vector(n_inputs), vector(n_numbers)
+    n_heights = smooth_ground_sizes(vehicle).height
+    plant_inputs, heights, *more = parts(u, (sum(sizes), n_heights, N, N))
+    of_ground = GroundInputs(*parts(plant_inputs, sizes)[len(command_sizes(vehicle)) :])
+    slopes = [at_centre + less for at_centre, less in zip((of_ground.slope_x, of_ground.slope_y), more, strict=True)]
+    smooth = ca.vertcat(heights, *(slope[k // 2] for slope in slopes for k in range(2 * N)))
+    state = State(*parts(x, state_sizes(vehicle)))
+    motion = Kinematics(*parts(kinematics_function(vehicle)(x, ca.SX(0, 1), numbers), kinematics_sizes(vehicle)))
+    idle = ca.vertcat(ca.SX.zeros(sum(command_sizes(vehicle))), *of_ground)
+    of_wheels = WheelTruth(*parts(wheel_function(vehicle)(x, idle, numbers), wheel_truth_sizes(vehicle)))
+    bodies, headings = body_function(vehicle)(x, smooth, numbers), motion.poses[2::3]
+    values = [
+        *(motion.poses[k::3] for k in range(3)),
+        *(motion.velocities[k::3] for k in range(3)),
+        *(state.heave, state.pitch, state.roll),
+        *(_pose(bodies[16 * k : 16 * k + 16]) for k in range(N)),
+        *of_wheels,
+        *([headings[:-1] - headings[1:]] if N > 1 else []),
+    ]
+    return ca.Function("observe", [x, u, numbers], [ca.cse(ca.densify(ca.vertcat(*values)))])
+
+
+def _pose(X: ca.SX) -> ca.SX:
+    """Position, roll, pitch and yaw of a pose given row by row."""
+    roll, pitch = ca.atan2(X[9], X[10]), ca.atan2(-X[8], ca.sqrt(X[9] ** 2 + X[10] ** 2))
+    return ca.vertcat(X[3], X[7], X[11], roll, pitch, ca.atan2(X[4], X[0]))
+
+
+_SOIL_FRICTION: Final = 0.6  # of a lugged wheel on firm ground, as of ``Terrain`` [-]
+_AT_REST: Final = 1e-6  # as of ``posture``: below it a velocity has no direction [m/s]
+
+
+def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
+    """The model of a rover in a soil or (None) on firm ground."""
+    parameters = _parameters(rover, soil)
+    names, n = [quantity.name for quantity in parameters], len(rover.wheels)
+    inputs, outputs = rover_inputs(rover), rover_outputs(rover)
+    observe = _observe_rover(rover, soil, len(inputs), len(parameters), names.index("radius"))
+    programs: dict[str, Program] = {
+        "step": program_of(rover_step_function(rover, soil)),
+        "observe": program_of(observe),
+        "loads": program_of(load_function(rover, soil)),
+    }
+    if soil is not None:
+        programs["lift"] = program_of(lift_function(rover, soil))
+    interface = interface_of(parameters, start_quantities("the body's centre"), inputs, outputs, observe, programs)
+    unread = [quantity for k, quantity in enumerate(parameters) if k in interface.fixed]
+    in_state, in_input = RoverState(*slices(rover_state_sizes(n))), RoverInput(*slices(input_sizes(n)))
+    return PlantModel(
+        name=rover.name if soil is None else f"{rover.name}_{soil.name}",
+        summary=rover.summary if soil is None else f"{rover.summary}; in {soil.name}",
+        kind="rover",
+        interface=interface,
+        programs=programs,
+        defined={
+            "FIRST_START": len(parameters),
+            "N_WHEELS": n,
+            "RADIUS": names.index("radius"),
+            "OMEGA": in_state.wheel_speed.start,
+            "TURN": in_state.turn.start,
+            "SINKAGE": in_state.sinkage.start,
+            "LONGEST_STEP": LONGEST_STEP,
+            "FIRST_FIRM": in_input.firm.start - 1,  # the length of a step is no input of the FMU
+        },
+        gear=None,
+        internal_step=None,
+        stepping=f"A communication step is divided into equal steps of at most {1e3 * LONGEST_STEP * TICK:g} ms.",
+        fixed=[
+            *fixed_values(rover, unread),
+            *((f"wheels.{k}.{axis}", f"{getattr(wheel, axis):g}, in proportion to {size}")
+              for k, wheel in enumerate(rover.wheels)
+              for axis, size in (("x", "wheels.half_length"), ("y", "wheels.half_width"))),
+            *([] if soil is None else [(f"soil.{path}", value) for path, value in fixed_values(soil, [])]),
+        ],
+    )  # fmt: skip
+
+
+def rover_inputs(rover: Rover) -> list[Quantity]:
+    """Inputs in the order of ``RoverInput``, then heights of the ground under the wheels."""
+    wheels = [wheel.name for wheel in rover.wheels]
+    return [
+        *numbered("wheel_speed_demand", "rad/s", [f"demanded rotation of {name}, + forward" for name in wheels]),
+        *numbered(
+            "steer_demand",
+            "rad",
+            [f"demanded angle of {wheel.name}, + left" + ("" if wheel.steered else ": not steered, no effect")
+             for wheel in rover.wheels],
+        ),
+        *numbered("ground_slope_x", "-", [f"rise of the ground under {name} along x of the world" for name in wheels]),
+        *numbered("ground_slope_y", "-", [f"rise of the ground under {name} along y of the world" for name in wheels]),
+        *numbered("firm", "-", [f"1 where the ground under {name} is firm, else 0" for name in wheels]),
+        Quantity("friction", "-", "friction coefficient of firm ground", _SOIL_FRICTION),
+        *numbered("ground_height", "m", [f"height of the ground at {name}: lifts the body" for name in wheels]),
+    ]  # fmt: skip
+
+
+def rover_outputs(rover: Rover) -> list[Quantity]:
+    """Outputs: everything that ``RoverTruth`` has, the body's pose as position and angles."""
+    wheels = [wheel.name for wheel in rover.wheels]
+    return [
+        Quantity("x", "m", "position of the body's centre in the world"),
+        Quantity("y", "m", "position of the body's centre in the world"),
+        Quantity("psi", "rad", "heading, + left, continuous"),
+        Quantity("v_x", "m/s", "velocity of the body's centre along the body"),
+        Quantity("v_y", "m/s", "velocity of the body's centre across the body, + left"),
+        Quantity("yaw_rate", "rad/s", "about the ground's normal"),
+        *(Quantity(f"body_{axis}", "m", "origin of the body in the world, sinkage included") for axis in "xyz"),
+        Quantity("body_roll", "rad", "of the body about its x axis, third"),
+        Quantity("body_pitch", "rad", "of the body about the y axis, second, + nose down"),
+        Quantity("body_yaw", "rad", "of the body about the z axis, first; -pi to pi"),
+        *(
+            quantity
+            for axis in "xyz"
+            for quantity in numbered(f"wheel_{axis}", "m", [f"lowest point of {name} in the world" for name in wheels])
+        ),
+        *numbered("wheel_heading", "rad", [f"direction of {name} in the world" for name in wheels]),
+        *numbered("wheel_v_along", "m/s", [f"velocity of the centre of {name} along its heading" for name in wheels]),
+        *numbered("wheel_v_across", "m/s", [f"velocity of the centre of {name} across it, + left" for name in wheels]),
+        *numbered("wheel_speed", "rad/s", [f"speed of rotation of {name}, + forward" for name in wheels]),
+        *numbered("wheel_turn", "rad", [f"angle that {name} has rolled since the start" for name in wheels]),
+        *numbered("steer_angle", "rad", [f"of {name} against the body, + left" for name in wheels]),
+        *numbered("slip_ratio", "-", [f"of {name}: (r omega - v_x) over r omega or, braking, v_x" for name in wheels]),
+        *numbered("slip_angle", "rad", [f"direction of travel of {name} to its heading, + left" for name in wheels]),
+        *numbered("sinkage", "m", [f"of {name}" for name in wheels]),
+        *numbered("wheel_load", "N", [f"force on {name} normal to the ground" for name in wheels]),
+    ]  # fmt: skip
+
+
+def _parameters(rover: Rover, soil: Soil | None) -> list[Quantity]:
+    """Numbers in the order of ``equations.numbers``."""
+    found = [number_quantity(rover, key, value) for key, value in rover if isinstance(value, float)]
+    if soil is not None:
+        found += [number_quantity(soil, key, value, "soil.") for key, value in soil if isinstance(value, float)]
+    length, width = (float(size) for size in rover.footprint[:2])
+    found.append(Quantity("wheels.half_length", "m", "x of the foremost wheels; the others in proportion", length))
+    found.append(Quantity("wheels.half_width", "m", "y of the outermost left wheels; the others in proportion", width))
+    assert np.array_equal([quantity.start for quantity in found], numbers(rover, soil))
+    return found
+
+
+def _observe_rover(rover: Rover, soil: Soil | None, n_inputs: int, n_numbers: int, radius: int) -> Any:
+    """Function (state, inputs, numbers) -> outputs, in the order of ``rover_outputs``."""
+    n = len(rover.wheels)
+    x, u, p = vector(sum(rover_state_sizes(n))), vector(n_inputs), vector(n_numbers)
+    s = RoverState(*parts(x, rover_state_sizes(n)))
+    heights = u[n_inputs - n :]
+    idle = ca.vertcat(ca.SX.zeros(2 * n), 1.0, u[2 * n : n_inputs - n])
+    along, across = (ca.DM(share) for share in (rover.footprint.along, rover.footprint.across))
+    places = ca.horzcat(p[n_numbers - 2] * along, p[n_numbers - 1] * across)
+    R, origin, wheels = _posture(places, (rover.footprint.along, rover.footprint.across), s, heights)
+    v_x, v_y = s.v_x - s.yaw_rate * places[:, 1], s.v_y + s.yaw_rate * places[:, 0]
+    c, d = ca.cos(s.steer), ca.sin(s.steer)
+    v_along, v_across = v_x * c + v_y * d, v_y * c - v_x * d
+    roll, pitch = ca.atan2(R[2, 1], R[2, 2]), ca.atan2(-R[2, 0], ca.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2))
+    values = [
+        *(s.x, s.y, s.psi, s.v_x, s.v_y, s.yaw_rate),
+        *(origin, roll, pitch, ca.atan2(R[1, 0], R[0, 0])),
+        *(wheels[:, k] for k in range(3)),
+        *(s.psi + s.steer, v_along, v_across, s.wheel_speed, s.turn, s.steer),
+        *(_slip_ratios(p[radius] * s.wheel_speed, v_along), _slip_angles(v_along, v_across)),
+        *(s.sinkage, load_function(rover, soil)(x, idle, p)),
+    ]
+    return ca.Function("observe", [x, u, p], [ca.cse(ca.densify(ca.vertcat(*values)))])
+
+
+def _posture(
+    places: ca.SX, weights: Sequence[Sequence[float]], s: RoverState[ca.SX], heights: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """R_WB of the body, its origin and the wheels' lowest points (n, 3) in W [m], as ``Undercarriage.posture``."""
+    c, d = ca.cos(s.psi), ca.sin(s.psi)
+    z, n = heights - s.sinkage, heights.numel()
+    shift = ca.horzcat(ca.repmat(s.x, n, 1), ca.repmat(s.y, n, 1))
+    flat = ca.horzcat(places[:, 0] * c - places[:, 1] * d, places[:, 0] * d + places[:, 1] * c) + shift
+    R, origin = ca.SX.eye(3), ca.SX.zeros(3)
+    for _ in range(2):
+        lowest = ca.horzcat(flat, z)
+        forward, leftward = (ca.DM(list(share)).T @ lowest for share in weights)
+        e_x = forward.T / ca.norm_2(forward)
+        up = ca.cross(e_x, leftward.T)
+        e_z = up / ca.norm_2(up)
+        R = ca.horzcat(e_x, ca.cross(e_z, e_x), e_z)
+        flat = places @ R[:2, :2].T + shift
+        origin = ca.sum1(lowest).T / n
+    return R, origin, ca.horzcat(flat, z)
+
+
+def _slip_ratios(rim: ca.SX, v_x: ca.SX) -> ca.SX:
+    """``posture.slip_ratios``."""
+    over = ca.if_else(rim * (rim - v_x) > 0.0, rim, v_x)
+    at_rest = ca.fabs(over) <= _AT_REST
+    return ca.if_else(at_rest, 0.0, (rim - v_x) / ca.if_else(at_rest, 1.0, over))
+
+
+def _slip_angles(v_along: ca.SX, v_across: ca.SX) -> ca.SX:
+    """``posture.slip_angles``."""
+    speed = ca.sqrt(v_along**2 + v_across**2)
+    return ca.if_else(speed > _AT_REST, ca.atan2(v_across, v_along), 0.0)
+
+
+def plant_model(name_or_path: str, soil: str | None, *, wind: bool) -> PlantModel:
+    """The model of a shipped vehicle or rover, or of one from a TOML file.
+
+    Raises:
+        ValueError: one line, if the file is wrong, or an option is not for its kind.
+    """
+    if is_rover(name_or_path):
+        if wind:
+            raise ValueError(f"--wind: rover {name_or_path} has no inputs for the wind")
+        return rover_model(load_rover(name_or_path), None if soil is None else load_soil(soil))
+    if soil is not None:
+        raise ValueError(f"--soil {soil}: {name_or_path} is no rover; trucks drive on roads")
+    vehicle = load_vehicle(name_or_path)
+    return combination_model(vehicle.in_wind() if wind else vehicle)

@@ -1,0 +1,310 @@
+"""An FMU in a run, in a process of its own: steps with a time limit, states, and errors of one line."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import os
+import select
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any, Final
+
+from offtrack.exchange.fmi_import import host
+from offtrack.exchange.fmi_import.fmu_file import FmuFile, Variable
+from offtrack.exchange.fmi_import.mapping import FmuMap
+from vehicle.clock import TICK
+from vehicle.foundation.plant_like import EndedError
+from vehicle.foundation.user_file import shown
+
+_START: Final = 30.0  # a large library may take long to load [s]
+_OWN_START: Final = 120.0  # an FMU of offtrack may open cameras [s]
+_END: Final = 2.0  # for an orderly end [s]
+_PIECE: Final = 65_536  # of an answer: mostly all of it [bytes]
+_TAIL: Final = 2_000  # of what an FMU printed that is searched for its last line [bytes]
+
+
+class FmuError(EndedError):
+    """Failure of an FMU: one line with its file, the time, and its own last words."""
+
+
+class FmuProcess:
+    """An instance of an FMU in a process of its own."""
+
+    def __init__(
+        self,
+        fmu: FmuFile,
+        inputs: Sequence[Variable],
+        outputs: Sequence[Variable],
+        parameters: Mapping[str, float | str],
+        timeout: float,
+    ) -> None:
+        """Create the instance.
+
+        Args:
+            fmu: the file.
+            inputs: variables that every step sets.
+            outputs: variables that every step reads.
+            parameters: start values by name.
+            timeout: longest time of a step [s].
+
+        Raises:
+            FmuError: one line, if it fails, stalls or crashes already here.
+        """
+        self.fmu, self._inputs, self._outputs, self._parameters = fmu, tuple(inputs), tuple(outputs), dict(parameters)
+        self._timeout = timeout
+        self._step = struct.Struct(f"=c{2 + len(inputs)}d")
+        self._values = struct.Struct(f"={len(outputs)}d")
+        self._folder = fmu.unpacked()
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 -- closed with the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "offtrack.exchange.fmi_import.host"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            bufsize=0,
+            start_new_session=True,  # Ctrl-C is for offtrack, which ends the process itself
+            env={
+                "OFFTRACK_PYTHON": sys.executable,
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(dict.fromkeys(filter(None, sys.path))),
+            },
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._requests, self._answers = self._process.stdin, self._process.stdout
+        self._poll = select.poll()
+        self._poll.register(self._answers, select.POLLIN | select.POLLHUP)
+        self._end = weakref.finalize(self, _ended, self._process, self._folder, self._log)
+        self._ask(
+            json.dumps(self._start()).encode() + b"\n",
+            "cannot be started",
+            _OWN_START if fmu.tool == "offtrack" else _START,
+        )
+
+    def _start(self) -> dict[str, object]:
+        variables = self.fmu.variables
+        return {
+            "version": self.fmu.version,
+            "token": self.fmu.token,
+            "identifier": self.fmu.identifier,
+            "folder": str(self._folder),
+            "inputs": [(self._kind(variable), variable.reference) for variable in self._inputs],
+            "outputs": [(self._kind(variable), variable.reference) for variable in self._outputs],
+            "parameters": [
+                (self._kind(variables[name]), variables[name].reference, value)
+                for name, value in self._parameters.items()
+            ],
+        }
+
+    def _kind(self, variable: Variable) -> str:
+        """Kind of the functions that set and get it; an enumeration is an integer, in FMI 3 of 64 bits."""
+        whole = "Integer" if self.fmu.version == 2 else "Int64"
+        return whole if variable.kind == "Enumeration" else variable.kind
+
+    def step(self, time: float, length: float, inputs: Sequence[float]) -> tuple[float, ...]:
+        """Outputs at the end of a step from ``time`` over ``length`` [s], which begins with these inputs.
+
+        Raises:
+            FmuError: if it fails, stalls or crashes.
+        """
+        content = self._ask(self._step.pack(host.STEP, time, length, *inputs), f"at {time:g} s", self._timeout)
+        values: tuple[float, ...] = self._values.unpack(content)
+        return values
+
+    def state(self) -> bytes:
+        """State of the instance.
+
+        Raises:
+            ValueError: one line, if the FMU can't give it.
+        """
+        if not self.fmu.keeps_state:
+            raise ValueError(
+                f"{self.fmu.path}: cannot be copied: it does not declare canGetAndSetFMUstate and "
+                "canSerializeFMUstate; it works in runs, but not in snapshots"
+            )
+        return self._ask(host.STATE, "state", self._timeout)
+
+    def copy(self) -> FmuProcess:
+        """Another instance in the same state.
+
+        Raises:
+            ValueError: one line, if the FMU's state can't be taken.
+        """
+        state = self.state()
+        other = FmuProcess(self.fmu, self._inputs, self._outputs, self._parameters, self._timeout)
+        other._ask(host.SET_STATE + host.SIZE.pack(len(state)) + state, "state", self._timeout)
+        return other
+
+    def close(self) -> None:
+        """End the process and remove its folder."""
+        self._end()
+
+    def _ask(self, request: bytes, when: str, limit: float) -> bytes:
+        deadline = time.monotonic() + limit
+        try:
+            self._write(request)
+            answer = self._read(b"", host.HEAD, deadline)
+            (size,) = host.SIZE.unpack_from(answer, 1)
+            answer = self._read(answer, host.HEAD + size, deadline)
+        except TimeoutError:
+            raise self._failure(f"{when}: does not return within {limit:g} s") from None
+        except (OSError, EOFError, ValueError):
+            raise self._failure(f"{when}: {self._death()}") from None
+        content = answer[host.HEAD :]
+        if answer[:1] != host.DONE:
+            raise self._failure(f"{when}: {content.decode(errors='replace')}")
+        return content
+
+    def _write(self, request: bytes) -> None:
+        sent = 0
+        while sent < len(request):
+            sent += os.write(self._requests.fileno(), request[sent:])
+
+    def _read(self, answer: bytes, size: int, deadline: float) -> bytes:
+        """The answer so far, with more, until it has that size."""
+        while len(answer) < size:
+            if not self._poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
+                raise TimeoutError
+            piece = os.read(self._answers.fileno(), _PIECE)
+            if not piece:
+                raise EOFError
+            answer += piece
+        return answer
+
+    def _death(self) -> str:
+        try:
+            code = self._process.wait(_END)
+        except subprocess.TimeoutExpired:
+            return "its process closed the connection"
+        return f"its process was ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited ({code})"
+
+    def _failure(self, event: str) -> FmuError:
+        said = self._last_words()
+        self._process.kill()
+        self.close()
+        event = " ".join(event.replace(f"{self._folder}/", "").split())
+        return FmuError(f"{self.fmu.path}: {shown(event, 300)}{said}")
+
+    def _last_words(self) -> str:
+        """The last line that the FMU printed or logged."""
+        try:
+            size = self._log.seek(0, os.SEEK_END)
+            self._log.seek(max(0, size - _TAIL))
+            lines = [line.strip() for line in self._log.read().decode(errors="replace").splitlines() if line.strip()]
+        except (OSError, ValueError):
+            return ""
+        return f' (it said: "{shown(lines[-1], 200)}")' if lines else ""
+
+
+def _ended(process: subprocess.Popen[bytes], folder: Path, log: IO[bytes]) -> None:
+    """End a process, at first politely."""
+    try:
+        if process.stdin is not None:
+            process.stdin.close()
+        process.wait(_END)
+    except (OSError, subprocess.TimeoutExpired):
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+    log.close()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+class FmuInstance:
+    """An FMU with its map; copied with its state where it allows that.
+
+    Time is its own, from 0 at the first call. A step takes the inputs of its beginning and gives the outputs of its
+    end.
+    """
+
+    def __init__(self, fmu: FmuFile, links: FmuMap, parameters: Mapping[str, float | str]) -> None:
+        """Create the instance.
+
+        Args:
+            fmu: the file.
+            links: its map.
+            parameters: start values that stand above those of the map, by name.
+
+        Raises:
+            ValueError: one line, if it can't be started.
+        """
+        self._fmu, self._map, self._given = fmu, links, {**links.parameters, **parameters}
+        try:
+            self._process = self._started()
+        except FmuError as error:
+            raise ValueError(str(error)) from None
+        self.ticks = 0  # its own time
+
+    def _started(self) -> FmuProcess:
+        links = self._map
+        inputs, outputs = [link.variable for link in links.inputs], [link.variable for link in links.outputs]
+        return FmuProcess(self._fmu, inputs, outputs, self._given, links.timeout)
+
+    @property
+    def period(self) -> int:
+        """Period of its steps [ticks]."""
+        return self._map.period
+
+    @property
+    def used(self) -> frozenset[str]:
+        """Signals that its inputs take."""
+        return frozenset(link.signal for link in self._map.inputs)
+
+    def outputs(self, signals: Mapping[str, float]) -> dict[str, float]:
+        """Signals of its outputs now, with these inputs, without a step.
+
+        Raises:
+            FmuError: if it fails, stalls, crashes or gives no finite number.
+        """
+        return self._called(0, signals)
+
+    def step(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
+        """Signals of its outputs after a step over ``ticks`` that begins with these inputs.
+
+        Raises:
+            FmuError: if it fails, stalls, crashes or gives no finite number.
+        """
+        found = self._called(ticks, signals)
+        self.ticks += ticks
+        return found
+
+    def _called(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
+        values = self._process.step(self.ticks * TICK, ticks * TICK, self._map.values(signals))
+        if not all(map(math.isfinite, values)):
+            raise self._not_finite(values)
+        return self._map.signals(values)
+
+    def _not_finite(self, values: Sequence[float]) -> FmuError:
+        links = zip(self._map.outputs, values, strict=True)
+        name, value = next((link.variable.name, value) for link, value in links if not math.isfinite(value))
+        return FmuError(f"{self._fmu.path}: at {self.ticks * TICK:g} s its output {name} is {value}")
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._process.close()
+        self._process, self.ticks = self._started(), 0
+
+    def close(self) -> None:
+        """End its process."""
+        self._process.close()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> FmuInstance:
+        """Another instance in the same state.
+
+        Raises:
+            ValueError: one line, if the FMU's state can't be taken.
+        """
+        other = copy.copy(self)
+        other._process = self._process.copy()
+        return other

@@ -1,0 +1,336 @@
+"""Estimates, sensor readings, motion and ground of a combination as numbered signals, and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Set
+from typing import Final
+
+import numpy as np
+
+from estimators.estimates import Health, OffTracking
+from offtrack.exchange.fmi_import.mapping import Signal
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices, wheels
+from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.plant import SurfaceLookup
+from vehicle.combination.truth import Truth
+from vehicle.combination.truth_vectors import Kinematics, SmoothGround, kinematics_sizes, smooth_ground_sizes
+from vehicle.frames import FloatArray, rotation_zyx, transform
+from vehicle.surface import Surface
+
+METRES: Final = 30  # of the hitch's path that an FMU can take, a metre apart
+PATH_POINTS: Final = 200  # of the path as it is; a longer one is thinned out
+NO_STD: Final = 1e3  # stands for an unknown standard deviation [m]
+_HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}
+_OF_HEALTH: Final = {value: health for health, value in _HEALTH.items()}
+
+
+def estimate_signals(*, coarse: bool) -> tuple[Signal, ...]:
+    """Signals of an estimate; ``coarse``: with the path at every metre besides its own points."""
+    metres, points = range(1, METRES + 1), range(1, PATH_POINTS + 1)
+    path = [
+        *(Signal(f"path_x_{k}", "m", f"hitch's path {k} m back, in the trailer's frame") for k in metres),
+        *(Signal(f"path_y_{k}", "m", f"hitch's path {k} m back, in the trailer's frame") for k in metres),
+    ]
+    return (
+        Signal("off_tracking", "m", "estimated off-tracking, + when the path of the hitch lies left"),
+        Signal("off_tracking_std", "m", "its stated standard deviation; 1e3 if there is none"),
+        Signal("off_tracking_known", "-", "1 once there is an estimate, also if it is lost"),
+        Signal("off_tracking_valid", "-", "1 while there is an estimate that is not lost"),
+        Signal("off_tracking_health", "-", "0 ok, 1 degraded, 2 lost"),
+        Signal("off_tracking_age", "s", "since the image was taken"),
+        Signal("off_tracking_time", "s", "at which the image was taken; -1: the age says it"),
+        Signal("off_tracking_bridged", "s", "since the last motion that was measured, by dead reckoning"),
+        Signal("path_tangent", "rad", "direction of the hitch's path at the follow point, in the trailer's frame"),
+        Signal("hitch_direction", "rad", "direction of the hitch's travel in the trailer's frame, + left"),
+        Signal("hitch_direction_rate", "rad/s", "its rate of change"),
+        Signal("hitch_speed", "m/s", "estimated velocity of the hitch along the trailer's x axis"),
+        Signal("hitch_lateral_speed", "m/s", "along its y axis"),
+        Signal("trailer_yaw_rate", "rad/s", "estimated, of the trailer"),
+        *(path if coarse else ()),
+        Signal("path_points", "-", "number of points of the estimated path"),
+        *(Signal(f"path_point_x_{k}", "m", f"point {k} of the path, newest first, trailer's frame") for k in points),
+        *(Signal(f"path_point_y_{k}", "m", f"point {k} of the path, newest first, trailer's frame") for k in points),
+    )
+
+
+def reading_signals(n_steered: int, n_units: int) -> tuple[Signal, ...]:
+    """Signals of the sensors for a trailer with ``n_steered`` steered axles in a combination of ``n_units``."""
+    hitches, units, axles = range(1, n_units), range(1, n_units + 1), range(1, n_steered + 1)
+    return (
+        Signal("speed", "m/s", "of the tractor, by its wheels"),
+        Signal("steer", "rad", "of the tractor's foremost steered axle, + left"),
+        *(Signal(f"articulation_{k}", "rad", f"at hitch {k}: unit ahead minus unit behind") for k in hitches),
+        *(Signal(f"yaw_rate_{k}", "rad/s", f"gyro of unit {k}, the tractor is 1") for k in units),
+        Signal("lateral_acceleration", "m/s2", "of the trailer's body above its axles, + left"),
+        *(Signal(f"steer_trailer_{k}", "rad", f"encoder of steered axle {k}") for k in axles),
+    )
+
+
+def estimate_values(tick: int, estimate: OffTracking | None, used: Set[str]) -> dict[str, float]:
+    """Signals [SI] of an estimate at a tick; without one all are 0, none is known and the health is lost.
+
+    The points of the path are given only where they are ``used``.
+    """
+    if estimate is None:
+        unknown = dict.fromkeys((name for name in used if name.startswith("path_")), 0.0)
+        return unknown | {
+            **dict.fromkeys(_ZEROS, 0.0),
+            "off_tracking_std": NO_STD,
+            "off_tracking_health": 2.0,
+            "off_tracking_time": -1.0,
+        }
+    values = {
+        "off_tracking": estimate.value,
+        "off_tracking_std": min(estimate.std, NO_STD),
+        "off_tracking_known": 1.0,
+        "off_tracking_valid": float(estimate.health is not Health.LOST),
+        "off_tracking_health": _HEALTH[estimate.health],
+        "off_tracking_age": estimate.age(tick),
+        "off_tracking_time": estimate.tick * TICK,
+        "off_tracking_bridged": estimate.bridged,
+        "path_tangent": estimate.path_tangent,
+        "hitch_direction": estimate.hitch_direction,
+        "hitch_direction_rate": estimate.hitch_direction_rate,
+        "hitch_speed": estimate.v_x,
+        "hitch_lateral_speed": estimate.v_y,
+        "trailer_yaw_rate": estimate.yaw_rate,
+    }
+    if any(name.startswith(("path_x_", "path_y_")) for name in used):
+        values |= _at_every_metre(estimate.path)
+    if "path_points" in used:
+        values |= _points(estimate.path)
+    return values
+
+
+_ZEROS: Final = ("off_tracking", "off_tracking_known", "off_tracking_valid", "off_tracking_age",
+                 "off_tracking_bridged", "path_tangent", "hitch_direction", "hitch_direction_rate", "hitch_speed",
+                 "hitch_lateral_speed", "trailer_yaw_rate")  # fmt: skip
+
+
+def estimate_of(tick: int, values: Mapping[str, float]) -> OffTracking | None:
+    """The estimate behind signals at a tick; None if none is known."""
+    if values["off_tracking_known"] < 0.5:
+        return None
+    count = max(0, min(PATH_POINTS, round(values["path_points"])))
+    points = range(1, count + 1)  # without any, the path is the hitch alone
+    path = [[values[f"path_point_x_{k}"], values[f"path_point_y_{k}"]] for k in points] or [[0.0, 0.0]]
+    std = values["off_tracking_std"]
+    time, age = values["off_tracking_time"], values["off_tracking_age"]
+    return OffTracking(
+        tick=round(time / TICK) if time >= 0.0 else tick - round(age / TICK),
+        value=values["off_tracking"],
+        std=std if std < NO_STD else math.inf,
+        health=_OF_HEALTH.get(values["off_tracking_health"], Health.LOST),
+        path=np.array(path),
+        hitch_direction=values["hitch_direction"],
+        hitch_direction_rate=values["hitch_direction_rate"],
+        path_tangent=values["path_tangent"],
+        v_x=values["hitch_speed"],
+        v_y=values["hitch_lateral_speed"],
+        yaw_rate=values["trailer_yaw_rate"],
+        bridged=values["off_tracking_bridged"],
+    )
+
+
+def reading_values(reading: CombinationSignals) -> dict[str, float]:
+    """Signals [SI] of a reading of the sensors."""
+    return {
+        "speed": reading.speed,
+        "steer": reading.steer,
+        "lateral_acceleration": reading.lateral_acceleration,
+        **numbered_values("articulation", reading.articulation),
+        **numbered_values("yaw_rate", reading.yaw_rates),
+        **numbered_values("steer_trailer", reading.angles),
+    }
+
+
+def reading_of(tick: int, values: Mapping[str, float], n_steered: int, n_units: int) -> CombinationSignals:
+    """The reading behind signals."""
+
+    def column(name: str, count: int) -> FloatArray:
+        return np.array([values[f"{name}_{k}"] for k in range(1, count + 1)])
+
+    return CombinationSignals(
+        tick=tick,
+        angles=column("steer_trailer", n_steered),
+        speed=values["speed"],
+        steer=values["steer"],
+        articulation=column("articulation", n_units - 1),
+        yaw_rates=column("yaw_rate", n_units),
+        lateral_acceleration=values["lateral_acceleration"],
+    )
+
+
+def numbered_values(name: str, values: FloatArray) -> dict[str, float]:
+    """Values by ``name_1``, ``name_2``, …."""
+    return {f"{name}_{k}": float(value) for k, value in enumerate(values, start=1)}
+
+
+def _at_every_metre(path: FloatArray) -> dict[str, float]:
+    """Points of the hitch's path, a metre apart; past its end the last one."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    back = np.arange(1.0, METRES + 1.0)
+    return {
+        **numbered_values("path_x", np.interp(back, along, path[:, 0])),
+        **numbered_values("path_y", np.interp(back, along, path[:, 1])),
+    }
+
+
+def _points(path: FloatArray) -> dict[str, float]:
+    """The points themselves, thinned out if there are too many; behind them the last one."""
+    count = len(path)
+    if count > PATH_POINTS:
+        path = path[np.linspace(0, count - 1, PATH_POINTS).round().astype(int)]
+    kept = np.concatenate([path, np.repeat(path[-1:], PATH_POINTS - len(path), axis=0)])
+    return {
+        "path_points": float(len(path)),
+        **numbered_values("path_point_x", kept[:, 0]),
+        **numbered_values("path_point_y", kept[:, 1]),
+    }
+
+
+_BODY = ("x", "y", "z", "roll", "pitch", "yaw")
+OnGround = Callable[[int, float, float, float], FloatArray]
+
+
+def truth_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
+    """Signals of the motion of a vehicle; units count from 1, the tractor."""
+    units = range(1, len(vehicle.units) + 1)
+    axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
+    return (
+        *(Signal(f"x_{k}", "m", f"position of the frame of unit {k} in the world") for k in units),
+        *(Signal(f"y_{k}", "m", f"position of the frame of unit {k} in the world") for k in units),
+        *(Signal(f"psi_{k}", "rad", f"heading of unit {k}, + left, continuous") for k in units),
+        *(Signal(f"v_x_{k}", "m/s", f"velocity of that point along the x axis of unit {k}") for k in units),
+        *(Signal(f"v_y_{k}", "m/s", f"along the y axis of unit {k}") for k in units),
+        *(Signal(f"yaw_rate_{k}", "rad/s", f"of unit {k}") for k in units),
+        *(Signal(f"body_{axis}_{k}", "m" if axis in "xyz" else "rad", f"pose of the body of unit {k} in the world; "
+                 "all six 0: it stands on the ground") for k in units for axis in _BODY),
+        *(Signal(f"steer_angle_{k}", "rad", f"steered axle {axle} of {name}, + left")
+          for k, (name, axle) in enumerate(axles, start=1)),
+    )  # fmt: skip
+
+
+def truth_values(truth: Truth) -> dict[str, float]:
+    """Signals [SI] of a ground truth."""
+    return {
+        **{f"{name}_{k}": value for name, column in zip(("x", "y", "psi"), truth.poses.T, strict=True)
+           for k, value in enumerate(column.tolist(), start=1)},
+        **{f"{name}_{k}": value for name, column in zip(("v_x", "v_y", "yaw_rate"), truth.velocities.T, strict=True)
+           for k, value in enumerate(column.tolist(), start=1)},
+        **{f"body_{axis}_{k}": value for k, body in enumerate(truth.bodies, start=1)
+           for axis, value in zip(_BODY, _six(body), strict=True)},
+        **{f"steer_angle_{k}": value for k, value in enumerate(truth.steer.tolist(), start=1)},
+    }  # fmt: skip
+
+
+def truth_of(tick: int, values: Mapping[str, float], vehicle: Vehicle, on_ground: OnGround) -> Truth:
+    """The ground truth behind signals; wheel loads are the static ones, slip angles and friction used are 0.
+
+    Args:
+        tick: its time.
+        values: signals by name.
+        vehicle: the vehicle that moves.
+        on_ground: pose (4, 4) of the body of a unit that stands on the ground at x, y, psi.
+    """
+    n, steered = len(vehicle.units), sum(len(unit.steered_axles) for unit in vehicle.units)
+    poses = _columns(values, ("x", "y", "psi"), n)
+    bodies = []
+    for k, (x, y, psi) in enumerate(poses.tolist()):
+        six = [values[f"body_{axis}_{k + 1}"] for axis in _BODY]
+        is_given = any(six)
+        R_WB = rotation_zyx(six[5], six[4], six[3])
+        bodies.append(transform(R_WB, np.array(six[:3])) if is_given else on_ground(k, x, y, psi))
+    return Truth(
+        tick=tick,
+        poses=poses,
+        velocities=_columns(values, ("v_x", "v_y", "yaw_rate"), n),
+        bodies=np.array(bodies),
+        steer=_columns(values, ("steer_angle",), steered)[:, 0],
+        wheel_loads=np.repeat(0.5 * np.concatenate(static_axle_loads(vehicle)), 2),
+        wheel_slip_angles=np.zeros(vehicle.n_wheels),
+        friction_used=np.zeros(vehicle.n_wheels),
+        load_transfer=np.zeros(n),
+    )
+
+
+def _columns(values: Mapping[str, float], names: Iterable[str], count: int) -> FloatArray:
+    return np.array([[values[f"{name}_{k}"] for name in names] for k in range(1, count + 1)])
+
+
+def _six(X: FloatArray) -> list[float]:
+    """Position [m], then roll, pitch and yaw [rad] of a pose (4, 4)."""
+    x, y, z = X[:3, 3].tolist()
+    roll = math.atan2(X[2, 1], X[2, 2])
+    pitch = math.atan2(-X[2, 0], math.hypot(X[2, 1], X[2, 2]))
+    return [x, y, z, roll, pitch, math.atan2(X[1, 0], X[0, 0])]
+
+
+_NAMES = GroundInputs("friction_wheel", "ground_slope_x", "ground_slope_y", "road_height", "wind")
+_HEIGHT = "ground_height"
+
+
+def ground_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
+    """Signals of the ground under a vehicle; units and wheels count from the front, left before right."""
+    units, tyres = range(1, len(vehicle.units) + 1), range(1, vehicle.n_wheels + 1)
+    supports = range(1, 1 + smooth_ground_sizes(vehicle).height)
+    return (
+        *(Signal(f"friction_wheel_{k}", "-", f"friction coefficient under wheel {k}") for k in tyres),
+        *(Signal(f"ground_slope_x_{k}", "-", "under its centre of gravity, along x of the world") for k in units),
+        *(Signal(f"ground_slope_y_{k}", "-", "along y of the world") for k in units),
+        *(Signal(f"road_height_{k}", "m", f"of the road under wheel {k}, roughness alone") for k in tyres),
+        *(Signal(f"wind_{k}", "m/s", f"at unit {k}, along y of the world") for k in units if vehicle.exposed),
+        *(
+            Signal(f"{_HEIGHT}_{k}", "m", f"of the smooth ground at {'rear' if k % 2 == 0 else 'front'} support of "
+                   f"unit {(k + 1) // 2}")
+            for k in supports
+        ),
+        *(Signal(f"body_slope_x_{k}", "-", "mean of its supports less ground_slope_x") for k in units),
+        *(Signal(f"body_slope_y_{k}", "-", "mean of its supports less ground_slope_y") for k in units),
+    )  # fmt: skip
+
+
+class GroundUnder:
+    """Ground of a surface under the wheels, centres of gravity and supports of a vehicle."""
+
+    def __init__(self, surface: Surface, vehicle: Vehicle) -> None:
+        self._lookup = SurfaceLookup(surface, vehicle)
+        self._into = Kinematics(*slices(kinematics_sizes(vehicle)))
+        self._parts = GroundInputs(*slices(ground_input_sizes(vehicle)))
+        self._smooth = SmoothGround(*slices(smooth_ground_sizes(vehicle)))
+        self._size = sum(kinematics_sizes(vehicle))
+        units = range(len(vehicle.units))
+        self._centres = np.array([(k, vehicle.units[k].cg_x, 0.0) for k in units])
+        self._wheels = np.array([(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)])
+        self._supports = np.array([(k, x, 0.0) for k in units for x in vehicle.supports(k)])
+
+    def values(self, poses: FloatArray) -> dict[str, float]:
+        """Signals [SI] under units at these poses (N, 3)."""
+        at, into = np.zeros(self._size), self._into
+        at[into.centre_x], at[into.centre_y] = _places(poses, self._centres)
+        at[into.wheel_x], at[into.wheel_y] = _places(poses, self._wheels)
+        at[into.support_x], at[into.support_y] = _places(poses, self._supports)
+        inputs, smooth = self._lookup.ground_inputs(at), self._lookup.smooth_ground(at)
+        columns = dict(zip(_NAMES, (inputs[part] for part in self._parts), strict=True))
+        columns[_HEIGHT] = smooth[self._smooth.height]
+        for axis, of_supports in (("x", self._smooth.slope_x), ("y", self._smooth.slope_y)):
+            columns[f"body_slope_{axis}"] = _means(smooth[of_supports]) - columns[f"ground_slope_{axis}"]
+        return {f"{name}_{k}": x for name, column in columns.items() for k, x in enumerate(column.tolist(), start=1)}
+
+
+def _means(of_supports: FloatArray) -> FloatArray:
+    """Means (N,) of the front and rear support of every unit."""
+    means: FloatArray = 0.5 * (of_supports[0::2] + of_supports[1::2])
+    return means
+
+
+def _places(poses: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions x, y in the world of points (unit, x, y) in the frames of their units."""
+    x, y, psi = poses[points[:, 0].astype(int)].T
+    _, along, left = points.T
+    c, s = np.cos(psi), np.sin(psi)
+    return x + (c * along - s * left), y + (s * along + c * left)

@@ -1,0 +1,353 @@
+"""Reader of a stereo recording: frames, calibration, pose on the trailer, and trajectories of the camera.
+
+Poses are those of the left camera (x right, y down, z ahead) relative to its first frame.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from estimators.calibration.rectification import Rectifier
+from estimators.estimates import Health, Motion
+from estimators.rigid_motion import chained, stretched
+from offtrack.exchange.recordings.mounting import MountingOptions, Rig, facing_by_motion, mounting, read_rig
+from offtrack.exchange.recordings.stereo_sequence import (
+    Dropped,
+    Layout,
+    StereoSequence,
+    find_sequence,
+    image_size,
+    stream,
+)
+from sensors.camera.lens import load_raw_rig
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import GreyImage, StereoFrame
+from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
+from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform
+
+_FOCAL_TOLERANCE = 1e-3  # of the focal lengths of a rectified pair, relative: 0.1 px at 100 px from the middle
+_LARGEST = 1e9  # number of a projection matrix [px], [px m]
+_OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Projections:
+    """Parameters of a rectified pair from its projection matrices."""
+
+    focal_length: float  # [px]
+    cx: float  # [px]
+    cy: float  # [px]
+    baseline: float  # [m]
+    X_C0C: FloatArray  # (4, 4) pose of the left camera in KITTI's camera 0, whose poses are in ``poses.txt``
+
+
+def read_projections(path: Path, layout: Layout) -> Projections:
+    """Read the projections of the two cameras of a layout.
+
+    Raises:
+        ValueError: one line, if one is missing, or if they do not belong to a rectified pair.
+    """
+    lines = _lines(path)
+    left, right = (_matrix(path, lines, name) for name in (layout.left_projection, layout.right_projection))
+    f, cx, cy = left[0, 0], left[0, 2], left[1, 2]
+    if not f > 0.0 or abs(left[1, 1] / f - 1.0) > _FOCAL_TOLERANCE:
+        raise ValueError(f"{path}: focal lengths {f:g} and {left[1, 1]:g} px must be positive and equal")
+    if np.abs(left[:, :3] - right[:, :3]).max() > _FOCAL_TOLERANCE * f:
+        raise ValueError(
+            f"{path}: {layout.left_projection} and {layout.right_projection} differ in more than their last column: "
+            "the pair is not rectified; give its calibration with --calibration FILE.toml"
+        )
+    p_Cl, p_Cr = (-np.linalg.solve(P[:, :3], P[:, 3]) for P in (left, right))  # from camera 0
+    p_ClCr = p_Cr - p_Cl
+    if not p_ClCr[0] > 0.0 or np.abs(p_ClCr[1:]).max() > _OFFSET_TOLERANCE * p_ClCr[0]:
+        raise ValueError(
+            f"{path}: baseline {p_ClCr[0]:g} m must be positive and along the left camera's x; "
+            "are left and right swapped?"
+        )
+    return Projections(
+        focal_length=float(f),
+        cx=float(cx),
+        cy=float(cy),
+        baseline=float(p_ClCr[0]),
+        X_C0C=transform(np.eye(3), p_Cl.astype(np.float64)),
+    )
+
+
+def _lines(path: Path) -> dict[str, str]:
+    if not os.path.lexists(path):
+        raise ValueError(
+            f"{path} is missing: it contains the projection matrices P0 and P1 of rectified images; "
+            "for raw images use --calibration FILE.toml"
+        )
+    pairs = (line.partition(":") for line in read_text(path, FileKind.CALIBRATION).splitlines())
+    return {name.strip(): values for name, _, values in pairs}
+
+
+def _matrix(path: Path, lines: dict[str, str], name: str) -> FloatArray:
+    try:
+        P = np.array([float(value) for value in lines.get(name, "").split()]).reshape(3, 4)
+    except ValueError:
+        P = np.full((3, 4), np.nan)
+    if not np.all(np.abs(P) <= _LARGEST) or abs(np.linalg.det(P[:, :3])) < 1e-9:
+        raise ValueError(
+            f"{path}: a line '{name}: ' with the 12 numbers of a 3x4 projection matrix, row by row, is missing or wrong"
+        )
+    return P
+
+
+_FARTHEST = 1e8  # position, in any map [m]
+
+
+def camera_poses(ticks: Sequence[int], motions: Sequence[Motion]) -> FloatArray:
+    """Poses X_C0C (n, 4, 4) of the left camera at these ticks.
+
+    A lost motion is replaced by one at the last velocity, until a later motion that starts before it corrects the pose.
+    Poses at ticks without a motion are interpolated at constant velocity; before the first motion and after the last
+    one the pose is constant.
+    """
+    known = _chained(motions)
+    ticks_known = np.array(sorted(known), dtype=np.int64)
+    poses = np.tile(np.eye(4), (len(ticks), 1, 1))
+    for pose, tick in zip(poses, ticks, strict=True):
+        if tick in known:
+            pose[:] = known[tick]
+        elif len(ticks_known) and tick > ticks_known[0]:
+            after = int(np.searchsorted(ticks_known, tick))
+            before = int(ticks_known[after - 1])
+            pose[:] = known[before]
+            if after < len(ticks_known):
+                ratio = (tick - before) / (int(ticks_known[after]) - before)
+                pose[:] = pose @ stretched(inverse(pose) @ known[int(ticks_known[after])], ratio)
+    return poses
+
+
+def _chained(motions: Sequence[Motion]) -> dict[int, FloatArray]:
+    """Poses X_C0C by tick."""
+    poses: dict[int, FloatArray] = {}
+    last: Motion | None = None
+    for motion in motions:
+        X_PC = motion.X_PC
+        if motion.health is not Health.LOST:
+            last = motion
+        elif last is not None:
+            X_PC = stretched(last.X_PC, (motion.tick - motion.previous_tick) / (last.tick - last.previous_tick))
+        start = poses.setdefault(motion.previous_tick, np.eye(4) if not poses else poses[max(poses)])
+        poses[motion.tick] = chained(start, X_PC)
+    return poses
+
+
+def tum_text(times: Sequence[float], poses: FloatArray) -> str:
+    """One line ``time x y z q_x q_y q_z q_w`` per pose, in s and m."""
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    rows = np.column_stack([poses[:, :3, 3], quaternions])
+    lines = [f"{t:.6f} " + " ".join(f"{value:.9f}" for value in row) for t, row in zip(times, rows, strict=True)]
+    return "\n".join(
+        ["# time [s], position [m] and quaternion (x y z w) of the left camera in its first pose", *lines, ""]
+    )
+
+
+def kitti_text(poses: FloatArray) -> str:
+    """One line per pose: the 12 numbers of its 3x4 matrix, row by row."""
+    return "".join(" ".join(f"{value:.12e}" for value in pose[:3].ravel()) + "\n" for pose in poses)
+
+
+def read_kitti_poses(path: Path, lines: int) -> FloatArray:
+    """Read poses (n, 4, 4) from a file with one line of 12 numbers per frame.
+
+    Raises:
+        ValueError: one line, if a line has another form, or if the numbers of lines and frames differ.
+    """
+    text = read_text(path, FileKind.TABLE).splitlines()
+    if len(text) > MAX_FRAMES:
+        raise ValueError(f"{path} has {len(text)} lines: a recording must have at most {MAX_FRAMES} frames")
+    poses = [_pose(path, k, line.split()) for k, line in enumerate(text, start=1) if line.strip()]
+    if not lines <= len(poses) <= lines + 1:  # an interrupted recording may have one more
+        raise ValueError(f"{path} has {len(poses)} poses for {lines} frames: repair it or remove it")
+    return np.array(poses)
+
+
+def _pose(path: Path, number: int, row: list[str]) -> FloatArray:
+    try:
+        matrix = np.array([float(value) for value in row]).reshape(3, 4)
+    except ValueError:
+        raise ValueError(f"{path}, line {number}: a pose is 12 numbers, the 3x4 matrix row by row") from None
+    if not np.all(np.abs(matrix) <= _FARTHEST):
+        raise ValueError(f"{path}, line {number}: numbers must be finite, positions within {_FARTHEST:g} m")
+    if not is_rotation(matrix[:, :3], 1e-2):  # benchmark files are good to 1e-6
+        raise ValueError(f"{path}, line {number}: the first three columns are not a rotation")
+    return transform(orthonormalised(matrix[:, :3]), matrix[:, 3])
+
+
+class Rectification(Protocol):
+    """Rectifies raw pairs, such as ``estimators.calibration.rectification.Rectifier``."""
+
+    @property
+    def calibration(self) -> StereoCalibration:
+        """Calibration of the rectified pair."""
+        ...
+
+    def step(self, frame: StereoFrame) -> StereoFrame:
+        """Rectify a pair."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """A stereo sequence with its calibration and mounting."""
+
+    sequence: StereoSequence
+    size: tuple[int, int]  # of all images [px]
+    calibration: StereoCalibration  # of the rectified pair
+    rectification: Rectification | None  # None: the images are rectified already
+    follow_distance: float  # hitch to follow point [m]
+    roll_axis_height: float  # of the axis about which the trailer's body rolls [m]
+    direction_std: float  # 1 sigma of the left camera's direction in the trailer [rad]
+    poses: FloatArray | None  # (n, 4, 4) true poses of the left camera relative to the first frame
+    notes: tuple[str, ...]  # on irregularities of the recording
+    assumed: tuple[str, ...]  # assumptions on the mounting in words
+
+    def rectified(self, frame: StereoFrame) -> StereoFrame:
+        """Rectified frame, as the calibration describes it."""
+        return self.rectification.step(frame) if self.rectification else frame
+
+    def rectified_left(self, image: GreyImage) -> GreyImage:
+        """Rectified left image."""
+        return self.rectified(StereoFrame(tick=0, left=image, right=image)).left
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Cameras:
+    """Contents of a recording's calibration files."""
+
+    calibration: StereoCalibration  # of the rectified pair; its X_SC is replaced by the mounting
+    rectification: Rectification | None
+    rig: Rig
+    X_CP: FloatArray  # (4, 4) pose in the rectified left camera of the camera whose poses are in ``poses.txt``
+
+
+def open_recording(
+    directory: Path,
+    *,
+    calibration_file: Path | None = None,
+    rate_hz: float | None = None,
+    options: MountingOptions | None = None,
+) -> Recording:
+    """Open the recording in a folder, without reading the images.
+
+    Args:
+        directory: contains two folders of images, ``times.txt`` and ``calib.txt``. ``rig.toml`` has the pose of the
+            cameras and, for raw images, their calibration in place of ``calib.txt``; ``poses.txt`` has true poses.
+        calibration_file: overrides the calibration in the folder; a TOML file describes raw images.
+        rate_hz: replaces ``times.txt``.
+        options: override ``rig.toml``.
+
+    Raises:
+        ValueError: one line naming the wrong file and the remedy.
+    """
+    sequence = find_sequence(directory, rate_hz)
+    size = image_size(sequence)
+    cameras = _cameras(sequence, size, calibration_file)
+    calibration = cameras.calibration
+    mounted = mounting(
+        options or MountingOptions(),
+        cameras.rig,
+        calibration,
+        lambda: facing_by_motion(calibration, _rectified(sequence, size, cameras.rectification)),
+    )
+    return Recording(
+        sequence=sequence,
+        size=size,
+        calibration=replace(calibration, X_SC=mounted.X_SC),
+        rectification=cameras.rectification,
+        follow_distance=mounted.follow_distance,
+        roll_axis_height=mounted.roll_axis_height,
+        direction_std=mounted.direction_std,
+        poses=_poses(sequence, cameras.X_CP),
+        notes=sequence.notes,
+        assumed=mounted.assumed,
+    )
+
+
+def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None) -> _Cameras:
+    """Cameras from the option's file, from the ``rig.toml`` of raw images, or from ``calib.txt`` and ``rig.toml``."""
+    own_rig = sequence.directory / "rig.toml"
+    rig = read_rig(own_rig) if os.path.lexists(own_rig) else Rig()
+    if file is None and rig.raw:
+        file = own_rig
+    if file is not None and file.suffix == ".toml":
+        given = read_rig(file)
+        rig = Rig(
+            X_SC=rig.X_SC if given.X_SC is None else given.X_SC,
+            follow_distance=given.follow_distance or rig.follow_distance,
+            roll_axis_height=given.roll_axis_height or rig.roll_axis_height,
+            direction_std=rig.direction_std if given.direction_std is None else given.direction_std,
+        )
+        return _raw_cameras(file, size, rig)
+    return _rectified_cameras(file or sequence.directory / "calib.txt", sequence.layout, size, rig)
+
+
+def _raw_cameras(path: Path, size: tuple[int, int], rig: Rig) -> _Cameras:
+    raw = load_raw_rig(path)
+    for side, camera in (("left", raw.left), ("right", raw.right)):
+        if (camera.width, camera.height) != size:
+            raise ValueError(
+                f"{path}: the {side} camera has {camera.width}x{camera.height} px, the images {size[0]}x{size[1]}: "
+                "is it the calibration of these images?"
+            )
+    if rig.X_SC is not None:
+        raw = replace(raw, X_SC=rig.X_SC)
+    rectifier = Rectifier(raw)
+    X_SC = rectifier.calibration.X_SC
+    return _Cameras(
+        calibration=rectifier.calibration,
+        rectification=rectifier,
+        rig=replace(rig, X_SC=None if rig.X_SC is None else X_SC),
+        X_CP=inverse(X_SC) @ raw.X_SC,
+    )
+
+
+def _rectified_cameras(path: Path, layout: Layout, size: tuple[int, int], rig: Rig) -> _Cameras:
+    projections = read_projections(path, layout)
+    for name, value, extent in (("column", projections.cx, size[0]), ("row", projections.cy, size[1])):
+        if not 0.0 <= value <= extent - 1:
+            raise ValueError(
+                f"{path}: principal point at {name} {value:g} lies outside images of {size[0]}x{size[1]} px: "
+                "is it the calibration of these images?"
+            )
+    calibration = StereoCalibration(
+        width=size[0],
+        height=size[1],
+        focal_length=projections.focal_length,
+        cx=projections.cx,
+        cy=projections.cy,
+        baseline=projections.baseline,
+        X_SC=np.eye(4),
+    )
+    return _Cameras(calibration=calibration, rectification=None, rig=rig, X_CP=inverse(projections.X_C0C))
+
+
+def _rectified(
+    sequence: StereoSequence, size: tuple[int, int], rectification: Rectification | None
+) -> Iterator[StereoFrame]:
+    for _, frame in stream(sequence.frames, size):
+        if not isinstance(frame, Dropped):
+            yield rectification.step(frame) if rectification else frame
+
+
+def _poses(sequence: StereoSequence, X_CP: FloatArray) -> FloatArray | None:
+    """True poses X_C0C of the frames, from a file with the poses of a camera P at X_CP on the same rig."""
+    benchmark = sequence.directory.resolve().parent.parent / "poses" / f"{sequence.directory.resolve().name}.txt"
+    path = next((p for p in (sequence.directory / "poses.txt", benchmark) if os.path.lexists(p)), None)
+    if path is None:
+        return None
+    X_WP = read_kitti_poses(path, sequence.lines)
+    X_WC = X_WP[[files.line for files in sequence.frames]] @ inverse(X_CP)
+    poses: FloatArray = inverse(X_WC[0]) @ X_WC
+    return poses

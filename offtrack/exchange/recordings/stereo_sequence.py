@@ -1,0 +1,284 @@
+"""Stereo images of a recording's folder: files of each pair, capture times, and reading a few frames ahead.
+
+The folders have the names of the KITTI odometry benchmark or one of two plain pairs of names. ``times.txt`` contains a
+time in seconds for every frame, in order.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from scenarios.image_file import pixel_size, read_grey
+from sensors.messages import GreyImage, StereoFrame
+from vehicle.clock import TICK
+from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text, shown
+
+_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
+_NO_NUMBER = -1
+_LATEST = 1e10  # time stamp [s]: 300 years
+_LONGEST_PERIOD = 10.0  # between frames [s]; longer ones mean times in milliseconds, or no visible motion
+
+
+class Layout(NamedTuple):
+    """Names of the two cameras' folders and of their projections in KITTI's ``calib.txt``."""
+
+    left: str
+    right: str
+    left_projection: str
+    right_projection: str
+
+
+LAYOUTS: Final = (
+    Layout("image_0", "image_1", "P0", "P1"),
+    Layout("image_2", "image_3", "P2", "P3"),
+    Layout("image_left", "image_right", "P0", "P1"),
+    Layout("left", "right", "P0", "P1"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFiles:
+    """Expected image files of a frame; they are not read yet and may be missing."""
+
+    tick: int
+    time: float  # as recorded [s]
+    line: int  # of the frame in ``times.txt`` and ``poses.txt``, counted from 0
+    left: Path
+    right: Path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoSequence:
+    """The frames of a folder, oldest first."""
+
+    directory: Path
+    layout: Layout
+    frames: tuple[FrameFiles, ...]
+    lines: int  # required number of lines of ``times.txt`` and ``poses.txt``
+    notes: tuple[str, ...] = ()  # on irregularities
+
+
+def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequence:
+    """Find the stereo sequence in a folder; ``rate_hz`` replaces its ``times.txt``.
+
+    A gap in the numbers of the file names is a missing frame, so that times and poses stay with their images.
+
+    Raises:
+        ValueError: one line, if a folder of images is missing, or if times are missing or wrong.
+    """
+    layout = _layout(directory)
+    left, right, numbered = _keyed(_images(directory / layout.left), _images(directory / layout.right))
+    keys = sorted(left.keys() | right.keys())
+    every = range(keys[0], keys[-1] + 1)
+    if rate_hz is not None:
+        times = _times_at(rate_hz, len(every))
+        timed = _TimedFrames(tuple(every), 0)
+    else:
+        times = _read_times(directory / "times.txt")
+        timed = _timed_frames(keys, len(times), directory, numbered=numbered)
+    frames = []
+    for line, key in enumerate(timed.keys, start=timed.first_line):
+        name = (left.get(key) or right.get(key) or Path(f"{key:06d}.png")).name
+        frames.append(
+            FrameFiles(
+                tick=round((times[line] - times[timed.first_line]) / TICK),
+                time=times[line],
+                line=line,
+                left=left.get(key, directory / layout.left / name),
+                right=right.get(key, directory / layout.right / name),
+            )
+        )
+    return StereoSequence(directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=timed.notes)
+
+
+def _layout(directory: Path) -> Layout:
+    """First layout whose two folders exist."""
+    if not directory.is_dir():
+        raise ValueError(f"{directory} is not a folder; name the folder that contains image_0 and image_1")
+    for layout in LAYOUTS:
+        exists = [(directory / name).is_dir() for name in layout[:2]]
+        if all(exists):
+            return layout
+        if any(exists):
+            missing = layout.right if exists[0] else layout.left
+            raise ValueError(f"{directory / missing} is missing: a stereo recording needs the images of both cameras")
+    pairs = ", ".join(f"{layout.left} and {layout.right}" for layout in LAYOUTS)
+    raise ValueError(
+        f"{directory} contains no stereo images; it needs two folders: {pairs.replace(', left', ' or left')}"
+    )
+
+
+def _images(folder: Path) -> list[Path]:
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    if not files:
+        raise ValueError(f"{folder} contains no images ({', '.join(kind.lstrip('.') for kind in _SUFFIXES)})")
+    return files
+
+
+class _Keyed(NamedTuple):
+    """Image files of both cameras by frame."""
+
+    left: dict[int, Path]
+    right: dict[int, Path]
+    numbered: bool  # True: keys are the numbers in the names; False: ranks in the order of the names
+
+
+def _keyed(left: list[Path], right: list[Path]) -> _Keyed:
+    """Files by the last number in their names; without numbers or with time stamps, by their order."""
+    sides = [[_number(path) for path in files] for files in (left, right)]
+    distinct = all(len(set(side)) == len(side) and _NO_NUMBER not in side for side in sides)
+    if distinct and max(map(max, sides)) - min(map(min, sides)) < 2 * max(map(len, sides)):
+        keyed = [{_number(path): path for path in files} for files in (left, right)]
+        return _Keyed(keyed[0], keyed[1], numbered=True)
+    names = [{f"{_number(path):030d}" if distinct else path.stem: path for path in files} for files in (left, right)]
+    rank = {name: k for k, name in enumerate(sorted(names[0].keys() | names[1].keys()))}
+    keyed = [{rank[name]: path for name, path in side.items()} for side in names]
+    return _Keyed(keyed[0], keyed[1], numbered=False)
+
+
+def _number(path: Path) -> int:
+    digits = re.findall(r"\d+", path.stem)
+    return int(digits[-1]) if digits else _NO_NUMBER
+
+
+class _TimedFrames(NamedTuple):
+    """Frames that belong to the lines of ``times.txt``."""
+
+    keys: tuple[int, ...]
+    first_line: int
+    notes: tuple[str, ...] = ()
+
+
+def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered: bool) -> _TimedFrames:
+    """Assign this number of lines to frames, where there is only one sensible way."""
+    every = tuple(range(keys[0], keys[-1] + 1))
+    if lines == len(every):
+        return _TimedFrames(every, 0)
+    if lines == len(keys):
+        return _TimedFrames(tuple(keys), 0)
+    if numbered and lines > keys[-1]:  # images of a part, times of the whole sequence
+        return _TimedFrames(
+            every, keys[0], (f"times.txt has {lines} lines, {lines - len(every)} of them without images",)
+        )
+    if lines == len(every) - 1 > 0:
+        return _TimedFrames(every[:-1], 0, (f"the last frame has no line in times.txt and is omitted: {keys[-1]}",))
+    raise ValueError(
+        f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames; it needs one line per frame. "
+        "Repair it or use --rate HZ"
+    )
+
+
+def _times_at(rate_hz: float, count: int) -> list[float]:
+    if not 0.0 < rate_hz <= 1.0 / TICK:
+        raise ValueError(f"--rate = {rate_hz:g} Hz must be above 0 and at most {1.0 / TICK:g}")
+    return [k / rate_hz for k in range(count)]
+
+
+def _read_times(path: Path) -> list[float]:
+    """Times [s] that increase by at least a tick."""
+    if not os.path.lexists(path):
+        raise ValueError(f"{path} is missing: create it with the time [s] of every frame, or use --rate HZ")
+    lines = read_text(path, FileKind.TABLE).splitlines()
+    if len(lines) > MAX_FRAMES:
+        raise ValueError(f"{path} has {len(lines)} lines: a recording must have at most {MAX_FRAMES} frames")
+    times = [_time(path, k, line) for k, line in enumerate(lines, start=1) if line.strip()]
+    for k, (before, after) in enumerate(pairwise(times), start=2):
+        if after - before < 0.999 * TICK:
+            raise ValueError(
+                f"{path}, line {k}: {after:g} s must be at least {TICK:g} s after the line before. "
+                "Repair it or use --rate HZ"
+            )
+    if len(times) > 1 and (times[-1] - times[0]) / (len(times) - 1) > _LONGEST_PERIOD:
+        raise ValueError(
+            f"{path}: {(times[-1] - times[0]) / (len(times) - 1):g} s between frames is more than "
+            f"{_LONGEST_PERIOD:g} s. Times must be in seconds; or use --rate HZ"
+        )
+    return times
+
+
+def _time(path: Path, number: int, line: str) -> float:
+    try:
+        time = float(line.split()[0])
+    except ValueError:
+        raise ValueError(f"{path}, line {number}: '{shown(line.strip(), 40)}' is not a time [s]") from None
+    if not abs(time) <= _LATEST:
+        raise ValueError(f"{path}, line {number}: {time} is not a time [s]")
+    return time
+
+
+_AHEAD = 4  # frames that are read in advance: reading then costs no time in the odometry's thread
+
+
+class Dropped(NamedTuple):
+    """A frame that could not be used."""
+
+    files: FrameFiles
+    reason: str  # one line that names the file
+
+
+def image_size(sequence: StereoSequence) -> tuple[int, int]:
+    """Width and height [px] of the sequence's images, taken from the first readable pair.
+
+    Raises:
+        ValueError: one line, if no pair can be read, or if the images of the two cameras differ in size.
+    """
+    first = ""
+    for files in sequence.frames:
+        try:
+            left, right = (pixel_size(path) for path in (files.left, files.right))
+        except ValueError as error:
+            first = first or str(error)
+            continue
+        if left != right:
+            raise ValueError(
+                f"{files.right} has {right[0]}x{right[1]} px and {files.left} {left[0]}x{left[1]} px: "
+                "the images of both cameras must have the same size"
+            )
+        return left
+    raise ValueError(f"{sequence.directory}: no pair of images can be read. First reason: {first}")
+
+
+def stream(frames: Sequence[FrameFiles], size: tuple[int, int]) -> Iterator[tuple[FrameFiles, StereoFrame | Dropped]]:
+    """All frames in order, read in advance; an unusable frame is replaced by the reason."""
+    waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped]]] = deque()
+    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="images") as readers:
+        try:
+            for files in frames:
+                waiting.append((files, readers.submit(_read, files, size)))
+                if len(waiting) > _AHEAD:
+                    yield _next(waiting)
+            while waiting:
+                yield _next(waiting)
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+
+def _next(
+    waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped]]],
+) -> tuple[FrameFiles, StereoFrame | Dropped]:
+    files, future = waiting.popleft()
+    return files, future.result()
+
+
+def _read(files: FrameFiles, size: tuple[int, int]) -> StereoFrame | Dropped:
+    try:
+        left, right = (_sized(path, size) for path in (files.left, files.right))
+    except ValueError as error:
+        return Dropped(files, str(error))
+    return StereoFrame(tick=files.tick, left=left, right=right)
+
+
+def _sized(path: Path, size: tuple[int, int]) -> GreyImage:
+    image = read_grey(path)
+    if image.shape != size[::-1]:
+        raise ValueError(f"{path} has {image.shape[1]}x{image.shape[0]} px, not {size[0]}x{size[1]}")
+    return image

@@ -1,0 +1,212 @@
+"""The video of a trailer's run: camera image with its features, plan view, and off-tracking over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from offtrack.reports import canvas
+from offtrack.reports.camera_pictures import camera_picture
+from offtrack.reports.video import Reel, write_reel
+from scenarios.progress import Progress, no_progress
+from scenarios.results.log import LOST
+from scenarios.results.metrics import peak
+from scenarios.results.swept_path import placed, placed_wheels
+from scenarios.results.trailer_result import RunResult
+from vehicle.foundation.polyline import arc_length, sides
+from vehicle.frames import FloatArray
+
+_ROAD, _SWEPT, _BODY = (236, 239, 241), (207, 224, 241), (250, 251, 252)
+_KEY = 36  # [px] height of the key at the top
+_KEYS = (("hitch and its path", canvas.TRUE, 20), ("follow point and its path", canvas.ESTIMATED, 170))
+_FOLLOW_SCALE = 9.0  # [px/m] a 16.5 m combination is then 150 px long
+_LEAST_SCALE = 5.5  # [px/m] below this the vehicle is too small to see in a view of the whole course
+_FRAME_RATE = 10  # [1/s] that of the cameras
+_PERIOD = 100  # [ticks] between pictures: real time
+PLAN_WIDTH, ROW_HEIGHT, READINGS = 620, 430, 150  # of the panels below the camera, and of the numbers in one [px]
+_BLIND_HEIGHT = 640  # of the panels without a camera [px]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PlanView:
+    """The run from above, north up: the whole course if it fits, else the surroundings of the vehicle."""
+
+    size: tuple[int, int]  # width, height [px]
+    result: RunResult
+    poses: tuple[FloatArray, ...]  # of each unit, (n_rows, 3)
+    steer: tuple[FloatArray, ...]  # of each unit's axles, (n_rows, n_axles) [rad]
+    follow: FloatArray  # (n_rows, 2) path of the follow point [m]
+    scale: float  # [px/m]
+    centre: FloatArray | None  # (2,) of the view [m]; None: it moves with the vehicle
+
+    @classmethod
+    def of_run(cls, size: tuple[int, int], result: RunResult) -> _PlanView:
+        """The view of this width and height that suits the course; the follow point is the last unit's."""
+        poses = tuple(result.poses(unit) for unit in result.units)
+        ends = np.concatenate(
+            [placed(unit.corners, pose).reshape(-1, 2) for unit, pose in zip(result.units, poses, strict=True)]
+        )
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        whole = float(np.min((np.array(size) - [0, _KEY]) / (high - low + 6.0)))
+        fits = whole >= _LEAST_SCALE
+        return cls(
+            size=size,
+            result=result,
+            poses=poses,
+            steer=tuple(result.axle_steer(unit) for unit in result.units),
+            follow=placed(np.array([[-result.follow_distance, 0.0]]), poses[-1])[:, 0],
+            scale=min(whole, 2.0 * _FOLLOW_SCALE) if fits else _FOLLOW_SCALE,
+            centre=0.5 * (low + high) if fits else None,
+        )
+
+    @property
+    def _reach(self) -> float:
+        """Distance from the centre beyond which nothing is in view [m]."""
+        return sum(self.size) / self.scale
+
+    def draw(self, row: int) -> canvas.Picture:
+        """The view at a row of the log."""
+        picture = canvas.blank(*self.size)
+        centre = self.centre if self.centre is not None else placed(np.array([[-2.0, 0.0]]), self.poses[0][[row]])[0, 0]
+        self._road(picture, centre)
+        past = self._rows(row)
+        self._swept(picture, centre, past)
+        canvas.curve(picture, self._pixels(self.poses[-1][past, :2], centre), canvas.TRUE, 2)
+        canvas.curve(picture, self._pixels(self.follow[past], centre), canvas.ESTIMATED, 2)
+        self._vehicle(picture, centre, row)
+        canvas.write_key(picture, _KEYS)
+        canvas.scale_bar(picture, self.scale, 10.0)
+        return picture
+
+    def _pixels(self, points: FloatArray, centre: FloatArray) -> FloatArray:
+        middle = 0.5 * np.array([self.size[0] - 1, self.size[1] - 1 + _KEY])
+        pixels: FloatArray = middle + self.scale * np.array([1.0, -1.0]) * (points - centre)
+        return pixels
+
+    def _rows(self, row: int) -> NDArray[np.intp]:
+        """Earlier rows in view, about 0.3 m of travel apart, and this row."""
+        along = arc_length(self.poses[0][: row + 1, :2])
+        first = 0.0 if self.centre is not None else max(0.0, along[-1] - self._reach)
+        rows = np.searchsorted(along, np.arange(first, along[-1], 0.3))
+        return np.append(rows, row)
+
+    def _road(self, picture: canvas.Picture, centre: FloatArray) -> None:
+        near = np.hypot(*(self.result.road - centre).T) < self._reach
+        half_width = self.result.road_half_width
+        if isinstance(half_width, np.ndarray):
+            rows = np.flatnonzero(near[1:])
+            left, right = (self._pixels(side, centre) for side in sides(self.result.road, half_width))
+            for piece in np.stack([left[rows], left[rows + 1], right[rows + 1], right[rows]], axis=1):
+                canvas.fill(picture, piece, _ROAD)
+            return
+        for leg in np.split(self.result.road, np.flatnonzero(np.diff(near.astype(np.int8))) + 1):
+            if len(leg) > 1 and np.hypot(*(leg - centre).T).min() < self._reach:
+                canvas.curve(picture, self._pixels(leg, centre), _ROAD, max(1, round(2.0 * half_width * self.scale)))
+
+    def _swept(self, picture: canvas.Picture, centre: FloatArray, rows: NDArray[np.intp]) -> None:
+        for unit, poses in zip(self.result.units, self.poses, strict=True):
+            for body in canvas.fixed_point(self._pixels(placed(unit.corners, poses[rows]), centre)):
+                cv2.fillConvexPoly(picture, body, _SWEPT, cv2.LINE_8, canvas.SHIFT)
+
+    def _vehicle(self, picture: canvas.Picture, centre: FloatArray, row: int) -> None:
+        for unit, poses, steer in zip(self.result.units, self.poses, self.steer, strict=True):
+            body = self._pixels(placed(unit.corners, poses[[row]])[0], centre)
+            canvas.fill(picture, body, _BODY)
+            for wheel in placed_wheels(unit, poses[[row]], steer[[row]])[0]:
+                canvas.fill(picture, self._pixels(wheel, centre), canvas.INK)
+            canvas.curve(picture, body, canvas.INK, 1, closed=True)
+        for point, colour in ((self.poses[-1][row, :2], canvas.TRUE), (self.follow[row], canvas.ESTIMATED)):
+            canvas.dot(picture, self._pixels(point, centre), 5, canvas.PAPER)
+            canvas.dot(picture, self._pixels(point, centre), 4, colour)
+
+
+def write_video(result: RunResult, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:
+    """Writes the video and returns its path."""
+    ticks = range(0, round(float(result.log["tick"][-1])) + 1, _PERIOD)
+    composition = _Composition.of_run(result)
+    reel = Reel(picture=lambda k: composition.picture(ticks[k]), count=len(ticks), rate=_FRAME_RATE)
+    return write_reel(reel, path_without_suffix, progress=progress)
+
+
+def still(result: RunResult, tick: int) -> canvas.Picture:
+    """One picture of the video, RGB."""
+    return _Composition.of_run(result).picture(tick)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Composition:
+    """Everything in the pictures of one run that does not change from one to the next."""
+
+    result: RunResult
+    plan: _PlanView
+    chart: canvas.StripChart
+    true: tuple[FloatArray, FloatArray]  # time, value where there is one
+    estimated: tuple[FloatArray, FloatArray]
+    frame_ticks: FloatArray
+
+    @classmethod
+    def of_run(cls, result: RunResult) -> _Composition:
+        height = ROW_HEIGHT if result.frames else _BLIND_HEIGHT
+        time, true, health = result.log["time"], result.signal("off_tracking_true"), result.signal("health")
+        estimate = np.where(health < LOST, result.signal("off_tracking_estimate"), np.nan)
+        largest = float(np.nanmax([0.0, peak(true), peak(estimate)]))
+        return cls(
+            result=result,
+            plan=_PlanView.of_run((PLAN_WIDTH, height), result),
+            chart=canvas.StripChart.with_axes(
+                (canvas.WIDTH - PLAN_WIDTH - 1, height - READINGS), float(time[-1]), largest
+            ),
+            true=canvas.known_part(time, true, every=5),
+            estimated=canvas.known_part(time, estimate),
+            frame_ticks=np.array([frame.tick for frame in result.frames]),
+        )
+
+    def picture(self, tick: int) -> canvas.Picture:
+        """The picture at a tick; the camera shows the newest frame by then."""
+        row = canvas.newest_row(self.result.log["tick"], tick)
+        now = float(self.result.log["time"][row])
+        curves = ((*self.estimated, canvas.ESTIMATED, 4), (*self.true, canvas.TRUE, 2))
+        panel = off_tracking_panel(self.result.scenario, now, self._readings(row, now), self.chart, curves)
+        lower = side_by_side(self.plan.draw(row), panel)
+        if not self.result.frames:
+            return lower
+        return np.concatenate([camera_picture(self.result.frames[canvas.newest_row(self.frame_ticks, tick)]), lower])
+
+    def _readings(self, row: int, now: float) -> tuple[canvas.Reading, ...]:
+        steer = [math.degrees(self.result.log[name][row]) for name in self.result.steer_signals()]
+        speed = 3.6 * self.result.signal("v_x_" + self.result.units[0].name)[row]
+        return (
+            ("speed", f"{speed:.1f} km/h", canvas.INK),
+            ("rear axle steer", f"{steer[-1]:+z.1f}°" if steer else "none", canvas.INK),
+            ("true off-tracking", _newest(self.true, now), canvas.TRUE),
+            ("estimated", _newest(self.estimated, now), canvas.ESTIMATED),
+        )
+
+
+def off_tracking_panel(
+    title: str, now: float, readings: Sequence[canvas.Reading], chart: canvas.StripChart, curves: Sequence[canvas.Curve]
+) -> canvas.Picture:
+    """Title, time and readings above a chart of the off-tracking up to ``now`` [s]."""
+    panel = canvas.blank(canvas.WIDTH - PLAN_WIDTH - 1, chart.background.shape[0] + READINGS)
+    canvas.write(panel, title, (20, 14), size=19)
+    canvas.write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
+    canvas.write_readings(panel, readings, 58)
+    canvas.write(panel, "off-tracking [m], + when the hitch's path lies left", (20, 126), size=14, colour=canvas.SOFT)
+    panel[READINGS:] = chart.draw(now, curves)
+    return panel
+
+
+def side_by_side(left: canvas.Picture, right: canvas.Picture) -> canvas.Picture:
+    """Two panels of the same height with a line between them."""
+    return np.concatenate([left, np.full((len(left), 1, 3), canvas.LINE, np.uint8), right], axis=1)
+
+
+def _newest(signal: tuple[FloatArray, FloatArray], now: float) -> str:
+    known = signal[1][signal[0] <= now]
+    return f"{known[-1]:+z.3f} m" if known.size else "none"

@@ -1,0 +1,225 @@
+"""Runs: make one, load one, look at its numbers and signals; keys are keyword arguments."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tomli_w
+
+from offtrack.reports.run_writer import write_run
+from offtrack.reports.sections import groups
+from scenarios.loop.runner import run_any
+from scenarios.options.rover_scenario import RoverScenario
+from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.results.log import Log, read_log
+from scenarios.results.rover_result import RoverResult
+from scenarios.results.run_summary import summary
+from scenarios.results.trailer_result import RunResult
+from vehicle.foundation.user_file import FileKind, read_text
+from vehicle.frames import FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def load(
+    scenario: str | os.PathLike[str], settings: Mapping[str, Any] | None, keys: Mapping[str, Any]
+) -> Scenario | RoverScenario:
+    """Load a scenario by name or file, with keys changed.
+
+    Args:
+        scenario: name of a shipped scenario, or a TOML file.
+        settings: values by dotted keys, for example ``{"surface.friction": 0.3}``.
+        keys: values by keys as Python names; two underscores stand for a dot: ``surface__friction=0.3``.
+
+    Raises:
+        TypeError: one line, if an argument is of another type.
+        ValueError: one line that names key, value and limit.
+    """
+    if not isinstance(scenario, str | os.PathLike):
+        raise TypeError(f"scenario must be a name or a TOML file, not {type(scenario).__name__}")
+    if settings is not None and not isinstance(settings, Mapping):
+        raise TypeError(f"settings must be a table of values by dotted keys, not {type(settings).__name__}")
+    values = {**(settings or {}), **{key.replace("__", "."): value for key, value in keys.items()}}
+    return load_any_scenario(os.fspath(scenario), [f"{key}={text_of(key, value)}" for key, value in values.items()])
+
+
+def text_of(key: str, value: object) -> str:
+    """A value as ``--set`` takes it.
+
+    Raises:
+        TypeError: one line, if no key has values of its type.
+    """
+    if isinstance(value, str | Path):
+        return str(value)
+    if isinstance(value, bool | int | float):
+        return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
+    if hasattr(value, "item") and getattr(value, "ndim", 1) == 0:  # a scalar of NumPy
+        return text_of(key, value.item())
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_in_list(key, item) for item in value)}]"
+    raise TypeError(f"{key} must be a text, a number, true or false, or a list of them, not {type(value).__name__}")
+
+
+def _in_list(key: str, value: object) -> str:
+    return json.dumps(str(value), ensure_ascii=False) if isinstance(value, str | Path) else text_of(key, value)
+
+
+def pandas() -> Any:
+    """The module pandas.
+
+    Raises:
+        ImportError: one line, if it is not installed.
+    """
+    try:
+        return importlib.import_module("pandas")
+    except ImportError:
+        raise ImportError("to_pandas needs pandas: pip install 'offtrack[pandas]'") from None
+
+
+_FILES = ("summary.json", "signals.parquet", "scenario.toml")
+
+
+class Run:
+    """A finished run: its numbers and signals.
+
+    Attributes:
+        summary: the content of ``summary.json``.
+        log: every signal over time; ``run["off_tracking_true"]`` is one of them.
+        directory: where it was written or read; None if it is in memory alone.
+    """
+
+    def __init__(
+        self, summary: Mapping[str, Any], log: Log, directory: Path | None, result: RunResult | RoverResult | None
+    ) -> None:
+        """Use `run` or `load_run`."""
+        self.summary, self.log, self.directory = summary, log, directory
+        self._result = result
+
+    @property
+    def outcome(self) -> str:
+        """How it ended; "completed" if all went well."""
+        return str(self.summary["outcome"])
+
+    def __getitem__(self, signal: str) -> FloatArray:
+        """Values of a signal over time, in SI units (n,).
+
+        Raises:
+            KeyError: if there is no such signal.
+        """
+        return self.log[signal]
+
+    def save(self, directory: str | os.PathLike[str], *, video: bool = False) -> Path:
+        """Write a run directory, as ``offtrack run --out`` does; return it.
+
+        Raises:
+            ValueError: one line, if the directory is not empty, or the run was loaded from one.
+        """
+        if self._result is None:
+            raise ValueError(f"this run was loaded from {self.directory}: copy that directory")
+        self.directory = write_run(self._result, Path(directory), video=video)
+        return self.directory
+
+    def to_pandas(self) -> DataFrame:
+        """Signals as a table over time [s], with ``attrs["units"]`` and ``attrs["descriptions"]`` by signal.
+
+        Raises:
+            ImportError: one line, if pandas is not installed.
+        """
+        table = pandas().DataFrame({signal.name: self.log[signal.name] for signal in self.log.signals})
+        table.index = pandas().Index(self.log["time"], name="time")
+        table.attrs["units"] = {signal.name: signal.unit for signal in self.log.signals}
+        table.attrs["descriptions"] = {signal.name: signal.description for signal in self.log.signals}
+        return table
+
+    def __repr__(self) -> str:
+        return f"<run of {self.summary['scenario']}, seed {self.summary['seed']}: {self.outcome}>"
+
+    def _repr_html_(self) -> str:
+        """Numbers of the run as a table, for notebooks."""
+        rows = [
+            f"<tr><td>{escape(shown.label)}</td><td style='text-align:right'>{escape(shown.text(value))}</td></tr>"
+            for name, group in groups().items()
+            for key, shown in group.numbers.items()
+            if isinstance(value := _number(self.summary.get(name), key), int | float)
+        ]
+        title = f"{self.summary['scenario']}, seed {self.summary['seed']}: {self.outcome}"
+        warnings = "".join(f"<p>Warning: {escape(str(line))}</p>" for line in self.summary.get("warnings", ()))
+        return f"<h4>{escape(title)}</h4><table>{''.join(rows)}</table>{warnings}"
+
+
+def run(
+    scenario: str | os.PathLike[str],
+    *,
+    seed: int = 1,
+    settings: Mapping[str, Any] | None = None,
+    keep_frames: bool = False,
+    **keys: Any,
+) -> Run:
+    """Run a scenario in the closed loop.
+
+    Args:
+        scenario: name of a shipped scenario, or a TOML file.
+        seed: decides world and noise; the same seed on the same machine gives bitwise the same signals.
+        settings: values by dotted keys of the scenario: ``{"surface.friction": 0.3}``; ``offtrack keys`` lists them.
+        keep_frames: keep pictures of the camera for the report and the video of `Run.save`.
+        **keys: the same as keyword arguments, with two underscores for a dot: ``surface__friction=0.3``.
+
+    Raises:
+        TypeError: one line, if an argument is of another type.
+        ValueError: one line that names key, value and limit.
+    """
+    chosen = load(scenario, settings, keys)
+    result = run_any(chosen, checked_seed(seed), keep_frames=keep_frames)
+    return Run(summary(result), result.log, None, result)
+
+
+def checked_seed(seed: object) -> int:
+    """The seed.
+
+    Raises:
+        TypeError: one line, if it is no whole number.
+        ValueError: one line, if it is negative.
+    """
+    if isinstance(seed, bool) or not hasattr(seed, "__index__"):
+        raise TypeError(f"seed must be a whole number, not {type(seed).__name__}")
+    if int(seed) < 0:
+        raise ValueError(f"seed = {int(seed)} must not be negative")
+    return int(seed)
+
+
+def load_run(directory: str | os.PathLike[str]) -> Run:
+    """Load a run directory.
+
+    Raises:
+        TypeError: one line, if the argument is no path.
+        ValueError: one line, if it is no run directory or a file in it is broken.
+    """
+    if not isinstance(directory, str | os.PathLike):
+        raise TypeError(f"directory must be a path, not {type(directory).__name__}")
+    folder = Path(directory)
+    missing = [name for name in _FILES if not (folder / name).is_file()]
+    if missing:
+        raise ValueError(f"{folder} is no run directory: {', '.join(missing)} missing")
+    numbers = _summary(folder / "summary.json")
+    return Run(numbers, read_log(folder / "signals.parquet"), folder, None)
+
+
+def _summary(file: Path) -> dict[str, Any]:
+    try:
+        numbers = json.loads(read_text(file, FileKind.RECORD))
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+    if not isinstance(numbers, dict) or not {"outcome", "scenario", "seed"} <= numbers.keys():
+        raise ValueError(f"{file} is no summary of a run")
+    return numbers
+
+
+def _number(group: object, key: str) -> object:
+    return group.get(key) if isinstance(group, Mapping) else None

@@ -1,0 +1,327 @@
+"""The report of a campaign, with figures of the smallest faults that fail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+from offtrack.reports import page
+from offtrack.reports.page import (
+    Column,
+    Figure,
+    Items,
+    Matrix,
+    Page,
+    Preformatted,
+    Section,
+    Shade,
+    Table,
+    Verdict,
+    software_section,
+)
+from offtrack.reports.plots import ESTIMATED, GREY, TRUE, drawn
+from offtrack.studies.campaigns.campaign import Campaign
+from offtrack.studies.campaigns.failures import (
+    Cell,
+    Finding,
+    Search,
+    Times,
+    badness,
+    by,
+    place_of,
+    requirement_failures,
+    totals,
+    unaccepted,
+)
+from offtrack.studies.campaigns.fault_entry import NONE
+from offtrack.studies.campaigns.verdict import DETECTION, END_OF_RUN, RECOVERY, Judgement, Requirements
+from offtrack.studies.case import machines
+from offtrack.studies.run_pages import explorer
+from offtrack.studies.study_page import machine_sections
+from offtrack.studies.table import CONFIDENCE, Exceeding
+from scenarios.results.run_summary import versions
+
+_MARKS: Final[dict[Finding, tuple[str, str, str]]] = {
+    "found": ("o", ESTIMATED, "smallest value that fails"),
+    "never fails": (">", TRUE, "does not fail up to here"),
+    "always fails": ("<", GREY, "fails already here"),
+}
+
+
+def thresholds(searches: Sequence[Search]) -> Figure:
+    """Smallest value that fails in each search of one table, a line for each law and further axes, a dot a seed."""
+    table = searches[0].table
+    lines = list(dict.fromkeys(_line(search) for search in searches))
+    name = f"{searches[0].entry.title}: {table.of}"
+    with drawn(f"campaign {name}", 1.3 + 0.3 * len(lines), title=name) as (drawing, ax):
+        for finding, (mark, colour, label) in _MARKS.items():
+            chosen = [search for search in searches if search.finding == finding]
+            if chosen:
+                places = [lines.index(_line(search)) for search in chosen]
+                ax.plot([_value(s) for s in chosen], places, mark, color=colour, alpha=0.75, markersize=8, label=label)
+        ax.set_yticks(range(len(lines)), lines)
+        margin = 0.04 * (table.high - table.low)
+        ax.set(xlim=(table.low - margin, table.high + margin), ylim=(len(lines) - 0.5, -0.5), xlabel=_axis(searches[0]))
+    return drawing.content
+
+
+def _line(search: Search) -> str:
+    return " · ".join(filter(None, (search.law, search.further))) or "all runs"
+
+
+def _value(search: Search) -> float:
+    if search.finding == "found":
+        return search.bracket[1]
+    return search.table.high if search.finding == "never fails" else search.table.low
+
+
+def _axis(search: Search) -> str:
+    """The searched number with its unit."""
+    if search.table.of == "duration":
+        return "duration [s]"
+    option = search.entry.options()[0]
+    return f"{option.name} [{option.unit}]"
+
+
+_PERCENT: Final = f"{100 * CONFIDENCE:.0f} %"
+
+
+def campaign_page(
+    title: str,
+    campaign: Campaign,
+    runs: Sequence[Judgement],
+    cells: Sequence[Cell],
+    searches: Sequence[Search],
+    links: Sequence[str],
+) -> str:
+    """The page as HTML; ``links`` are the addresses of the runs' pages, empty where there is none."""
+    link_of = {id(run): link for run, link in zip(runs, links, strict=True)}
+    faulty = [run for run in runs if run.fault != NONE]
+    changed = ", ".join(f"{key} = {value}" for key, value in campaign.fixed)
+    facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {_listed(campaign.seeds)}")
+    made_on = machines([run.outcome.made for run in runs])
+    return Page(
+        title=title,
+        heading=title,
+        subtitle=" · ".join(facts),
+        changes=f"Changed in all runs: {changed}" if changed else "",
+        verdict=_verdict(campaign, cells),
+        sections=[
+            Section("Probability of failing", _MATRIX, [_matrix(campaign, [*cells, *totals(cells)], link_of)]),
+            Section("Requirements", _requirements_text(runs), [_requirements(campaign, runs)]),
+            *_times(campaign, cells),
+            Section("Worst runs", _WORST, [_worst(campaign, runs, link_of)]),
+            *_searches(searches),
+            Section("Intervals", _INTERVALS, [_intervals(campaign, [*cells, *totals(cells)])]),
+            *_explored(runs, links),
+            *(machine_sections(made_on) if len(made_on) > 1 else [Section("Machine", content=[Items(made_on)])]),
+            Section("Campaign file", "offtrack campaign runs this file.", [Preformatted(campaign.to_toml())]),
+            software_section(versions()),
+        ],
+        wide=True,
+    ).html()
+
+
+_MATRIX = (
+    "Runs that failed, of those that were made, for each fault and law. A run fails if it breaks any requirement. A "
+    "field leads to the page of its worst run, which plays it."
+)
+_INTERVALS = (
+    f"Share of the runs that failed, with the {_PERCENT} interval of the probability (Clopper-Pearson), as if the runs "
+    "had been drawn independently from the mixture of amounts, onsets, durations and seeds of the campaign."
+)
+_WORST = "The run of each fault and of each law that broke a requirement by most, or came nearest to it."
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
+def _verdict(campaign: Campaign, cells: Sequence[Cell]) -> Verdict | None:
+    if campaign.accept is None:
+        return None
+    broken = unaccepted(campaign, cells)
+    return Verdict(f"{len(broken)} probabilities not accepted" if broken else "accepted", not broken)
+
+
+def _matrix(campaign: Campaign, cells: Sequence[Cell], link_of: Mapping[int, str]) -> Matrix:
+    of_place = {cell.place: cell for cell in cells}
+    further = dict.fromkeys(cell.place[1] for cell in cells)
+    laws = {of: list(dict.fromkeys(c.place[2] for c in cells if c.place[1] == of)) for of in further}
+    rows = []
+    for fault in dict.fromkeys(cell.place[0] for cell in cells):
+        places = [(fault, of, law) for of in further for law in laws[of]]
+        rows.append((fault, [_shade(of_place.get(place), link_of) for place in places]))
+    groups = [(_further_title(campaign, of), [_breakable(law) or "runs" for law in laws[of]]) for of in further]
+    return Matrix(groups, rows, "Share of the runs that failed")
+
+
+def _breakable(name: str) -> str:
+    """The name with places at which a narrow column may break it."""
+    return name.replace("_", "_\u200b")
+
+
+def _further_title(campaign: Campaign, text: str) -> str:
+    """Names of the further axes with the values of a group of columns."""
+    return ", ".join(
+        f"{key.rpartition('.')[2]} {value}" for key, value in zip(campaign.further, text.split(" · "), strict=False)
+    )
+
+
+def _shade(cell: Cell | None, link_of: Mapping[int, str]) -> Shade | None:
+    if cell is None:
+        return None
+    found = cell.failing
+    low, high = found.interval()
+    endings = ", ".join(f"{count} {ending}" for ending, count in cell.endings.items())
+    meaning = f"{100 * low:.0f} to {100 * high:.0f} % with {_PERCENT} confidence; {endings}"
+    return Shade(f"{found.beyond}/{found.runs}", found.share, meaning, link_of.get(id(cell.worst), ""))
+
+
+def _requirements_text(runs: Sequence[Judgement]) -> str:
+    lost = sum(not run.reached for run in runs)
+    late = f" {lost} runs were completed before their fault began and are left out." if lost else ""
+    return f"Runs with a fault that broke each requirement, and the {_PERCENT} interval of the probability.{late}"
+
+
+def _requirements(campaign: Campaign, runs: Sequence[Judgement]) -> Table:
+    found = requirement_failures(campaign, runs)
+    laws = list(dict.fromkeys(law for of_laws in found.values() for law in of_laws))
+    columns = [Column("name", "requirement"), *(Column("number", law or "runs") for law in laws)]
+    texts = requirement_texts(campaign.requirements)
+    return Table(
+        columns, [[texts[name], *(_share_text(of_laws[law]) for law in laws)] for name, of_laws in found.items()]
+    )
+
+
+def requirement_texts(needed: Requirements) -> dict[str, str]:
+    """The requirements in words, by their names in breaches."""
+    texts = {END_OF_RUN: f"Outcome: {' or '.join(needed.outcomes)}"}
+    texts |= {limit.path: limit.text for limit in needed.limits}
+    if needed.detect is not None:
+        harmful = f", if the deviation exceeds {needed.harmless_below:g} m" if needed.harmless_below else ""
+        texts[DETECTION] = f"Fault noticed within {needed.detect:g} s{harmful}"
+    if needed.recover is not None:
+        texts[RECOVERY] = (
+            f"All well within {needed.recover:g} s after the fault, deviation {needed.recovered_below:g} m"
+        )
+    return texts
+
+
+def _share_text(found: Exceeding) -> str:
+    low, high = found.interval()
+    return f"{found.beyond}/{found.runs}  ({100 * low:.0f}–{100 * high:.0f} %)"
+
+
+def _times(campaign: Campaign, cells: Sequence[Cell]) -> Iterator[Section]:
+    shown = [cell for cell in cells if cell.place[0] != NONE and (cell.detection.known or cell.recovery.known)]
+    if not shown:
+        return
+    text = (
+        "From the onset of a fault until the health of the estimate is not ok, the fallback steers or the guard "
+        "distrusts a signal; and from its end until health is ok, no fallback steers and the follow point has been "
+        f"within {campaign.requirements.recovered_below:g} m for a second. The time of a health is that of its "
+        "image: the cameras' latency comes on top. Never: in that many of the runs."
+    )
+    columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
+    for what in ("detected", "recovered"):
+        columns += [Column("number", f"{what}, median"), Column("number", "worst"), Column("number", "never")]
+    rows = [
+        [*_place_cells(campaign, cell), *_time_cells(cell.detection), *_time_cells(cell.recovery)] for cell in shown
+    ]
+    yield Section("Detection and recovery", text, [Table(columns, rows)])
+    if alarms := [(cell, sum(run.response.alarm for run in cell.runs)) for cell in cells if cell.place[0] == NONE]:
+        lines = [f"{_where(campaign, cell)}: {count} of {len(cell.runs)}" for cell, count in alarms]
+        text = "Runs without a fault in which the health was not ok at some time."
+        yield Section("False alarms", text, [Items(lines)])
+
+
+def _place_cells(campaign: Campaign, cell: Cell) -> list[str]:
+    fault, further, law = cell.place
+    return [fault, *([_further_title(campaign, further)] if campaign.further else []), law]
+
+
+def _where(campaign: Campaign, cell: Cell) -> str:
+    return " · ".join(filter(None, (cell.place[2], _further_title(campaign, cell.place[1])))) or "all runs"
+
+
+def _time_cells(times: Times) -> list[str]:
+    if not times.known:
+        return ["–", "–", "–"]
+    return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
+
+
+def time_text(seconds: float) -> str:
+    """A time with its unit; "never" if it is infinite."""
+    return "–" if math.isnan(seconds) else "never" if math.isinf(seconds) else f"{seconds:.2f} s"
+
+
+def _worst(campaign: Campaign, runs: Sequence[Judgement], link_of: Mapping[int, str]) -> Table:
+    columns = [Column("name"), Column("text", "run"), Column("text", "verdict"), Column("note", "reasons")]
+    rows: list[page.Row] = []
+    groups = (("faults", lambda run: run.fault), ("laws", lambda run: place_of(campaign, run)[2]))
+    for heading, key in groups:
+        found = by(runs, key)
+        rows += [[heading]] if len(found) > 1 else []
+        for name, group in found.items() if len(found) > 1 else ():
+            worst = max(group, key=badness)
+            run = page.Cell(worst.outcome.case.title, link=link_of[id(worst)])
+            rows.append([name, run, page.Cell(worst.verdict, "bad" if worst.failed else "good"), worst.reasons])
+    return Table(columns, rows)
+
+
+def _intervals(campaign: Campaign, cells: Sequence[Cell]) -> Table:
+    columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
+    columns += [Column("number", name) for name in ("failed", "runs", "share", "from", "to")] + [
+        Column("note", "outcomes")
+    ]
+    rows: list[page.Row] = []
+    for cell in cells:
+        found = cell.failing
+        shares = (f"{100 * share:.1f} %" for share in (found.share, *found.interval()))
+        endings = ", ".join(f"{count} {ending}" for ending, count in cell.endings.items())
+        rows.append([*_place_cells(campaign, cell), str(found.beyond), str(found.runs), *shares, endings])
+    return Table(columns, rows)
+
+
+def _searches(searches: Sequence[Search]) -> Iterator[Section]:
+    if not searches:
+        return
+    columns = [Column("name", "fault"), Column("text", "law"), Column("text"), Column("number", "seed")]
+    columns += [Column("number", "smallest that fails"), Column("note")]
+    rows = [
+        [f"{s.entry.title}, {s.table.of}", s.law, s.further, str(s.seed), found_text(s), note_of(s)] for s in searches
+    ]
+    text = (
+        "Smallest value at which a run fails, by bisection: the run with this value fails, the one below it by the "
+        "tolerance or less does not."
+    )
+    tables = list({id(search.table): search.table for search in searches}.values())
+    figures = [thresholds([s for s in searches if s.table is table]) for table in tables]
+    yield Section("Smallest fault that fails", text, [*figures, Table(columns, rows)])
+
+
+def found_text(search: Search) -> str:
+    """The smallest value that fails, or that there is none in the range."""
+    if search.finding == "found":
+        return f"{search.bracket[1]:g}"
+    end = search.table.high if search.finding == "never fails" else search.table.low
+    return f"{'above' if search.finding == 'never fails' else 'below'} {end:g}"
+
+
+def note_of(search: Search) -> str:
+    """Remarks on a bisection: never or always fails, and values that contradict a threshold."""
+    notes = (
+        [] if search.finding == "found" else [f"{search.finding} from {search.table.low:g} to {search.table.high:g}"]
+    )
+    if search.exceptions:
+        notes.append(f"not monotone: see the runs with {', '.join(f'{value:g}' for value in search.exceptions)}")
+    return "; ".join(notes)
+
+
+def _explored(runs: Sequence[Judgement], links: Sequence[str]) -> Iterator[Section]:
+    if found := explorer([run.outcome for run in runs], links):
+        yield Section(
+            "Runs", "A click opens the page that plays the run; red: it did not complete its course.", [found]
+        )

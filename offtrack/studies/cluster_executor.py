@@ -1,0 +1,377 @@
+"""Runs of a study on a Dask cluster: connection of its client, and the executor that makes the runs.
+
+Workers that share the study's folder save their runs there; others return the files, which are saved here. A run whose
+worker is lost is made by another one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import logging
+import os
+import queue
+import re
+import shlex
+import shutil
+import time
+import uuid
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from offtrack.studies.case import Case
+from offtrack.studies.pool import Results, summary_file
+from scenarios.processes import WorkerDiedError
+from scenarios.results.atomic_files import replacing
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import FileKind, read_text, shown
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+    from offtrack.studies.cluster_workshop import Delivery, Order, Shipment, Workshop
+
+
+_ANSWER: Final = 15.0  # of a scheduler [s]
+_JOB_QUEUES: Final = {  # classes of dask-jobqueue by their names in its configuration
+    "slurm": "dask_jobqueue:SLURMCluster",
+    "pbs": "dask_jobqueue:PBSCluster",
+    "sge": "dask_jobqueue:SGECluster",
+    "lsf": "dask_jobqueue:LSFCluster",
+    "moab": "dask_jobqueue:MoabCluster",
+    "oar": "dask_jobqueue:OARCluster",
+    "htcondor": "dask_jobqueue:HTCondorCluster",
+    "local": "dask_jobqueue.local:LocalCluster",
+}
+
+
+@contextmanager
+def connected(scheduler: str) -> Iterator[Client]:
+    """Client of the scheduler at an address, or of that which a scheduler file (.json) names.
+
+    Raises:
+        ValueError: one line, if nobody answers.
+    """
+    check_installed("distributed")
+    from distributed import Client
+
+    if not (scheduler.endswith(".json") or re.fullmatch(r"\w+://.+:\d+", scheduler)):
+        raise ValueError(
+            f"--scheduler {shown(scheduler)}: expected an address such as tcp://host:8786, or a file (.json)"
+        )
+    with _quiet():
+        place = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
+        try:
+            client = Client(**place, timeout=_ANSWER, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = str(error).splitlines()[0] if str(error) else "no answer"
+            raise ValueError(
+                f"--scheduler {shown(scheduler)}: no Dask scheduler answers there ({shown(reason)}); "
+                "start one with 'dask scheduler', and workers with 'dask worker'"
+            ) from None
+        with client:
+            yield client
+
+
+@contextmanager
+def queued(file: Path, jobs: int) -> Iterator[Client]:
+    """Client of a cluster of its own, whose workers are ``jobs`` jobs of a queue that the file describes.
+
+    Raises:
+        ValueError: one line, for a wrong file, or if no job can be submitted.
+    """
+    check_installed("distributed", "dask_jobqueue")
+    kind, keywords = job_queue(file)
+    from distributed import Client
+
+    module, _, name = _JOB_QUEUES[kind].partition(":")
+    with _quiet():
+        try:
+            cluster = getattr(importlib.import_module(module), name)(**keywords)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{file}: {kind}: {shown(str(error).splitlines()[0])}") from None
+        with ExitStack() as stack:
+            stack.callback(_close, cluster)
+            _submit(cluster, jobs, f"{file}: {kind}")
+            yield stack.enter_context(Client(cluster, timeout=_ANSWER, set_as_default=False))
+
+
+def _submit(cluster: Any, jobs: int, where: str) -> None:
+    """Submit jobs.
+
+    Raises:
+        ValueError: one line, if none can be submitted.
+    """
+    command = [*shlex.split(cluster.job_cls.submit_command or ""), ""][0]
+    if command and shutil.which(command) is None:
+        raise ValueError(f"{where}: no job can be submitted here: there is no command {command}")
+    cluster.scale(jobs=jobs)
+    cluster.sync(cluster._correct_state)  # until all have been submitted; their errors are only logged
+    if not any(job.status.name == "running" for job in cluster.workers.values()):
+        raise ValueError(f"{where}: the queue refuses the jobs: try {command or 'one'} by hand")
+
+
+def _close(cluster: Any) -> None:
+    with suppress(AssertionError):  # of jobs that could not be submitted
+        cluster.close()
+
+
+def job_queue(file: Path) -> tuple[str, dict[str, Any]]:
+    """Kind of a job queue and the keywords of its cluster, from a configuration file of dask-jobqueue.
+
+    Raises:
+        ValueError: one line, naming file and key.
+    """
+    import yaml
+
+    try:
+        table: Any = yaml.safe_load(read_text(file, FileKind.STUDY))
+    except yaml.YAMLError as error:
+        raise ValueError(f"{file}: not YAML: {shown(str(error).splitlines()[0])}") from None
+    queues = table.get("jobqueue") if isinstance(table, dict) else None
+    if not isinstance(queues, dict) or len(queues) != 1:
+        raise ValueError(f"{file}: expected 'jobqueue:' with one queue below it, such as 'slurm:'")
+    ((kind, keywords),) = queues.items()
+    if kind not in _JOB_QUEUES:
+        raise ValueError(f"{file}: jobqueue.{shown(str(kind))}{nearest(str(kind), _JOB_QUEUES)}")
+    if not isinstance(keywords, dict) or not all(isinstance(key, str) for key in keywords):
+        raise ValueError(f"{file}: jobqueue.{kind} must be a table of cores, memory and so on")
+    return kind, {key.replace("-", "_"): value for key, value in keywords.items()}
+
+
+def check_installed(*modules: str) -> None:
+    """Refuse to go on without the extra.
+
+    Raises:
+        ValueError: one line.
+    """
+    if any(importlib.util.find_spec(module) is None for module in modules):
+        raise ValueError("a Dask cluster needs further packages; install them with: pip install 'offtrack[cluster]'")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log, which tells of every lost worker, from the terminal."""
+    names = [
+        name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "asyncio", "tornado")
+    ]
+    before = {name: logging.getLogger(name).level for name in names}
+    try:
+        for name in names:
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+_LOOK: Final = 1.0  # between two looks at the cluster [s]
+_TRIES: Final = 2  # of a run that Dask gives up, after it was lost with several workers
+_REGISTRATIONS: Final = 10  # with the workers, until one succeeds in which none is lost
+_APPEARS: Final = 60.0  # until a file of another machine is seen in a shared folder [s]
+
+
+class DaskExecutor:
+    """Makes runs on a Dask cluster, which it reaches when there is something to do."""
+
+    def __init__(
+        self,
+        connect: Callable[[], AbstractContextManager[Client]],
+        *,
+        timeout: float | None,
+        patience: float,
+        waits: bool,
+        remark: Callable[[str], None],
+    ) -> None:
+        """An executor, which is a context: its end leaves the cluster.
+
+        Args:
+            connect: context with the client of the cluster.
+            timeout: longest time of a run [s]; None: any.
+            patience: time without any worker after which the rest is given up [s].
+            waits: wait for the first worker as long as it takes, as for a job in a queue.
+            remark: receives a line when no worker is left.
+        """
+        self._connect, self._waits, self._timeout = connect, waits, timeout
+        self._patience, self._remark = patience, remark
+        self._stack = ExitStack()
+        self._client: Client | None = None
+
+    def __enter__(self) -> DaskExecutor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+        """Make runs; a run that is lost with its worker is made again elsewhere.
+
+        Raises:
+            ValueError: one line, if the cluster does not answer, has no worker, or its workers do not fit.
+        """
+        if not cases:
+            return
+        from offtrack.studies.cluster_workshop import check_rendering, packed, renders
+
+        client = self._connected()
+        shipment, orders = packed(cases)
+        with _shared(cells) as mark, self._workshops(client, shipment, cells, mark) as plugin:
+            if renders(cases.values()):
+                check_rendering(client, plugin)
+            yield from self._results(client, orders, plugin, cells)
+
+    def _connected(self) -> Client:
+        from offtrack.studies.cluster_workshop import check_software
+
+        if self._client is None:
+            self._client = self._stack.enter_context(self._connect())
+            try:
+                self._client.wait_for_workers(1, None if self._waits else self._patience)
+            except TimeoutError:
+                raise ValueError(f"the Dask cluster has no worker, after {self._patience:g} s") from None
+            check_software(self._client)
+        return self._client
+
+    @contextmanager
+    def _workshops(self, client: Client, shipment: Shipment, cells: Path, mark: str) -> Iterator[str]:
+        """Name of the plugin that makes this study's runs on all workers, also on those that come later."""
+        from offtrack.studies.cluster_workshop import Workshop
+
+        workshop = Workshop(shipment, cells.absolute(), mark, self._timeout)
+        _register(client, workshop)
+        try:
+            yield workshop.name
+        finally:
+            with suppress(Exception):  # the cluster may be gone
+                client.unregister_worker_plugin(workshop.name)
+
+    def _results(self, client: Client, orders: list[Order], plugin: str, cells: Path) -> Results:
+        from distributed import KilledWorker
+
+        from offtrack.studies.cluster_workshop import fulfilled
+
+        ended = queue.SimpleQueue[Any]()
+        waiting: dict[Future, Order] = {}
+        tries = Counter[str]()
+
+        def submit(order: Order) -> None:
+            tries[order.name] += 1
+            future = client.submit(fulfilled, order, plugin, key=f"{plugin}-{order.name}-{tries[order.name]}")
+            waiting[future] = order
+            future.add_done_callback(ended.put)
+
+        try:
+            for order in orders:
+                submit(order)
+            without = _Without(client, self._patience, self._remark)
+            while waiting:
+                try:
+                    future = ended.get(timeout=_LOOK)
+                except queue.Empty:
+                    if reason := without.reason():
+                        yield from ((order.name, WorkerDiedError(reason)) for order in waiting.values())
+                        return
+                    continue
+                order = waiting.pop(future)
+                result = _result(future)
+                future.release()
+                if isinstance(result, KilledWorker) and tries[order.name] < _TRIES:
+                    submit(order)
+                elif isinstance(result, KilledWorker):
+                    yield order.name, WorkerDiedError("it was lost with its workers again and again")
+                elif isinstance(result, BaseException):
+                    yield order.name, result
+                else:
+                    yield order.name, _saved(order.name, result, cells)
+        finally:
+            if waiting:
+                with suppress(Exception):  # the cluster may be gone
+                    client.cancel(list(waiting), force=True)
+
+
+def _register(client: Client, workshop: Workshop) -> None:
+    """Give the workers of a cluster their part; one that is lost meanwhile must not end the study.
+
+    Raises:
+        OSError: if a worker was lost each time.
+    """
+    for attempt in range(1, _REGISTRATIONS + 1):
+        try:
+            client.register_plugin(workshop, name=workshop.name)
+            return
+        except OSError:
+            if attempt == _REGISTRATIONS or client.status != "running":
+                raise
+            time.sleep(_LOOK)
+
+
+class _Without:
+    """Watch over a cluster that has no workers."""
+
+    def __init__(self, client: Client, patience: float, remark: Callable[[str], None]) -> None:
+        self._client, self._patience, self._remark = client, patience, remark
+        self._since: float | None = None
+
+    def reason(self) -> str:
+        """Why there is nothing to wait for any longer; empty as long as there is."""
+        if self._client.status != "running":
+            return "the Dask scheduler has ended"
+        try:
+            count = len(self._client.nthreads())
+        except (OSError, TimeoutError):
+            return "the Dask scheduler has ended"
+        if count:
+            self._since = None
+        elif self._since is None:
+            self._since = time.monotonic()
+            self._remark(f"no worker is left in the Dask cluster: waiting {self._patience:g} s for another")
+        elif time.monotonic() - self._since > self._patience:
+            return f"no worker was left in the Dask cluster for {self._patience:g} s"
+        return ""
+
+
+def _result(future: Future) -> Delivery | BaseException:
+    if future.status == "error":
+        error = future.exception()
+        return error if isinstance(error, BaseException) else RuntimeError(str(error))
+    if future.status != "finished":
+        return WorkerDiedError("the Dask scheduler has ended")
+    try:
+        result: Delivery = future.result()
+    except Exception as error:  # lost at the last moment
+        return error
+    return result
+
+
+def _saved(name: str, delivery: Delivery, cells: Path) -> str | BaseException:
+    """Save the files of a run, the summary last, or see to it that its worker has; returns the run's problem."""
+    if delivery.problem:
+        return delivery.problem
+    last = summary_file(cells, name)
+    for file in sorted(delivery.files, key=lambda file: file == last.name):
+        with replacing(cells / file) as unfinished:
+            unfinished.write_bytes(delivery.files[file])
+    until = time.monotonic() + _APPEARS
+    while not last.exists():
+        os.listdir(cells)  # makes a network file system look again
+        if time.monotonic() > until:
+            return FileNotFoundError(f"{last} was saved by a worker, but is not seen here")
+        time.sleep(_LOOK)
+    return ""
+
+
+@contextmanager
+def _shared(cells: Path) -> Iterator[str]:
+    """Name of a file in a folder: who sees it shares the folder."""
+    mark = f".{uuid.uuid4().hex[:12]}.{os.getpid()}.unfinished"
+    (cells / mark).touch()
+    try:
+        yield mark
+    finally:
+        (cells / mark).unlink(missing_ok=True)

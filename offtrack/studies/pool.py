@@ -1,0 +1,181 @@
+"""Runs of a study in worker processes, or elsewhere, and the options of how they are made.
+
+A run is saved as ``<identity>.json`` (summary, and digests of the files that it opened without being named) and
+``<identity>.parquet`` (signals).
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from offtrack.studies.case import Case, Made, Outcome, Settings, identities, made
+from offtrack.studies.identity import named_files, opened_files, watch_files
+from scenarios.processes import WorkerDiedError, each_in_a_worker
+from scenarios.progress import Progress, no_progress
+from scenarios.results.atomic_files import digest, replacing
+
+_SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
+_MADE = "made"  # key of the provenance
+
+Results = Generator[tuple[str, str | BaseException], None, None]
+
+
+class Executor(Protocol):
+    """Makes runs somewhere."""
+
+    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+        """Make runs, save those that succeed in a folder, and yield each name with its problem, empty if there is none.
+
+        The problem is an outcome, or the exception that ended the run. Closing the generator stops what is running.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pool:
+    """Worker processes on this machine."""
+
+    jobs: int
+    timeout: float | None = None  # of a run [s]
+
+    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+        """Make runs; one whose process dies is tried once more."""
+        tasks = {name: (case, cells, name, name) for name, case in cases.items()}
+        jobs = max(1, min(self.jobs, len(tasks)))
+        return each_in_a_worker(run_case, tasks, jobs=jobs, timeout=self.timeout)
+
+
+def run_cases(
+    cases: Sequence[Case],
+    cells: Path,
+    *,
+    jobs: int,
+    known: Sequence[str] | None = None,
+    timeout: float | None = None,
+    executor: Executor | None = None,
+    progress: Progress = no_progress,
+    remark: Callable[[str], None] = lambda line: None,
+) -> list[Outcome]:
+    """Run all cases that are not saved in the folder ``cells``, and return the outcomes in their order.
+
+    ``known`` are the identities of the cases; None: they are computed. An interrupt keeps the finished runs. A run
+    whose process dies is tried once more; one that takes longer than ``timeout`` [s], or dies twice, fails.
+    ``executor`` makes the runs; None: ``jobs`` processes do. ``remark`` receives a line on every damaged
+    file, whose run is repeated.
+
+    Raises:
+        ValueError: one line, for the first invalid scenario, before any run.
+        KeyboardInterrupt: after the running processes have been stopped.
+    """
+    names = identities(cases) if known is None else known
+    cells.mkdir(parents=True, exist_ok=True)
+    missing = {
+        identity: case for identity, case in zip(names, cases, strict=True) if not is_saved(cells, identity, remark)
+    }
+    done, failed = len(cases) - len(missing), dict[str, str]()
+    progress(done, len(cases), "from an earlier run" if done else "")
+    with closing((executor or Pool(jobs=jobs, timeout=timeout)).made(missing, cells)) as results:
+        for identity, result in results:
+            if problem := problem_of(result):
+                failed[identity] = problem
+            done += 1
+            progress(done, len(cases), missing[identity].title)
+    return [outcome_of(case, cells, identity, failed) for identity, case in zip(names, cases, strict=True)]
+
+
+def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
+    """Make one run and save its summary and signals under a name; called in a worker.
+
+    ``identity`` is that of the run on this machine when the command began. A run that failed is not saved, so that the
+    next command tries again; its outcome is returned.
+
+    Raises:
+        ValueError: one line, if a file that it depends on has changed meanwhile.
+    """
+    from scenarios.loop.runner import run_any
+    from scenarios.results.log import write_log
+    from scenarios.results.run_summary import summary
+
+    watch_files()
+    begin = time.monotonic()
+    scenario = case.resolved()
+    result = run_any(scenario, case.seed)
+    if result.traceback:
+        return result.outcome
+    if case.identity() != identity:
+        raise ValueError("what it depends on has changed while the study ran: repeat the command")
+    opened = opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
+    signals = _signals(cells, name)
+    with replacing(signals) as path:
+        write_log(result.log, path)
+    numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
+    with replacing(summary_file(cells, name)) as path:  # the last: a run with a summary is complete
+        path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
+    return ""
+
+
+def summary_file(cells: Path, identity: str) -> Path:
+    """File of a run's summary: the last that is written of a run."""
+    return cells / f"{identity}.json"
+
+
+def _signals(cells: Path, identity: str) -> Path:
+    return cells / f"{identity}.parquet"
+
+
+def is_saved(cells: Path, identity: str, remark: Callable[[str], None]) -> bool:
+    """True if a run is saved completely, and all files that it opened are as they were."""
+    path = summary_file(cells, identity)
+    if not path.is_file():
+        return False
+    try:
+        numbers = _read(path)
+        files = dict(numbers[_FILES])
+        damaged = "" if digest(_signals(cells, identity)) == numbers[_SIGNALS] else _signals(cells, identity)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        damaged, files = path, {}
+    if damaged:
+        remark(f"{damaged} is damaged: its run is repeated")
+    return not damaged and all(digest(Path(file)) == known for file, known in files.items())
+
+
+def _read(path: Path) -> dict[str, Any]:
+    numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(numbers.get("outcome") if isinstance(numbers, dict) else None, str):
+        raise ValueError(f"{path}: is not the summary of a run")
+    return numbers
+
+
+def outcome_of(case: Case, cells: Path, identity: str, failed: Mapping[str, str]) -> Outcome:
+    """Outcome of a saved run, or of one that failed: ``failed`` has its line."""
+    if identity in failed:
+        return Outcome(case=case, numbers={"outcome": failed[identity]})
+    saved = _read(summary_file(cells, identity))
+    numbers = {key: value for key, value in saved.items() if key not in (_SIGNALS, _FILES, _MADE)}
+    return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity), made=Made.of(saved.get(_MADE)))
+
+
+def problem_of(result: str | BaseException) -> str:
+    """The outcome of a run that failed, empty for others; a study continues after an error in a single run."""
+    if isinstance(result, str):
+        return result
+    kind = "" if isinstance(result, WorkerDiedError) else f"{type(result).__name__}: "
+    return f"failed: {kind}{result}".splitlines()[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """How the runs of a study are made."""
+
+    jobs: int  # worker processes
+    timeout: float | None = None  # longest time of a run, which fails then [s]; None: any
+    join: float | None = None  # [s] without a sign of life after which a run of another command is taken over
+    executor: Executor | None = None  # makes the runs elsewhere
+    again: Settings = ()  # runs whose axes have these values are made again
+    progress: Progress = no_progress  # of the runs
+    remark: Callable[[str], None] = lambda line: None  # receives a line on every damaged run, which is made again

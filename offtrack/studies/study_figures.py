@@ -1,0 +1,148 @@
+"""Figures of a study: the paths driven, and summary numbers over a varied key."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from offtrack.reports.page import Figure
+from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
+from offtrack.studies.case import RUN, Outcome, Settings
+from offtrack.studies.table import Quantity, Row, running_mean, spreads
+from scenarios.results.log import read_log
+from vehicle.combination.description import load_vehicle
+from vehicle.foundation.polyline import arc_length
+from vehicle.frames import FloatArray
+
+# apart for colour-blind readers, after Okabe and Ito
+_COLOURS: Final = ("#e0761a", "#1f5fa8", "#12935f", "#c2459c", "#7a5195", "#b8860b", "#4fa3d1", "#a33b2b", "#5b6673")
+MOST_LINES: Final = len(_COLOURS)
+_LARGEST_RATIO: Final = 20.0  # of the values in one figure; beyond it the axis is logarithmic
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """One run as a line in a figure."""
+
+    title: str
+    hitch: FloatArray  # (n, 2) [m]
+    follow_point: FloatArray  # (n, 2) [m]
+    distance: FloatArray  # (n,) driven by the hitch [m]
+    off_tracking: FloatArray  # (n,) [m], NaN where there is none
+
+
+_NAMED: Final = ("trailer_steering", "off_tracking", "slip_compensation", "slip_estimator", RUN)
+
+
+def alike(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value."""
+    first = outcomes[0].case
+    named = [key for key in _NAMED if key in dict(first.axes)]
+    return [
+        outcome
+        for outcome in outcomes
+        if (outcome.case.seed, outcome.case.drawn) == (first.seed, first.drawn)
+        and [pair for pair in outcome.case.axes if pair[0] not in named]
+        == [pair for pair in first.axes if pair[0] not in named]
+        and outcome.signals
+    ]
+
+
+def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
+    """The runs that are alike but for their laws, off-tracking sources or names."""
+    drawn = alike(outcomes)
+    keys = [key for key, _ in outcomes[0].case.axes if key in _NAMED]
+    distinct = [key for key in keys if len({dict(outcome.case.axes)[key] for outcome in drawn}) > 1]
+    return [_drive(outcome, outcome.signals, distinct) for outcome in drawn if outcome.signals]
+
+
+def _drive(outcome: Outcome, signals: Path, distinct: Sequence[str]) -> Drive:
+    log = read_log(signals)
+    scenario = outcome.case.resolved()
+    trailer = load_vehicle(scenario.vehicle).units[-1]
+    x, y, psi = (log[f"{part}_{trailer.name}"] for part in ("x", "y", "psi"))
+    hitch, back = np.column_stack([x, y]), trailer.follow_x or 0.0
+    return Drive(
+        title=" · ".join(value for key, value in outcome.case.axes if key in distinct) or outcome.case.title,
+        hitch=hitch,
+        follow_point=hitch + back * np.column_stack([np.cos(psi), np.sin(psi)]),
+        distance=arc_length(hitch),
+        off_tracking=log["off_tracking_true"],
+    )
+
+
+def plan(drives: Sequence[Drive]) -> Figure:
+    """Paths of the hitch, and of the follow point in each run."""
+    with plan_drawn("study plan", [drives[0].hitch, *(drive.follow_point for drive in drives)]) as (drawing, ax):
+        ax.plot(*drives[0].hitch.T, color=INK, linewidth=2.4, label="hitch")
+        for drive, colour in zip(drives, _COLOURS, strict=False):
+            ax.plot(*drive.follow_point.T, color=colour, label=f"follow point, {drive.title}")
+    return drawing.content
+
+
+def off_tracking(drives: Sequence[Drive]) -> Figure:
+    """True off-tracking over the distance driven by the hitch."""
+    with drawn("study off-tracking", 3.4) as (drawing, ax):
+        zero_line(ax)
+        for drive, colour in zip(drives, _COLOURS, strict=False):
+            ax.plot(drive.distance, drive.off_tracking, color=colour, label=drive.title)
+        ax.set(xlabel="distance driven by the hitch [m]", ylabel="off-tracking [m], + left")
+    return drawing.content
+
+
+def numeric_axis(rows: Sequence[Row]) -> str | None:
+    """The first axis with several values that are all numbers; None if there is none."""
+    for key, _ in rows[0].axes if rows else ():
+        values = {dict(row.axes)[key] for row in rows}
+        if len(values) > 1 and all(_is_number(value) for value in values):
+            return key
+    return None
+
+
+def trend(rows: Sequence[Row], axis: str, quantity: Quantity) -> Figure:
+    """A quantity over a numeric axis, a line for every combination of the other axes."""
+    lines: dict[Settings, list[tuple[float, float]]] = {}
+    for row in rows:
+        value = row.numbers[quantity.path]
+        if value is not None:
+            others = tuple(pair for pair in row.axes if pair[0] != axis)
+            lines.setdefault(others, []).append((float(dict(row.axes)[axis]), value))
+    varied = {key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1}
+    with drawn(f"study {axis} {quantity.path}", 3.6) as (drawing, ax):
+        for k, (others, points) in enumerate(lines.items()):
+            label = " · ".join(value for key, value in others if key in varied) or quantity.label
+            style = ("-", "--", ":", "-.")[k // MOST_LINES % 4]
+            ax.plot(*zip(*sorted(points), strict=True), style, marker="o", color=_COLOURS[k % MOST_LINES], label=label)
+        ax.set(xlabel=axis, ylabel=f"{quantity.label} [{quantity.unit}]")
+        values = [value for points in lines.values() for _, value in points]
+        if min(values) > 0.0 and max(values) > _LARGEST_RATIO * min(values):
+            ax.set_yscale("log")  # a linear axis would hide the differences of the small values
+        else:
+            ax.set_ylim(bottom=0.0, top=1.05 * max(values) or None)
+    return drawing.content
+
+
+def convergence(outcomes: Sequence[Outcome], quantity: Quantity) -> Figure:
+    """Mean of a quantity over the draws so far with its confidence interval, a line for each point of the grid."""
+    points = [spread for spread in spreads(outcomes, quantity) if len(spread.known) > 1][:MOST_LINES]
+    with drawn(f"study convergence {quantity.path}", 3.6) as (drawing, ax):
+        for spread, colour in zip(points, _COLOURS, strict=False):
+            mean, half = running_mean(spread.known)
+            count = np.arange(1, len(mean) + 1)
+            label = " · ".join(value for _, value in spread.axes) or quantity.label
+            ax.plot(count, mean, color=colour, label=label)
+            ax.fill_between(count[2:], (mean - half)[2:], (mean + half)[2:], color=colour, alpha=0.15, linewidth=0.0)
+        ax.set(xlabel="number of draws", ylabel=f"mean of {quantity.label} [{quantity.unit}]")
+    return drawing.content
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

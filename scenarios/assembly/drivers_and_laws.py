@@ -1,0 +1,243 @@
+"""Construct the tractor's driver and the trailers' guarded steering laws by name."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from controllers.checked import CheckedDriver, CheckedLaw
+from controllers.driver import DriverLike, DriverTrace, PreviewDriver, TraceDriver
+from controllers.reversing_law import RollingChain
+from controllers.shunting import ShuntingDriver, Stop
+from controllers.tractor import TractorGeometry
+from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.guard import Degradation, Guarded, guard_memory
+from controllers.trailer_steering.supervision import ReverseLock, Supervised
+from scenarios.assembly.adapters import tractor_geometry
+from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
+from scenarios.courses import Course
+from scenarios.options.scenario import Scenario
+from scenarios.options.vehicle_and_driver import DriverOptions
+from vehicle.combination.description import Vehicle
+from vehicle.foundation.data_file import Column, open_table
+from vehicle.foundation.parameter_file import nearest
+from vehicle.frames import FloatArray
+from vehicle.option import Option, Parameter, declared_options
+
+_COLUMNS: Final = {  # with the factor to SI; the limits are beyond any lorry, wrong units exceed them
+    "time_s": (Column("time_s", 86_400.0, "s"), 1.0),
+    "steer_deg": (Column("steer_deg", 90.0, "deg"), math.pi / 180.0),
+    "speed_kmh": (Column("speed_kmh", 200.0, "km/h"), 1.0 / 3.6),
+    "acceleration": (Column("acceleration", 20.0, "m/s2"), 1.0),
+}
+
+
+def read_trace(path: Path) -> DriverTrace:
+    """Read a drive; the first line names the columns time_s, steer_deg, and speed_kmh or acceleration [m/s2].
+
+    Raises:
+        ValueError: one line naming file, column, line and limit.
+    """
+    try:
+        table = open_table(path)
+    except ValueError as error:
+        raise ValueError(f"driver.trace: {error}") from error
+    _check(path, table.names)
+    numbers = table.numbers([_COLUMNS[name][0] for name in table.names])
+    columns: dict[str, FloatArray] = {
+        name: _COLUMNS[name][1] * values for name, values in zip(table.names, numbers.T, strict=True)
+    }
+    try:
+        return DriverTrace(
+            time=columns["time_s"],
+            steer=columns["steer_deg"],
+            speed=columns.get("speed_kmh"),
+            acceleration=columns.get("acceleration"),
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _check(path: Path, names: list[str]) -> None:
+    for name in names:
+        if name not in _COLUMNS:
+            raise ValueError(f"{path}: unknown column '{name}'{nearest(name, _COLUMNS)}")
+    for name in ("time_s", "steer_deg"):
+        if name not in names:
+            raise ValueError(f"{path}: column '{name}' is missing")
+    if not {"speed_kmh", "acceleration"} & set(names):
+        raise ValueError(f"{path}: a column 'speed_kmh' or 'acceleration' is missing")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DriverContext:
+    """Context from which a driver is constructed."""
+
+    vehicle: Vehicle  # nominal: ``plant.…`` changes only the simulated one
+    tractor: TractorGeometry
+    course: Course
+    speed: float  # set speed [m/s]
+    options: DriverOptions
+    parameters: Mapping[str, Parameter]  # ``driver.parameters.…`` of the user's own driver
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenedDriver:
+    """A driver with the planned duration and start speed."""
+
+    driver: DriverLike[Any]
+    duration: float  # planned duration of the drive [s]
+    start_speed: float  # [m/s]
+    trace: DriverTrace | None = None  # the recorded drive that is repeated; it is not bound to the course
+
+
+class OnCourse:
+    """Follows the course at set speed or below a lateral limit; stops and reverses as in ``driver.stops``."""
+
+    @classmethod
+    def of(cls, context: DriverContext) -> OpenedDriver:
+        """Driver on the course."""
+        options = context.options
+        if options.trace is not None:
+            raise ValueError("driver.trace needs driver.kind = recorded")
+        limit = math.inf if options.max_lateral_acceleration is None else options.max_lateral_acceleration
+        driver = PreviewDriver(context.tractor, context.course.path, context.speed, max_lateral_acceleration=limit)
+        if not options.stops:
+            return OpenedDriver(driver=driver, duration=driver.duration, start_speed=context.speed)
+        stops = [Stop(stop.station, stop.wait, stop.back) for stop in options.stops]
+        try:
+            shunting = ShuntingDriver(driver, RollingChain.of(context.vehicle), stops)
+        except ValueError as error:
+            raise ValueError(f"driver.{error}") from error
+        return OpenedDriver(driver=shunting, duration=shunting.duration, start_speed=context.speed)
+
+
+class AsRecorded:
+    """Repeats the steer angles and speeds of the CSV file ``driver.trace``; does not follow the course."""
+
+    @classmethod
+    def of(cls, context: DriverContext) -> OpenedDriver:
+        """Driver from a recording."""
+        options = context.options
+        if options.trace is None:
+            raise ValueError("driver.kind = recorded: driver.trace is missing, a CSV file")
+        if options.stops:
+            raise ValueError(
+                "driver.stops and driver.trace: give only one of them; a recorded drive contains its stops"
+            )
+        trace = read_trace(Path(options.trace))
+        driver = TraceDriver(trace)
+        start_speed = context.speed if driver.start_speed is None else driver.start_speed
+        return OpenedDriver(driver=driver, duration=driver.duration, start_speed=start_speed, trace=trace)
+
+
+def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> OpenedDriver:
+    """Open the scenario's driver; a driver without a planned duration is expected to keep the set speed.
+
+    Raises:
+        ValueError: one line, if there is no such driver or the context does not fit.
+    """
+    options = scenario.driver
+    kind = options.kind or ("preview" if options.trace is None else "recorded")
+    part: Part[DriverContext, OpenedDriver | DriverLike[Any]] = resolve("driver.kind", kind, DRIVER)
+    context = DriverContext(
+        vehicle=vehicle,
+        tractor=tractor_geometry(vehicle, course),
+        course=course,
+        speed=scenario.speed,
+        options=options,
+        parameters=options.parameters,
+    )
+    driver = constructed("driver.kind", kind, lambda: part.of(context))
+    if not isinstance(driver, OpenedDriver):
+        driver = OpenedDriver(driver=driver, duration=course.length / scenario.speed, start_speed=scenario.speed)
+    check_made("driver.kind", kind, driver.driver, ("init", "step"))
+    if not 0.0 < driver.duration < math.inf:  # a run that gets stuck would never end
+        raise ValueError(f"driver.kind = {kind}: duration = {driver.duration} s must be positive and finite")
+    return replace(driver, driver=CheckedDriver(driver.driver, f"driver.kind = {kind}"))
+
+
+_COMBINATION: Final = "combination"  # keyword for the data sheet of the whole combination
+
+
+def law_options(law: Callable[..., object]) -> tuple[Option, ...]:
+    """Options of a law's class."""
+    return declared_options(law, skip=(_COMBINATION,))
+
+
+def law_uses_off_tracking(name: str) -> bool:
+    """True if a law uses the estimated off-tracking, which is the default of its class."""
+    return bool(getattr(resolve("trailer_steering", name, TRAILER_STEERING), "uses_off_tracking", True))
+
+
+def steering_parameters(scenario: Scenario) -> dict[str, Parameter]:
+    """Parameters of a scenario's law.
+
+    Raises:
+        ValueError: one line, if the file of a policy is missing.
+    """
+    parameters = dict(scenario.steering)
+    if scenario.trailer_steering == "policy":
+        if scenario.policy.path is None:
+            raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
+        parameters["path"] = scenario.policy.path
+    return parameters
+
+
+def trailer_law(
+    name: str,
+    trailer: TrailerGeometry,
+    combination: Combination,
+    parameters: Mapping[str, Parameter],
+    degradation: Degradation | None = None,
+) -> TrailerSteering[Any]:
+    """Construct a trailer's law by its name in the catalogue or as ``package.module:Name``.
+
+    Every step is checked. The law is guarded against bad estimates, by default as `Degradation` says, unless its
+    class has ``uses_off_tracking = False``; in reverse the axles are locked straight. The actuators are supervised.
+
+    Raises:
+        ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
+            be constructed.
+    """
+    law: TrailerSteering[Any] = bare_law(name, trailer, combination, parameters)
+    if not trailer.steered_distances:
+        return law
+    if law_uses_off_tracking(name):
+        law = Guarded(law, trailer, combination, degradation or Degradation())
+    return Supervised(ReverseLock(law, trailer), trailer, combination)
+
+
+def fallback_steers(memory: object) -> bool:
+    """True while the fallback steers in place of a law, by the memory of what `trailer_law` has constructed."""
+    guard = guard_memory(memory)
+    return guard is not None and not guard.steers
+
+
+def bare_law(
+    name: str, trailer: TrailerGeometry, combination: Combination, parameters: Mapping[str, Parameter]
+) -> TrailerSteering[Any]:
+    """The same without guard and lock: a law whose every step is checked.
+
+    Raises:
+        ValueError: one line, as `trailer_law`.
+    """
+    part = resolve("trailer_steering", name, TRAILER_STEERING)
+    options = {option.name: option for option in law_options(part)}
+    for key, value in parameters.items():
+        if key not in options:
+            raise ValueError(f"steering.{key}: {name} has no such parameter{nearest(key, options)}")
+        options[key].check(value, f"steering.{key}")
+    context = {_COMBINATION: combination} if _COMBINATION in inspect.signature(part).parameters else {}
+    try:
+        law: TrailerSteering[Any] = constructed(
+            "trailer_steering", name, lambda: part(trailer, **context, **parameters)
+        )
+    except TypeError as error:
+        shape = f"{part.__name__}(trailer, ...)"
+        raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error
+    return CheckedLaw(law, f"trailer_steering = {name}", len(trailer.steered_distances))

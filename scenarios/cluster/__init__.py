@@ -1,1 +1,0 @@
-"""Studies on a Dask cluster (extra ``cluster``)."""

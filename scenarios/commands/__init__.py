@@ -1,1 +1,0 @@
-"""Subcommands of `offtrack`, one module each; `scenarios.cli` assembles them."""

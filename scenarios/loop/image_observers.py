@@ -1,0 +1,170 @@
+"""Observers of a run's camera images: hash, recordings, and JPEG pictures for reports and videos."""
+
+from __future__ import annotations
+
+import hashlib
+from array import array
+from bisect import bisect_right
+from collections import deque
+from concurrent.futures import Executor, Future
+from typing import Final, Generic, TypeVar
+
+import cv2
+
+from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
+from scenarios.assembly.mount import Cameras
+from scenarios.loop.kept import Kept
+from scenarios.loop.timing import Stopwatch
+from sensors.messages import ColourImage, RoverView, Stamped, StereoFrame, stereo_frame
+from sensors.sand.trace_camera import TraceCamera
+from vehicle.combination.truth import Truth
+from vehicle.rover.truth import RoverTruth
+
+_IN_MEMORY: Final = 5  # pictures, twice as many at most: an hour has 36 000 of some hundred kilobytes each
+_TRUTHS: Final = 50  # are written at once
+_RECENT: Final = 500  # truths in memory: images arrive some tenths of a second after their capture
+
+TruthT = TypeVar("TruthT", bound=Stamped)
+RecorderT = TypeVar("RecorderT")
+
+
+class _Digest:
+    """SHA-256 of images as they come; it can be copied."""
+
+    def __init__(self, sha256: hashlib._Hash | None = None) -> None:
+        self._sha256 = sha256 or hashlib.sha256()
+
+    def update(self, content: bytes) -> None:
+        self._sha256.update(content)
+
+    def hexdigest(self) -> str:
+        return self._sha256.hexdigest()
+
+    def __deepcopy__(self, _: object) -> _Digest:
+        return _Digest(self._sha256.copy())
+
+
+class Pictures(Generic[TruthT, RecorderT]):
+    """Pictures kept for reports and videos, and the hash of all images."""
+
+    def __init__(self, recorder: RecorderT | None) -> None:
+        self._recorder = recorder
+        self._digest = _Digest()
+        self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
+        self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
+        self._truths: Kept[TruthT] = Kept(_TRUTHS, recent=_RECENT)
+        self._ticks = array("q")  # of the truths
+
+    def follow(self, truth: TruthT) -> None:
+        """Remember the truth for images that arrive later."""
+        if self._recorder:
+            self._truths.append(truth)
+            self._ticks.append(truth.tick)
+
+    def _truth(self, tick: int) -> TruthT:
+        """Truth at the capture of an image."""
+        place = bisect_right(self._ticks, tick) - 1
+        if place < 0 or self._ticks[place] != tick:
+            raise KeyError(tick)
+        return self._truths[place]
+
+    @property
+    def frames(self) -> list[tuple[int, bytes]]:
+        """Tick and JPEG of every kept picture; those that a user's own sensor made unfit for JPEG are left out."""
+        while self._coming:
+            self._take()
+        return list(self._kept)
+
+    def add(self, tick: int, jpeg: Future[bytes]) -> None:
+        """Keep a picture that is being compressed."""
+        self._coming.append((tick, jpeg))
+        while self._coming and self._coming[0][1].done():
+            self._take()
+
+    def _take(self) -> None:
+        """Keep the oldest picture that was being compressed; waits for it."""
+        tick, jpeg = self._coming.popleft()
+        if jpeg.exception() is None:
+            self._kept.append((tick, jpeg.result()))
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all images sent so far."""
+        return self._digest.hexdigest()
+
+
+class StereoPictures(Pictures[Truth, RecordingWriter]):
+    """Stereo images of trailers; one channel is recorded and kept, all are hashed."""
+
+    def __init__(
+        self,
+        channel: int,
+        unit: int,
+        cameras: Cameras | None,
+        worker: Executor,
+        *,
+        keep: bool,
+        recorder: RecordingWriter | None,
+    ) -> None:
+        """Create the observer of all channels.
+
+        Args:
+            channel: number of the channel that is recorded and kept.
+            unit: index of the unit that carries its cameras.
+            cameras: cameras of that channel.
+            worker: compresses pictures.
+            keep: keep pictures of that channel.
+            recorder: receives the frames of that channel.
+        """
+        super().__init__(recorder)
+        self._channel, self._unit, self._cameras, self._worker = channel, unit, cameras, worker
+        self._keep = keep
+
+    def see(self, channel: int, message: object, truth: Truth) -> None:
+        """Hash every frame; record and keep those of the chosen channel."""
+        frame = stereo_frame(message)
+        if frame is None:
+            return
+        self._digest.update(frame.left.tobytes())
+        self._digest.update(frame.right.tobytes())
+        if channel != self._channel:
+            return
+        if self._recorder:
+            self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
+        if self._keep and self._cameras:
+            rectified = self._cameras.rectified
+            self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame))))
+
+
+class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):
+    """The images of a rover's camera."""
+
+    def __init__(
+        self, camera: TraceCamera | None, stopwatch: Stopwatch, *, keep: bool, recorder: RoverRecordingWriter | None
+    ) -> None:
+        """Create the observer of a camera; kept pictures are rendered again in colour."""
+        super().__init__(recorder)
+        self._camera, self._stopwatch, self._keep = camera, stopwatch, keep
+
+    def see(self, channel: int, message: object, truth: RoverTruth) -> None:
+        """Hash, record and keep the view while the estimator works."""
+        if not isinstance(message, RoverView):
+            return
+        self._digest.update(message.image.tobytes())
+        if self._recorder:
+            self._recorder.add(message, self._truth(message.tick))
+        if self._keep and self._camera is not None:
+            with self._stopwatch.timed("render"):
+                picture: Future[bytes] = Future()
+                picture.set_result(_jpeg(self._camera.colour(truth)))
+                self.add(truth.tick, picture)
+
+
+def _stereo_jpeg(frame: StereoFrame) -> bytes:
+    if frame.colour is None:
+        return cv2.imencode(".jpg", frame.left)[1].tobytes()
+    return _jpeg(frame.colour)
+
+
+def _jpeg(colour: ColourImage) -> bytes:
+    return cv2.imencode(".jpg", cv2.cvtColor(colour, cv2.COLOR_RGB2BGR))[1].tobytes()

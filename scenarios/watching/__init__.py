@@ -1,1 +1,0 @@
-"""A run that is watched in a browser while it goes on."""
