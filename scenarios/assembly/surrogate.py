@@ -66,7 +66,7 @@ def load_surrogate(path: Path | None = None) -> SurrogateParameters:
     Raises:
         ValueError: one line, if the file is not such a file.
     """
-    file = Path(str(resources.files("scenarios"))) / "environments" / "surrogate.toml" if path is None else path
+    file = Path(str(resources.files("scenarios"))) / "assembly" / "surrogate.toml" if path is None else path
     plain = without_sources(read_toml(file))
     known = [field.name for field in fields(SurrogateParameters)]
     if sorted(plain) != sorted(known):
