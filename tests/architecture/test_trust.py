@@ -14,7 +14,7 @@ from vehicle.foundation import user_file
 from vehicle.foundation.user_file import FileKind
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
 PAGE: Final = ROOT / "docs" / "trust.md"
 
 UNPICKLING: Final = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
@@ -30,6 +30,8 @@ ALLOWED: Final = {
     ("offtrack/reports/watching.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
     ("offtrack/reports/watching.py", "urllib"),  # splits addresses
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
+    ("offtrack/runs.py", "import_module"),  # pandas, if somebody wants tables
+    ("offtrack/__init__.py", "import_module"),  # own names, at their first use
     ("offtrack/studies/reproduce/reproduction.py", "import_module"),  # own figures only
     ("offtrack/studies/cluster_executor.py", "import_module"),  # classes of dask-jobqueue, by a table
     ("scenarios/loop/kept.py", "pickle"),  # own rows, in a temporary file that has no name
