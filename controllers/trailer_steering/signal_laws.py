@@ -15,9 +15,9 @@ tractor's rear axle, comes from tractor speed and gyro; without it L' = L_f/2 wo
 
 CT-AT (conventional tractor, active trailer) turns the follow point into the heading that the hitch had at the same
 place. Source: Jujnovich & Cebon, "Path-following steering control for articulated vehicles", J. Dyn. Syst. Meas.
-Control 135(3), 2013, as de Saxe & Cebon 2018 describe it. A non-linear law compares the headings at front and rear of the trailer, from
-speed, articulation angle and gyros; a reference trailer handles saturated steering. Its equations and gains were not
-available. Derived here:
+Control 135(3), 2013, as de Saxe & Cebon 2018 describe it. A non-linear law compares the headings at front and rear of
+the trailer, from speed, articulation angle and gyros; a reference trailer handles saturated steering. Its equations and
+gains were not available. Derived here:
 
 - the hitch's heading is stored along its dead-reckoned path, and the one required at the rear is that of the place
   which the follow point passes (exact for any articulation; equal arc lengths of hitch and follow point would drift
