@@ -45,10 +45,10 @@ class Catalogue(dict[str, str]):
 
 TRAILER_STEERING: Final = Catalogue(
     {
-        "none": "controllers.trailer_steering.command_steer:Unsteered",
-        "combined": "controllers.trailer_steering.combined:Combined",
-        "command_steer": "controllers.trailer_steering.command_steer:CommandSteer",
-        "ct_at": "controllers.trailer_steering.ct_at:CtAt",
+        "none": "controllers.trailer_steering.signal_laws:Unsteered",
+        "combined": "controllers.trailer_steering.lqr:Combined",
+        "command_steer": "controllers.trailer_steering.signal_laws:CommandSteer",
+        "ct_at": "controllers.trailer_steering.signal_laws:CtAt",
         "lqr": "controllers.trailer_steering.lqr:Lqr",
         "mpc": "controllers.trailer_steering.mpc.law:Mpc",
         "path_preview": "controllers.trailer_steering.path_preview:PathPreview",

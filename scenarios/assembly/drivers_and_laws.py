@@ -15,8 +15,8 @@ from controllers.reversing_law import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.actuators import ReverseLock, Supervised
 from controllers.trailer_steering.guard import Degradation, Guarded, guard_memory
-from controllers.trailer_steering.supervision import ReverseLock, Supervised
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
 from scenarios.courses import Course
