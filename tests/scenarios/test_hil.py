@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import UdpLink
+from offtrack.exchange.bench.links import LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
-from scenarios.loop.demands import (
+from scenarios.loop.bench import (
     Demands,
     Exchange,
     Link,
@@ -33,7 +33,6 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.options.vehicle_and_driver import OutsideOptions
 from scenarios.results.run_inputs import write_inputs
-from scenarios.results.run_summary import summary
 from scenarios.results.trailer_result import RunResult
 
 TRAILER = trailer_demands("semitrailer", 2, is_last=True)
@@ -157,13 +156,13 @@ def inside() -> RunResult:
 def steered() -> tuple[RunResult, Proportional]:
     bench = Proportional()
     settings = (*SHORT, "trailer_steering=none", "outside.demands=trailer", "outside.wait=1")
-    return run(load_scenario("roundabout", settings), 1, links=[bench]), bench
+    return run(load_scenario("roundabout", settings), 1, bench=LinkedBench([bench])), bench
 
 
 def test_signals_alone_change_nothing(inside: RunResult) -> None:
     """A run that is only watched from outside has bitwise the same log."""
     bench = ScriptedBench()
-    watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, links=[bench])
+    watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, bench=LinkedBench([bench]))
     assert watched.log == inside.log
     assert watched.outside is not None
     assert watched.outside.reproducible
@@ -185,7 +184,7 @@ def test_a_bench_steers_the_trailer(steered: tuple[RunResult, Proportional], ins
     assert np.abs(demands).max() > 0.05
     assert np.abs(result.log["steer_trailer_1"]).max() == pytest.approx(np.abs(demands).max(), rel=0.05)
     assert not inside.log["steer_trailer_1_command"].any()
-    numbers = summary(result)
+    numbers = result.summary()
     assert numbers["outside"]["reproducible"] is False  # type: ignore[call-overload, index]
     assert "demands came from outside by script" in " ".join(numbers["warnings"])  # type: ignore[arg-type]
 
@@ -198,7 +197,7 @@ def test_a_run_directory_repeats_the_demands_bitwise(steered: tuple[RunResult, P
     assert again.log == steered[0].log
     assert again.outside is not None
     assert again.outside.source == "record"
-    assert summary(again)["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
+    assert again.summary()["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
 
 
 @pytest.fixture
@@ -353,7 +352,7 @@ def test_a_bench_drives_the_tractor() -> None:
     """It sees what a driver sees, and its demands are in the log; the scenario's own law steers the trailer."""
     bench = BenchDriver()
     settings = (*SHORT, "trailer_steering=command_steer", "outside.demands=driver", "outside.wait=1")
-    result = run(load_scenario("roundabout", settings), 1, links=[bench])
+    result = run(load_scenario("roundabout", settings), 1, bench=LinkedBench([bench]))
     assert result.outcome == "completed"
     assert result.outside is not None
     assert result.outside.fallback_steps == 0

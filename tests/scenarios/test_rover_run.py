@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from scenarios.loop.runner import run_rover
+from scenarios.loop.runner import run
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.log import read_log
@@ -28,7 +28,7 @@ SHORT = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=ftrace")  
 def driven(name: str, *settings: str, seed: int = 1) -> RoverResult:
     scenario = load_any_scenario(name, settings)
     assert isinstance(scenario, RoverScenario)
-    return run_rover(scenario, seed)
+    return run(scenario, seed)
 
 
 def aside(result: RoverResult) -> float:
