@@ -90,9 +90,7 @@ class Run:
         directory: where it was written or read; None if it is in memory alone.
     """
 
-    def __init__(
-        self, summary: Mapping[str, Any], log: Log, directory: Path | None, result: Result | None
-    ) -> None:
+    def __init__(self, summary: Mapping[str, Any], log: Log, directory: Path | None, result: Result | None) -> None:
         """Use `run` or `load_run`."""
         self.summary, self.log, self.directory = summary, log, directory
         self._result = result

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 from estimators.estimates import OffTracking
 from scenarios.options.vehicle_and_driver import OutsideOptions
 from scenarios.results.summary_numbers import Outside
+from scenarios.table_file import Column, open_table
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK, to_ticks
-from scenarios.table_file import Column, open_table
 from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.user_file import shown
 

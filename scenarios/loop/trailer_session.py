@@ -154,7 +154,7 @@ class CombinationPilot:
     ) -> None:
         """Create the pilot of a ``vehicle``; without a driver its motion is prescribed.
 
-        Demands of the ``exchange`` with a bench come before those of driver and laws. ``brakes`` are the faults of its brakes.
+        Demands from the ``exchange`` with a bench replace those of driver and laws. ``brakes`` has the brakes' faults.
         """
         self.trailers = trailers
         self._exchange, self._brakes = exchange, brakes or BrakeFaults()

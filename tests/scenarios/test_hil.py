@@ -23,6 +23,7 @@ from scenarios.loop.bench import (
     Link,
     Numbers,
     RecordedDemands,
+    Sensed,
     Values,
     checked_message,
     driver_demands,
@@ -34,6 +35,7 @@ from scenarios.options.scenario import load_scenario
 from scenarios.options.vehicle_and_driver import OutsideOptions
 from scenarios.results.run_inputs import write_inputs
 from scenarios.results.trailer_result import RunResult
+from sensors.messages import EgoState
 
 TRAILER = trailer_demands("semitrailer", 2, is_last=True)
 SHORT = ("off_tracking=truth", "reference_unit=false", "course.entry=20", "course.turn_deg=30", "course.exit=5")
@@ -61,6 +63,19 @@ class ScriptedBench:
         pass
 
 
+class SilentBench:
+    """A bench that gets no signals."""
+
+    def __init__(self, link: Link) -> None:
+        self.links = (link,)
+
+    def prepare(self, parts: object, trailers: object, taken: object) -> None:
+        pass
+
+    def signals(self, tick: int, ego: EgoState, sensed: Sequence[Sensed]) -> dict[str, float]:
+        return {}
+
+
 class Proportional(ScriptedBench):
     """A bench that answers at once: both axles turn with the articulation."""
 
@@ -76,8 +91,9 @@ def demand(angle: float, **more: float) -> Numbers:
 
 def exchanged(bench: ScriptedBench, steps: int, **options: float) -> tuple[list[Any], Exchange]:
     """Demands that act in steps of 20 ms, and the exchange."""
-    exchange = Exchange(OutsideOptions.model_validate(options), [TRAILER], [bench])
-    return [exchange.step(20 * k, dict).get("semitrailer") for k in range(steps)], exchange
+    exchange = Exchange(OutsideOptions.model_validate(options), [TRAILER], SilentBench(bench))
+    ego = EgoState(tick=0, x=0.0, y=0.0, psi=0.0, v_x=0.0, v_y=0.0, yaw_rate=0.0)
+    return [exchange.step(20 * k, ego, ()).get("semitrailer") for k in range(steps)], exchange
 
 
 def test_a_demand_holds_and_then_the_scenarios_own_law_takes_over() -> None:
@@ -210,7 +226,7 @@ def bench_socket() -> Iterator[socket.socket]:
 
 def test_udp_datagrams_are_json_objects_with_numbers_by_name(bench_socket: socket.socket) -> None:
     """The bench answers where the signals come from; what is no message says why."""
-    link: Link = UdpLink(f"127.0.0.1:{bench_socket.getsockname()[1]}")
+    link = UdpLink(f"127.0.0.1:{bench_socket.getsockname()[1]}")
     link.send(40, {"speed": 2.5})
     content, sender = bench_socket.recvfrom(2000)
     assert json.loads(content) == {"offtrack": 1, "tick": 40, "speed": 2.5}

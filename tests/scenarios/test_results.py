@@ -254,4 +254,4 @@ def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
 
 def test_a_result_can_be_sent_to_another_process(camera_run: RunResult) -> None:
     """Studies run in parallel."""
-    assert summary(pickle.loads(pickle.dumps(camera_run))) == camera_run.summary()
+    assert pickle.loads(pickle.dumps(camera_run)).summary() == camera_run.summary()

@@ -11,8 +11,7 @@ from offtrack.reports.run_page import report_html
 from scenarios.assembly.drivers_and_laws import read_trace
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.trailer_result import trailer_summaries
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.trailer_result import RunResult, trailer_summaries
 
 DOUBLE = ("vehicle=b_double_steered", "course.turn_deg=60", "course.exit=10", "reference_unit=false")
 

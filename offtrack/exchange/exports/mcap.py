@@ -116,6 +116,7 @@ _DRAWN: Final[dict[str, Callable[[Log, Any], tuple[list[_Body], list[_Line]]]]] 
     "rover": _drawn_rover,
 }
 
+
 def _places(log: Log, suffix: str = "", ahead: float = 0.0) -> FloatArray:
     """Path (n, 2) of a point ``ahead`` [m] on a unit's axis, thinned."""
     psi = log[f"psi{suffix}"]
