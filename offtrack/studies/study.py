@@ -22,7 +22,9 @@ from scenarios.options.base import Options
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileType, shown
+
+STUDY_FILE: Final = FileType("a study file", 2_000_000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +154,7 @@ def load_study(path: Path) -> Study:
         ValueError: one line, naming file and key.
     """
     try:
-        table = _File.model_validate(read_toml(path, FileKind.STUDY))
+        table = _File.model_validate(read_toml(path, STUDY_FILE))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ValueError(f"study {path}: {shown('.'.join(map(str, first['loc'])))}: {first['msg']}") from None

@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.driver import DriverTrace
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.command_steer import Unsteered
+from controllers.trailer_steering.signal_laws import Unsteered
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
 from scenarios.assembly.adapters import course_of, rig_schedule, trailer_geometry, vehicle_of, watched_units

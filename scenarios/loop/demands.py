@@ -13,8 +13,8 @@ from typing import Final, NamedTuple, Protocol
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.options.vehicle_and_driver import OutsideOptions
 from scenarios.results.summary_numbers import Outside
+from scenarios.table_file import Column, open_table
 from vehicle.clock import TICK, to_ticks
-from vehicle.foundation.data_file import Column, open_table
 from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.user_file import shown
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
-from controllers.trailer_steering.actuator_monitor import ActuatorFinding
+from controllers.trailer_steering.actuators import ActuatorFinding, actuator_findings
 from controllers.trailer_steering.guard import signal_findings
-from controllers.trailer_steering.supervision import actuator_findings
 from estimators.estimates import CameraOffTracking, OffTracking
 from estimators.off_tracking.signal_monitor import Finding
 from offtrack.exchange.recordings.writers import RecordingWriter

@@ -1,7 +1,6 @@
 """offtrack's own laws on a bench, behind UDP and CAN, against the same laws inside the loop.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. UDP goes to a
-process of its own over loopback, CAN to a thread over python-can's virtual bus.
+UDP goes to a process of its own over loopback, CAN to a thread over python-can's virtual bus.
 """
 
 from __future__ import annotations
