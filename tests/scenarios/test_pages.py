@@ -219,7 +219,7 @@ def test_a_run_page_shows_the_image_where_the_off_tracking_was_largest(camera_ru
     """The caption states the time of the image; they were taken at 10 Hz."""
     worst = camera_run.log["time"][np.nanargmax(np.abs(camera_run.signal("off_tracking_true")))]
     shown = re.search(
-        r"Left camera at ([\d.]+) s, where the off-tracking was largest", report_html(camera_run, summary(camera_run))
+        r"Left camera at ([\d.]+) s, where the off-tracking was largest", report_html(camera_run, camera_run.summary())
     )
     assert shown is not None
     assert float(shown[1]) == pytest.approx(worst, abs=0.1)
