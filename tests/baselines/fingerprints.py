@@ -197,11 +197,11 @@ def _recordings_case(folder: Path) -> Fingerprint:
 
 
 def _study_case(folder: Path) -> Fingerprint:
-    """Table of a sweep."""
-    short = ["--set", "off_tracking=truth", "--set", "course.turn_deg=30", "--jobs", "1", "--quiet"]
-    laws = ["--vary", "trailer_steering=command_steer,path_preview", "--seeds", "2"]
-    _command("sweep", "roundabout", *laws, *short, "--out", str(folder / "sweep"))
-    return {file.name: _text_hash(file.read_text()) for file in sorted((folder / "sweep").glob("table*.csv"))}
+    """Table of a comparison."""
+    short = ["--set", "course.turn_deg=30", "--jobs", "1", "--quiet"]
+    laws = ["--controllers", "command_steer,path_preview", "--seeds", "2"]
+    _command("compare", "roundabout", *laws, *short, "--out", str(folder / "study"))
+    return {file.name: _text_hash(file.read_text()) for file in sorted((folder / "study").glob("table*.csv"))}
 
 
 def _exports_case(folder: Path) -> Fingerprint:
