@@ -39,6 +39,7 @@ from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerG
 from controllers.trailer_steering.kinematics import (
     ReckonedPath,
     check_steered,
+    check_towed,
     corrected,
     hitch_motion,
     moved,
@@ -247,6 +248,7 @@ class Lqr(SteeringLaw[LqrMemory]):
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
         check_steered("lqr", trailer)
+        check_towed("lqr", combination)
         given = {
             "off_tracking_weight": off_tracking_weight,
             "acceleration_weight": acceleration_weight,

@@ -108,7 +108,7 @@ class VisoOt(Generic[Memory]):
             smoothing=bool(values["smoothing"]),
             fusion=str(values["fusion"]),
             path_height=context.roll_axis_height,
-            towed=Towed(context.vehicle, context.unit),
+            towed=Towed(context.vehicle, context.unit) if context.unit > 0 else None,
         )
 
     def init(self) -> VisoOtMemory[Memory]:

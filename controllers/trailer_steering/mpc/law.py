@@ -15,7 +15,7 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 
 from controllers.trailer import Actuation, Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import check_steered
+from controllers.trailer_steering.kinematics import check_steered, check_towed
 from controllers.trailer_steering.mpc.observer import FrictionMemory, Observer, ObserverMemory, reckoned, updated
 from controllers.trailer_steering.mpc.planning import (
     BLOCKS,
@@ -88,6 +88,7 @@ class Mpc(SteeringLaw[MpcMemory]):
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
         check_steered("mpc", trailer)
+        check_towed("mpc", combination)
         self._trailer, self._combination = trailer, combination
         self._given = {"tolerance": tolerance, "effort": effort, "tail_swing": tail_swing, "cut_in": cut_in}
         check_options(self.options, self._given)
