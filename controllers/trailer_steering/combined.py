@@ -7,7 +7,7 @@ the bands little steering is needed: a low-speed law would oscillate there, and 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,17 +21,15 @@ from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.option import Option
+from vehicle.option import option
 
-_LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
+LowSpeed = Literal["command_steer", "ct_at", "path_preview", "virtual_driver"]
+_LOW_SPEED: Final[dict[LowSpeed, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
     "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
     "ct_at": lambda trailer, combination: CtAt(trailer, combination=combination),
     "path_preview": lambda trailer, combination: PathPreview(trailer),
     "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
 }
-_LOW_SPEED_OPTION: Final = Option(
-    "low_speed", "path_preview", "name of the law at low speed", choices=tuple(_LOW_SPEED)
-)
 
 # assumed, between the speed of a tight turn and that of a road; the low-speed laws oscillate at 50 km/h [m/s].
 _FULL_UP_TO, _NONE_FROM = 25.0 * KMH, 45.0 * KMH
@@ -49,35 +47,23 @@ class CombinedMemory(NamedTuple):
 class Combined(SteeringLaw[CombinedMemory]):
     """Sum of a low-speed law and the LQR, each in its range of speeds."""
 
-    options: ClassVar[tuple[Option, ...]] = (_LOW_SPEED_OPTION, *Lqr.options)
+    class Parameters(Lqr.Parameters):
+        """Name of the law at low speed, and the parameters of the LQR."""
+
+        low_speed: LowSpeed = option("name of the law at low speed", "path_preview")
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        low_speed: str = "path_preview",
-        from_speed_kmh: float = 45.0,
-        full_speed_kmh: float = 70.0,
-        off_tracking_weight: float = 0.04,
-        acceleration_weight: float = 0.03,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer; ``low_speed`` is a law's name, the other parameters are those of `Lqr`.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, a law is unknown, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
-        _LOW_SPEED_OPTION.check(low_speed, "low_speed")
+        given = parameters or self.Parameters()
         self._trailer = trailer
-        self._high = Lqr(
-            trailer,
-            combination=combination,
-            off_tracking_weight=off_tracking_weight,
-            acceleration_weight=acceleration_weight,
-            from_speed_kmh=from_speed_kmh,
-            full_speed_kmh=full_speed_kmh,
-        )
-        self._low = _LOW_SPEED[low_speed](trailer, combination)
+        self._high = Lqr(trailer, combination=combination, parameters=given)
+        self._low = _LOW_SPEED[given.low_speed](trailer, combination)
 
     def init(self) -> CombinedMemory:
         """Wheels straight."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,13 +27,10 @@ from controllers.trailer_steering.reckoned_motion import hitch_motion
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.option import Option
+from vehicle.option import PartParameters, quantity
 
 _CREEP = 0.2  # below this speed the direction of travel is sensor noise [m/s]
 _SHORTEST, _LONGEST = 0.1, 2.0  # of the follow distance; a shorter one needs more steer than any axle has
-_RIGID_LENGTH: Final = Option(
-    "rigid_length", None, "hitch to the emulated rigid axle", "m", 0.1, 40.0, default_text="half the follow distance"
-)
 
 
 class CommandSteerMemory(NamedTuple):
@@ -47,20 +44,27 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
     """Steer angles as a function of the articulation; the off-tracking is not used."""
 
     uses_off_tracking: ClassVar[bool] = False
-    options: ClassVar[tuple[Option, ...]] = (_RIGID_LENGTH,)
+
+    class Parameters(PartParameters):
+        """Geometry of the emulated trailer."""
+
+        rigid_length: float | None = quantity(
+            None, "m", 0.1, 40.0, "hitch to the emulated rigid axle", default_text="half the follow distance"
+        )
 
     def __init__(
-        self, trailer: TrailerGeometry, *, combination: Combination, rigid_length: float | None = None
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """``rigid_length`` is L', from the hitch to the emulated axle [m]; by default half the follow distance.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
             ValueError: if the trailer has no steered axle, or the length is outside 0.1 to 2 follow distances.
         """
         check_steered("command_steer", trailer)
-        length = 0.5 * trailer.follow_distance if rigid_length is None else rigid_length
+        given = (parameters or self.Parameters()).rigid_length
+        length = 0.5 * trailer.follow_distance if given is None else given
         low, high = _SHORTEST * trailer.follow_distance, _LONGEST * trailer.follow_distance
-        replace(_RIGID_LENGTH, low=low, high=high).check(length, "rigid_length")
+        replace(self.Parameters.option("rigid_length"), low=low, high=high).check(length, "rigid_length")
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
         self._beyond = trailer.follow_distance / length - 1.0  # distance of the follow point behind L', over L'

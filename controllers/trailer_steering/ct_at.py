@@ -19,7 +19,7 @@ steady off-tracking of about follow distance times slip over gain remains: the k
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, quantity
 
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
 _REACH = 0.5  # half window of the heading's fit to the path [m]
@@ -49,35 +49,27 @@ class CtAtMemory(NamedTuple):
 class CtAt(SteeringLaw[CtAtMemory]):
     """Steer angles that match the trailer's heading to the path of its hitch; the off-tracking is not used."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("heading_gain", 1.5, "turn of the follow point per heading error", "-", 0.0, 5.0),
-        Option(
-            "preview", None, "preview time of the required heading", "s", 0.0, 1.0, default_text="the actuators' lag"
-        ),
-    )
+    class Parameters(PartParameters):
+        """Gain against the reference trailer, and preview against the actuators' lag."""
+
+        heading_gain: float = quantity(1.5, "-", 0.0, 5.0, "turn of the follow point per heading error")
+        preview: float | None = quantity(
+            None, "s", 0.0, 1.0, "preview time of the required heading", default_text="the actuators' lag"
+        )
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        heading_gain: float = 1.5,
-        preview: float | None = None,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer.
-
-        Args:
-            trailer: to be steered.
-            combination: data sheet of the whole combination.
-            heading_gain: turn of the follow point per heading error against the reference trailer [-]; 0: none.
-            preview: time ahead at which the heading is read from the path, against the actuators' lag [s].
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle, or its actuators are too slow for the preview.
         """
         check_steered("ct_at", trailer)
-        self._gain, self._preview = heading_gain, trailer.actuator_lag if preview is None else preview
-        check_options(self.options, {"heading_gain": self._gain, "preview": self._preview})
+        given = parameters or self.Parameters()
+        self._gain = given.heading_gain
+        self._preview = trailer.actuator_lag if given.preview is None else given.preview
+        self.Parameters.option("preview").check(self._preview, "preview")
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
 

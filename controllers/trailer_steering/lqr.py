@@ -24,9 +24,10 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
+from pydantic import model_validator
 from scipy.linalg import expm
 
 from controllers.driver import PERIOD
@@ -38,7 +39,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, quantity
 
 KMH: Final = 1.0 / 3.6  # [m/s]
 SPEEDS: Final = tuple(KMH * kmh for kmh in range(20, 131, 10))  # of the designs; gains are linear in between [m/s]
@@ -209,43 +210,39 @@ class LqrMemory(NamedTuple):
 class Lqr(SteeringLaw[LqrMemory]):
     """One angle for all steered axles of the trailer, by state feedback."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("off_tracking_weight", 0.04, "weight of the off-tracking", "rad2/m2", 0.0, 10.0),
-        Option("acceleration_weight", 0.03, "weight of the trailer's lateral acceleration", "rad2 s4/m2", 0.0, 10.0),
-        Option("from_speed_kmh", 45.0, "speed below which the axles are straight", "km/h", 20.0, 120.0),
-        Option("full_speed_kmh", 70.0, "speed from which on the law has full authority", "km/h", 20.0, 130.0),
-    )
+    class Parameters(PartParameters):
+        """Weights of the cost, and the band of speeds in which the law fades in."""
+
+        off_tracking_weight: float = quantity(0.04, "rad2/m2", 0.0, 10.0, "weight of the off-tracking")
+        acceleration_weight: float = quantity(
+            0.03, "rad2 s4/m2", 0.0, 10.0, "weight of the trailer's lateral acceleration"
+        )
+        from_speed_kmh: float = quantity(45.0, "km/h", 20.0, 120.0, "speed below which the axles are straight")
+        full_speed_kmh: float = quantity(70.0, "km/h", 20.0, 130.0, "speed from which on the law has full authority")
+
+        @model_validator(mode="after")
+        def _rises(self) -> Self:
+            low, high = self.from_speed_kmh, self.full_speed_kmh
+            if not low < high:
+                raise ValueError(f"full_speed_kmh = {high} km/h must exceed from_speed_kmh = {low}")
+            return self
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        off_tracking_weight: float = 0.04,
-        acceleration_weight: float = 0.03,
-        from_speed_kmh: float = 45.0,
-        full_speed_kmh: float = 70.0,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer; ``options`` describes the parameters.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
         check_steered("lqr", trailer)
-        given = {
-            "off_tracking_weight": off_tracking_weight,
-            "acceleration_weight": acceleration_weight,
-            "from_speed_kmh": from_speed_kmh,
-            "full_speed_kmh": full_speed_kmh,
-        }
-        check_options(self.options, given)
-        if not from_speed_kmh < full_speed_kmh:
-            raise ValueError(f"full_speed_kmh = {full_speed_kmh} km/h must exceed from_speed_kmh = {from_speed_kmh}")
+        given = parameters or self.Parameters()
         self._trailer, self._combination = trailer, combination
-        self._band = KMH * from_speed_kmh, KMH * full_speed_kmh
+        self._band = KMH * given.from_speed_kmh, KMH * given.full_speed_kmh
         self._ratios = np.array(trailer.steer_ratios)
         self._nodes = path_nodes(trailer.follow_distance)
-        self._gains = schedule(combination, trailer, Weights(off_tracking_weight, acceleration_weight))
+        weights = Weights(given.off_tracking_weight, given.acceleration_weight)
+        self._gains = schedule(combination, trailer, weights)
 
     def init(self) -> LqrMemory:
         """Straight road behind, wheels straight."""

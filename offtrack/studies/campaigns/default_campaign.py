@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
+from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.studies.campaigns.campaign import FAULTS, Campaign, by_text
 from offtrack.studies.campaigns.fault_entry import NONE, FaultEntry
 from offtrack.studies.campaigns.verdict import Limit, Requirements
@@ -13,11 +14,10 @@ from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.assembly.rover_run import assemble_rover, rover_path
 from scenarios.assembly.trailer_run import assemble
 from scenarios.catalogue import FAULT, OFF_TRACKING, SENSOR, resolve
-from scenarios.options.perception import VisoOtOptions
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 
-_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOtOptions(), "estimator": {}, "sensor": None}
+_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOt.Parameters(), "estimator": {}, "sensor": None}
 
 
 def check_faults(campaign: Campaign) -> None:
