@@ -1,7 +1,7 @@
-"""High-speed steering by optimal state feedback, and its linear-quadratic design.
+"""High-speed steering by optimal state feedback, and a law for all speeds made of it and a low-speed law.
 
 A Kalman filter estimates the state from the combination's own sensors. The path between hitch and follow point comes
-from the off-tracking estimate, carried on to the present by dead reckoning (``lateral_design`` has model and cost).
+from the off-tracking estimate, carried on to the present by dead reckoning.
 
 In a quick lane change the trailer then cuts the corner: its lateral motion is smoother and does not overshoot. At low
 speed, with large articulations, the linear law is not valid. It fades in over a band of speeds; below it a trailer is
@@ -18,13 +18,18 @@ of all its steered axles; only the ratios of the weights matter. Derived here, s
 - the lateral speed, which no sensor measures, is estimated by the Kalman filter of the same model.
 
 Longitudinal speed, load and friction are nominal; the ground is level.
+
+`Combined` is one law for all speeds: a low-speed law for towns and yards, the LQR for the open road. The low-speed law
+fades out over one band of speeds and the LQR fades in over another; the command is their sum. Between
+the bands little steering is needed: a low-speed law would oscillate there, and the trailer itself is well damped.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -32,14 +37,24 @@ from scipy.linalg import expm
 
 from controllers.driver import PERIOD
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import check_steered
-from controllers.trailer_steering.reckoned_motion import ReckonedPath, corrected, hitch_motion, moved, straight_behind
+from controllers.trailer_steering.kinematics import (
+    ReckonedPath,
+    check_steered,
+    corrected,
+    hitch_motion,
+    moved,
+    reachable,
+    straight_behind,
+)
+from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
+from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.frames import FloatArray
-from vehicle.option import PartParameters, quantity
+from vehicle.option import PartParameters, option, quantity
 
 KMH: Final = 1.0 / 3.6  # [m/s]
 SPEEDS: Final = tuple(KMH * kmh for kmh in range(20, 131, 10))  # of the designs; gains are linear in between [m/s]
@@ -294,3 +309,67 @@ class Lqr(SteeringLaw[LqrMemory]):
         """The wanted angle within reach of the actuators [rad]."""
         reach, limit = self._trailer.max_steer_rate * elapsed, self._trailer.max_steer
         return max(-limit, min(limit, max(last - reach, min(last + reach, wanted))))
+
+
+LowSpeed = Literal["command_steer", "ct_at", "path_preview", "virtual_driver"]
+_LOW_SPEED: Final[dict[LowSpeed, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
+    "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
+    "ct_at": lambda trailer, combination: CtAt(trailer, combination=combination),
+    "path_preview": lambda trailer, combination: PathPreview(trailer),
+    "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
+}
+
+# assumed, between the speed of a tight turn and that of a road; the low-speed laws oscillate at 50 km/h [m/s].
+_FULL_UP_TO, _NONE_FROM = 25.0 * KMH, 45.0 * KMH
+
+
+class CombinedMemory(NamedTuple):
+    """State of the law between two steps."""
+
+    tick: int | None  # of the last step; None before the first
+    low: Any  # memory of the low-speed law
+    high: LqrMemory
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class Combined(SteeringLaw[CombinedMemory]):
+    """Sum of a low-speed law and the LQR, each in its range of speeds."""
+
+    class Parameters(Lqr.Parameters):
+        """Name of the law at low speed, and the parameters of the LQR."""
+
+        low_speed: LowSpeed = option("name of the law at low speed", "path_preview")
+
+    def __init__(
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
+    ) -> None:
+        """A controller for the trailer of a ``combination``.
+
+        Raises:
+            ValueError: if the trailer has no steered axle.
+        """
+        given = parameters or self.Parameters()
+        self._trailer = trailer
+        self._high = Lqr(trailer, combination=combination, parameters=given)
+        self._low = _LOW_SPEED[given.low_speed](trailer, combination)
+
+    def init(self) -> CombinedMemory:
+        """Wheels straight."""
+        straight = (0.0,) * len(self._trailer.steered_distances)
+        return CombinedMemory(None, self._low.init(), self._high.init(), straight)
+
+    def step(
+        self, memory: CombinedMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[CombinedMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        share = min(1.0, max(0.0, (_NONE_FROM - signals.speed) / (_NONE_FROM - _FULL_UP_TO)))  # of the low-speed law
+        high, command = self._high.step(memory.high, tick, off_tracking, signals)
+        wanted = command.angles
+        if share > 0.0:
+            low, command = self._low.step(memory.low, tick, off_tracking, signals)
+            wanted = wanted + share * command.angles
+        else:
+            low = self._low.init()  # it must not adapt while another law steers
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
+        return CombinedMemory(tick, low, high, tuple(demand.tolist())), SteerCommand(angles=demand)

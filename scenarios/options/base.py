@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import tomli_w
 from pydantic import AfterValidator
 
-from vehicle.foundation.quantity import option, quantity
+from vehicle.foundation.quantity import Frozen, option, quantity
 from vehicle.foundation.user_file import full_path
 
-__all__ = ["FullPath", "PartName", "option", "quantity"]
+__all__ = ["FullPath", "PartName", "ScenarioTable", "option", "quantity"]
 
 FullPath = Annotated[str, AfterValidator(full_path)]  # a saved scenario runs anywhere
 
@@ -19,3 +20,11 @@ def _with_full_path(name: str) -> str:
 
 
 PartName = Annotated[str, AfterValidator(_with_full_path)]  # of the catalogue, package.module:Name, or an FMU's file
+
+
+class ScenarioTable(Frozen):
+    """Base of scenarios: the resolved table as a file."""
+
+    def to_toml(self) -> str:
+        """The resolved scenario as TOML: it runs again identically."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))

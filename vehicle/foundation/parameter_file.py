@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from vehicle.foundation.user_file import MAX_NESTING, FileKind, read_text, shown
+from vehicle.foundation.user_file import MAX_NESTING, FileKind, FileType, read_text, shown
 
 _LISTED: Final = 20  # words in an error message
 _COMPARED: Final = 100  # characters of a word
@@ -27,7 +27,7 @@ _TOO_DEEP: Final = f"tables and lists must be nested at most {MAX_NESTING} deep"
 _TOO_BIG: Final = "an integer must fit into 64 bits"
 
 
-def read_toml(path: Path, kind: FileKind = FileKind.PARAMETERS) -> dict[str, Any]:
+def read_toml(path: Path, kind: FileType = FileKind.PARAMETERS) -> dict[str, Any]:
     """Contents of a TOML file, sources included.
 
     Raises:
