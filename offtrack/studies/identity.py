@@ -21,10 +21,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+from offtrack.hidden import package_folders
 from scenarios.results.atomic_files import digest
 from scenarios.results.run_inputs import is_file, is_import_path, named_modules, texts
 from vehicle.engine.compiler import compiler
-from vehicle.foundation.own_parts import is_library, package_folders
+from vehicle.foundation.own_parts import is_library
 
 _SYSTEM: Final = (
     *("/proc", "/sys", "/dev", "/run", "/etc", "/usr", "/lib", "/var", "/opt", "/Library", "/System"),

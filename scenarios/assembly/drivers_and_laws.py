@@ -22,8 +22,8 @@ from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, cons
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
 from scenarios.options.vehicle_and_driver import DriverOptions
+from scenarios.table_file import Column, open_table
 from vehicle.combination.description import Vehicle
-from vehicle.foundation.data_file import Column, open_table
 from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.option import Option, Parameter, declared_options
