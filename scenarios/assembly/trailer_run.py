@@ -10,8 +10,8 @@ from typing import Any, cast
 import numpy as np
 
 from controllers.driver import DriverTrace
-from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.signal_laws import Unsteered
+from controllers.trailer import Combination, TrailerGeometry
+from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
 from estimators.off_tracking.viso_ot import VisoOt
@@ -177,7 +177,7 @@ class WatchedTrailer:
     geometry: TrailerGeometry
     path_height: float  # of the points that off-tracking is about, in its body [m]
     steers_ahead: int  # number of steered axles ahead of its own, which come first in ``Truth.steer``
-    law: TrailerSteering[Any]
+    law: Safeguarded
     signals: CombinationSensors
     sensing: Sensing
     faults: TrailerFaults = field(default_factory=TrailerFaults)
@@ -274,7 +274,7 @@ def _assembled(
     course = course_of(scenario, nominal)
     surface, remarks = opened_ground(scenario, course, seed)
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
-    laws: dict[int, TrailerSteering[Any]] = {}
+    laws: dict[int, Safeguarded] = {}
     for unit, geometry in geometries.items():
         laws[unit] = _law(scenario, nominal, unit, geometry)
         opened.callback(close_part, laws[unit])
@@ -354,11 +354,11 @@ def trailer_stream(seed: int, vehicle: Vehicle, unit: int, name: str) -> np.rand
     return stream(seed, name if is_last else f"{name} of {vehicle.units[unit].name}")
 
 
-def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> TrailerSteering[Any]:
-    """The scenario's law for one trailer; `Unsteered` for a trailer without steered axles behind steered ones."""
+def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> Safeguarded:
+    """The scenario's law for one trailer; ``none`` for a trailer without steered axles behind steered ones."""
     steered_ahead = any(ahead.steered_axles for ahead in vehicle.units[1:unit])
-    if steered_ahead and not any(trailer.steered):
-        return Unsteered(trailer)
     combination, degradation = Combination(vehicle, unit), scenario.degradation.degradation()
+    if steered_ahead and not any(trailer.steered):
+        return trailer_law("none", trailer, combination, {})
     parameters = steering_parameters(scenario)
     return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)
