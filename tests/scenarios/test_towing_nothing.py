@@ -17,7 +17,7 @@ from offtrack.commands.cli import app
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.trailer_result import RunResult, swept
 from sensors.instruments.navigation import DriverPerception
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
@@ -85,7 +85,7 @@ def test_a_law_that_steers_the_own_rear_axles_keeps_the_rear_on_the_path(
     true = steered.log["off_tracking_true"]
     assert np.sqrt(np.nanmean(true**2)) < 0.03
     assert np.nanmax(np.abs(true)) < 0.15  # at the entry, by the rate limit of the rear axles
-    widths = [result.summary()["swept_path"]["max_width_m"] for result in (straight, steered)]  # type: ignore[call-overload, index]
+    widths = [swept(result).max_width for result in (straight, steered)]
     assert widths[1] < widths[0] - 1.0
     steady = np.degrees(steered.log["steer_trailer_3_crane"][np.nanargmax(steered.log["psi_crane"] > math.pi)])
     middle = 0.5 * (5.75 + 3.2)  # the turning point lies beside the middle between front axle and follow point
