@@ -205,19 +205,6 @@ def made_in_batches(
     return [done[k] for k in sorted(done)]
 
 
-def spared(cases: Sequence[Case], intervals: Intervals, stop: Stop, done: Mapping[int, Outcome]) -> set[int]:
-    """Indices of the runs that need not be made, as far as the runs that are ``done`` (by their indices) tell."""
-    spare: set[int] = set()
-    for axes, drawn in _points(cases).items():
-        for last in range(stop.batch, len(drawn), stop.batch):
-            if not all(k in done for k in drawn[:last]):
-                break
-            if _is_known(intervals([done[k] for k in drawn[:last]], axes), stop):
-                spare |= set(drawn[last:])
-                break
-    return spare
-
-
 def _points(cases: Sequence[Case]) -> dict[Settings, list[int]]:
     """Indices of the runs of every point."""
     points: dict[Settings, list[int]] = {}

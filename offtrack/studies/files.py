@@ -64,20 +64,15 @@ def study_text(study: Study, directory: Path) -> str:
 
 
 @contextmanager
-def opened_study(directory: Path, file: str, content: str, *, shared: bool = False) -> Iterator[None]:
+def opened_study(directory: Path, file: str, content: str) -> Iterator[None]:
     """Lock the directory of a study, write its file, and remove what killed processes have left.
-
-    A ``shared`` lock lets others in that want to share it, too; then nothing is removed.
 
     Raises:
         ValueError: one line, if another process works in it.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    with user_of(directory, shared=shared):
+    with user_of(directory):
         replaced(directory / file, content)
-        if shared:
-            yield
-            return
         for folder in (directory, directory / CELLS):
             for path in unfinished_files(folder) if folder.is_dir() else ():
                 path.unlink()

@@ -98,18 +98,13 @@ def optimise(
         ChildProcessError: one line, if a second process dies in the place of the first.
     """
     resume(tuning, directory)
-    ended = list[str]()
+    tasks = {str(k): (tuning, directory, trials, seed + k) for k in range(jobs)}
 
-    def tasks() -> Iterator[tuple[str, Sequence[object]] | None]:
-        for k in range(jobs):
-            yield str(k), (tuning, directory, trials, seed + k)
-        while len(ended) < jobs:
-            progress(len(finished(tuning, directory)), trials)
-            yield None
+    def report() -> None:
+        progress(len(finished(tuning, directory)), trials)
 
-    with closing(each_in_a_worker(work, tasks(), jobs=jobs + 1)) as results:  # one is never taken: tasks are asked for
-        for key, result in results:
-            ended.append(key)
+    with closing(each_in_a_worker(work, tasks, jobs=jobs, meanwhile=report)) as results:
+        for _, result in results:
             if isinstance(result, WorkerDiedError):
                 raise ChildProcessError(f"a worker process: {result}; what is finished is kept") from result
             if isinstance(result, BaseException):
