@@ -7,15 +7,23 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.table import Table
 
+from estimators.calibration.boards import BoardView, CameraCalibration, StereoFit, calibrated, calibrated_pair
 from offtrack.commands.console import PlainConsole, check_number, one_line_errors, progress_bar, progress_display
-
-if TYPE_CHECKING:
-    from estimators.calibration.boards import BoardView, CameraCalibration, StereoFit
+from offtrack.exchange.recordings.calibration_files import (
+    board_of,
+    camera_text,
+    coverage_picture,
+    photographs,
+    views_of,
+)
+from scenarios.results.atomic_files import check_new_file, replaced
+from sensors.camera.lens import RawStereoRig
+from sensors.camera.rig import StereoRig
 
 EXAMPLES = (
     "Examples: offtrack calibrate photos/   "
@@ -57,17 +65,6 @@ def calibrate(
 
     Use the file of a stereo pair as `offtrack estimate off-tracking --calibration FILE`.
     """
-    from estimators.calibration.boards import calibrated, calibrated_pair
-    from offtrack.exchange.recordings.calibration_files import (
-        board_of,
-        camera_text,
-        coverage_picture,
-        photographs,
-        views_of,
-    )
-    from scenarios.results.atomic_files import check_new_file, replaced
-    from sensors.camera.lens import RawStereoRig
-
     with one_line_errors():
         check_number("--square", square, 1e-4, 10.0)
         checkerboard, X_SC = board_of(board, square), _mount(facing, position)
@@ -112,8 +109,6 @@ def _named(left: list[Path], right: list[Path]) -> dict[str, list[Path]]:
 
 def _mount(facing: Literal["rear", "left", "right", "down"], position: str | None) -> Any:
     """Pose X_SC (4, 4) of a camera without pitch and roll."""
-    from sensors.camera.rig import StereoRig
-
     try:
         x, y, z = (float(part) for part in (position or "0,0,3").split(","))
     except ValueError as error:

@@ -7,11 +7,13 @@ import math
 import os
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
+from estimators.context import RoverContext
+from estimators.odometry.repeated_frames import NewViews
 from offtrack.commands.console import (
     INTERRUPTED,
     PlainConsole,
@@ -23,10 +25,20 @@ from offtrack.commands.console import (
     progress_display,
     remark,
 )
+from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
+from offtrack.exchange.recordings.estimation import Chosen, estimate, off_tracking_source
+from offtrack.exchange.recordings.estimation_files import write_estimation
+from offtrack.exchange.recordings.estimation_summary import agreement_numbers
+from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
+from offtrack.exchange.recordings.rover_recording import open_rover_recording
+from offtrack.exchange.recordings.slip_estimation import estimate_slip
+from offtrack.exchange.recordings.slip_report import write_slip_estimation
+from offtrack.exchange.recordings.stereo_reader import open_recording
+from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
+from scenarios.options.scenario import estimator_options
 from scenarios.progress import postponed_interrupts
-
-if TYPE_CHECKING:
-    pass
+from scenarios.randomness import stream
+from scenarios.results.run_directory import results_directory
 
 app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
 
@@ -147,16 +159,6 @@ def off_tracking(
     summary.json. Missing and corrupt frames are dropped and reported. The pose of the cameras on the trailer comes from
     options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
-    from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
-    from offtrack.exchange.recordings.estimation import Chosen, estimate, off_tracking_source
-    from offtrack.exchange.recordings.estimation_files import write_estimation
-    from offtrack.exchange.recordings.estimation_summary import agreement_numbers
-    from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
-    from offtrack.exchange.recordings.stereo_reader import open_recording
-    from scenarios.catalogue import ODOMETRY, resolve
-    from scenarios.options.scenario import estimator_options
-    from scenarios.results.run_directory import results_directory
-
     with (
         one_line_errors(),
         results_directory(out, os.path.basename(os.path.realpath(directory))) as results,
@@ -233,15 +235,6 @@ def slip(
     Writes slip.csv and .parquet, report.html, a video and summary.json. Missing and corrupt images are dropped and
     reported.
     """
-    from estimators.context import RoverContext
-    from estimators.odometry.repeated_frames import NewViews
-    from offtrack.exchange.recordings.rover_recording import open_rover_recording
-    from offtrack.exchange.recordings.slip_estimation import estimate_slip
-    from offtrack.exchange.recordings.slip_report import write_slip_estimation
-    from scenarios.catalogue import SLIP_ESTIMATOR, constructed, resolve
-    from scenarios.randomness import stream
-    from scenarios.results.run_directory import results_directory
-
     with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")

@@ -8,6 +8,21 @@ from typing import Annotated, Literal
 import typer
 
 from offtrack.commands.console import Quiet, check_number, one_line_errors, progress_bar, progress_display
+from offtrack.exchange.drawings import (
+    drawing,
+    driven_run,
+    formats_of,
+    missing_package,
+    needed_packages,
+    write_drawing,
+)
+from offtrack.exchange.exports.log_files import written
+from offtrack.exchange.exports.mcap import write_mcap
+from offtrack.exchange.exports.rosbag2 import write_rosbag2
+from offtrack.reports.viewing import finished_run, view_page
+from offtrack.studies.study_page import names_of_runs, page_link
+from scenarios.results.atomic_files import check_new_file, replaced
+from scenarios.results.log import read_log
 
 EXPORT_EXAMPLES = (
     "Examples: offtrack export runs/roundabout-1 --to csv   offtrack export runs/roundabout-1 --to mat   "
@@ -45,11 +60,6 @@ def export(
     estimate reads such a bag. pandas reads RUN/signals.parquet as it is.
     """
     with one_line_errors():
-        from offtrack.exchange.exports.log_files import written
-        from offtrack.exchange.exports.mcap import write_mcap
-        from offtrack.exchange.exports.rosbag2 import write_rosbag2
-        from scenarios.results.log import read_log
-
         if not (run / _SIGNALS).is_file():
             raise ValueError(f"{run}: is no directory of a finished run: it has no {_SIGNALS}")
         write_all = {"mcap": write_mcap, "rosbag2": write_rosbag2}.get(to)
@@ -93,15 +103,6 @@ def draw(
     """
     with one_line_errors():
         check_number("--every", every, *_EVERY)
-        from offtrack.exchange.drawings import (
-            drawing,
-            driven_run,
-            formats_of,
-            missing_package,
-            needed_packages,
-            write_drawing,
-        )
-        from scenarios.results.atomic_files import check_new_file
 
         kinds = formats_of(to)
         if missing := missing_package(needed_packages(kinds)):
@@ -136,10 +137,6 @@ def view(
     The page moves all runs to the same time, or to the same distance driven. It needs no network and no other file.
     """
     with one_line_errors():
-        from offtrack.reports.viewing import finished_run, view_page
-        from offtrack.studies.study_page import names_of_runs, page_link
-        from scenarios.results.atomic_files import replaced
-
         names = names_of_runs(runs)
         page = out or Path("runs") / (f"view-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME] + ".html")
         if page.is_dir() or not (page.parent.is_dir() or out is None):

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from offtrack.commands.console import OneLineGroup, Quiet, lines, one_line_errors
-
-if TYPE_CHECKING:
-    from offtrack.exchange.fmi_proxy.proxy import Proxy
-    from scenarios.options.scenario import Scenario
-
+from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
+from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from offtrack.exchange.fmi_import.fmu_file import open_fmu
+from offtrack.exchange.fmi_import.fmu_parts import signals_of
+from offtrack.exchange.fmi_import.mapping import first_map, map_file
+from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy, ground_proxy
+from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
+from offtrack.exchange.fmi_proxy.proxy import Proxy
+from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
+from offtrack.exchange.fmi_proxy.system import fmu_system
+from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
+from scenarios.results.atomic_files import check_new_file, replaced, replacing
+from vehicle.combination.description import load_vehicle
 
 LAW_EXAMPLES = (
     "Examples: offtrack fmu law path_preview --vehicle uk_longer_semitrailer   "
@@ -74,9 +82,6 @@ def law(
     environment variable OFFTRACK_PYTHON names the interpreter; otherwise it is python3 by the search path.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
-        from scenarios.options.scenario import load_scenario
-
         check_version(fmi)
         for setting in settings or []:
             if setting.partition(".")[0].partition("=")[0] not in _KEYS:
@@ -101,8 +106,6 @@ def sensor(
     images.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
-
         check_version(fmi)
         written(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
@@ -117,8 +120,6 @@ def driver(
 ) -> None:
     """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy
-
         check_version(fmi)
         written(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
 
@@ -137,8 +138,6 @@ def ground(
     Its outputs are the inputs of offtrack fmu plant, by the same names.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.driver_and_ground import ground_proxy
-
         check_version(fmi)
         written(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
@@ -159,10 +158,6 @@ def system(
     Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_export.fmu_writer import checked_platforms
-        from offtrack.exchange.fmi_proxy.system import fmu_system
-        from scenarios.results.atomic_files import check_new_file, replacing
-
         platforms = checked_platforms(platform or [], 2)
         loop = fmu_system(of_trailer(scenario, settings), seed, step)
         path = out or Path(f"{loop.name}.ssp")
@@ -184,8 +179,6 @@ def of_trailer(name: str, settings: list[str] | None) -> Scenario:
     Raises:
         ValueError: one line, if there is no such scenario, or if it is a rover's.
     """
-    from scenarios.options.scenario import Scenario, load_any_scenario
-
     scenario = load_any_scenario(name, settings or [])
     if isinstance(scenario, Scenario):
         return scenario
@@ -211,9 +204,6 @@ def written(proxy: Proxy, fmi: int, out: Path | None, platform: list[str] | None
     Raises:
         ValueError: one line, if it can't be compiled, or the name is wrong.
     """
-    from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes
-    from scenarios.results.atomic_files import check_new_file, replacing
-
     platforms = checked_platforms(platform or [], fmi)
     path = out or Path(f"{proxy.name}.fmu")
     if path.suffix != ".fmu":
@@ -290,10 +280,6 @@ def plant(
     steer angle, acceleration and the ground; it gives everything that offtrack knows of its own vehicle.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, write_fmu
-        from offtrack.exchange.fmi_export.plant_kinds import plant_model
-        from scenarios.results.atomic_files import check_new_file
-
         if fmi not in (2, 3):
             raise ValueError(f"--fmi {fmi}: must be 2 or 3")
         platforms = checked_platforms(platform or [], fmi)
@@ -333,12 +319,6 @@ def map_variables(
     Read it, correct it, and run. Everything that was not connected stands in it as a comment.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_import.fmu_file import open_fmu
-        from offtrack.exchange.fmi_import.fmu_parts import signals_of
-        from offtrack.exchange.fmi_import.mapping import first_map, map_file
-        from scenarios.results.atomic_files import check_new_file, replaced
-        from vehicle.combination.description import load_vehicle
-
         path = out or map_file(fmu)
         if path.exists():
             raise ValueError(

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from offtrack.commands.console import CHECK_FAILED, PlainConsole, one_line_errors
 from offtrack.commands.study_options import StudyOptions, takes_study_options
-from offtrack.commands.study_status import print_status
-
-if TYPE_CHECKING:
-    from offtrack.studies.case import Outcome, Settings
-    from offtrack.studies.sensitivity import Sensitivity
-    from offtrack.studies.study import Study
-    from offtrack.studies.table import Row
-
+from offtrack.studies.case import Outcome, Settings, listed, parameters_beside, seeds_of
+from offtrack.studies.draws import Sensitivity, analysed, analysis_json
+from offtrack.studies.run_study import compare_runs, run_study
+from offtrack.studies.study import TRAILER, Study, load_study, settings_of, subject_of
+from offtrack.studies.study_page import HEADINGS, remarks
+from offtrack.studies.table import Row, shown_quantities, text_of
+from scenarios.catalogue import resolve
 
 TextColumn = tuple[str, list[str]]  # heading and cells
 
@@ -38,8 +36,6 @@ def plain(row: Row) -> dict[str, object]:
 
 def print_rows(rows: Sequence[Row], directory: Path) -> None:
     """Print a table of a study's points with their numbers, as many as the terminal is wide."""
-    from offtrack.studies.table import shown_quantities, text_of
-
     quantities = shown_quantities(rows)
     varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
     columns = [(key.rpartition(".")[2], [dict(row.axes)[key] for row in rows]) for key in varied]
@@ -77,19 +73,16 @@ def least_width(heading: str, cells: Sequence[str]) -> int:
 
 def sensitivity_of(design: Sensitivity, outcomes: Sequence[Outcome]) -> dict[Settings, dict[str, Any]]:
     """The entry ``sensitivity`` of each point's row in JSON."""
-    from offtrack.studies.sensitivity import analysed, plain
-
     points: dict[Settings, dict[str, Any]] = {}
     for analysis in analysed(design, outcomes):
-        points.setdefault(analysis.axes, {"sensitivity": []})["sensitivity"].append(plain(analysis, design.method))
+        points.setdefault(analysis.axes, {"sensitivity": []})["sensitivity"].append(
+            analysis_json(analysis, design.method)
+        )
     return points
 
 
 def print_sensitivity(design: Sensitivity, outcomes: Sequence[Outcome]) -> None:
     """Print a table for each point: a row for each quantity and key."""
-    from offtrack.studies.sensitivity import analysed
-    from offtrack.studies.study_page import HEADINGS, remarks
-
     first, second = HEADINGS[design.method]
     console, analyses = PlainConsole(), analysed(design, outcomes)
     for axes in dict.fromkeys(analysis.axes for analysis in analyses):
@@ -129,7 +122,7 @@ SWEEP_EXAMPLES = (
 _LONGEST_NAME = 100  # of a directory
 
 
-@partial(takes_study_options, joined=False)
+@takes_study_options
 def compare(
     targets: Annotated[
         list[str],
@@ -170,10 +163,6 @@ def compare(
     Finished runs are saved at once: repeat the command to continue an interrupted study. A law that does not use the
     off-tracking runs with the first source only.
     """
-    from offtrack.studies.case import listed, parameters_beside, seeds_of
-    from offtrack.studies.study import TRAILER, Study, settings_of, subject_of
-    from scenarios.catalogue import resolve
-
     if len(targets) > 1 or Path(targets[0]).is_dir():
         _compare_runs([Path(target) for target in targets], options)
         return
@@ -207,22 +196,16 @@ def sweep(
 ) -> None:
     """Run every combination of a study's values with every seed, and print a table.
 
-    Finished runs are saved at once: repeat the command to continue an interrupted study. With --join any number of
-    commands share the work, for example one on each machine of a cluster (sbatch --array) in one shared folder.
+    Finished runs are saved at once: repeat the command to continue an interrupted study. --scheduler and
+    --dask-jobqueue make the runs on the machines of a Dask cluster or of a job queue.
     """
-    from offtrack.studies.study import load_study
-
     title = f"sweep-{study_file.stem}"
     with one_line_errors():
         study = load_study(study_file)
-        if options.status:
-            print_status(study, options.directory(title), as_json=options.as_json)
-            return
     _run_study(title, study, options)
 
 
 def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
-    from offtrack.studies.study_page import compare_runs
 
     with one_line_errors():
         if len(runs) < 2:
@@ -241,8 +224,6 @@ def _short(scenario: str) -> str:
 
 def _run_study(title: str, study: Study, options: StudyOptions) -> None:
     """Run the study, write its directory and print its table."""
-    from offtrack.studies.run_study import run_study
-
     directory = options.directory(title)
     with one_line_errors(), options.opened(title) as run_options:
         outcomes, rows = run_study(title, study, directory, run_options)

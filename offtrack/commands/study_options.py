@@ -1,4 +1,4 @@
-"""Options that the commands of studies share: how their runs are made, and where they are kept."""
+"""Options that the commands of studies share: how their runs are made, and where they are saved."""
 
 from __future__ import annotations
 
@@ -10,22 +10,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from offtrack.commands.console import Quiet, check_number, one_line_errors, progress_bar, progress_display, remark
-from scenarios.processes import MOST_JOBS
+from offtrack.studies.pool import Executor, RunOptions
+from offtrack.studies.study import settings_of
+from scenarios.processes import MOST_JOBS, default_jobs
 
-if TYPE_CHECKING:
-    from offtrack.studies.case import Settings
-    from offtrack.studies.pool import Executor, RunOptions
-
-_JOIN = ("join", "lease", "status", "where")  # options of commands that others may join
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Timeout = Annotated[
     float | None,
-    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="any time"),
+    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit"),
 ]
 Scheduler = Annotated[
     str | None,
@@ -52,19 +49,6 @@ Out = Annotated[
     typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")]
-Join = Annotated[
-    bool,
-    typer.Option(
-        "--join",
-        help="Work on the study together with other commands that have --join, also on other machines with the "
-        "same output directory; each makes runs that nobody else has begun.",
-    ),
-]
-Lease = Annotated[
-    float,
-    typer.Option(help="Time without a sign of life after which --join takes over a run of another command [s]."),
-]
-Status = Annotated[bool, typer.Option("--status", help="Print what is finished, running and waiting; run nothing.")]
 Where = Annotated[
     list[str] | None,
     typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
@@ -80,9 +64,6 @@ class StudyOptions:
     scheduler: Scheduler = None
     job_queue: JobQueue = None
     patience: Patience = 60.0
-    join: Join = False
-    lease: Lease = 30.0
-    status: Status = False
     where: Where = None
     out: Out = None
     quiet: Quiet = False
@@ -96,12 +77,9 @@ class StudyOptions:
         """
         check_number("--jobs", self.jobs, 1, MOST_JOBS)
         check_number("--timeout", self.timeout, 1.0, 1e6)
-        check_number("--lease", self.lease, 1.0, 1e5)
         check_number("--patience", self.patience, 1.0, 1e6)
         if self.scheduler is not None and self.job_queue is not None:
             raise ValueError("--scheduler and --dask-jobqueue: choose one")
-        if self.join and (self.scheduler or self.job_queue):
-            raise ValueError("--join and a Dask cluster: choose one")
         if self.scheduler is not None and self.jobs is not None:
             raise ValueError("--jobs: leave it out with --scheduler: workers make as many runs as they have threads")
         if self.job_queue is not None and self.jobs is None:
@@ -111,17 +89,6 @@ class StudyOptions:
         """Directory of the study."""
         return self.out or Path("runs") / title
 
-    @property
-    def again(self) -> Settings:
-        """Values of runs that are made again.
-
-        Raises:
-            ValueError: one line, if they are no keys with values.
-        """
-        from offtrack.studies.study import settings_of
-
-        return settings_of(self.where or [], "--where")
-
     @contextmanager
     def opened(self, title: str) -> Iterator[RunOptions]:
         """How to make the runs, with a progress bar of this title; a cluster is connected meanwhile.
@@ -129,15 +96,11 @@ class StudyOptions:
         Raises:
             ValueError: one line, for a value of ``--where`` that is none, or a cluster that does not answer.
         """
-        from offtrack.studies.pool import RunOptions
-        from scenarios.processes import default_jobs
-
-        again, jobs = self.again, self.jobs or default_jobs()
+        again, jobs = settings_of(self.where or [], "--where"), self.jobs or default_jobs()
         with progress_display(shown=not (self.quiet or self.as_json)) as bar, self._executor(jobs) as executor:
             yield RunOptions(
                 jobs=jobs,
                 timeout=self.timeout,
-                join=self.lease if self.join else None,
                 executor=executor,
                 again=again,
                 progress=progress_bar(bar, title),
@@ -162,15 +125,15 @@ class StudyOptions:
             yield executor
 
 
-def takes_study_options(command: Callable[..., None], *, joined: bool = True) -> Callable[..., None]:
+def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
     """The command with every field of `StudyOptions` as an option, in place of its last parameter, ``options``.
 
-    ``joined``: other commands may join it; else it has no options for that. Wrong options end in one line.
+    Wrong options end in one line.
     """
     signature = inspect.signature(command, eval_str=True)
     *own, _ = signature.parameters.values()
     hints = get_type_hints(StudyOptions, include_extras=True)
-    fields = [field for field in dataclasses.fields(StudyOptions) if joined or field.name not in _JOIN]
+    fields = dataclasses.fields(StudyOptions)
     parameters = [*own, *map(partial(_parameter, hints), fields)]
 
     @functools.wraps(command)

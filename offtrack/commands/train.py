@@ -9,18 +9,29 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
+from controllers.trailer_steering.policy import load_network, save_network
 from offtrack.commands.console import PlainConsole, Quiet, check_number, one_line_errors, progress_bar, progress_display
+from offtrack.environments import registry
+from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
+from offtrack.environments.training.evaluation import evaluate
+from offtrack.environments.training.training_directory import (
+    Scores,
+    check_directory,
+    keep_network,
+    keep_summary,
+    opened_directory,
+    summary,
+)
+from offtrack.environments.training.training_plan import ENVIRONMENT, Plan
 from scenarios.processes import MOST_JOBS
 from scenarios.progress import postponed_interrupts
-
-if TYPE_CHECKING:
-    from offtrack.environments.training.training_directory import Scores
-
+from scenarios.results.atomic_files import check_new_file, replaced, replacing
+from vehicle.combination.description import load_vehicle
 
 TRAIN_EXAMPLES = (
     "Examples: offtrack train   offtrack train --observation truth --steps 4000000 --out runs/quick   Then: "
@@ -74,18 +85,7 @@ def train(
             raise ValueError(f"--observation {observation}: must be surrogate or truth")
         import torch
 
-        from controllers.trailer_steering.policy import load_network
-        from offtrack.environments import registry
-        from offtrack.environments.training.evaluation import evaluate
         from offtrack.environments.training.learner import Budget, learn
-        from offtrack.environments.training.training_directory import (
-            check_directory,
-            keep_network,
-            keep_summary,
-            opened_directory,
-            summary,
-        )
-        from offtrack.environments.training.training_plan import ENVIRONMENT, Plan
 
         torch.set_num_threads(threads or os.cpu_count() or 1)
         plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
@@ -130,10 +130,7 @@ def convert_policy(
     """
     with one_line_errors():
         _check_extra()
-        from controllers.trailer_steering.policy import save_network
         from offtrack.environments.training.saved_model import saved_network
-        from scenarios.results.atomic_files import check_new_file, replacing
-        from vehicle.combination.description import load_vehicle
 
         written = out or model.with_suffix(".npz")
         check_new_file(written)
@@ -185,9 +182,6 @@ def fit_surrogate(
 
     Environments with observation=surrogate use it to train without cameras.
     """
-    from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
-    from scenarios.results.atomic_files import check_new_file, replaced
-
     with one_line_errors():
         if out is not None:
             check_new_file(out)

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 from rich.table import Table
@@ -26,11 +26,21 @@ from offtrack.commands.console import (
     progress_display,
     remark,
 )
-
-if TYPE_CHECKING:
-    from offtrack.studies.reproduce.reproduction import Reproduction
-    from offtrack.studies.validation.check import Check, Section
-
+from offtrack.studies.reproduce.reproduction import (
+    Reproduction,
+    earlier_reproduction,
+    maker,
+    names_of,
+    write_reproduction,
+)
+from offtrack.studies.validation.check import Check, Section, number, tally
+from offtrack.studies.validation.suite import TASKS, validation_page
+from scenarios.results.run_directory import (
+    appearing_at_once,
+    check_run_directory,
+    next_run_directory,
+    results_directory,
+)
 
 _COLOURS: Final = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
@@ -48,9 +58,6 @@ def validate(
     Prints every number with its target, tolerance and source, and writes a page with plots. The exit code is 1 if a
     number is out of tolerance.
     """
-    from offtrack.studies.validation.check import tally
-    from scenarios.results.run_directory import results_directory
-
     with one_line_errors(), results_directory(out, "validate") as directory:
         begin = time.perf_counter()
         sections = _run_checks(quick, shown=not as_json)
@@ -64,7 +71,6 @@ def validate(
 
 
 def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
-    from offtrack.studies.validation.suite import TASKS
 
     sections = []
     with progress_display(shown=shown) as progress:
@@ -76,8 +82,6 @@ def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
 
 
 def _write(sections: Sequence[Section], directory: Path, facts: dict[str, str]) -> None:
-    from offtrack.studies.validation.suite import validation_page
-    from scenarios.results.run_directory import appearing_at_once
 
     page = validation_page(sections, facts)
     with appearing_at_once(directory) as folder:
@@ -98,8 +102,6 @@ def _run_information(seconds: float, quick: bool) -> dict[str, str]:
 
 def _plain(sections: Sequence[Section]) -> dict[str, Any]:
     """All checks and the number of each verdict, for JSON."""
-    from offtrack.studies.validation.check import tally
-
     checks = [
         {"section": part.title, "verdict": check.verdict, **dataclasses.asdict(check), "value": _finite(check.value)}
         for part in sections
@@ -113,7 +115,6 @@ def _finite(value: float | None) -> float | None:
 
 
 def _print_sections(sections: Sequence[Section], directory: Path) -> None:
-    from offtrack.studies.validation.check import tally
 
     console = PlainConsole()
     for part in sections:
@@ -142,7 +143,6 @@ def _print_section(console: PlainConsole, part: Section) -> None:
 
 
 def _row(check: Check) -> tuple[str | Text, ...]:
-    from offtrack.studies.validation.check import number
 
     return (
         check.name + (f" ({check.remark})" if check.remark else ""),
@@ -183,9 +183,6 @@ def reproduce(
     Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives. With all and --out,
     the same command makes those that are missing.
     """
-    from offtrack.studies.reproduce.reproduction import earlier_reproduction, names_of, write_reproduction
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
-
     with one_line_errors():
         names = names_of(name)
         directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
@@ -224,7 +221,6 @@ def _directory(out: Path | None, name: str, several: bool) -> Path | None:
 
 
 def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
-    from offtrack.studies.reproduce.reproduction import maker
 
     with progress_display(shown=shown) as display:
         return maker(name)(quick, progress_bar(display, name))

@@ -6,20 +6,24 @@ import inspect
 import json
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 from rich.table import Table
 from rich.text import Text
 
 from offtrack.commands.console import PlainConsole, Quiet, one_line_errors, progress_bar, progress_display
+from offtrack.exchange.drawings import formats_of, missing_package, needed_packages
+from offtrack.reports.vehicle_sheet.library import known_vehicles, open_sheet
+from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
+from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, loaded
+from offtrack.studies.standards.assessment import assess as driven
+from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
 from offtrack.studies.standards.manoeuvre_kinds import KINDS, OTHER_NAMES, STANDARD_SET
-
-if TYPE_CHECKING:
-    from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet
-    from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
-    from offtrack.studies.standards.proving_ground import Conditions
-
+from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
+from scenarios.results.run_directory import results_directory
+from vehicle.combination.description import load_vehicle
+from vehicle.foundation.own_parts import close_part
 
 VEHICLE_EXAMPLES = (
     "Examples: offtrack vehicle uk_longer_semitrailer   offtrack vehicle el_dorado_ii --json   "
@@ -52,7 +56,6 @@ def vehicle(
 
 
 def _list_vehicles(*, as_json: bool) -> None:
-    from offtrack.reports.vehicle_sheet.library import known_vehicles
 
     known = known_vehicles()
     if as_json:
@@ -67,9 +70,6 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-    from offtrack.reports.vehicle_sheet.library import open_sheet
-    from offtrack.reports.vehicle_sheet.sheet import write_sheet
-    from scenarios.results.run_directory import results_directory
 
     with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
         sheet = open_sheet(name)
@@ -166,15 +166,6 @@ def assess(
     A missed limit is a result, not an error. Manoeuvres under other conditions than the standard's (--speed, --radius,
     --friction) are not compared with limits.
     """
-    from offtrack.exchange.drawings import formats_of, missing_package, needed_packages
-    from offtrack.studies.standards.assessment import assess as driven
-    from offtrack.studies.standards.assessment import loaded
-    from offtrack.studies.standards.assessment_report import write_assessment
-    from offtrack.studies.standards.proving_ground import steered_trailer
-    from scenarios.results.run_directory import results_directory
-    from vehicle.combination.description import load_vehicle
-    from vehicle.foundation.own_parts import close_part
-
     with one_line_errors(), ExitStack() as cleanup:
         chosen = load_vehicle(vehicle)
         directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
@@ -208,7 +199,6 @@ def _words(text: str) -> list[str]:
 def _conditions(
     hand: Hands, speed: float | None, radius: float | None, friction: float | None
 ) -> tuple[Conditions, ...]:
-    from offtrack.studies.standards.proving_ground import Conditions, Hand
 
     hands: dict[Hands, tuple[Hand, ...]] = {"left": ("left",), "right": ("right",), "both": ("left", "right")}
     metres_per_second = None if speed is None else speed / 3.6
@@ -231,8 +221,6 @@ def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
 
 def _matrix(matrix: AssessmentMatrix) -> Table:
     """All quantities over the cases, with the levels reached; the report names the limits."""
-    from offtrack.studies.standards.assessment_report import matrix_table
-
     shown = matrix_table(matrix, limits=False)
     table = Table(
         title=f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)", title_justify="left"
@@ -248,7 +236,6 @@ def _matrix(matrix: AssessmentMatrix) -> Table:
 
 
 def _figures(assessment: Assessment) -> Table:
-    from offtrack.studies.standards.assessment_report import BY_NAME
 
     table = Table(title=f"{assessment.vehicle.name}: measured", title_justify="left")
     for column in ("", "quantity", "measured", "linear theory"):
@@ -266,7 +253,6 @@ def _figures(assessment: Assessment) -> Table:
 
 
 def _levels(assessment: Assessment) -> Table:
-    from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text
 
     table = Table(title=f"{assessment.vehicle.name}: limits of the standards", title_justify="left")
     for column in ("quantity", "measured", "reached", "limits", "standard"):

@@ -14,11 +14,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from offtrack.studies.case import Case, Made, Outcome, Settings, identities, made
-from offtrack.studies.identity import named_files, opened_files, watch_files
+from offtrack.studies.case import (
+    Case,
+    Made,
+    Outcome,
+    Settings,
+    identities,
+    made,
+    named_files,
+    opened_files,
+    watch_files,
+)
+from scenarios.loop.runner import run_any
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import digest, replacing
+from scenarios.results.log import write_log
+from scenarios.results.run_summary import summary
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _MADE = "made"  # key of the provenance
@@ -76,9 +88,7 @@ def run_cases(
     """
     names = identities(cases) if known is None else known
     cells.mkdir(parents=True, exist_ok=True)
-    missing = {
-        name: case for name, case in zip(names, cases, strict=True) if not is_saved(cells, name, options.remark)
-    }
+    missing = {name: case for name, case in zip(names, cases, strict=True) if not is_saved(cells, name, options.remark)}
     done, failed = len(cases) - len(missing), dict[str, str]()
     options.progress(done, len(cases), "from an earlier run" if done else "")
     executor = options.executor or Pool(jobs=options.jobs, timeout=options.timeout)
@@ -100,10 +110,6 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     Raises:
         ValueError: one line, if a file that it depends on has changed meanwhile.
     """
-    from scenarios.loop.runner import run_any
-    from scenarios.results.log import write_log
-    from scenarios.results.run_summary import summary
-
     watch_files()
     begin = time.monotonic()
     scenario = case.resolved()

@@ -19,10 +19,9 @@ from typer.testing import CliRunner
 pytest.importorskip("distributed")
 
 from offtrack.commands.cli import app
-from offtrack.studies.case import Case
+from offtrack.studies.case import Case, installed
 from offtrack.studies.cluster_executor import DaskExecutor, connected, job_queue
 from offtrack.studies.cluster_workshop import Workshop, difference, packed, renders
-from offtrack.studies.identity import installed
 from offtrack.studies.pool import run_cases
 from offtrack.studies.study import load_study
 from scenarios.processes import SpareWorkers, WorkerDiedError

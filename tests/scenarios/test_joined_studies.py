@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
+from offtrack.studies.case import software
 from offtrack.studies.claims import Claims
-from offtrack.studies.identity import software
 
 STUDY = """scenario = "cambered-road"
 seeds = [1]
@@ -114,7 +114,7 @@ def test_another_study_or_version_is_refused(study: Path, tmp_path: Path, monkey
     assert planned(cases, tmp_path) == names
     with pytest.raises(ValueError, match="another study, other files or another version of offtrack"):
         planned(cases[:1], tmp_path)
-    monkeypatch.setattr("offtrack.studies.identity.installed", lambda: ("another", "{}"))
+    monkeypatch.setattr("offtrack.studies.case.installed", lambda: ("another", "{}"))
     assert software()[0] == "another"
     with pytest.raises(ValueError, match="was begun on"):
         planned(cases, tmp_path)

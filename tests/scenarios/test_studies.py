@@ -16,8 +16,8 @@ import offtrack
 from offtrack.commands.cli import app
 from offtrack.commands.study import fitting, least_width
 from offtrack.studies.case import Case, Outcome, listed, seeds_of
-from offtrack.studies.files import check_study_directory, opened_study, study_text
 from offtrack.studies.pool import run_cases
+from offtrack.studies.run_study import check_study_directory, opened_study, study_text
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.table import rows_of, table_csv
 from scenarios.results.atomic_files import digest

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from offtrack.studies import identity
+from offtrack.studies import case as identity
 from offtrack.studies.case import Case
 from offtrack.studies.pool import run_cases
 from offtrack.studies.study import settings_of

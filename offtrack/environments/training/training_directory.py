@@ -20,7 +20,7 @@ from controllers.trailer_steering.policy import Network, save_network
 from offtrack.environments.training.evaluation import POLICY, Score, described
 from offtrack.environments.training.training_plan import Plan
 from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
-from offtrack.studies.files import check_study_directory, opened_study
+from offtrack.studies.run_study import check_study_directory, opened_study
 from scenarios.results.atomic_files import replaced, replacing
 from scenarios.results.log import read_table
 from vehicle.foundation.user_file import FileKind, read_text
