@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from offtrack.commands.console import BAD_INPUT, CHECK_FAILED, PlainConsole, one_line_errors
-from offtrack.commands.study_options import StudyOptions, takes_study_options
+from offtrack.commands.study import StudyOptions, takes_study_options
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
 from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_text
 from offtrack.studies.campaigns.default_campaign import default_campaign
