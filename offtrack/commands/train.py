@@ -27,8 +27,10 @@ from offtrack.commands.console import (
 )
 from offtrack.environments import registry
 from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
-from offtrack.environments.training.evaluation import evaluate
+from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
+    ENVIRONMENT,
+    Plan,
     Scores,
     check_directory,
     keep_network,
@@ -36,7 +38,6 @@ from offtrack.environments.training.training_directory import (
     opened_directory,
     summary,
 )
-from offtrack.environments.training.training_plan import ENVIRONMENT, Plan
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.run_study import CELLS, check_study_directory, opened_study
 from offtrack.studies.study import subject_of
@@ -123,7 +124,7 @@ def train(
                 network = keep_network(learned.network, directory)
             scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
             command = shlex.join(["offtrack", *sys.argv[1:]])
-            result = summary(plan, learned.curve, scores, command)
+            result = summary(plan, learned.curve, scores, described(), command)
             keep_summary(result, learned.curve, scores, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
@@ -154,7 +155,7 @@ def convert_policy(
     """
     with one_line_errors():
         _check_extra()
-        from offtrack.environments.training.saved_model import saved_network
+        from offtrack.environments.training.learner import saved_network
 
         written = out or model.with_suffix(".npz")
         check_new_file(written)
