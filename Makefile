@@ -1,4 +1,4 @@
-# `make demo` and `make test` need nothing but a Debian or Ubuntu with Python 3.11 or newer.
+# `make demo`, `make test` and `make test-all` need nothing but a Debian or Ubuntu with Python 3.11 or newer.
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -6,16 +6,25 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
+TEST_PACKAGES := build-essential chromium cmake postgresql
+EXTRAS := video,tune,cad,fmi,roads,hil,cluster,sensitivity,dev
+TEST_EXTRAS := $(EXTRAS),export,rl,zig,oracles
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test install system lint benchmarks fuzz kills soak soak-hour clean
+.PHONY: demo test test-all install install-all system system-all lint benchmarks fuzz kills soak soak-hour clean
 
 demo: install
 	@rm -rf runs/demo
 	$(BIN)/offtrack run roundabout --seed 1 --out runs/demo
 	@echo "Open runs/demo/report.html"
 
+# Linters, types and import contracts, and the tests that take no more than minutes.
 test: install lint
-	$(BIN)/pytest
+	$(BIN)/pytest -m "not slow"
+
+# The rest: slow tests, and comparisons with other programs, which are installed. Only Wine may be missing.
+test-all: install-all
+	$(BIN)/pytest -m slow --no-skips
 
 lint: install
 	$(BIN)/ruff check .
@@ -50,20 +59,36 @@ $(STAMP): pyproject.toml constraints.txt | system
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "offtrack needs Python 3.11 or newer; found $$($(PYTHON) --version). Try: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[video,tune,cad,fmi,roads,hil,cluster,sensitivity,dev]'
+	$(PIP) --editable '.[$(EXTRAS)]'
+	@touch $@
+
+install-all: $(STAMP)-all
+
+$(STAMP)-all: $(STAMP) | system-all
+	$(PIP) --editable '.[$(TEST_EXTRAS)]'
+	$(PIP) --no-deps gemseo-fmu
 	@touch $@
 
 # Cameras are rendered by Mesa on the CPU through EGL; installed only where something is missing.
 system:
-	@missing=""; \
-	for package in $(SYSTEM_PACKAGES); do \
-		dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'install ok installed' || missing="$$missing $$package"; \
-	done; \
-	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3-venv"; \
-	if [ -n "$$missing" ]; then \
-		echo "Installing system packages:$$missing"; \
-		$(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -qq -y -o Dpkg::Use-Pty=0 --no-install-recommends $$missing; \
-	fi
+	@$(call install_missing,$(SYSTEM_PACKAGES),$(PYTHON) -c 'import ensurepip; import venv' 2>/dev/null || missing="$$missing python3-venv")
+
+system-all:
+	@$(call install_missing,$(TEST_PACKAGES),true)
+
+# Debian packages that are missing: installed as root or by sudo, else named in one line.
+define install_missing
+missing=""; \
+for package in $(1); do \
+	dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'install ok installed' || missing="$$missing $$package"; \
+done; \
+$(2); \
+if [ -n "$$missing" ]; then \
+	echo "Installing system packages:$$missing"; \
+	{ $(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -qq -y -o Dpkg::Use-Pty=0 --no-install-recommends $$missing; } \
+		|| { echo "Could not install system packages; as root: apt-get install$$missing"; exit 1; }; \
+fi
+endef
 
 clean:
 	rm -rf $(VENV)

@@ -1,4 +1,4 @@
-"""Check that no other folder hides offtrack's packages."""
+"""Folders of offtrack's packages; check that no other folder hides them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from pathlib import Path
 from typing import Final
 
 _PACKAGES: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+
+
+def package_folders() -> tuple[Path, ...]:
+    """Folders of offtrack's packages, by name."""
+    return tuple(Path(__file__).resolve().parents[1] / name for name in sorted((*_PACKAGES, "offtrack")))
 
 
 def check_packages() -> None:

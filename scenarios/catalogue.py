@@ -11,6 +11,7 @@ import inspect
 import os
 import sys
 from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Any, Final, Protocol, TypeVar
 
@@ -23,6 +24,7 @@ from vehicle.option import Option
 
 ContextT = TypeVar("ContextT", contravariant=True)
 PartT = TypeVar("PartT", covariant=True)
+FMU_READERS: Final = "offtrack.fmu"  # entry points: functions that make the class of a part of an FMU's file
 
 
 class Catalogue(dict[str, str]):
@@ -36,17 +38,17 @@ class Catalogue(dict[str, str]):
         declares: tuple[str, ...] = (),
         fmu: str = "",
     ) -> None:
-        """Paths of classes; ``fmu`` is that of the function that makes a class of an FMU's file."""
+        """Paths of classes; ``fmu`` is the entry point of the reader of such a part's FMU."""
         super().__init__(paths)
         self.methods, self.declares, self.fmu = methods, declares, fmu
 
 
 TRAILER_STEERING: Final = Catalogue(
     {
-        "none": "controllers.trailer_steering.command_steer:Unsteered",
-        "combined": "controllers.trailer_steering.combined:Combined",
-        "command_steer": "controllers.trailer_steering.command_steer:CommandSteer",
-        "ct_at": "controllers.trailer_steering.ct_at:CtAt",
+        "none": "controllers.trailer_steering.signal_laws:Unsteered",
+        "combined": "controllers.trailer_steering.lqr:Combined",
+        "command_steer": "controllers.trailer_steering.signal_laws:CommandSteer",
+        "ct_at": "controllers.trailer_steering.signal_laws:CtAt",
         "lqr": "controllers.trailer_steering.lqr:Lqr",
         "mpc": "controllers.trailer_steering.mpc.law:Mpc",
         "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
@@ -54,7 +56,7 @@ TRAILER_STEERING: Final = Catalogue(
         "policy": "controllers.trailer_steering.policy:Policy",
     },
     methods=("init", "step"),
-    fmu="offtrack.exchange.fmi_import.fmu_parts:law_of",
+    fmu="trailer_steering",
 )
 ODOMETRY: Final = Catalogue(
     {
@@ -75,7 +77,7 @@ OFF_TRACKING: Final = Catalogue(
     },
     methods=("of", "init", "step"),
     declares=("sensor", "options"),
-    fmu="offtrack.exchange.fmi_import.fmu_parts:off_tracking_of",
+    fmu="off_tracking",
 )
 SLIP_ESTIMATOR: Final = Catalogue(
     {
@@ -108,7 +110,7 @@ DRIVER: Final = Catalogue(
         "recorded": "scenarios.assembly.drivers_and_laws:AsRecorded",
     },
     methods=("of",),
-    fmu="offtrack.exchange.fmi_import.fmu_parts:driver_of",
+    fmu="driver",
 )
 ROVER_DRIVER: Final = Catalogue(
     {
@@ -122,7 +124,7 @@ PLANT: Final = Catalogue(
         "constant_slip": "scenarios.assembly.plants:ConstantSlip",
     },
     methods=("of",),
-    fmu="offtrack.exchange.fmi_import.fmu_plant:plant_of",
+    fmu="plant",
 )
 
 
@@ -167,12 +169,14 @@ def _module(key: str, name: str, module_name: str) -> ModuleType:
 
 
 def _of_fmu(key: str, name: str, catalogue: Catalogue) -> Any:
-    """Class of a part that is an FMU."""
+    """Class of a part that is an FMU: what reads FMUs lies above and is an entry point of offtrack."""
     if not catalogue.fmu:
         raise ValueError(f"{key} = {shown(name)}: an FMU can't be this part")
-    module, _, function = catalogue.fmu.partition(":")
+    readers = entry_points(group=FMU_READERS, name=catalogue.fmu)
+    if not readers:
+        raise ValueError(f"{key} = {shown(name)}: no reader of FMUs is registered; install offtrack again")
     try:
-        return getattr(importlib.import_module(module), function)(name)
+        return next(iter(readers)).load()(name)
     except ValueError as error:
         raise ValueError(f"{key}: {error}") from None
 

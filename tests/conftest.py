@@ -5,8 +5,44 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from pathlib import Path
+from typing import Any, Final
 
+import pytest
 from hypothesis import settings
+
+_ORACLES: Final = Path(__file__).parent / "oracles"
+_MAY_BE_MISSING: Final = "Wine"  # no package of it for every processor
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """An option for the gate: what is skipped there is never run anywhere."""
+    parser.addoption("--no-skips", action="store_true", help="a skipped test fails, except where Wine is missing")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Comparisons with other programs, and pages in a browser, need what only ``make test-all`` installs."""
+    for item in items:
+        if item.path.is_relative_to(_ORACLES) or "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Any:
+    """Fail skipped tests with ``--no-skips``."""
+    return _unskipped(item.config, (yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Any:
+    """Fail skipped modules with ``--no-skips``."""
+    return _unskipped(collector.config, (yield))
+
+
+def _unskipped(config: pytest.Config, report: Any) -> Any:
+    if config.getoption("--no-skips") and report.skipped and _MAY_BE_MISSING not in str(report.longrepr):
+        report.outcome = "failed"
+    return report
 
 
 def pytest_configure() -> None:

@@ -15,11 +15,11 @@ from typing import Final
 import fmpy
 import numpy as np
 
-from offtrack.exchange.fmi_export import fmu_writer
+from offtrack.exchange.fmi_export.c_files import headers_folder
 from tests.fmu_plants import STEP, c_compiler
 from vehicle.frames import FloatArray
 
-_HEADERS: Final = Path(fmu_writer.__file__).parent / "headers"
+_HEADERS: Final = headers_folder()
 _SOURCE: Final = Path(__file__).with_name("fmu_host.c")
 _FOLDERS: Final = {"linux64": ("linux64", "x86_64-linux", ".so"), "win64": ("win64", "x86_64-windows", ".dll")}
 HAS_ZIG: Final = importlib.util.find_spec("ziglang") is not None

@@ -19,9 +19,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from controllers.trailer import Combination, TrailerGeometry
-from controllers.trailer_steering.command_steer import CommandSteer, CommandSteerMemory
-from controllers.trailer_steering.kinematics import target_on
-from controllers.trailer_steering.reckoned_motion import (
+from controllers.trailer_steering.kinematics import (
     HitchMotion,
     ReckonedPath,
     TractorMotion,
@@ -30,7 +28,9 @@ from controllers.trailer_steering.reckoned_motion import (
     motion_between,
     moved,
     straight_behind,
+    target_on,
 )
+from controllers.trailer_steering.signal_laws import CommandSteer, CommandSteerMemory
 from controllers.trailer_steering.virtual_driver import VirtualDriver, VirtualDriverMemory
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import agree

@@ -31,10 +31,9 @@ from controllers.trailer import (
     TrailerSteering,
     told_actuation,
 )
+from controllers.trailer_steering.actuators import ReverseLockMemory, SupervisionMemory
 from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
-from controllers.trailer_steering.kinematics import reachable
-from controllers.trailer_steering.reckoned_motion import HitchMotion, hitch_motion
-from controllers.trailer_steering.supervision import ReverseLockMemory, SupervisionMemory
+from controllers.trailer_steering.kinematics import HitchMotion, hitch_motion, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor

@@ -1,7 +1,7 @@
-"""High-speed steering by optimal state feedback, and its linear-quadratic design.
+"""High-speed steering by optimal state feedback, and a law for all speeds made of it and a low-speed law.
 
 A Kalman filter estimates the state from the combination's own sensors. The path between hitch and follow point comes
-from the off-tracking estimate, carried on to the present by dead reckoning (``lateral_design`` has model and cost).
+from the off-tracking estimate, carried on to the present by dead reckoning.
 
 In a quick lane change the trailer then cuts the corner: its lateral motion is smoother and does not overshoot. At low
 speed, with large articulations, the linear law is not valid. It fades in over a band of speeds; below it a trailer is
@@ -18,21 +18,36 @@ of all its steered axles; only the ratios of the weights matter. Derived here, s
 - the lateral speed, which no sensor measures, is estimated by the Kalman filter of the same model.
 
 Longitudinal speed, load and friction are nominal; the ground is level.
+
+`Combined` is one law for all speeds: a low-speed law for towns and yards, the LQR for the open road. The low-speed law
+fades out over one band of speeds and the LQR fades in over another; the command is their sum. Between
+the bands little steering is needed: a low-speed law would oscillate there, and the trailer itself is well damped.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
-from typing import ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from controllers.driver import PERIOD
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import check_steered
-from controllers.trailer_steering.reckoned_motion import ReckonedPath, corrected, hitch_motion, moved, straight_behind
+from controllers.trailer_steering.kinematics import (
+    ReckonedPath,
+    check_steered,
+    corrected,
+    hitch_motion,
+    moved,
+    reachable,
+    straight_behind,
+)
+from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
+from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -297,3 +312,81 @@ class Lqr(SteeringLaw[LqrMemory]):
         """The wanted angle within reach of the actuators [rad]."""
         reach, limit = self._trailer.max_steer_rate * elapsed, self._trailer.max_steer
         return max(-limit, min(limit, max(last - reach, min(last + reach, wanted))))
+
+
+_LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
+    "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
+    "ct_at": lambda trailer, combination: CtAt(trailer, combination=combination),
+    "path_preview": lambda trailer, combination: PathPreview(trailer),
+    "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
+}
+_LOW_SPEED_OPTION: Final = Option(
+    "low_speed", "path_preview", "name of the law at low speed", choices=tuple(_LOW_SPEED)
+)
+
+# assumed, between the speed of a tight turn and that of a road; the low-speed laws oscillate at 50 km/h [m/s].
+_FULL_UP_TO, _NONE_FROM = 25.0 * KMH, 45.0 * KMH
+
+
+class CombinedMemory(NamedTuple):
+    """State of the law between two steps."""
+
+    tick: int | None  # of the last step; None before the first
+    low: Any  # memory of the low-speed law
+    high: LqrMemory
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class Combined(SteeringLaw[CombinedMemory]):
+    """Sum of a low-speed law and the LQR, each in its range of speeds."""
+
+    options: ClassVar[tuple[Option, ...]] = (_LOW_SPEED_OPTION, *Lqr.options)
+
+    def __init__(
+        self,
+        trailer: TrailerGeometry,
+        *,
+        combination: Combination,
+        low_speed: str = "path_preview",
+        from_speed_kmh: float = 45.0,
+        full_speed_kmh: float = 70.0,
+        off_tracking_weight: float = 0.04,
+        acceleration_weight: float = 0.03,
+    ) -> None:
+        """A controller for the trailer; ``low_speed`` is a law's name, the other parameters are those of `Lqr`.
+
+        Raises:
+            ValueError: if the trailer has no steered axle, a law is unknown, or a parameter is outside its limits.
+        """
+        _LOW_SPEED_OPTION.check(low_speed, "low_speed")
+        self._trailer = trailer
+        self._high = Lqr(
+            trailer,
+            combination=combination,
+            off_tracking_weight=off_tracking_weight,
+            acceleration_weight=acceleration_weight,
+            from_speed_kmh=from_speed_kmh,
+            full_speed_kmh=full_speed_kmh,
+        )
+        self._low = _LOW_SPEED[low_speed](trailer, combination)
+
+    def init(self) -> CombinedMemory:
+        """Wheels straight."""
+        straight = (0.0,) * len(self._trailer.steered_distances)
+        return CombinedMemory(None, self._low.init(), self._high.init(), straight)
+
+    def step(
+        self, memory: CombinedMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[CombinedMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        share = min(1.0, max(0.0, (_NONE_FROM - signals.speed) / (_NONE_FROM - _FULL_UP_TO)))  # of the low-speed law
+        high, command = self._high.step(memory.high, tick, off_tracking, signals)
+        wanted = command.angles
+        if share > 0.0:
+            low, command = self._low.step(memory.low, tick, off_tracking, signals)
+            wanted = wanted + share * command.angles
+        else:
+            low = self._low.init()  # it must not adapt while another law steers
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
+        return CombinedMemory(tick, low, high, tuple(demand.tolist())), SteerCommand(angles=demand)

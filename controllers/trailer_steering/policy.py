@@ -29,10 +29,11 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.foundation.data_file import read_arrays
 from vehicle.foundation.polyline import arc_length
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileType, shown
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
+NETWORK_FILE: Final = FileType("a trained network", 16_000_000)
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
 _LARGEST: Final = 1e9  # number of a network: its outputs cannot overflow then
 _HIDDEN: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
@@ -84,7 +85,7 @@ def load_network(path: Path) -> Network:
     if path.suffix.lower() == ".zip":
         raise ValueError(f"policy {path}: convert a model of stable-baselines3 first: offtrack convert-policy {path}")
     try:
-        arrays = read_arrays(path, FileKind.NETWORK)
+        arrays = read_arrays(path, NETWORK_FILE)
     except ValueError as error:
         raise ValueError(f"policy {error}") from error
     n = sum(name.startswith("W") for name in arrays)

@@ -40,7 +40,7 @@ from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from offtrack.reports.viewing import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
-from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
+from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
 from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
 from vehicle.combination.description import load_vehicle
@@ -396,12 +396,11 @@ def of_trailer(name: str, settings: list[str] | None) -> Scenario:
     Raises:
         ValueError: one line, if there is no such scenario, or if it is a rover's.
     """
-    scenario = load_any_scenario(name, settings or [])
-    if isinstance(scenario, Scenario):
-        return scenario
-    raise ValueError(
+    return of_kind(
+        load_any_scenario(name, settings or []),
+        Scenario,
         f"scenario {name} is a rover's: its camera sees the sand that its own wheels have just shaped, which no signal "
-        "of an FMU carries; name a trailer's scenario, or write the rover itself: offtrack fmu plant"
+        "of an FMU carries; name a trailer's scenario, or write the rover itself: offtrack fmu plant",
     )
 
 

@@ -25,18 +25,18 @@ from offtrack.commands.console import (
     progress_display,
     remark,
 )
-from offtrack.exchange.bench.links import opened_links
+from offtrack.exchange.bench.links import opened_bench
+from offtrack.exchange.recordings.writers import recording_in
 from offtrack.reports.run_writer import write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios import part_listing
-from scenarios.loop.runner import run_any
+from scenarios.loop import runner
 from scenarios.loop.timing import Pacer
 from scenarios.options.scenario import load_any_scenario, scenario_names
 from scenarios.part_listing import Key
 from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
 from scenarios.results.run_inputs import changed_modules
-from scenarios.results.run_summary import summary
 
 RUN_EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -115,7 +115,7 @@ def run(
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
-        links = cleanup.enter_context(opened_links(udp, can))
+        bench = cleanup.enter_context(opened_bench(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
@@ -127,15 +127,15 @@ def run(
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
-            result = run_any(
+            result = runner.run(
                 chosen,
                 seed,
                 keep_frames=True,
-                record=record,
+                record=recording_in(record) if record else None,
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
-                links=links,
+                bench=bench,
                 watch=None if watcher is None else watcher.step,
             )
             if watcher is not None:
@@ -143,7 +143,7 @@ def run(
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
             video = video and result.outcome != "interrupted"
             write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
-        numbers = summary(result)
+        numbers = result.summary()
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))
         elif not quiet:

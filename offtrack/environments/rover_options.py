@@ -23,7 +23,7 @@ from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine
 from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import load_any_scenario, of_kind
 from sensors.messages import GreyImage, RoverView
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
@@ -263,7 +263,8 @@ class RoverSteeringOptions:
         if self.observation not in ("estimate", "camera"):
             return None
         scenario = load_any_scenario(self.sensing) if isinstance(self.sensing, str) else self.sensing
-        if not isinstance(scenario, RoverScenario):
-            raise ValueError(f"sensing: scenario {scenario.name} is a trailer's: this is for rovers")
+        scenario = of_kind(
+            scenario, RoverScenario, f"sensing: scenario {scenario.name} is a trailer's: this is for rovers"
+        )
         check_slip_sensing(scenario, estimates=self.observation == "estimate", step=step)
         return scenario

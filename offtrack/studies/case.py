@@ -26,13 +26,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from offtrack.hidden import package_folders
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.atomic_files import digest
 from scenarios.results.run_inputs import is_file, is_import_path, named_modules, texts
 from scenarios.results.summary_numbers import number_at
 from vehicle.engine.compiler import compiler, engine_name
-from vehicle.foundation.own_parts import is_library, package_folders
+from vehicle.foundation.own_parts import is_library
 from vehicle.foundation.parameter_file import read_toml
 from vehicle.foundation.user_file import FileKind, shown
 

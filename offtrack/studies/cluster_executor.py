@@ -129,7 +129,7 @@ def job_queue(file: Path) -> tuple[str, dict[str, Any]]:
     import yaml
 
     try:
-        table: Any = yaml.safe_load(read_text(file, FileKind.STUDY))
+        table: Any = yaml.safe_load(read_text(file, FileKind.PARAMETERS))
     except yaml.YAMLError as error:
         raise ValueError(f"{file}: not YAML: {shown(str(error).splitlines()[0])}") from None
     queues = table.get("jobqueue") if isinstance(table, dict) else None

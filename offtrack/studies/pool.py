@@ -25,12 +25,11 @@ from offtrack.studies.case import (
     opened_files,
     watch_files,
 )
-from scenarios.loop.runner import run_any
+from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import digest, replacing
 from scenarios.results.log import write_log
-from scenarios.results.run_summary import summary
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _MADE = "made"  # key of the provenance
@@ -113,7 +112,7 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     watch_files()
     begin = time.monotonic()
     scenario = case.resolved()
-    result = run_any(scenario, case.seed)
+    result = run(scenario, case.seed)
     if result.traceback:
         return result.outcome
     if case.identity() != identity:
@@ -122,7 +121,7 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     signals = _signals(cells, name)
     with replacing(signals) as path:
         write_log(result.log, path)
-    numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
+    numbers = {**result.summary(), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
     with replacing(summary_file(cells, name)) as path:  # the last: a run with a summary is complete
         path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
     return ""

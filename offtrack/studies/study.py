@@ -18,10 +18,11 @@ from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
 from scenarios.options.base import Options
-from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileType, shown
+
+STUDY_FILE: Final = FileType("a study file", 2_000_000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +62,7 @@ ROVER: Final = Subject(
     parameters="driving",
     objectives=("slip.cross_track_rms_m",),
 )
+SUBJECTS: Final = {"trailer": TRAILER, "rover": ROVER}  # by the ``vehicle_kind`` of a scenario
 
 
 def subject_of(scenario: str) -> Subject:
@@ -69,7 +71,7 @@ def subject_of(scenario: str) -> Subject:
     Raises:
         ValueError: one line, if there is no such scenario.
     """
-    return ROVER if isinstance(load_any_scenario(scenario), RoverScenario) else TRAILER
+    return SUBJECTS[load_any_scenario(scenario).vehicle_kind]
 
 
 FILE = "study.toml"
@@ -151,7 +153,7 @@ def load_study(path: Path) -> Study:
         ValueError: one line, naming file and key.
     """
     try:
-        table = _File.model_validate(read_toml(path, FileKind.STUDY))
+        table = _File.model_validate(read_toml(path, STUDY_FILE))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ValueError(f"study {path}: {shown('.'.join(map(str, first['loc'])))}: {first['msg']}") from None

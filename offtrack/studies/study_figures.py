@@ -10,10 +10,11 @@ from typing import Final
 
 import numpy as np
 
+from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun, Figure
 from offtrack.reports.player.playback import Playback
 from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
-from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, rebuilt, run_page
+from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
 from scenarios.results.atomic_files import replaced
@@ -187,7 +188,8 @@ def _interest(outcome: Outcome) -> tuple[bool, float]:
 def _finished(outcome: Outcome, name: str) -> FinishedRun:
     if outcome.signals is None or not outcome.signals.is_file():
         raise ValueError(f"{outcome.case.title}: has no signals")
-    result = rebuilt(outcome.case.resolved(), read_log(outcome.signals), outcome.numbers)
+    scenario = outcome.case.resolved()
+    result = KINDS[scenario.vehicle_kind].rebuilt(scenario, read_log(outcome.signals), outcome.numbers)
     directory = outcome.signals.parent
     return FinishedRun(name=name, directory=directory, summary=outcome.numbers, result=result)
 

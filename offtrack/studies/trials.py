@@ -33,11 +33,10 @@ from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from offtrack.studies.case import Outcome, identities, named_files, opened_files, watch_files
 from offtrack.studies.tuning import Trial, Tuning, objective_means, with_parameters
-from scenarios.loop.runner import run_any
+from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import digest
-from scenarios.results.run_summary import summary
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
 
 JOURNAL: Final = "journal.log"
@@ -225,7 +224,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         watch_files()
         scenario = case.resolved()
-        outcomes.append(Outcome(case=case, numbers=summary(run_any(scenario, case.seed))))
+        outcomes.append(Outcome(case=case, numbers=run(scenario, case.seed).summary()))
         files |= opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")

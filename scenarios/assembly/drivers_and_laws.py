@@ -15,15 +15,15 @@ from controllers.reversing_law import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.actuators import ReverseLock, Supervised
 from controllers.trailer_steering.guard import Degradation, Guarded, guard_memory
-from controllers.trailer_steering.supervision import ReverseLock, Supervised
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
 from scenarios.options.vehicle_and_driver import DriverOptions
+from scenarios.table_file import Column, open_table
 from vehicle.combination.description import Vehicle
-from vehicle.foundation.data_file import Column, open_table
 from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.option import Option, Parameter, declared_options

@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.driver import DriverTrace
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.command_steer import Unsteered
+from controllers.trailer_steering.signal_laws import Unsteered
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
 from scenarios.assembly.adapters import course_of, rig_schedule, trailer_geometry, vehicle_of, watched_units
@@ -69,6 +69,18 @@ def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
     opened = sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
     check_made("sensor", name, opened.sensor, ("sample",))
     return opened
+
+
+def rendered_images(scenario: Scenario) -> type | None:
+    """Class of the images of a scenario's cameras, which are rendered with OpenGL; None: its sensor is no camera."""
+    sensor = scenario.sensor or resolve("off_tracking", scenario.off_tracking, OFF_TRACKING).sensor
+    sends = getattr(resolve("sensor", sensor, SENSOR), "sends", None)
+    return sends if isinstance(sends, type) else None
+
+
+def course_duration(scenario: Scenario) -> float:
+    """Time that a scenario's course takes at set speed [s]."""
+    return course_of(scenario, vehicle_of(scenario)).length / scenario.speed
 
 
 def opened_sensing(context: MountContext) -> Sensing:

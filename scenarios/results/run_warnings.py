@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer_steering.actuator_monitor import ActuatorFinding, Kind
+from controllers.trailer_steering.actuators import ActuatorFinding, Kind
 from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Motion
 from estimators.off_tracking.signal_monitor import Finding

@@ -11,7 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from scenarios.roads.crg_file import read_crg
-from vehicle.foundation.data_file import Column, Element, open_table, read_xml
+from scenarios.roads.xml_file import Element, read_xml
+from scenarios.table_file import Column, open_table
 from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.user_file import MAX_NESTING, MAX_POINTS, FileKind, read_text, shown
 from vehicle.frames import FloatArray

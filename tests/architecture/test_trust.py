@@ -10,11 +10,15 @@ from typing import Final
 
 import pytest
 
+from controllers.trailer_steering import policy
+from offtrack.exchange.bench import can_bus
+from offtrack.studies import study
 from vehicle.foundation import user_file
-from vehicle.foundation.user_file import FileKind
+from vehicle.foundation.user_file import FileKind, FileType
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
+OWN_TYPES: Final = (policy, study, can_bus)  # modules with types of files of their own
 PAGE: Final = ROOT / "docs" / "trust.md"
 
 UNPICKLING: Final = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
@@ -30,6 +34,8 @@ ALLOWED: Final = {
     ("offtrack/reports/watching.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
     ("offtrack/reports/watching.py", "urllib"),  # splits addresses
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
+    ("offtrack/__init__.py", "import_module"),  # own names, on their first use
+    ("offtrack/runs.py", "import_module"),  # pandas
     ("offtrack/studies/reproduce/reproduction.py", "import_module"),  # own figures only
     ("offtrack/studies/cluster_executor.py", "import_module"),  # classes of dask-jobqueue, by a table
     ("scenarios/loop/kept.py", "pickle"),  # own rows, in a temporary file that has no name
@@ -88,7 +94,10 @@ def test_each_of_these_would_be_noticed(source: str) -> None:
 def test_the_page_states_every_limit_of_the_code() -> None:
     text = PAGE.read_text(encoding="utf-8")
     stated = dict(re.findall(r"^\| (an? [^|]+) \| ([\d.]+) MB \|$", text, re.MULTILINE))
-    assert {noun: float(size) * 1e6 for noun, size in stated.items()} == {kind.noun: kind.limit for kind in FileKind}
+    types = [*FileKind, *(kind for module in OWN_TYPES for kind in vars(module).values() if type(kind) is FileType)]
+    assert {noun: float(size) * 1e6 for noun, size in stated.items()} == {kind.noun: kind.limit for kind in types}
+    declaring = {file for file in modules() if re.search(r"= FileType\(", (ROOT / file).read_text("utf-8"))}
+    assert declaring == {str(Path(module.__file__ or "").relative_to(ROOT)) for module in OWN_TYPES}
     for number in (user_file.MAX_FIELD, user_file.MAX_NESTING, user_file.MAX_MEMBERS):
         assert f"| {number:,} |".replace(",", " ") in text
     for number in (user_file.MAX_PIXELS, user_file.MAX_NUMBERS):

@@ -13,9 +13,9 @@ import pytest
 
 from controllers.checked import CheckedLaw
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.actuators import ReverseLock, Supervised
 from controllers.trailer_steering.guard import Guarded
 from controllers.trailer_steering.policy import Network, feature_names, save_network
-from controllers.trailer_steering.supervision import ReverseLock, Supervised
 from estimators.estimates import Health, OffTracking
 from offtrack.studies.tuning import defaults_of
 from scenarios.assembly.drivers_and_laws import trailer_law

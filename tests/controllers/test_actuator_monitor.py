@@ -11,7 +11,7 @@ import pytest
 
 from controllers.equations import settle
 from controllers.trailer import Linkage, TrailerGeometry
-from controllers.trailer_steering.actuator_monitor import ActuatorMemory, ActuatorMonitor
+from controllers.trailer_steering.actuators import ActuatorMemory, ActuatorMonitor
 from tests.trailers import TWO_OF_THREE as TRAILER
 from vehicle.frames import FloatArray
 

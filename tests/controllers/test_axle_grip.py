@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.trailer_steering.reckoned_motion import TractorMotion, hitch_motion
-from controllers.trailer_steering.supervision import AxleGrip, GripMemory
+from controllers.trailer_steering.actuators import AxleGrip, GripMemory
+from controllers.trailer_steering.kinematics import TractorMotion, hitch_motion
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals
 from vehicle.combination.description import GRAVITY

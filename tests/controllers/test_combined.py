@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from controllers.trailer import TrailerSteering
-from controllers.trailer_steering.combined import Combined
-from controllers.trailer_steering.command_steer import CommandSteer
-from controllers.trailer_steering.ct_at import CtAt
-from controllers.trailer_steering.lqr import Lqr
+from controllers.trailer_steering.lqr import Combined, Lqr
 from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
 from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry

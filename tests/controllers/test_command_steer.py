@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.command_steer import CommandSteer
+from controllers.trailer_steering.kinematics import hitch_motion
 from controllers.trailer_steering.path_preview import PathPreview
-from controllers.trailer_steering.reckoned_motion import hitch_motion
+from controllers.trailer_steering.signal_laws import CommandSteer
 from scenarios.courses import roundabout
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.ct_at import CtAt
+from controllers.trailer_steering.signal_laws import CtAt
 from scenarios.courses import roundabout, straight
 from tests.trailers import ALL_STEERED as TRAILER
 from vehicle.combination.description import load_vehicle

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from controllers.driver import DriverMemory, PreviewDriver
 from controllers.path import Path, Segment, arc, line
 from controllers.tractor import TractorGeometry
-from controllers.trailer_steering.command_steer import Unsteered
+from controllers.trailer_steering.signal_laws import Unsteered
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
 from tests.trailers import TWO_OF_THREE as TRAILER

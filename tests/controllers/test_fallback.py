@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.fallback import Fallback
+from controllers.trailer_steering.signal_laws import CommandSteer
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals
 from tests.trailers import TWO_OF_THREE as TRAILER

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controllers.trailer import SteerCommand
-from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.fallback import FallbackName
 from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory, signal_findings
+from controllers.trailer_steering.signal_laws import CommandSteer
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals

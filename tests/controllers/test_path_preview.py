@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Linkage, SteerCommand, TrailerGeometry
-from controllers.trailer_steering.command_steer import Unsteered
 from controllers.trailer_steering.path_preview import PathPreview, PathPreviewMemory
+from controllers.trailer_steering.signal_laws import Unsteered
 from estimators.estimates import Health, OffTracking
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import CombinationSignals

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.trailer import SteerCommand
-from controllers.trailer_steering.supervision import ReverseLock, ReverseLockMemory
+from controllers.trailer_steering.actuators import ReverseLock, ReverseLockMemory
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from tests.trailers import TWO_OF_THREE as TRAILER

@@ -10,8 +10,8 @@ import pytest
 
 from controllers.equations import settle
 from controllers.trailer import Actuation, SteerCommand
+from controllers.trailer_steering.actuators import Supervised, actuator_findings
 from controllers.trailer_steering.kinematics import AxleGroup
-from controllers.trailer_steering.supervision import Supervised, actuator_findings
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination
-from controllers.trailer_steering.reckoned_motion import TractorMotion
+from controllers.trailer_steering.kinematics import TractorMotion
 from tests.trailers import COMBINATION, signals
 from vehicle.combination.description import load_vehicle
 

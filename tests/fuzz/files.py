@@ -8,10 +8,13 @@ from typing import Final, NamedTuple
 
 from hypothesis import strategies as st
 
+from controllers.trailer_steering.policy import NETWORK_FILE
+from offtrack.exchange.bench.can_bus import DBC_FILE
+from offtrack.studies.study import STUDY_FILE
 from tests.fuzz.case import Case
 from tests.fuzz.mutations import hostile
 from tests.fuzz.specimens import FRAMES, SHORT, SHORT_ROVER
-from vehicle.foundation.user_file import FileKind
+from vehicle.foundation.user_file import FileKind, FileType
 
 _STEPS: Final = 40
 
@@ -82,7 +85,7 @@ class Read(NamedTuple):
     """A kind of file, and what reads it."""
 
     name: str
-    kind: FileKind | None  # None: the program's own file
+    kind: FileType | None  # None: the program's own file
     specimen: str
     paths: tuple[str, ...]  # of the files in the specimen; names of results may hold *
     format: str
@@ -129,13 +132,11 @@ FILES: Final[Sequence[Read]] = (
         "toml",
         (run("rover_scenario.toml", "slip_estimator=truth"), ("scenarios", "rover_scenario.toml")),
     ),
-    Read("study", FileKind.STUDY, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
-    Read(
-        "campaign", FileKind.STUDY, "parameters", ("campaign.toml",), "toml", (("campaign", "campaign.toml", *_AS_OUT),)
-    ),
+    Read("study", STUDY_FILE, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
+    Read("campaign", STUDY_FILE, "parameters", ("campaign.toml",), "toml", (("campaign", "campaign.toml", *_AS_OUT),)),
     Read("own part", None, "parameters", ("own.py",), "text", (trailer("trailer_steering=own:Law"),)),
     Read("FMU", FileKind.FMU, "ground", ("law.fmu",), "binary", (trailer("trailer_steering=law.fmu"),)),
-    Read("CAN bus", FileKind.CAN, "ground", ("bus.dbc",), "text", ((*trailer(), "--can", "dbc=bus.dbc"),)),
+    Read("CAN bus", DBC_FILE, "ground", ("bus.dbc",), "text", ((*trailer(), "--can", "dbc=bus.dbc"),)),
     Read(
         "demands",
         FileKind.TABLE,
@@ -172,7 +173,7 @@ FILES: Final[Sequence[Read]] = (
     ),
     Read(
         "network",
-        FileKind.NETWORK,
+        NETWORK_FILE,
         "ground",
         ("network.npz",),
         "npz",

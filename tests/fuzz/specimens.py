@@ -71,7 +71,7 @@ def _parameters(folder: Path) -> None:
         encoding="utf-8",
     )
     (folder / "own.py").write_text(
-        "from controllers.trailer_steering.command_steer import CommandSteer\n\n\nclass Law(CommandSteer):\n"
+        "from controllers.trailer_steering.signal_laws import CommandSteer\n\n\nclass Law(CommandSteer):\n"
         '    """A law of one\'s own."""\n',
         encoding="utf-8",
     )

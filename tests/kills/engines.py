@@ -34,7 +34,7 @@ speed_kmh = [36, 40, 44, 48]
 _RUNS: Final = 12
 _STARTS: Final = "starts.txt"
 _LAW: Final = """import os
-from controllers.trailer_steering.command_steer import Unsteered
+from controllers.trailer_steering.signal_laws import Unsteered
 
 class Counted(Unsteered):
     def __init__(self, *arguments, **options):

@@ -1,7 +1,4 @@
-"""Everything that an FMU can do wrong at its start, in a step and at its end: one line each, and no process left.
-
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``.
-"""
+"""Everything that an FMU can do wrong at its start, in a step and at its end: one line each, and no process left."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """Exported plants of several topologies in FMPy against the plants of this process, and compiled by other means.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. Libraries of
-other platforms need the extra ``zig``.
+Libraries of other platforms need the extra ``zig``.
 """
 
 from __future__ import annotations

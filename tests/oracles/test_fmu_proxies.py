@@ -1,7 +1,6 @@
 """FMUs with a Python process behind them: in runs with cameras, compiled by other means, again and again.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. The library
-for Windows needs the extra ``zig``; it is compiled, not run.
+The library for Windows needs the extra ``zig``; it is compiled, not run.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Exports in fmu-manipulation-toolbox: its check, and a container of driver and truck that it makes, run by FMPy.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. The package is
-needed for nothing else: ``pip install fmu-manipulation-toolbox``.
+The package is needed for nothing else: ``pip install fmu-manipulation-toolbox``.
 """
 
 from __future__ import annotations

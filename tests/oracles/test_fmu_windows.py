@@ -1,7 +1,6 @@
 """Libraries of FMUs for Windows, run by a C program for Windows under Wine.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. It needs the
-extra ``zig``, and Wine for 64 bits (Debian's package wine64).
+It needs the extra ``zig``, and Wine for 64 bits (Debian's package wine64).
 """
 
 from __future__ import annotations

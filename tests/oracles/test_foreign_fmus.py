@@ -1,7 +1,6 @@
 """FMUs that OpenModelica and PythonFMU3 exported, as steering laws and sources of off-tracking of a run.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. The FMUs are
-in the package gemseo-fmu (LGPL), which is needed for nothing else: ``pip install --no-deps gemseo-fmu``.
+The FMUs are in the package gemseo-fmu (LGPL), which is needed for nothing else: ``pip install --no-deps gemseo-fmu``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A run on a measured surface against one on the random roughness that the surface was sampled from.
 
-Not part of ``make test``. Differences remain: the file's heights are averaged by the tyre twice, and its waves longer
-than 50 m are slope and bank of the ground.
+Differences remain: the file's heights are averaged by the tyre twice, and its waves longer than 50 m are slope and bank
+of the ground.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reference lines of OpenDRIVE against SUMO's netconvert, which must be on the path: ``pip install eclipse-sumo``.
 
-Not part of ``make test``. ``OFFTRACK_ROADS`` may name a folder with more files (``*.xodr``) of one road each.
+``OFFTRACK_ROADS`` may name a folder with more files (``*.xodr``) of one road each.
 """
 
 from __future__ import annotations

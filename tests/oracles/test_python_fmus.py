@@ -1,8 +1,6 @@
 """Vehicles that PythonFMU (FMI 2) and PythonFMU3 (FMI 3) export, as plants under the cameras of a run.
 
-Not part of ``make test``: ``pytest -n0 tests/oracles/test_python_fmus.py --override-ini
-addopts="--import-mode=importlib"``. The exporters (MIT) are needed for nothing else: ``pip install pythonfmu
-pythonfmu3``.
+The exporters (MIT) are needed for nothing else: ``pip install pythonfmu pythonfmu3``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reference lines of OpenDRIVE against pyxodr: ``pip install pyxodr``.
 
-Not part of ``make test``. ``OFFTRACK_ROADS`` may name a folder with more files (``*.xodr``).
+``OFFTRACK_ROADS`` may name a folder with more files (``*.xodr``).
 """
 
 from __future__ import annotations

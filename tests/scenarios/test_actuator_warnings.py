@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controllers.trailer_steering.actuator_monitor import ActuatorFinding
+from controllers.trailer_steering.actuators import ActuatorFinding
 from scenarios.results.run_warnings import actuator_warnings
 
 

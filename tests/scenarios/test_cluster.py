@@ -35,7 +35,7 @@ set.surface.roughness = "none"
 speed_kmh = [50, 60]
 """
 LAW = """from laws.gains import GAIN
-from controllers.trailer_steering.command_steer import Unsteered
+from controllers.trailer_steering.signal_laws import Unsteered
 
 class Mine(Unsteered):
     pass

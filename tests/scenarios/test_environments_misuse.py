@@ -247,6 +247,7 @@ def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: st
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_adapter_for_stable_baselines_refuses_the_same() -> None:
     """Actions pass through the vector environment; a copy in mid-episode continues."""
     pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")

@@ -23,6 +23,8 @@ from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
 from offtrack.environments.training.learner import saved_network
 from vehicle.combination.description import load_vehicle
 
+pytestmark = pytest.mark.slow
+
 NAMES = list(offtrack.environments.registry.CORES)
 
 

@@ -58,6 +58,7 @@ def test_mat_is_read_by_scipy(run: Path) -> None:
         assert getattr(content["meanings"], signal.name) == signal.description
 
 
+@pytest.mark.slow
 def test_mf4_has_units_and_comments(run: Path) -> None:
     mdf = pytest.importorskip("asammdf", reason="MF4 needs the extra 'export'")
     with mdf.MDF(exported(run, "mf4")) as file:
@@ -68,6 +69,7 @@ def test_mf4_has_units_and_comments(run: Path) -> None:
             assert (read.unit, read.comment) == (signal.unit, signal.description)
 
 
+@pytest.mark.slow
 def test_mat_is_read_by_pymatreader(run: Path) -> None:
     reader = pytest.importorskip("pymatreader", reason="not installed: pip install pymatreader")
     content = reader.read_mat(exported(run, "mat"))
@@ -76,6 +78,7 @@ def test_mat_is_read_by_pymatreader(run: Path) -> None:
         assert content["units"][signal.name] == signal.unit
 
 
+@pytest.mark.slow
 def test_mf4_is_read_by_mdfreader(run: Path) -> None:
     pytest.importorskip("asammdf", reason="MF4 needs the extra 'export'")
     reader = pytest.importorskip("mdfreader", reason="not installed: pip install mdfreader")
@@ -102,6 +105,7 @@ def test_what_can_not_be_exported_is_one_line(run: Path) -> None:
     assert sorted(path.name for path in run.iterdir()) == ["signals.csv", "signals.parquet", "signals.units.csv"]
 
 
+@pytest.mark.slow
 def test_mcap_has_frames_bodies_paths_signals_and_images(tmp_path: Path) -> None:
     """A run and its recording, read by another package: every value, unit, pose and byte."""
     pytest.importorskip("foxglove", reason="MCAP needs the extra 'export'")

@@ -20,6 +20,8 @@ from scenarios.results.log import Log, Signal, write_log
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="bags need the extra 'export'")
 typesys = pytest.importorskip("rosbags.typesys")
 
+pytestmark = pytest.mark.slow
+
 STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 HEIGHT, WIDTH = 48, 64
 K = np.array([[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]])

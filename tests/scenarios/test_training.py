@@ -106,6 +106,7 @@ def test_without_the_extra_the_command_says_what_to_install(monkeypatch: pytest.
     assert result.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @needs_extra
 def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -149,6 +150,7 @@ class _Planted:
         return Path.touch, (Path("was here"),)
 
 
+@pytest.mark.slow
 @needs_extra
 @pytest.mark.parametrize("place", ["policy_class", "observation_space", "policy.pth"])
 def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controllers.trailer_steering.policy import NETWORK_FILE
 from vehicle.foundation.data_file import read_archive, read_array, read_arrays
-from vehicle.foundation.user_file import MAX_MEMBERS, FileKind
+from vehicle.foundation.user_file import MAX_MEMBERS
 from vehicle.rover.terrain import load_height_map
 
 
@@ -69,7 +70,7 @@ def test_an_array_that_its_file_does_not_hold_is_refused(case: str, tmp_path: Pa
         load_height_map(str(tmp_path / "a.npy"), 0.5)
     (tmp_path / "a.npz").write_bytes(archive_of({"W0.npy": content}))
     with pytest.raises(ValueError, match=rf"^[^\n]*a\.npz, W0\.npy[^\n]*{words}[^\n]*$"):
-        read_arrays(tmp_path / "a.npz", FileKind.NETWORK)
+        read_arrays(tmp_path / "a.npz", NETWORK_FILE)
 
 
 def test_arrays_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -85,7 +86,7 @@ def test_arrays_are_read_as_they_were_written(tmp_path: Path) -> None:
         "single": np.array(2.5),
     }
     np.savez_compressed(tmp_path / "all.npz", **arrays)  # type: ignore[arg-type]  # its stubs take the arrays for allow_pickle
-    read = read_arrays(tmp_path / "all.npz", FileKind.NETWORK)
+    read = read_arrays(tmp_path / "all.npz", NETWORK_FILE)
     for name, array in arrays.items():
         np.save(tmp_path / "one.npy", array)
         for copy in (read[name], read_array(tmp_path / "one.npy")):
@@ -113,7 +114,7 @@ def test_an_archive_that_is_damaged_or_unpacks_to_too_much_is_refused(case: str,
     content, words = ARCHIVES[case]
     (tmp_path / "a.npz").write_bytes(content)
     with pytest.raises(ValueError, match=rf"^[^\n]*a\.npz[^\n]*{words}[^\n]*$"):
-        read_archive(tmp_path / "a.npz", FileKind.NETWORK)
+        read_archive(tmp_path / "a.npz", NETWORK_FILE)
 
 
 def test_a_damaged_byte_of_a_member_is_noticed(tmp_path: Path) -> None:
@@ -121,7 +122,7 @@ def test_a_damaged_byte_of_a_member_is_noticed(tmp_path: Path) -> None:
     content[100] ^= 0xFF
     (tmp_path / "a.npz").write_bytes(content)
     with pytest.raises(ValueError, match="damaged"):
-        read_archive(tmp_path / "a.npz", FileKind.NETWORK)
+        read_archive(tmp_path / "a.npz", NETWORK_FILE)
 
 
 @pytest.mark.parametrize("name", ["heights.csv.gz", "heights.csv.bz2"])

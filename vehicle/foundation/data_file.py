@@ -1,106 +1,28 @@
-"""Tables, arrays and XML files that a user gives, checked as they are read.
-
-A document type is what lets an XML file define entities that grow without bound, or name other files and addresses. No
-file of roads or tracks needs one, so it is refused.
-"""
+"""Arrays and texts of tables that a user gives, checked as they are read."""
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 import zipfile
-from array import array
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, NamedTuple
-from xml.parsers import expat
+from typing import Any, Final
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from vehicle.foundation.user_file import (
-    MAX_ELEMENTS,
-    MAX_FIELD,
     MAX_MEMBERS,
-    MAX_NESTING,
     MAX_NUMBERS,
     MAX_TABLE,
     FileKind,
+    FileType,
     read_bytes,
     read_text,
     shown,
 )
-from vehicle.frames import FloatArray
-
-
-class Column(NamedTuple):
-    """A column and the largest plausible size of its numbers."""
-
-    name: str
-    limit: float
-    unit: str
-
-    def number(self, text: str, place: str) -> float:
-        """Number of a text at a place in a file.
-
-        Raises:
-            ValueError: if it is not a number within the limits.
-        """
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise ValueError(f"{place}: {self.name} = '{shown(text.strip(), 40)}' is not a finite number")
-        if abs(value) > self.limit:
-            raise ValueError(
-                f"{place}: {self.name} = {value:g} must be within -{self.limit:g} to {self.limit:g} {self.unit}"
-            )
-        return value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NumberTable:
-    """A table of which only the first line is interpreted yet."""
-
-    path: Path
-    names: list[str]  # of the columns
-    lines: Iterator[list[str]]  # the others; empty ones are skipped
-
-    def numbers(self, columns: Sequence[Column]) -> FloatArray:
-        """Numbers (n, columns) of these columns; others are not interpreted.
-
-        Raises:
-            ValueError: one line naming file, line, column and limit, if a column is missing or a value is not a number
-                within its limits.
-        """
-        wanted = [column.name for column in columns]
-        for name in wanted:
-            if name not in self.names:
-                raise ValueError(f"{self.path}: column '{name}' is missing; expected {', '.join(wanted)}")
-        places, values = [self.names.index(name) for name in wanted], array("d")
-        for number, line in enumerate(self.lines, start=2):
-            if len(line) != len(self.names):
-                raise ValueError(f"{self.path}: line {number} has {len(line)} values for {len(self.names)} columns")
-            for column, k in zip(columns, places, strict=True):
-                values.append(column.number(line[k], f"{self.path}: line {number}"))
-        return np.array(values, dtype=np.float64).reshape(-1, len(columns))
-
-
-def open_table(path: Path) -> NumberTable:
-    """Open a table of numbers.
-
-    Raises:
-        ValueError: one line, if the file cannot be read, has too many numbers, or names a column twice.
-    """
-    lines = _lines(path, table_text(path))
-    names = [shown(name.strip()) for name in next(lines, [])]
-    if len(set(names)) < len(names):
-        raise ValueError(f"{path}: two columns have the same name")
-    return NumberTable(path=path, names=names, lines=lines)
 
 
 def table_text(path: Path) -> str:
@@ -114,13 +36,6 @@ def table_text(path: Path) -> str:
     if count > MAX_TABLE:
         raise ValueError(f"{path} has some {count} numbers: {FileKind.TABLE.noun} must have at most {MAX_TABLE}")
     return text
-
-
-def _lines(path: Path, text: str) -> Iterator[list[str]]:
-    try:
-        yield from (line for line in csv.reader(io.StringIO(text, newline="")) if line)
-    except csv.Error:
-        raise ValueError(f"{path}: a value has more than {MAX_FIELD} characters; is a quotation mark open?") from None
 
 
 _MAX_HEADER: Final = 4096  # [bytes]
@@ -141,7 +56,7 @@ def read_array(path: Path) -> NDArray[Any]:
     return _array(read_bytes(path, FileKind.ARRAY), str(path))
 
 
-def read_arrays(path: Path, kind: FileKind) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path, kind: FileType) -> dict[str, NDArray[Any]]:
     """Arrays of a ``.npz`` file by name, read-only.
 
     Raises:
@@ -151,7 +66,7 @@ def read_arrays(path: Path, kind: FileKind) -> dict[str, NDArray[Any]]:
     return {name.removesuffix(".npy"): _array(content, f"{path}, {name}") for name, content in members.items()}
 
 
-def read_archive(path: Path, kind: FileKind) -> dict[str, bytes]:
+def read_archive(path: Path, kind: FileType) -> dict[str, bytes]:
     """Members of a zip file by name; all together must not exceed the limit of the kind.
 
     Raises:
@@ -160,7 +75,7 @@ def read_archive(path: Path, kind: FileKind) -> dict[str, bytes]:
     return unpacked(read_bytes(path, kind), str(path), kind)
 
 
-def unpacked(content: bytes, name: str, kind: FileKind) -> dict[str, bytes]:
+def unpacked(content: bytes, name: str, kind: FileType) -> dict[str, bytes]:
     """Members of a zip file with this content; ``name`` stands for it in messages.
 
     Raises:
@@ -178,7 +93,7 @@ def unpacked(content: bytes, name: str, kind: FileKind) -> dict[str, bytes]:
     return contents
 
 
-def _refusal(members: list[zipfile.ZipInfo], kind: FileKind) -> str:
+def _refusal(members: list[zipfile.ZipInfo], kind: FileType) -> str:
     """Reason why members must not be unpacked; empty if there is none."""
     total = sum(member.file_size for member in members)
     if len(members) > MAX_MEMBERS:
@@ -209,83 +124,3 @@ def _array(content: bytes, name: str) -> NDArray[Any]:
     if count * kind.itemsize > left:
         raise ValueError(f"{name} has {left} bytes for {count} elements of type {kind}: it is not complete")
     return np.frombuffer(content, kind, count, stream.tell()).reshape(shape, order="F" if by_columns else "C")
-
-
-_TEXT: Final = 10_000  # characters of an element's text that are kept
-
-
-@dataclass(slots=True)
-class Element:
-    """An element; names are without the prefix of their namespace."""
-
-    name: str
-    attributes: dict[str, str]
-    line: int  # in the file
-    children: list[Element] = field(default_factory=list)
-    text: str = ""
-
-    def all(self, name: str) -> list[Element]:
-        """Its children of this name."""
-        return [child for child in self.children if child.name == name]
-
-    def first(self, name: str) -> Element | None:
-        """Its first child of this name; None if there is none."""
-        return next((child for child in self.children if child.name == name), None)
-
-
-def read_xml(path: Path, root: str) -> Element:
-    """The root element of an XML file, which must have this name.
-
-    Raises:
-        ValueError: one line naming file and line, if the file cannot be read, is not XML, has a document type, too many
-            elements or elements nested too deep, or another root.
-    """
-    content = read_bytes(path, FileKind.ROAD)
-    builder = _Builder(path)
-    try:
-        builder.parser.Parse(content, True)
-    except expat.ExpatError as error:
-        reason = expat.errors.messages.get(error.code) or str(error)
-        raise ValueError(f"{path}: not XML: line {error.lineno}: {shown(reason)}") from None
-    except (LookupError, UnicodeError) as error:  # an encoding that Python does not know
-        raise ValueError(f"{path}: not XML: {shown(str(error))}; save it as UTF-8") from None
-    found = builder.top.children[0]
-    if found.name != root:
-        raise ValueError(f"{path}: its outermost element is <{shown(found.name, 40)}>: must be <{root}>")
-    return found
-
-
-class _Builder:
-    """Builds the tree while expat parses."""
-
-    def __init__(self, path: Path) -> None:
-        self.top = Element("", {}, 0)
-        self.parser = expat.ParserCreate()
-        self.parser.buffer_text = True
-        self.parser.StartDoctypeDeclHandler = self._doctype
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._data
-        self._path, self._count, self._stack = path, 0, [self.top]
-
-    def _doctype(self, *_: object) -> None:
-        raise ValueError(f"{self._path}: line {self.parser.CurrentLineNumber}: a document type (<!DOCTYPE) is refused")
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
-        self._count += 1
-        if self._count > MAX_ELEMENTS:
-            raise ValueError(f"{self._path}: has more than {MAX_ELEMENTS} elements")
-        if len(self._stack) > MAX_NESTING:
-            line = self.parser.CurrentLineNumber
-            raise ValueError(f"{self._path}: line {line}: elements must be nested at most {MAX_NESTING} deep")
-        element = Element(name.rpartition(":")[2], attributes, self.parser.CurrentLineNumber)
-        self._stack[-1].children.append(element)
-        self._stack.append(element)
-
-    def _end(self, _: str) -> None:
-        self._stack.pop()
-
-    def _data(self, text: str) -> None:
-        element = self._stack[-1]
-        if len(element.text) < _TEXT:
-            element.text += text[:_TEXT]

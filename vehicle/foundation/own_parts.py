@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 import logging
 import os
@@ -11,9 +10,7 @@ import sysconfig
 import traceback
 from functools import cache
 from pathlib import Path
-from typing import Final, Protocol, runtime_checkable
-
-PACKAGES: Final = ("controllers", "estimators", "offtrack", "scenarios", "sensors", "vehicle")
+from typing import Protocol, runtime_checkable
 
 
 def raised_at(error: BaseException) -> str:
@@ -48,17 +45,12 @@ def is_library(file: Path) -> bool:
 
 
 @cache
-def package_folders() -> tuple[Path, ...]:
-    """Folders of offtrack's packages."""
-    specs = (importlib.util.find_spec(package) for package in PACKAGES)
-    return tuple(Path(spec.origin).resolve().parent for spec in specs if spec and spec.origin)
-
-
-@cache
 def _library_folders() -> tuple[Path, ...]:
+    """Folders of offtrack's packages, which lie beside this one and are typed, and of everything installed."""
+    beside = Path(__file__).resolve().parents[2]
     python = (sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib"))
     installed = {*python, *site.getsitepackages(), site.getusersitepackages()}
-    return (*package_folders(), *(Path(path).resolve() for path in installed))
+    return (*(marker.parent for marker in beside.glob("*/py.typed")), *(Path(path).resolve() for path in installed))
 
 
 _LOG = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from vehicle.foundation.user_file import MAX_NESTING, FileKind, read_text, shown
+from vehicle.foundation.user_file import MAX_NESTING, FileKind, FileType, read_text, shown
 
 _LISTED: Final = 20  # words in an error message
 _COMPARED: Final = 100  # characters of a word
@@ -35,7 +35,7 @@ _TOO_DEEP: Final = f"tables and lists must be nested at most {MAX_NESTING} deep"
 _TOO_BIG: Final = "an integer must fit into 64 bits"
 
 
-def read_toml(path: Path, kind: FileKind = FileKind.PARAMETERS) -> dict[str, Any]:
+def read_toml(path: Path, kind: FileType = FileKind.PARAMETERS) -> dict[str, Any]:
     """Contents of a TOML file, sources included.
 
     Raises:

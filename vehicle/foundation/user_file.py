@@ -1,6 +1,7 @@
 """Reader of all files that a user names: regular files of limited size; anything else is refused in one line.
 
-``FileKind`` and the numbers below it are the table of all limits on such files.
+``FileKind`` and the numbers below it are the limits on such files; a room with a kind of file of its own declares a
+``FileType`` of it.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Final
@@ -15,27 +17,29 @@ from typing import Final
 _MB: Final = 1_000_000
 
 
-class FileKind(Enum):
-    """A kind of file that a user can give: its noun in messages and its largest size [bytes]."""
+@dataclass(frozen=True)
+class FileType:
+    """A type of file that a user can give."""
+
+    noun: str  # in messages, with its article
+    limit: int  # largest size [bytes]
+
+
+class FileKind(FileType, Enum):
+    """The types of file that more than one room reads."""
 
     PARAMETERS = "a parameter file", 1 * _MB
     SCENARIO = "a scenario file", 1 * _MB
-    STUDY = "a study file", 2 * _MB
     CALIBRATION = "a calibration file", 1 * _MB
     TABLE = "a table of numbers", 64 * _MB
     IMAGE = "an image", 256 * _MB
     ARRAY = "an array of numbers", 256 * _MB
-    NETWORK = "a trained network", 16 * _MB
     SIGNALS = "a file of signals", 512 * _MB
     CHECKPOINT = "a checkpoint of a training", 64 * _MB
     RECORD = "a record of an earlier command", 64 * _MB
     ROAD = "a file of a road or path", 32 * _MB
     SURFACE = "a measured surface", 512 * _MB
     FMU = "an FMU", 512 * _MB
-    CAN = "a description of a CAN bus", 16 * _MB
-
-    def __init__(self, noun: str, limit: int) -> None:
-        self.noun, self.limit = noun, limit
 
 
 MAX_PIXELS: Final = 64 * _MB  # of an image
@@ -61,7 +65,7 @@ _REASONS: Final = {
 }
 
 
-def read_bytes(path: Path, kind: FileKind) -> bytes:
+def read_bytes(path: Path, kind: FileType) -> bytes:
     """Content of a regular file; never waits for a pipe and opens no device.
 
     Raises:
@@ -81,7 +85,7 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
     return content
 
 
-def read_text(path: Path, kind: FileKind) -> str:
+def read_text(path: Path, kind: FileType) -> str:
     """Content of a text file in UTF-8, with or without a byte order mark; line ends are not translated.
 
     Raises:
@@ -119,7 +123,7 @@ def shown(text: str, length: int = 120) -> str:
     return printable if len(printable) <= length else f"{printable[:length]}..."
 
 
-def _check(path: Path, status: os.stat_result, kind: FileKind) -> None:
+def _check(path: Path, status: os.stat_result, kind: FileType) -> None:
     for is_kind, noun in _UNUSUAL:
         if is_kind(status.st_mode):
             raise ValueError(f"{path} is {noun}: {kind.noun} must be a regular file")
@@ -127,7 +131,7 @@ def _check(path: Path, status: os.stat_result, kind: FileKind) -> None:
         raise _too_large(path, _size(status.st_size), kind)
 
 
-def _too_large(path: Path, amount: str, kind: FileKind) -> ValueError:
+def _too_large(path: Path, amount: str, kind: FileType) -> ValueError:
     return ValueError(f"{path} has {amount}: {kind.noun} must have at most {_size(kind.limit)}")
 
 

@@ -14,13 +14,14 @@ from typing import Any, Final, NamedTuple
 
 from offtrack.exchange.fmi_import.fmu_file import UNITS, Scale, fits
 from offtrack.exchange.fmi_import.mapping import Signal
-from scenarios.loop.demands import Demands, Numbers
+from scenarios.loop.bench import Demands, Numbers
 from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import FileKind, read_bytes, shown
+from vehicle.foundation.user_file import FileType, read_bytes, shown
 
 EXAMPLE: Final = "example"  # stands for the shipped DBC file
 _INTERFACES: Final = ("virtual", "socketcan")
 _KEYS: Final = ("dbc", "interface", "channel")
+DBC_FILE: Final = FileType("a description of a CAN bus", 16_000_000)
 _MOST: Final = 1_000  # messages that are read at a time
 
 
@@ -178,7 +179,7 @@ def _messages_of(file: str) -> list[Any]:
     import cantools
 
     path = Path(str(files("offtrack.exchange.bench") / "example.dbc")) if file == EXAMPLE else Path(file)
-    content = read_bytes(path, FileKind.CAN).decode("cp1252", errors="replace")  # the encoding of DBC files
+    content = read_bytes(path, DBC_FILE).decode("cp1252", errors="replace")  # the encoding of DBC files
     try:
         database: Any = cantools.database.load_string(content, "dbc")
     except Exception as error:  # of the parser, of any kind

@@ -1,13 +1,15 @@
 """C files of a plant: its functions as programs, sizes and names, and functions of FMI 3 that it does not need.
 
-They are written from the standard's own header, so that none is forgotten.
+They are written from the standard's own header, so that none is forgotten. The headers are those that FMPy ships.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from collections.abc import Iterable, Mapping
 from importlib import resources
+from pathlib import Path
 from typing import Final
 
 from offtrack.exchange.fmi_export.variables import Interface
@@ -91,20 +93,36 @@ def c_files(
 
 
 def common_files(version: int) -> dict[str, str]:
-    """Source files of every FMU of a version of FMI, with the headers of the standard."""
+    """Source files of every FMU of a version of FMI, with the headers of the standard.
+
+    Raises:
+        ValueError: one line, if FMPy, which has the headers, is not installed.
+    """
     wrapper = f"fmi{version}.c"
     files = {
         **{name: source_text(name) for name in ("instance.c", wrapper, "instance.h", "portable.h")},
-        **{name: _text("headers", name) for name in (*HEADERS[version], "LICENSE.txt")},
+        **{name: (headers_folder() / name).read_text(encoding="utf-8") for name in HEADERS[version]},
     }
     if version == 3:
         files[_UNUSED] = unused_functions(files["fmi3FunctionTypes.h"], files[wrapper])
     return files
 
 
+def headers_folder() -> Path:
+    """Folder of FMPy with the header files of the FMI standard.
+
+    Raises:
+        ValueError: one line, if FMPy is not installed.
+    """
+    found = importlib.util.find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise ValueError("offtrack fmu needs the extra 'fmi': pip install 'offtrack[fmi]'")
+    return Path(found.origin).parent / "c-code"
+
+
 def source_text(name: str) -> str:
     """Text of a fixed C file."""
-    return _text("sources", name)
+    return (resources.files("offtrack.exchange.fmi_export") / "sources" / name).read_text(encoding="utf-8")
 
 
 def plant_header(interface: Interface, programs: Mapping[str, Program], gear: int | None) -> str:
@@ -155,7 +173,3 @@ def _programs_header(prefix: str, programs: Mapping[str, Program], defined: Mapp
         ]
     lines += [f"#define {name} {value}" for name, value in defined.items()]
     return "\n".join(lines) + "\n"
-
-
-def _text(folder: str, name: str) -> str:
-    return (resources.files("offtrack.exchange.fmi_export") / folder / name).read_text(encoding="utf-8")

@@ -16,11 +16,11 @@ from offtrack.studies.campaigns.fault_entry import NONE, Bisect, FaultEntry
 from offtrack.studies.campaigns.verdict import Judgement, Requirements, judged, read_requirements
 from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.draws import Sample, Stop, read_draws
-from offtrack.studies.study import Study, dotted, text_of_value, typed_value
+from offtrack.studies.study import STUDY_FILE, Study, dotted, text_of_value, typed_value
 from offtrack.studies.table import Exceeding
 from scenarios.options.base import Options
 from vehicle.foundation.parameter_file import checked, nearest, read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import shown
 
 FILE: Final = "campaign.toml"
 FAULTS: Final = "faults"  # axis
@@ -167,7 +167,7 @@ def campaign_path(name: str) -> Path | None:
     if name in campaign_names():
         return Path(str(_data() / f"{name}.toml"))
     path = Path(name)
-    is_campaign = name.endswith(".toml") and path.is_file() and "fault" in read_toml(path, FileKind.STUDY)
+    is_campaign = name.endswith(".toml") and path.is_file() and "fault" in read_toml(path, STUDY_FILE)
     return path if is_campaign else None
 
 
@@ -181,7 +181,7 @@ def load_campaign(path: Path) -> Campaign:
         ValueError: one line, naming file and key.
     """
     place = f"campaign {path}"
-    table = checked(_File, read_toml(path, FileKind.STUDY), place)
+    table = checked(_File, read_toml(path, STUDY_FILE), place)
     of_text = by_text(place, table.fault)
     axes = {FAULTS: (*((NONE,) if table.reference else ()), *of_text)}
     for key, values in dotted(table.vary):

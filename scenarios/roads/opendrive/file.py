@@ -26,7 +26,8 @@ from scenarios.roads.opendrive.network import (
     parametric,
     polynomial,
 )
-from vehicle.foundation.data_file import Column, Element, read_xml
+from scenarios.roads.xml_file import Element, read_xml
+from scenarios.table_file import Column
 from vehicle.foundation.user_file import shown
 from vehicle.frames import Pose2
 
