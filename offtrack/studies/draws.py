@@ -22,7 +22,7 @@ from scipy.special import ndtri
 
 from offtrack.studies.case import MOST_CASES, Case, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity
-from scenarios.options.base import Options
+from vehicle.foundation.quantity import Frozen
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
 
@@ -34,7 +34,7 @@ _LEAST: Final[Mapping[str, int]] = {"morris": 2, "sobol": 8}  # groups of runs t
 _RESAMPLES: Final = 1000  # of the bootstrap
 
 
-class Sensitivity(Options):
+class Sensitivity(Frozen):
     """Design of a sensitivity analysis: the table ``sensitivity`` of a study."""
 
     method: Literal["morris", "sobol"]
@@ -195,7 +195,7 @@ _LARGEST: Final = 1e12  # number of a distribution
 _CENTRAL: Final = 0.95  # share of an unbounded distribution that Morris' levels span
 
 
-class Sample(Options):
+class Sample(Frozen):
     """How many values are drawn, and how: the table ``sample`` of a study."""
 
     count: Annotated[int, Field(ge=2, le=MOST_CASES, strict=True)]
@@ -341,7 +341,7 @@ _NARROWEST: Final = 1e-4
 _WIDEST: Final = 0.5
 
 
-class Stop(Options):
+class Stop(Frozen):
     """When a point of a study has enough draws: the table ``stop`` of a study."""
 
     half_width: Annotated[float, Field(ge=_NARROWEST, lt=_WIDEST)]  # of each limit's interval (Clopper-Pearson)

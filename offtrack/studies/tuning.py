@@ -16,11 +16,11 @@ import tomli_w
 from offtrack.studies.case import Outcome, Settings, identities, listed, seeds_of
 from offtrack.studies.study import Study, settings_of, subject_of
 from offtrack.studies.table import QUANTITIES
-from scenarios.assembly.drivers_and_laws import law_options
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.atomic_files import replaced
 from vehicle.foundation.parameter_file import nearest
+from vehicle.option import declared_options
 
 _FAILED: Final = 100.0  # objective of a run that did not complete: worse than that of any completed run [m, deg, …]
 
@@ -108,7 +108,7 @@ def _beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 
 def defaults_of(law: Callable[..., object]) -> dict[str, float]:
     """Numeric parameters of a law's class with their defaults."""
-    defaults = {option.name: option.default for option in law_options(law)}
+    defaults = {option.name: option.default for option in declared_options(law, or_keywords=True)}
     return {
         name: float(default)
         for name, default in defaults.items()
@@ -122,7 +122,7 @@ def ranges_of(name: str, law: Callable[..., object], given: Sequence[str]) -> di
     Raises:
         ValueError: one line, for an unknown parameter, or if there is no range.
     """
-    options = law_options(law)
+    options = declared_options(law, or_keywords=True)
     known = [option.name for option in options]
     ranges = {key: _range(text, key) for key, text in settings_of(given, "--range")}
     for parameter in ranges:
