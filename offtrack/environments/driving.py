@@ -42,8 +42,8 @@ from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
 from offtrack.environments.core import CHECKED, Feature, Info, Observation, Result, observation_space, within
-from offtrack.environments.domain import N_DRAWN, Circumstances, Domain, Variation, narrowed
 from offtrack.environments.pictures import TopView, axle_angles
+from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain, Variation, narrowed
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import outlines
 from scenarios.courses import straight
