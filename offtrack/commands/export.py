@@ -16,7 +16,6 @@ EXPORT_EXAMPLES = (
     "offtrack export runs/roundabout-1 --to rosbag2 --images images, then offtrack estimate off-tracking "
     "runs/roundabout-1/rosbag2"
 )
-SignalFormat = Literal["csv", "mat", "mf4", "mcap", "rosbag2"]
 _SIGNALS = "signals.parquet"
 _SCENARIO = "scenario.toml"
 
@@ -24,10 +23,10 @@ _SCENARIO = "scenario.toml"
 def export(
     run: Annotated[Path, typer.Argument(help="Directory of a finished run.")],
     to: Annotated[
-        SignalFormat,
+        str,
         typer.Option(
-            help="Format: CSV, MAT for MATLAB, MF4 (ASAM MDF) for measurement tools, MCAP for Foxglove and Lichtblick, "
-            "or a ROS 2 bag (a folder). MF4, MCAP and bags need the extra 'export'."
+            help="Format: csv, mat for MATLAB, mf4 (ASAM MDF) for measurement tools, mcap for Foxglove and Lichtblick, "
+            "rosbag2 (a folder), or package.module:Name. mf4, mcap and rosbag2 need the extra 'export'."
         ),
     ] = "csv",
     images: Annotated[
@@ -45,23 +44,22 @@ def export(
     estimate reads such a bag. pandas reads RUN/signals.parquet as it is.
     """
     with one_line_errors():
-        from offtrack.exchange.exports.log_files import written
-        from offtrack.exchange.exports.mcap import write_mcap
-        from offtrack.exchange.exports.rosbag2 import write_rosbag2
+        from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
+        from scenarios.catalogue import resolve
         from scenarios.results.log import read_log
 
         if not (run / _SIGNALS).is_file():
             raise ValueError(f"{run}: is no directory of a finished run: it has no {_SIGNALS}")
-        write_all = {"mcap": write_mcap, "rosbag2": write_rosbag2}.get(to)
-        if images is not None and write_all is None:
-            raise ValueError(f"--images {images}: only MCAP and bags hold images: add --to mcap or --to rosbag2")
-        log, path = read_log(run / _SIGNALS), out or run / ("rosbag2" if to == "rosbag2" else f"signals.{to}")
-        if write_all is not None:
-            with progress_display(shown=not quiet) as display:
-                shown = progress_bar(display, "export")
-                files: tuple[Path, ...] = (write_all(log, run / _SCENARIO, path, images=images, progress=shown),)
-        else:
-            files = written(log, path, to)  # type: ignore[arg-type]  # the others are written above
+        chosen: type[ExportFormat] = resolve("--to", to, EXPORT)
+        if images is not None and not chosen.takes_images:
+            with_images = [name for name in EXPORT if resolve("--to", name, EXPORT).takes_images]
+            raise ValueError(f"--images {images}: {to} takes no images: choose --to {' or '.join(with_images)}")
+        log = read_log(run / _SIGNALS)
+        with progress_display(shown=chosen.takes_images and not quiet) as display:
+            exported = ExportedRun(
+                log=log, scenario=run / _SCENARIO, images=images, progress=progress_bar(display, "export")
+            )
+            files = chosen.write(exported, out or run / chosen.file)
         if not quiet:
             for path in files:
                 typer.echo(f"Signals: {path}")
@@ -93,19 +91,10 @@ def draw(
     """
     with one_line_errors():
         check_number("--every", every, *_EVERY)
-        from offtrack.exchange.drawings import (
-            drawing,
-            driven_run,
-            formats_of,
-            missing_package,
-            needed_packages,
-            write_drawing,
-        )
+        from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
         from scenarios.results.atomic_files import check_new_file
 
         kinds = formats_of(to)
-        if missing := missing_package(needed_packages(kinds)):
-            raise ValueError(missing)
         base = out or run / "drawing"
         files = {kind: base if out and len(kinds) == 1 else base.with_name(f"{base.name}.{kind}") for kind in kinds}
         drawn = drawing(driven_run(run), every=every)

@@ -166,7 +166,7 @@ def assess(
     A missed limit is a result, not an error. Manoeuvres under other conditions than the standard's (--speed, --radius,
     --friction) are not compared with limits.
     """
-    from offtrack.exchange.drawings import formats_of, missing_package, needed_packages
+    from offtrack.exchange.drawings import formats_of
     from offtrack.studies.standards.assessment import assess as driven
     from offtrack.studies.standards.assessment import loaded
     from offtrack.studies.standards.assessment_report import write_assessment
@@ -179,8 +179,6 @@ def assess(
         chosen = load_vehicle(vehicle)
         directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
-        if missing := missing_package(needed_packages(kinds)):
-            raise ValueError(missing)
         close_part(steered_trailer(chosen, trailer_steering))  # refuses what can not be steered
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
