@@ -148,10 +148,9 @@ def off_tracking(
     options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
     from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
-    from offtrack.exchange.recordings.estimation import Chosen, estimate, off_tracking_source
-    from offtrack.exchange.recordings.estimation_files import write_estimation
-    from offtrack.exchange.recordings.estimation_summary import agreement_numbers
+    from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
     from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
+    from offtrack.exchange.recordings.recording_page import write_estimation
     from offtrack.exchange.recordings.stereo_reader import open_recording
     from scenarios.catalogue import ODOMETRY, resolve
     from scenarios.options.scenario import estimator_options
@@ -236,8 +235,7 @@ def slip(
     from estimators.context import RoverContext
     from estimators.odometry.repeated_frames import NewViews
     from offtrack.exchange.recordings.rover_recording import open_rover_recording
-    from offtrack.exchange.recordings.slip_estimation import estimate_slip
-    from offtrack.exchange.recordings.slip_report import write_slip_estimation
+    from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
     from scenarios.catalogue import SLIP_ESTIMATOR, constructed, resolve
     from scenarios.randomness import stream
     from scenarios.results.run_directory import results_directory

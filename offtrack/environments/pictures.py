@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from controllers.path import Path
 from estimators.estimates import Health
-from offtrack.reports.camera_pictures import draw_flow
 from offtrack.reports.canvas import ESTIMATED, INK, SHIFT, SOFT, TRUE, Colour, Picture, blank, curve, fixed_point, write
+from offtrack.reports.run_video import draw_flow
 from scenarios.courses import Course
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from scenarios.results.trailer_signals import Estimate

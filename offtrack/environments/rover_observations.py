@@ -12,8 +12,8 @@ from controllers.path import Path
 from estimators.estimates import SlipAngle
 from offtrack.environments.core import Feature
 from offtrack.environments.sensed import SensedChannel
-from offtrack.reports.camera_pictures import draw_trace
 from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, write
+from offtrack.reports.run_video import draw_trace
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine
