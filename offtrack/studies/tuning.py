@@ -200,8 +200,7 @@ def _number(outcome: Outcome, objective: str) -> float:
 
 def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     """Run the tuning set with the suggested parameters, and return the objectives."""
-    from scenarios.loop.runner import run_any
-    from scenarios.results.run_summary import summary
+    from scenarios.loop.runner import run
 
     parameters = {
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)
@@ -212,7 +211,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         watch_files()
         scenario = case.resolved()
-        outcomes.append(Outcome(case=case, numbers=summary(run_any(scenario, case.seed))))
+        outcomes.append(Outcome(case=case, numbers=run(scenario, case.seed).summary()))
         files |= opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")

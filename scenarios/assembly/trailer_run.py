@@ -71,6 +71,18 @@ def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
     return opened
 
 
+def rendered_images(scenario: Scenario) -> type | None:
+    """Class of the images of a scenario's cameras, which are rendered with OpenGL; None: its sensor is no camera."""
+    sensor = scenario.sensor or resolve("off_tracking", scenario.off_tracking, OFF_TRACKING).sensor
+    sends = getattr(resolve("sensor", sensor, SENSOR), "sends", None)
+    return sends if isinstance(sends, type) else None
+
+
+def course_duration(scenario: Scenario) -> float:
+    """Time that a scenario's course takes at set speed [s]."""
+    return course_of(scenario, vehicle_of(scenario)).length / scenario.speed
+
+
 def opened_sensing(context: MountContext) -> Sensing:
     """Open the scenario's sensor and estimator for one trailer.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, get_args
 
+import tomli_w
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from vehicle.foundation.user_file import full_path
@@ -39,6 +40,10 @@ class Options(BaseModel):
     def _with_tuples(cls, table: Any) -> Any:
         """The table of a file with tuples in place of its lists."""
         return {key: _as_tuple(value) for key, value in table.items()} if isinstance(table, dict) else table
+
+    def to_toml(self) -> str:
+        """The resolved table as TOML: as a scenario, it runs again identically."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
 
 
 def _as_tuple(value: Any) -> Any:

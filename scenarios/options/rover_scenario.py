@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
-import tomli_w
 from pydantic import Field
 
 from scenarios.options.base import FullPath, Options, option, quantity
@@ -78,6 +77,8 @@ class RoverSignalOptions(Options):
 class RoverScenario(Options):
     """One closed-loop run of a rover."""
 
+    vehicle_kind: ClassVar[str] = "rover"  # key of the tables of kinds
+
     kind: Literal["rover"] = option("rover: a scenario for rovers.")
     name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
     description: str = option("One line for offtrack scenarios.", "")
@@ -113,7 +114,3 @@ class RoverScenario(Options):
     def speed(self) -> float:
         """Set speed of the wheels [m/s]."""
         return self.speed_kmh / 3.6
-
-    def to_toml(self) -> str:
-        """The resolved scenario as TOML: it runs again identically."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True))

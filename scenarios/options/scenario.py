@@ -8,9 +8,8 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, ClassVar, Final, Literal, TypeVar, get_args
 
-import tomli_w
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
 from pydantic_core import ErrorDetails
 
@@ -78,7 +77,9 @@ class PolicyOptions(Options):
 
 
 class Scenario(Options):
-    """One closed-loop run."""
+    """One closed-loop run of a combination."""
+
+    vehicle_kind: ClassVar[str] = "trailer"  # key of the tables of kinds
 
     name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
     description: str = option("One line for offtrack scenarios.", "")
@@ -136,9 +137,9 @@ class Scenario(Options):
         """Set speed [m/s]."""
         return self.speed_kmh / 3.6
 
-    def to_toml(self) -> str:
-        """The resolved scenario as TOML: it runs again identically."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+AnyScenario = Scenario | RoverScenario
+ScenarioT = TypeVar("ScenarioT", Scenario, RoverScenario)
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -152,13 +153,22 @@ def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
     Raises:
         ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
     """
-    scenario = load_any_scenario(name_or_path, settings)
-    if isinstance(scenario, Scenario):
+    refusal = f"scenario {name_or_path} is a rover's; a trailer's is needed"
+    return of_kind(load_any_scenario(name_or_path, settings), Scenario, refusal)
+
+
+def of_kind(scenario: AnyScenario, model: type[ScenarioT], refusal: str) -> ScenarioT:
+    """The scenario, if it is one of this model.
+
+    Raises:
+        ValueError: with ``refusal``, if it is another kind of vehicle's.
+    """
+    if isinstance(scenario, model):
         return scenario
-    raise ValueError(f"scenario {name_or_path} is a rover's; a trailer's is needed")
+    raise ValueError(refusal)
 
 
-def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RoverScenario:
+def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> AnyScenario:
     """Load a trailer's or a rover's scenario by name or file, and apply ``KEY=VALUE`` settings.
 
     Raises:
@@ -170,11 +180,11 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
     vehicle = table.get("vehicle")
     if isinstance(vehicle, str) and vehicle.endswith(".toml"):
         table["vehicle"] = full_path(vehicle)  # the resolved scenario runs again from any folder
-    model = RoverScenario if table.get("kind") == "rover" else Scenario
+    model = RoverScenario if table.get("kind") == RoverScenario.vehicle_kind else Scenario
     return _validated(_with_own_course(model, table), table, name_or_path)
 
 
-def _with_own_course(model: type[Scenario | RoverScenario], table: Table) -> type[Scenario | RoverScenario]:
+def _with_own_course(model: type[AnyScenario], table: Table) -> type[AnyScenario]:
     """The model with the user's own kind of course, if ``course.kind`` is an import path.
 
     Raises:
@@ -260,14 +270,14 @@ def _value(text: str) -> Parameter | list[Any]:
     return value if isinstance(value, bool | int | float | str | list) else text
 
 
-def _validated(model: type[Scenario | RoverScenario], table: Table, source: str) -> Scenario | RoverScenario:
+def _validated(model: type[AnyScenario], table: Table, source: str) -> AnyScenario:
     try:
         return model.model_validate(table)
     except ValidationError as error:
         raise ValueError(f"scenario {source}: {_complaint(model, error.errors(include_url=False)[0])}") from None
 
 
-def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> str:
+def _complaint(model: type[AnyScenario], first: ErrorDetails) -> str:
     """One line about the first error: key, value, limit, unit, or the nearest known key."""
     tables: tuple[type[BaseModel], ...] = (*tables_in(model.model_fields["course"].annotation), *PATCHES)
     kinds = [kind for options in tables for kind in get_args(options.model_fields["kind"].annotation)]

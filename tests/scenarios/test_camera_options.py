@@ -6,21 +6,25 @@ import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from offtrack.exchange.recordings.writers import RecordingWriter
+from scenarios.assembly.adapters import rig_on, trailer_geometry
 from scenarios.assembly.cameras import BoardCalibration
 from scenarios.assembly.mount import Views
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession
+from scenarios.options.perception import RigOptions
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from sensors.camera.lens import RawStereoRig, load_raw_rig
 from sensors.camera.stereo_camera import RawStereoCamera, StereoCamera
 from sensors.messages import RoverView
+from vehicle.combination.description import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("worlds")
 SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.3", "course.length=20")
@@ -85,6 +89,19 @@ def test_what_can_not_be_is_one_clear_line(setting: str, complaint: str) -> None
     with pytest.raises(ValueError, match=complaint) as refused:
         scenario(setting)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("facing", "sideways"), [("rear", 0.0), ("down", 0.0), ("left", 1.0), ("right", -1.0)])
+def test_cameras_at_the_sides_stand_on_the_edge_of_the_roof_that_they_look_over(
+    facing: Literal["rear", "left", "right", "down"], sideways: float
+) -> None:
+    """In half-widths of the trailer, + left; on the opposite edge they would look across the roof."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    geometry = trailer_geometry(vehicle, 1)
+    rig = rig_on(vehicle.units[1], geometry, RigOptions(facing=facing))
+    assert rig.y == sideways * 0.5 * vehicle.units[1].width
+    assert rig.x == (-0.5 if sideways else -1.0) * geometry.follow_distance
+    assert rig.calibration().X_SC[1, 2] * rig.y >= 0.0  # the optical axis points outwards
 
 
 def test_perfect_cameras_stay_the_plain_ones() -> None:

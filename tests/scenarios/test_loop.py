@@ -19,7 +19,6 @@ from scenarios.loop.timing import Pacer
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress
-from scenarios.results.run_summary import summary
 from scenarios.results.summary_numbers import number_at
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import CombinationSignals, EgoState
@@ -112,8 +111,8 @@ def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other(seen: RunResult
     assert len(kept.log) == len(seen.log) == 100
     assert kept.log == seen.log
     assert kept.manifest["frames_sha256"] == seen.manifest["frames_sha256"]
-    assert "paced" in summary(kept)
-    assert "paced" not in summary(seen)
+    assert "paced" in kept.summary()
+    assert "paced" not in seen.summary()
 
 
 def test_left_and_right_roundabout_are_mirror_images() -> None:
@@ -178,7 +177,7 @@ def test_path_following_takes_away_the_cut_in() -> None:
     """Unsteered, the long trailer's rear cuts in by metres; following the hitch's path, by centimetres."""
     third = "course.turn_deg=120"
     followed, unsteered = (
-        number_at(summary(short(third, *law)), "off_tracking.true_max_m") for law in ((), ("trailer_steering=none",))
+        number_at(short(third, *law).summary(), "off_tracking.true_max_m") for law in ((), ("trailer_steering=none",))
     )
     assert unsteered is not None
     assert unsteered > 1.0
@@ -245,7 +244,7 @@ def test_what_befalls_a_combination_is_the_outcome_of_its_run(outcome: str, sett
     """Centripetal acceleration is 0.8 g in the roll-over, tips at 0.5 g, and 0.2 g of friction hold 0.8 g nowhere."""
     scenario = load_scenario("roundabout", (*EXACT, "trailer_steering=none", *settings))
     result = run(scenario, 1)
-    assert summary(result)["outcome"] == outcome
+    assert result.summary()["outcome"] == outcome
 
 
 def test_a_long_trailer_that_cuts_in_has_not_left_the_road() -> None:

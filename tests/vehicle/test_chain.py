@@ -16,7 +16,17 @@ from hypothesis import strategies as st
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import GRAVITY, Vehicle, brake_channels
 from vehicle.combination.functions import compiled_derivative, compiled_output
-from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
+from vehicle.combination.layout import (
+    Chain,
+    Input,
+    Output,
+    State,
+    input_sizes,
+    output_sizes,
+    parts,
+    state_sizes,
+    wheels,
+)
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Unit
 from vehicle.engine.integrator import exact_diagonal
@@ -222,8 +232,8 @@ def both_diagonals(vehicle: Vehicle) -> ca.Function:
     named = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
     at = State(*pairwise(accumulate(state_sizes(vehicle), initial=0)))
     blocks = [at.omega, at.deflection_x, at.deflection_y, at.brake_windup]
-    exact = exact_diagonal(ca.vertcat(*derivative(vehicle, *named)), x, blocks)
-    return ca.Function("both", [x, u], [ca.vertcat(*relaxation(vehicle, *named)), -exact])
+    exact = exact_diagonal(ca.vertcat(*derivative(Chain.of(vehicle), *named)), x, blocks)
+    return ca.Function("both", [x, u], [ca.vertcat(*relaxation(Chain.of(vehicle), *named)), -exact])
 
 
 @few

@@ -12,7 +12,7 @@ from tests.vehicle.braking import without_governor
 from vehicle.clock import TICK
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.engine.integrator import semi_implicit_step
 from vehicle.frames import FloatArray
 
@@ -24,9 +24,9 @@ def one_step(vehicle: Vehicle, h: float) -> ca.Function:
     given = Input(*parts(u, input_sizes(vehicle)))
 
     def rate(y: ca.SX) -> ca.SX:
-        return ca.vertcat(*derivative(vehicle, State(*parts(y, state_sizes(vehicle))), given))
+        return ca.vertcat(*derivative(Chain.of(vehicle), State(*parts(y, state_sizes(vehicle))), given))
 
-    stiff = ca.vertcat(*relaxation(vehicle, State(*parts(x, state_sizes(vehicle))), given))
+    stiff = ca.vertcat(*relaxation(Chain.of(vehicle), State(*parts(x, state_sizes(vehicle))), given))
     return ca.Function("step", [x, u], [ca.cse(semi_implicit_step(rate, x, h, stiff))])
 
 

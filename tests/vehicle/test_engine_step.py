@@ -15,6 +15,7 @@ from vehicle.combination.chain import relaxation
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import compiled_derivative, numbers, sampled_states, step_function, wheel_function
 from vehicle.combination.layout import (
+    Chain,
     CommandInputs,
     GroundInputs,
     State,
@@ -85,7 +86,7 @@ def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int)
     sizes = command_sizes(chain), ground_input_sizes(chain)
     command, ground = (parts(part, of) for part, of in zip(parts(v, [sum(s) for s in sizes]), sizes, strict=True))
     u = chain_input(chain, CommandInputs(*command), GroundInputs(*ground))
-    rate, relaxing = compiled_derivative(chain), relaxation(chain, State(*parts(x, state_sizes(chain))), u)
+    rate, relaxing = compiled_derivative(chain), relaxation(Chain.of(chain), State(*parts(x, state_sizes(chain))), u)
     whole = semi_implicit_step(
         lambda state: rate(state, ca.vertcat(*u)), x, TICK, ca.vertcat(*relaxing), sampled_states(chain)
     )

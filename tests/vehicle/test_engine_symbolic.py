@@ -9,7 +9,7 @@ import pytest
 from vehicle.combination.chain import derivative
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import compiled_derivative, numbers, step_function, symbolic_twin, topology
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes
 
 
 def test_symbols_are_named_after_their_places_in_the_file(tractor_semitrailer: Vehicle) -> None:
@@ -31,7 +31,7 @@ def test_the_twin_with_its_numbers_is_the_vehicle(name: str) -> None:
     twin = symbolic_twin(vehicle)
     sizes, of_input = state_sizes(vehicle), input_sizes(vehicle)
     x, u = ca.SX.sym("x", sum(sizes)), ca.SX.sym("u", sum(of_input))
-    rates = derivative(twin.vehicle, State(*parts(x, sizes)), Input(*parts(u, of_input)))
+    rates = derivative(Chain.of(twin.vehicle), State(*parts(x, sizes)), Input(*parts(u, of_input)))
     rng = np.random.default_rng(4)
     state = rng.uniform(0.01, 0.1, sum(sizes))
     given = np.concatenate(

@@ -8,7 +8,7 @@ import pytest
 
 from vehicle.combination.chain import derivative
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.linear import flipped, kept, straight_running
 
 SPEED = 20.0  # [m/s]
@@ -18,7 +18,7 @@ def rate_and_slope(vehicle: Vehicle, x: np.ndarray, u: np.ndarray) -> tuple[np.n
     """Derivative of the state, and its jacobian."""
     at, demands = ca.SX.sym("x", x.size), ca.SX.sym("u", u.size)
     s, d = State(*parts(at, state_sizes(vehicle))), Input(*parts(demands, input_sizes(vehicle)))
-    rate = ca.vertcat(*derivative(vehicle, s, d))
+    rate = ca.vertcat(*derivative(Chain.of(vehicle), s, d))
     value, slope = ca.Function("f", [at, demands], [rate, ca.jacobian(rate, at)])(x, u)
     return np.array(value).ravel(), np.array(slope)
 

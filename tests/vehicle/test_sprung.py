@@ -13,7 +13,17 @@ from scipy.integrate import solve_ivp
 
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
-from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
+from vehicle.combination.layout import (
+    Chain,
+    Input,
+    Output,
+    State,
+    input_sizes,
+    output_sizes,
+    parts,
+    state_sizes,
+    wheels,
+)
 from vehicle.combination.sprung import Ride, rides, settled, spring_rates
 
 
@@ -25,7 +35,7 @@ def at_rest(vehicle: Vehicle, **road: np.ndarray) -> tuple[State[np.ndarray], In
 
 
 def bodies(vehicle: Vehicle, s: State[np.ndarray], u: Input[np.ndarray]) -> list[Ride]:
-    return rides(vehicle, wheels(vehicle), s, u)
+    return rides(Chain.of(vehicle), s, u)
 
 
 def told(vehicle: Vehicle, s: State[np.ndarray], u: Input[np.ndarray]) -> Output[np.ndarray]:

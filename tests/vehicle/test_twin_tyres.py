@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.combination.chain_forces import WheelMotion, WheelState, wheel_motion
+from vehicle.combination.chain_forces import RollingWheel, WheelMotion, wheel_motion
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import State, parts, state_sizes, wheels
 from vehicle.combination.linear import lateral_model
@@ -46,7 +46,7 @@ def on_linear_tyres(vehicle: Vehicle) -> Vehicle:
 def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: float) -> WheelMotion:
     """A wheel that rolls freely with its middle, with given deflections of its patches along it."""
     wheel = wheels(vehicle)[number]
-    state = WheelState(
+    state = RollingWheel(
         omega=SPEED / wheel.axle.wheel_radius,
         deflection=Planar(outer, 0.0),
         twin=Planar(inner, 0.0) if wheel.twin is not None else None,
@@ -58,7 +58,7 @@ def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: 
         load=LOAD,
         friction=0.8,
         acceleration=0.0,
-        slowing=0.0,
+        brake_deceleration=0.0,
         gear=1.0,
     )
     return wheel_motion(vehicle, wheel, state)

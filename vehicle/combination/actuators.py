@@ -21,9 +21,8 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
-from vehicle.combination.description import AirDrag, Channel, Vehicle, brake_channels
-from vehicle.combination.layout import State, Wheel
-from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.description import AirDrag, Channel, Vehicle
+from vehicle.combination.layout import Chain, Input, State, Wheel
 from vehicle.combination.unit import Brakes
 from vehicle.tyres import Num
 
@@ -105,8 +104,10 @@ def retarder_capacity(vehicle: Vehicle, v_x: Num) -> Num:
     return ca.fmin(ca.fmin(building, retarder.max_force), by_power)
 
 
-def air_drag(air: AirDrag, v_x: Num) -> Num:
-    """Force [N] of the air against the motion at a speed [m/s] in still air; it acts on the tractor."""
+def air_drag(air: AirDrag | None, v_x: Num) -> Num:
+    """Force [N] of the air against the motion at a speed [m/s] in still air; it acts on the tractor. 0 without data."""
+    if air is None:
+        return 0.0
     return (0.5 * air.density * air.drag_area) * v_x * ca.fabs(v_x)
 
 
@@ -117,33 +118,35 @@ class BrakeRates(NamedTuple):
     valve: list[Num]  # of every modulator [1/s]
 
 
-def service_demand(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> Num:
+def service_demand(chain: Chain, s: State[ca.SX]) -> Num:
     """Acceleration demanded of the service brakes [m/s2], not above 0: what the endurance brake does not do.
 
     The more modulators of driven wheels release, the less it does, too.
     """
+    vehicle = chain.vehicle
     if not retards_first(vehicle):
         return ca.fmin(s.acceleration, 0.0)
-    driven = [wheel for wheel in layout if wheel.axle.driven]
-    engaged = sum(kept_pressure(vehicle, wheel, s) for wheel in driven) / len(driven)
+    driven = [wheel for wheel in chain.wheels if wheel.axle.driven]
+    engaged = sum(kept_pressure(chain, wheel, s) for wheel in driven) / len(driven)
     return ca.fmin(s.acceleration + engaged * retarder_capacity(vehicle, s.v_x) / vehicle.mass, 0.0)
 
 
-def kept_pressure(vehicle: Vehicle, wheel: Wheel, s: State[ca.SX]) -> Num:
+def kept_pressure(chain: Chain, wheel: Wheel, s: State[ca.SX]) -> Num:
     """Share of the brake torque that the ABS modulator of a wheel lets act: 1, or down to 0 as it releases."""
-    valve = None if wheel.brake is None else brake_channels(vehicle)[wheel.brake].valve
+    valve = None if wheel.brake is None else chain.channels[wheel.brake].valve
     return 1.0 if valve is None else 1.0 - s.brake_valve[valve]
 
 
-def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], shares: ca.SX) -> list[Num]:
+def brake_decelerations(chain: Chain, s: State[ca.SX], u: Input[ca.SX]) -> list[Num]:
     """Rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2].
 
-    ABS modulators of driven wheels reduce the endurance brake, too. ``shares`` are of the service brakes' torque, if
-    the vehicle ``has_failing_brakes``; the system does not know of them.
+    ABS modulators of driven wheels reduce the endurance brake, too. The system does not know of failing brakes, nor of
+    further ones with torques of their own.
     """
-    demand, force = service_demand(vehicle, layout, s), retarding(vehicle, s.acceleration, s.v_x)
-    slowing: list[Num] = []
-    for number, wheel in enumerate(layout):
+    vehicle = chain.vehicle
+    demand, force = service_demand(chain, s), retarding(vehicle, s.acceleration, s.v_x)
+    rates: list[Num] = []
+    for number, wheel in enumerate(chain.wheels):
         per_inertia = 1.0 / wheel.axle.wheel_inertia
         per_force = wheel.axle.wheel_radius * per_inertia
         rate: Num = 0.0
@@ -151,22 +154,25 @@ def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], share
             rate = (vehicle.mass * wheel.brake_share * per_force) * demand
         elif wheel.brake is not None and wheel.axle.brake is not None:
             rate = (-0.5 * per_inertia * wheel.axle.brake.torque) * s.brake_pressure[wheel.brake]
-            rate = shares[number] * rate if vehicle.has_failing_brakes else rate
+            rate = u.brake_share[number] * rate if vehicle.has_failing_brakes else rate
         if wheel.axle.driven and retards_first(vehicle):
-            rate = rate - (per_force * wheel.drive_share) * (kept_pressure(vehicle, wheel, s) * force)
-        slowing.append(rate)
-    return slowing
+            rate = rate - (per_force * wheel.drive_share) * (kept_pressure(chain, wheel, s) * force)
+        if vehicle.has_torque_inputs:
+            rate = rate - (0.5 / wheel.axle.wheel_inertia) * ca.fmax(u.brake_torque[number // 2], 0.0)
+        rates.append(rate)
+    return rates
 
 
-def brake_rates(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], commands: Sequence[Num]) -> BrakeRates:
-    """Rates of pressures and valves under the modulators' ``valve_commands``."""
-    system = vehicle.brakes
+def brake_rates(chain: Chain, s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]) -> BrakeRates:
+    """Rates of pressures and valves; ``travel`` and ``spin_rates`` as for ``valve_commands``."""
+    system = chain.vehicle.brakes
     if system is None:
         return BrakeRates([], [])
-    demand = -service_demand(vehicle, layout, s)
-    shares = _pressure_shares(vehicle)
+    commands = valve_commands(chain, system, s, travel, spin_rates)
+    demand = -service_demand(chain, s)
+    shares = _pressure_shares(chain)
     pressures: list[Num] = []
-    for number, channel in enumerate(brake_channels(vehicle)):
+    for number, channel in enumerate(chain.channels):
         target = ca.fmin(shares[channel.unit, channel.axles[0]] * demand, 1.0)
         pressure = s.brake_pressure[number]
         rate = ca.fmin((1.0 / channel.brake.lag) * (target - pressure), channel.brake.fill_rate)
@@ -181,26 +187,23 @@ def brake_rates(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], comm
 
 
 def valve_commands(
-    vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]
+    chain: Chain, system: Brakes, s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]
 ) -> list[Num]:
     """Commands of the ABS modulators: 1 releases the pressure, 0 lets it in.
 
     ``travel`` is the magnitude of each wheel's velocity along its plane [m/s], ``spin_rates`` are theirs [rad/s2]. Of
     several wheels the one that slips most decides; those on one side of a unit have the same velocity.
     """
-    system = vehicle.brakes
-    if system is None:
-        return []
     limit = system.abs_slip * ca.fabs(s.v_x) + system.abs_slip_speed  # slip speed of all modulators [m/s]
     commands: list[Num] = []
-    for number, channel in enumerate(brake_channels(vehicle)):
+    for number, channel in enumerate(chain.channels):
         if channel.valve is None:
             continue
         held = 1.0 - system.abs_hysteresis * s.brake_valve[channel.valve]
         slips: list[Num] = []  # slip speed on each side [m/s]
         for side in (+1, -1):
-            wheels = [k for k, wheel in enumerate(layout) if wheel.brake == number and wheel.side == side]
-            treads = [_predicted_tread(system, layout[k], s.omega[k], spin_rates[k]) for k in wheels]
+            wheels = [k for k, wheel in enumerate(chain.wheels) if wheel.brake == number and wheel.side == side]
+            treads = [_predicted_tread(system, chain.wheels[k], s.omega[k], spin_rates[k]) for k in wheels]
             if treads:
                 slips.append(travel[wheels[0]] - reduce(ca.fmin, treads))
         commands.append(reduce(ca.fmax, slips) > held * limit)
@@ -212,10 +215,10 @@ def _predicted_tread(system: Brakes, wheel: Wheel, omega: Num, spin_rate: Num) -
     return wheel.axle.wheel_radius * ca.fabs(omega + system.abs_lead * spin_rate)
 
 
-def _pressure_shares(vehicle: Vehicle) -> dict[tuple[int, int], Num]:
+def _pressure_shares(chain: Chain) -> dict[tuple[int, int], Num]:
     """Pressure over the demanded deceleration [s2/m] by unit and first axle of a channel."""
-    system, loads = vehicle.brakes, static_axle_loads(vehicle)
-    channels = {(channel.unit, channel.axles[0]): channel for channel in brake_channels(vehicle)}
+    vehicle, system, loads = chain.vehicle, chain.vehicle.brakes, chain.static_loads
+    channels = {(channel.unit, channel.axles[0]): channel for channel in chain.channels}
     forces = {key: _force(vehicle, channel) for key, channel in channels.items()}
     carried = {key: sum(loads[channel.unit][k] for k in channel.axles) for key, channel in channels.items()}
     if system is not None and system.distribution == "load":

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import casadi as ca
 
 from vehicle.combination.actuators import drive_torque
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import Input, State, Wheel
-from vehicle.combination.multibody import Speeds, Vector, acceleration, along, from_unit, levers_to, velocity
-from vehicle.combination.unit import Axle
-from vehicle.tyres import (
-    Contact,
-    Num,
-    Planar,
-    carcass,
-    contact,
-    rolling_speed,
-)
+from vehicle.combination.layout import Chain, Input, State, Wheel
+from vehicle.combination.multibody import ZERO, Speeds, Vector, acceleration, along, from_unit, levers_to, velocity
+from vehicle.combination.unit import Axle, Unit
+from vehicle.tyres import Contact, Num, Planar, carcass, contact, rolling_speed
 
 _BRAKE_WINDUP: Final = 0.02  # angle over which a brake's holding torque builds up [rad]: 1 cm at the tread
 
 
-class WheelState(NamedTuple):
+class RollingWheel(NamedTuple):
     """States of one wheel, and the quantities that act on it."""
 
     omega: Num  # spin [rad/s]
@@ -38,7 +31,7 @@ class WheelState(NamedTuple):
     load: Num  # [N]
     friction: Num  # [-]
     acceleration: Num  # demanded of drive torques [m/s2]
-    slowing: Num  # rate of the spin that its brakes can cause, not above 0 [rad/s2]
+    brake_deceleration: Num  # rate of the spin that its brakes can cause, not above 0 [rad/s2]
     gear: Num  # +1 drives forward, -1 backward
     torque: Num | None = None  # of a further drive, + forward [N m]
 
@@ -80,7 +73,7 @@ def wheel_plane(axle: Axle, y: float, delta: Num) -> Vector:
     return Vector(per_length * run, per_length * t)
 
 
-class _Patch(NamedTuple):
+class _ContactPatch(NamedTuple):
     """A contact patch of a wheel."""
 
     rate: Planar  # of its deflection [1/s]
@@ -91,7 +84,7 @@ class _Patch(NamedTuple):
     used: Num  # force over the largest one [-]
 
 
-def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
+def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: RollingWheel) -> WheelMotion:
     """Motion of a wheel in a state."""
     v = along(s.plane, s.hub)
     turning = (1.0 / _BRAKE_WINDUP) * s.omega
@@ -101,7 +94,8 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
         outer, inner = _patch(wheel, s, s.deflection, v, 1.0), None
         force, used, spin, trail = outer.force, outer.used, outer.spin_relaxation, outer.trail
     else:
-        reach = wheel.side * 0.5 * _spacing(wheel.axle)  # of the outer patch to the left of the wheel's middle [m]
+        spacing = 0.0 if wheel.axle.twin_spacing is None else wheel.axle.twin_spacing
+        reach = wheel.side * 0.5 * spacing  # of the outer patch to the left of the wheel's middle [m]
         outer = _patch(wheel, s, s.deflection, Vector(v.x - reach * s.yaw_rate, v.y), 0.5)
         inner = _patch(wheel, s, s.twin, Vector(v.x + reach * s.yaw_rate, v.y), 0.5)
         force = Planar(outer.force.x + inner.force.x, outer.force.y + inner.force.y)
@@ -129,11 +123,7 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     )
 
 
-def _spacing(axle: Axle) -> float:
-    return 0.0 if axle.twin_spacing is None else axle.twin_spacing
-
-
-def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: float) -> _Patch:
+def _patch(wheel: Wheel, s: RollingWheel, deflection: Planar, v: Vector, share: float) -> _ContactPatch:
     """Contact patch that moves at v [m/s] along and across the wheel's plane and carries a share of its load."""
     axle, tyre = wheel.axle, wheel.axle.tyre
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
@@ -141,7 +131,7 @@ def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: fl
     moving = carcass(deflection, sliding, grip.decay, tyre.damping, s.travel)
     load = s.load if share == 1.0 else share * s.load
     on = contact(moving.felt, load, grip)
-    return _Patch(
+    return _ContactPatch(
         rate=moving.rate,
         decay=grip.decay,
         force=on.force,
@@ -151,11 +141,11 @@ def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: fl
     )
 
 
-def _braked_spin_rate(wheel: Wheel, s: WheelState, pull: Num) -> Num:
+def _braked_spin_rate(wheel: Wheel, s: RollingWheel, pull: Num) -> Num:
     """Rate of the spin [rad/s2] under brakes, rolling drag, and the ground's pull [N]."""
     radius, per_inertia = wheel.axle.wheel_radius, 1.0 / wheel.axle.wheel_inertia
     per_torque = radius * per_inertia
-    resisting = s.slowing - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
+    resisting = s.brake_deceleration - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
     return resisting * s.brake_windup - per_torque * pull
 
 
@@ -170,6 +160,57 @@ def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
     return (per_spin * at_once) * (on.per_deflection * (1.0 - on.use_along))
 
 
+def wheel_motions(
+    chain: Chain,
+    e: list[Vector],
+    speeds: Speeds,
+    loads: list[Num],
+    brake_decelerations: list[Num],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[WheelMotion]:
+    """Motion of every wheel, front to rear, left before right."""
+    vehicle = chain.vehicle
+    origins = [along(e[i], velocity(levers_to(vehicle, i, 0.0), e, speeds)) for i in range(len(chain.units))]
+    motions = []
+    for k, wheel in enumerate(chain.wheels):
+        origin, r = origins[wheel.unit], speeds.yaw_rate[wheel.unit]
+        turning = wheel.side * ((0.5 * wheel.axle.track) * r)  # the same product for both sides
+        state = RollingWheel(
+            omega=s.omega[k],
+            deflection=Planar(s.deflection_x[k], s.deflection_y[k]),
+            twin=None if wheel.twin is None else Planar(s.twin_x[wheel.twin], s.twin_y[wheel.twin]),
+            brake_windup=s.brake_windup[k],
+            plane=_plane(chain, k, s, u),
+            hub=Vector(origin.x - turning, origin.y + wheel.axle.x * r),
+            yaw_rate=r,
+            travel=origin.x,
+            load=loads[k],
+            friction=u.friction[k],
+            acceleration=s.acceleration,
+            brake_deceleration=brake_decelerations[k],
+            gear=u.gear,
+            torque=0.5 * u.drive_torque[k // 2] if vehicle.has_torque_inputs else None,
+        )
+        motions.append(wheel_motion(vehicle, wheel, state))
+    return motions
+
+
+def _plane(chain: Chain, k: int, s: State[ca.SX], u: Input[ca.SX]) -> Vector:
+    """Direction of the plane of wheel number ``k``: turned by its actuator, and by its suspension as the body moves."""
+    wheel = chain.wheels[k]
+    axle = wheel.axle
+    angles: list[Num] = [] if wheel.steer is None else [wheel.steer_ratio * s.steer[wheel.steer]]
+    if axle.roll_steer is not None:
+        left, right = (k, k + 1) if wheel.side > 0 else (k - 1, k)
+        angles.append(axle.roll_steer * (s.roll[wheel.unit] - (1.0 / axle.track) * (u.road[left] - u.road[right])))
+    if axle.bump_steer is not None:
+        lever = axle.x - chain.units[wheel.unit].cg_x
+        body = s.heave[wheel.unit] - lever * s.pitch[wheel.unit] + wheel.y * s.roll[wheel.unit]
+        angles.append((wheel.side * axle.bump_steer) * (body - u.road[k]))
+    return wheel_plane(axle, wheel.y, sum(angles[1:], angles[0])) if angles else Vector(1.0, 0.0)
+
+
 class GroundForce(NamedTuple):
     """Action of the ground on a unit."""
 
@@ -179,64 +220,48 @@ class GroundForce(NamedTuple):
     gravity: Vector  # along the ground, along the tractor's axes [m/s2]
 
 
-def course_of(s: State[ca.SX]) -> Vector:
+def heading(s: State[ca.SX]) -> Vector:
     """Direction of the tractor's x axis in W."""
     return Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0]))
 
 
 def ground_forces(
-    vehicle: Vehicle,
-    layout: tuple[Wheel, ...],
-    e: list[Vector],
-    rolling: list[WheelMotion],
-    s: State[ca.SX],
-    u: Input[ca.SX],
+    chain: Chain, e: list[Vector], wheels: list[WheelMotion], s: State[ca.SX], u: Input[ca.SX]
 ) -> list[GroundForce]:
     """Action of the ground on each unit."""
-    course = course_of(s)
-    axles = list(zip(layout[::2], rolling[::2], rolling[1::2], strict=True))
+    axles = list(zip(chain.axles, wheels[::2], wheels[1::2], strict=True))
     forces = []
-    for i, unit in enumerate(vehicle.units):
-        force = Vector(0.0, 0.0)
-        moment: Num = 0.0
+    for i, unit in enumerate(chain.units):
+        force, moment = ZERO, cast(Num, 0.0)
         sides: list[Num] = []
         for axle, left, right in (one for one in axles if one[0].unit == i):
-            across = left.force.y + right.force.y
-            turning = (axle.axle.x - unit.cg_x) * across + axle.y * (right.force.x - left.force.x)
+            of_axle = left.force + right.force
+            turning = (axle.axle.x - unit.cg_x) * of_axle.y + axle.y * (right.force.x - left.force.x)
             moment = moment + (turning - (left.moment_opposing + right.moment_opposing))
-            force = Vector(force.x + (left.force.x + right.force.x), force.y + across)
-            sides.append(across)
-        gravity = along(course, Vector(u.gravity_x[i], u.gravity_y[i]))
+            force = force + of_axle
+            sides.append(of_axle.y)
+        gravity = along(heading(s), Vector(u.gravity_x[i], u.gravity_y[i]))
         forces.append(GroundForce(from_unit(e[i], force), moment, sides, gravity))
     return forces
 
 
 def specific_forces(
-    vehicle: Vehicle, e: list[Vector], speeds: Speeds, rates: Speeds, ground: list[GroundForce]
+    chain: Chain, e: list[Vector], speeds: Speeds, rates: Speeds, ground: list[GroundForce]
 ) -> list[Vector]:
     """Acceleration less gravity at each centre of gravity, along the tractor's axes [m/s2]."""
-    specific = []
-    for i, unit in enumerate(vehicle.units):
-        a = acceleration(levers_to(vehicle, i, unit.cg_x), e, speeds, rates)
-        specific.append(Vector(a.x - ground[i].gravity.x, a.y - ground[i].gravity.y))
-    return specific
+    centres = [levers_to(chain.vehicle, i, unit.cg_x) for i, unit in enumerate(chain.units)]
+    return [acceleration(levers, e, speeds, rates) - on.gravity for levers, on in zip(centres, ground, strict=True)]
 
 
 def hitch_forces(
-    vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[GroundForce], winds: list[Num]
+    chain: Chain, e: list[Vector], specific: list[Vector], ground: list[GroundForce], wind: list[Num]
 ) -> list[Vector]:
     """Force at the front hitch of each towed unit, along its axes [N], from the balance of the units behind it."""
     forces: list[Vector] = []
-    behind = Vector(0.0, 0.0)
-    for i in reversed(range(1, len(vehicle.units))):
-        mass, tyres = vehicle.units[i].mass, ground[i].force
-        behind = Vector(
-            mass * specific[i].x - tyres.x + behind.x,
-            mass * specific[i].y - tyres.y + behind.y,
-        )
-        if vehicle.exposed:
-            push = from_unit(e[i], Vector(0.0, winds[i]))
-            behind = Vector(behind.x - push.x, behind.y - push.y)
+    behind = ZERO
+    for i in reversed(range(1, len(chain.units))):
+        behind = specific[i] * chain.units[i].mass - ground[i].force + behind
+        behind = behind - from_unit(e[i], Vector(0.0, wind[i]))
         forces.insert(0, along(e[i], behind))
     return forces
 
@@ -245,16 +270,21 @@ _DENSITY: Final = 1.2  # of air [kg/m3], 20 degrees Celsius at sea level
 _CALM: Final = 1e-6  # square of a speed [m2/s2]: keeps the root's slope finite
 
 
-def side_forces(vehicle: Vehicle, e: Sequence[Vector], speeds: Speeds, wind: Sequence[Vector]) -> list[Num]:
-    """Force of the wind on each unit, along its y axis [N]; ``wind`` is its velocity at each unit along T [m/s]."""
+def wind_lever(unit: Unit) -> Num:
+    """Distance of the wind pressure's centre ahead of the centre of gravity [m]."""
+    return 0.0 if unit.side_wind is None else unit.side_wind.x - unit.cg_x
+
+
+def wind_forces(chain: Chain, e: Sequence[Vector], speeds: Speeds, s: State[ca.SX], u: Input[ca.SX]) -> list[Num]:
+    """Force of the wind on each unit, along its y axis [N]; zeros if the vehicle is not exposed."""
     forces: list[Num] = []
-    for i, unit in enumerate(vehicle.units):
+    for i, unit in enumerate(chain.units):
         body = unit.side_wind
-        if body is None:
+        if body is None or not chain.vehicle.exposed:
             forces.append(0.0)
             continue
-        own = velocity(levers_to(vehicle, i, body.x), e, speeds)
-        flow = along(e[i], Vector(wind[i].x - own.x, wind[i].y - own.y))
+        wind = along(heading(s), Vector(0.0, u.wind[i]))
+        flow = along(e[i], wind - velocity(levers_to(chain.vehicle, i, body.x), e, speeds))
         magnitude = ca.sqrt(flow.x**2 + flow.y**2 + _CALM)
         forces.append((0.5 * _DENSITY * body.area * body.coefficient) * (magnitude * flow.y))
     return forces

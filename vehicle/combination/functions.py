@@ -17,9 +17,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from vehicle.clock import TICK
-from vehicle.combination.chain import brake_control, derivative, output, relaxation, wheel_travel
+from vehicle.combination.actuators import brake_rates
+from vehicle.combination.chain import derivative, output, relaxation, wheel_travel
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import (
+    Chain,
     CommandInputs,
     GroundInputs,
     Input,
@@ -116,20 +118,17 @@ def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers
 
     ``x``, ``v`` and ``numbers`` are its symbols, ``u`` is the chain's input in terms of ``v``.
     """
-    s, at, sampled = (
-        State(*parts(x, state_sizes(vehicle))),
-        State(*slices(state_sizes(vehicle))),
-        sampled_states(vehicle),
-    )
+    chain, s, at = Chain.of(vehicle), _named(vehicle, x), State(*slices(state_sizes(vehicle)))
+    sampled = sampled_states(vehicle)
     n = sampled.start
-    travel = wheel_travel(vehicle, s, u) if sampled else ca.SX(0, 1)
-    rates = _Rates(ca.vertcat(*derivative(vehicle, s, u))[:n], ca.vertcat(*relaxation(vehicle, s, u))[:n], travel)
+    travel = wheel_travel(chain, s, u) if sampled else ca.SX(0, 1)
+    rates = _Rates(ca.vertcat(*derivative(chain, s, u))[:n], ca.vertcat(*relaxation(chain, s, u))[:n], travel)
     of_rates = ca.Function("rates", [x, v, numbers], [rates.entries])
     calls = [Call(of_rates), Call(_halfway(rates, of_rates), results=(1,)), Call(of_rates, state=2, needed=n)]
     if sampled:
         now = ca.SX.sym("now", rates.entries.numel())
         spin = ca.vertsplit(rates.rate(now)[at.omega])
-        brakes = brake_control(vehicle, s, ca.vertsplit(rates.travel(now)), spin)
+        brakes = brake_rates(chain, s, ca.vertsplit(rates.travel(now)), spin)
         later = x[n:] + TICK * ca.vertcat(*brakes.pressure, *brakes.valve)
         calls.append(Call(ca.Function("brakes", [x, v, numbers, now], [ca.cse(later)]), results=(1,)))
     calls.append(Call(_after(rates, of_rates, len(sampled)), results=tuple(range(1, len(calls) + 1))))
@@ -308,19 +307,16 @@ def start_function(twin: SymbolicTwin) -> Any:
 def compiled_derivative(vehicle: Vehicle) -> Any:
     """Function (state, chain's input) -> time derivative of the state."""
     x, u = _state(vehicle), _vector(input_sizes(vehicle))
-    return ca.Function("derivative", [x, u], [ca.cse(_rate(vehicle, x, Input(*parts(u, input_sizes(vehicle)))))])
+    rate = derivative(Chain.of(vehicle), _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    return ca.Function("derivative", [x, u], [ca.cse(ca.vertcat(*rate))])
 
 
 @lru_cache(maxsize=8)
 def compiled_output(vehicle: Vehicle) -> Any:
     """Function (state, chain's input) -> output."""
     x, u = _state(vehicle), _vector(input_sizes(vehicle))
-    outputs = output(vehicle, _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    outputs = output(Chain.of(vehicle), _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
     return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
-
-
-def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
-    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u))
 
 
 def _chain_input(vehicle: Vehicle, v: ca.SX) -> Input[ca.SX]:

@@ -11,9 +11,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 
-from vehicle.combination.description import GRAVITY, Vehicle, brake_channels, channel_of_wheel
+from vehicle.combination.description import GRAVITY, Channel, Vehicle, brake_channels, channel_of_wheel
 from vehicle.combination.loads import static_axle_loads
-from vehicle.combination.unit import Axle, Steering
+from vehicle.combination.roll import UnitSprings, springs_of
+from vehicle.combination.unit import Axle, Steering, Unit
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
@@ -128,6 +129,39 @@ def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
                 )
                 twins += axle.twin_spacing is not None
     return tuple(layout)
+
+
+class Chain(NamedTuple):
+    """A vehicle with the lists that its equations look up; they follow from its data and are built once."""
+
+    vehicle: Vehicle
+    wheels: tuple[Wheel, ...]  # front to rear, left before right
+    static_loads: list[list[float]]  # of each axle of each unit [N]
+    springs: list[UnitSprings] | None  # of each unit in roll; None: gradients and frequencies are given instead
+    channels: tuple[Channel, ...]  # of the brakes
+    actuators: tuple[Steering, ...]  # of the steering, front to rear
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> Chain:
+        """Lists of a vehicle, whose numbers may be symbols."""
+        return cls(
+            vehicle=vehicle,
+            wheels=wheels(vehicle),
+            static_loads=static_axle_loads(vehicle),
+            springs=springs_of(vehicle) if vehicle.has_springs else None,
+            channels=brake_channels(vehicle),
+            actuators=steering_actuators(vehicle),
+        )
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """The units, front to rear."""
+        return self.vehicle.units
+
+    @property
+    def axles(self) -> tuple[Wheel, ...]:
+        """The left wheel of every axle, front to rear; the right one follows it in ``wheels``."""
+        return self.wheels[::2]
 
 
 def steering_actuators(vehicle: Vehicle) -> tuple[Steering, ...]:

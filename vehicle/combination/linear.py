@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, Channel, Vehicle, brake_channels
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
 from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
@@ -160,7 +160,7 @@ def lateral_outputs(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], rate: St
     rates = Speeds(rate.v_x, rate.v_y, ca.vertsplit(rate.yaw_rate))
     units = list(enumerate(vehicle.units))
     axle_places = [(i, axle.x) for i, unit in units for axle in unit.axles]
-    transfer = ca.vertsplit(output(vehicle, s, u).lateral_load_transfer)
+    transfer = ca.vertsplit(output(Chain.of(vehicle), s, u).lateral_load_transfer)
 
     def lateral_position(unit: int, x: float) -> ca.SX:
         return s.y + sum(length * ca.sin(psi[k]) for k, length in levers_to(vehicle, unit, x))
@@ -317,7 +317,7 @@ def _jacobians(vehicle: Vehicle) -> tuple[tuple[str, ...], Any]:
     """Names of all outputs; function (state, input) -> Jacobians of rate and outputs, by state and by input."""
     x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
     s, u_parts = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
-    rate = derivative(vehicle, s, u_parts)
+    rate = derivative(Chain.of(vehicle), s, u_parts)
     outputs = lateral_outputs(vehicle, s, u_parts, rate)
     f, g = ca.vertcat(*rate), ca.vertcat(*outputs.values())
     return tuple(outputs), ca.Function("jacobians", [x, u], [ca.jacobian(y, by) for y in (f, g) for by in (x, u)])
@@ -375,6 +375,7 @@ def _balance(vehicle: Vehicle) -> tuple[FloatArray, Any]:
     resting = [c for c in kept(vehicle) if c.kind not in _GIVEN - {"v_x"} | {"acceleration"}]
     directions = np.column_stack([c.direction for c in free])
     x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
-    rate = derivative(vehicle, State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle))))
+    s, u_parts = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
+    rate = derivative(Chain.of(vehicle), s, u_parts)
     rates = ca.DM(np.stack([c.reading for c in resting])) @ ca.vertcat(*rate)
     return directions, ca.Function("balance", [x, u], [rates, ca.jacobian(rates, x) @ directions])

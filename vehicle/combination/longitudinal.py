@@ -59,7 +59,7 @@ def balance(vehicle: Vehicle, grade: float, speed: float, *, friction: float = D
     normal, along = GRAVITY * math.cos(slope), GRAVITY * math.sin(slope)
     felt = gain + along  # specific force along the road
     loads = _loads(vehicle, normal, felt)
-    air = 0.0 if vehicle.air is None else float(air_drag(vehicle.air, speed))
+    air = float(air_drag(vehicle.air, speed))
     rolling = sum(_rolling(unit, of_unit) for unit, of_unit in zip(vehicle.units, loads, strict=True))
     driven = [(axle, load) for axle, load in zip(vehicle.units[0].axles, loads[0], strict=True) if axle.driven]
     grip = sum(load * _limit(axle.tyre, 0.5 * load, friction) for axle, load in driven)

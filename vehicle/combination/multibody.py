@@ -13,7 +13,8 @@ I_i r_i' + sum_j mu_ij (e_i . e_j r_j' - e_i' . e_j r_j^2) = M_i + e_i' . sum_k 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import casadi as ca
 
@@ -21,11 +22,24 @@ from vehicle.combination.description import Vehicle
 from vehicle.tyres import Num
 
 
-class Vector(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Vector:
     """A planar vector along the axes of T."""
 
     x: Num
     y: Num
+
+    def __add__(self, other: Vector) -> Vector:
+        return Vector(self.x + other.x, self.y + other.y)
+
+    def __sub__(self, other: Vector) -> Vector:
+        return Vector(self.x - other.x, self.y - other.y)
+
+    def __mul__(self, factor: Num) -> Vector:
+        return Vector(factor * self.x, factor * self.y)
+
+
+ZERO: Final = Vector(0.0, 0.0)
 
 
 class Speeds(NamedTuple):
@@ -72,12 +86,10 @@ def velocity(levers: Levers, e: Sequence[Vector], speeds: Speeds) -> Vector:
 
 def acceleration(levers: Levers, e: Sequence[Vector], speeds: Speeds, rates: Speeds) -> Vector:
     """Acceleration [m/s2] of the point at the end of the levers, relative to W, along T."""
-    origin = Vector(
-        rates.v_x - speeds.yaw_rate[0] * speeds.v_y,
-        rates.v_y + speeds.yaw_rate[0] * speeds.v_x,
-    )
+    r = speeds.yaw_rate[0]
+    origin = Vector(rates.v_x - r * speeds.v_y, rates.v_y + r * speeds.v_x)
     swings = _swings(e, speeds.yaw_rate, rates.yaw_rate)
-    return _plus(origin, [(length, swings[unit]) for unit, length in levers])
+    return sum((swings[unit] * length for unit, length in levers), origin)
 
 
 def speed_rates(
@@ -95,7 +107,7 @@ def speed_rates(
     J: list[list[Num]] = [[0.0] * len(units) for _ in units]
     turning: list[Num] = []
     for i, unit in enumerate(vehicle.units):
-        pull = _plus(Vector(0.0, 0.0), [(d[k][i], forces[k]) for k in units])
+        pull = sum((forces[k] * d[k][i] for k in units), ZERO)
         turning.append(moments[i] + along(e[i], pull).y)
         J[i][i] = unit.yaw_inertia + mu[i][i]
     for i in units:
@@ -108,7 +120,7 @@ def speed_rates(
     yaw = solve_ldl(J, turning)
     centre = Vector(whole * sum(F.x for F in forces), whole * sum(F.y for F in forces))  # its acceleration
     swings = _swings(e, r, yaw)
-    origin = _plus(centre, [(-means[j], swings[j]) for j in units])
+    origin = sum((swings[j] * -means[j] for j in units), centre)
     return Speeds(origin.x + r[0] * speeds.v_y, origin.y - r[0] * speeds.v_x, yaw)
 
 
@@ -118,13 +130,6 @@ def _swings(e: Sequence[Vector], yaw_rate: Sequence[Num], rates: Sequence[Num]) 
         from_unit(axis, Vector(-(rate**2), acceleration))
         for axis, rate, acceleration in zip(e, yaw_rate, rates, strict=True)
     ]
-
-
-def _plus(v: Vector, terms: Sequence[tuple[Num, Vector]]) -> Vector:
-    """Sum of a vector and multiples of others."""
-    for factor, term in terms:
-        v = Vector(v.x + factor * term.x, v.y + factor * term.y)
-    return v
 
 
 def solve_ldl(M: Sequence[Sequence[Num]], b: Sequence[Num]) -> list[Num]:

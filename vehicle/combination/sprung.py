@@ -2,9 +2,10 @@
 
 Each motion x, relative to the smooth road, is a damped oscillation about the rest position that the rough road and the
 specific force give:
-x'' = w0^2 (road + forced - x) + 2 zeta w0 (road' - x'). With a companion w, x' = w + 2 zeta w0 (road - x) and
-w' = w0^2 (road + forced - x), so that no rate of the road is needed. Heave is that of the centre of gravity, and pitch
-is about it. A towed unit stands in front on the hitch of the unit ahead, which moves with that unit's body.
+x'' = w0^2 (road + forced - x) + 2 zeta w0 (road' - x'). With the auxiliary state w = x' - 2 zeta w0 (road - x) the
+equation reads w' = w0^2 (road + forced - x), so that no rate of the road is needed. Heave is that of the centre of
+gravity, and pitch is about it. A towed unit stands in front on the hitch of the unit ahead, which moves with that
+unit's body.
 If the suspensions are given, the roll of all bodies follows from them and from the hitches (``roll``).
 
 The forces of springs and dampers load the wheels. The dampers' force due to the road's own rate is left out: the tyres,
@@ -25,7 +26,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import Input, State, Wheel
+from vehicle.combination.layout import Chain, Input, State
 from vehicle.combination.loads import axle_groups, axle_shares
 from vehicle.combination.roll import UnitSprings, settled_rolls, springs_of
 from vehicle.combination.unit import Unit
@@ -51,7 +52,7 @@ class Ride(NamedTuple):
 
 
 def settled(vehicle: Vehicle, specific_x: Sequence[Num], specific_y: Sequence[Num]) -> list[tuple[Attitude, Attitude]]:
-    """Steady attitude and companions of every body under specific forces [m/s2] along its axes, on smooth road."""
+    """Steady attitude and auxiliary states of every body under specific forces [m/s2] along its axes; smooth road."""
     bodies: list[tuple[Attitude, Attitude]] = []
     springs = springs_of(vehicle) if vehicle.has_springs else None
     rolls = _gradient_rolls(vehicle, specific_y) if springs is None else settled_rolls(vehicle, springs, specific_y)
@@ -60,30 +61,23 @@ def settled(vehicle: Vehicle, specific_x: Sequence[Num], specific_y: Sequence[Nu
         heights = [0.0 for _ in unit.axles]
         road = _rest_attitude(unit, origin, heights, 0.0, towed=i > 0)
         forced = Attitude(0.0, -unit.pitch_gradient * specific_x[i], rolls[i])
-        companions = (d * x for d, x in zip(_damping(unit, springs[i] if springs else None), forced, strict=True))
-        bodies.append((Attitude(*(r + x for r, x in zip(road, forced, strict=True))), Attitude(*companions)))
+        damping = _damping(unit, springs[i] if springs else None)
+        auxiliary = Attitude(*(d * x for d, x in zip(damping, forced, strict=True)))
+        bodies.append((Attitude(*(r + x for r, x in zip(road, forced, strict=True))), auxiliary))
     return bodies
 
 
-def rides(
-    vehicle: Vehicle,
-    layout: Sequence[Wheel],
-    s: State[Any],
-    u: Input[Any],
-    springs: Sequence[UnitSprings] | None = None,
-) -> list[Ride]:
-    """Motion of every body in a state; ``springs`` in roll are by default those of the vehicle."""
+def rides(chain: Chain, s: State[Any], u: Input[Any]) -> list[Ride]:
+    """Motion of every body in a state."""
     motions = []
-    if springs is None and vehicle.has_springs:
-        springs = springs_of(vehicle)
-    roads = _road_rolls(layout, u)
-    for i, (unit, road) in enumerate(zip(vehicle.units, _rest_attitudes(vehicle, layout, s, u, springs), strict=True)):
-        of_roll = springs[i] if springs else None
+    roads = _road_rolls(chain, u)
+    for i, (unit, road) in enumerate(zip(chain.units, _rest_attitudes(chain, s, u), strict=True)):
+        of_roll = chain.springs[i] if chain.springs else None
         attitude = (s.heave[i], s.pitch[i], s.roll[i])
-        companions = (s.heave_spring[i], s.pitch_spring[i], s.roll_spring[i])
+        auxiliary = (s.heave_spring[i], s.pitch_spring[i], s.roll_spring[i])
         damping = _damping(unit, of_roll)
         offset = Attitude(*(r - x for r, x in zip(road, attitude, strict=True)))
-        rate = Attitude(*(w + c * d for w, c, d in zip(companions, damping, offset, strict=True)))
+        rate = Attitude(*(w + c * d for w, c, d in zip(auxiliary, damping, offset, strict=True)))
         w_heave, w_pitch = _natural(unit)
         ratio = 2.0 * unit.suspension_damping
         heave = w_heave**2 * (offset.heave - ratio / w_heave * rate.heave)
@@ -100,7 +94,7 @@ def rides(
 
 
 def spring_rates(unit: Unit, ride: Ride, specific_x: Num, specific_y: Num) -> Attitude:
-    """Rate of a body's companions [m/s2, rad/s2] under specific forces [m/s2] along its axes.
+    """Rate of a body's auxiliary states [m/s2, rad/s2] under specific forces [m/s2] along its axes.
 
     That of roll is 0 if the suspensions are given: then it follows from ``roll.body_moments``.
     """
@@ -133,32 +127,30 @@ def _damping(unit: Unit, springs: UnitSprings | None) -> Attitude:
     return Attitude(ratio * heave, ratio * pitch, roll)
 
 
-def _road_rolls(layout: Sequence[Wheel], u: Input[Any]) -> dict[int, list[Num]]:
+def _road_rolls(chain: Chain, u: Input[Any]) -> dict[int, list[Num]]:
     """Angle of the rough road across each axle [rad], by unit."""
     rolls: dict[int, list[Num]] = {}
-    for k, wheel in enumerate(layout[::2]):
+    for k, wheel in enumerate(chain.axles):
         rolls.setdefault(wheel.unit, []).append((1.0 / wheel.axle.track) * (u.road[2 * k] - u.road[2 * k + 1]))
     return rolls
 
 
-def _rest_attitudes(
-    vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any], springs: Sequence[UnitSprings] | None
-) -> list[Attitude]:
+def _rest_attitudes(chain: Chain, s: State[Any], u: Input[Any]) -> list[Attitude]:
     """Rest attitude of each body, from the rough road under it and the hitch in front of it."""
     attitudes: list[Attitude] = []
-    for i, unit in enumerate(vehicle.units):
-        wheels = [(wheel, u.road[k]) for k, wheel in enumerate(layout) if wheel.unit == i]
-        axles = list(zip(wheels[::2], wheels[1::2], strict=True))
-        heights = [0.5 * (left + right) for (_, left), (_, right) in axles]
-        roll = (
-            sum(wheel.roll_share * (left - right) for (wheel, left), (_, right) in axles)
-            if springs is None
-            else sum(
-                (spring.stiffness / springs[i].stiffness / wheel.axle.track) * (left - right)
-                for spring, ((wheel, left), (_, right)) in zip(springs[i].axles, axles, strict=True)
-            )
-        )
-        origin = _hitch_rise(vehicle, i, Attitude(s.heave[i - 1], s.pitch[i - 1], 0.0)) if i > 0 else 0.0
+    for i, unit in enumerate(chain.units):
+        axles = [(axle, u.road[2 * k], u.road[2 * k + 1]) for k, axle in enumerate(chain.axles) if axle.unit == i]
+        heights = [0.5 * (left + right) for _, left, right in axles]
+        if chain.springs is None:
+            shares: list[Num] = [axle.roll_share for axle, _, _ in axles]
+        else:
+            springs = chain.springs[i]
+            shares = [
+                spring.stiffness / springs.stiffness / axle.track
+                for spring, axle in zip(springs.axles, unit.axles, strict=True)
+            ]
+        roll = sum(share * (left - right) for share, (_, left, right) in zip(shares, axles, strict=True))
+        origin = _hitch_rise(chain.vehicle, i, Attitude(s.heave[i - 1], s.pitch[i - 1], 0.0)) if i > 0 else 0.0
         attitudes.append(_rest_attitude(unit, origin, heights, roll, towed=i > 0))
     return attitudes
 
@@ -182,29 +174,29 @@ def _rest_attitude(unit: Unit, hitch: Num, heights: Sequence[Num], roll: Num, *,
     return Attitude(heave=front - unit.cg_x * pitch, pitch=pitch, roll=roll)
 
 
-class Sharing(NamedTuple):
+class LoadShifts(NamedTuple):
     """Additional loads of the axles, and how fast they are equalised."""
 
     additional: list[list[Num]]  # of each axle of each unit [N]; empty for a unit that equalises at once
     rates: list[Num]  # of the state ``load_shift`` [N/s]
 
 
-def sharing(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any]) -> Sharing:
+def load_shifts(chain: Chain, s: State[Any], u: Input[Any]) -> LoadShifts:
     """Additional loads in a state, on the road of the inputs."""
     additional: list[list[Num]] = []
     rates: list[Num] = []
-    for i, unit in enumerate(vehicle.units):
+    for i, unit in enumerate(chain.units):
         if unit.load_sharing is None:
             additional.append([])
             continue
-        places = [k for k, wheel in enumerate(layout) if wheel.unit == i]
-        heights = [0.5 * (u.road[left] + u.road[left + 1]) for left in places[::2]]
+        lefts = [2 * k for k, axle in enumerate(chain.axles) if axle.unit == i]
+        heights = [0.5 * (u.road[left] + u.road[left + 1]) for left in lefts]
         at_once = _by_height(unit, unit.load_sharing.stiffness, heights, towed=i > 0)
         first = len(rates)
         shifts = [s.load_shift[first + k] for k in range(len(at_once))]
         additional.append([load - shift for load, shift in zip(at_once, shifts, strict=True)])
         rates += [1.0 / unit.load_sharing.lag * load for load in additional[-1]]
-    return Sharing(additional, rates)
+    return LoadShifts(additional, rates)
 
 
 def _by_height(unit: Unit, stiffness: Num, heights: Sequence[Num], *, towed: bool) -> list[Num]:

@@ -9,7 +9,7 @@ import casadi as ca
 
 from vehicle.combination.chain import output
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import Input, State, slices, turned_axles, wheels
+from vehicle.combination.layout import Chain, Input, State, slices, turned_axles, wheels
 from vehicle.combination.multibody import Speeds, Vector, along, axes, from_unit, levers_to, velocity
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
@@ -49,7 +49,7 @@ def wheel_truth_sizes(vehicle: Vehicle) -> WheelTruth[int]:
 
 def wheel_truth(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> WheelTruth[ca.SX]:
     """Ground truth of axles and wheels in this state."""
-    outputs = output(vehicle, s, u)
+    outputs = output(Chain.of(vehicle), s, u)
     angles = {axle: ratio * s.steer[k] for k, turned in enumerate(turned_axles(vehicle)) for axle, ratio in turned}
     return WheelTruth(
         steer=ca.vertcat(*(angles[axle] for axle in sorted(angles))),
@@ -100,15 +100,14 @@ def kinematics(vehicle: Vehicle, s: State[ca.SX]) -> Kinematics[ca.SX]:
     origins = _origins(vehicle, Vector(s.x, s.y), in_W)
 
     def at(unit: int, x: Num, y: Num = 0.0) -> Vector:
-        offset = from_unit(in_W[unit], Vector(x, y))
-        return Vector(origins[unit].x + offset.x, origins[unit].y + offset.y)
+        return origins[unit] + from_unit(in_W[unit], Vector(x, y))
 
     centres = [at(i, unit.cg_x) for i, unit in enumerate(vehicle.units)]
     contacts = [at(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)]
     supports = [at(i, x) for i in units for x in vehicle.supports(i)]
     return Kinematics(
-        poses=ca.vertcat(*(value for i in units for value in (*origins[i], psi[i]))),
-        velocities=ca.vertcat(*(value for i in units for value in (*speeds[i], yaw_rate[i]))),
+        poses=ca.vertcat(*(value for i in units for value in (origins[i].x, origins[i].y, psi[i]))),
+        velocities=ca.vertcat(*(value for i in units for value in (speeds[i].x, speeds[i].y, yaw_rate[i]))),
         centre_x=ca.vertcat(*(p.x for p in centres)),
         centre_y=ca.vertcat(*(p.y for p in centres)),
         wheel_x=ca.vertcat(*(p.x for p in contacts)),
@@ -122,8 +121,7 @@ def _origins(vehicle: Vehicle, first: Vector, in_W: Sequence[Vector]) -> list[Ve
     """Origin of each unit's frame in W [m]."""
     origins = [first]
     for ahead, e in zip(vehicle.units[:-1], in_W[:-1], strict=True):
-        hitch, _ = ahead.rear_hitch
-        origins.append(Vector(origins[-1].x + hitch * e.x, origins[-1].y + hitch * e.y))
+        origins.append(origins[-1] + e * ahead.rear_hitch[0])
     return origins
 
 

@@ -18,7 +18,7 @@ from vehicle.clock import TICK
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import sampled_states
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.truth import Truth
 from vehicle.engine.integrator import semi_implicit_step
@@ -224,9 +224,9 @@ def _steps(vehicle: Vehicle, step: float, count: int) -> Any:
     x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
 
     def rate(state: ca.SX) -> ca.SX:
-        return ca.cse(ca.vertcat(*derivative(vehicle, *_named(vehicle, state, u))))
+        return ca.cse(ca.vertcat(*derivative(Chain.of(vehicle), *_named(vehicle, state, u))))
 
-    stiff = ca.vertcat(*relaxation(vehicle, *_named(vehicle, x, u)))
+    stiff = ca.vertcat(*relaxation(Chain.of(vehicle), *_named(vehicle, x, u)))
     one = ca.Function("step", [x, u], [ca.cse(semi_implicit_step(rate, x, step, stiff, sampled_states(vehicle)))])
     return one.fold(count) if count > 1 else one
 
