@@ -101,7 +101,7 @@ def sensor(
     images.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
+        from offtrack.exchange.fmi_proxy.scenario_parts import sensor_proxy
 
         check_version(fmi)
         written(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
@@ -117,7 +117,7 @@ def driver(
 ) -> None:
     """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy
+        from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy
 
         check_version(fmi)
         written(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
@@ -137,7 +137,7 @@ def ground(
     Its outputs are the inputs of offtrack fmu plant, by the same names.
     """
     with one_line_errors():
-        from offtrack.exchange.fmi_proxy.driver_and_ground import ground_proxy
+        from offtrack.exchange.fmi_proxy.scenario_parts import ground_proxy
 
         check_version(fmi)
         written(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
