@@ -12,13 +12,12 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
-from controllers.trailer_steering.actuators import ActuatorFinding, actuator_findings
-from controllers.trailer_steering.guard import signal_findings
+from controllers.trailer_steering.actuators import ActuatorFinding
+from controllers.trailer_steering.safeguarded import SafeguardedCommand
 from estimators.estimates import CameraOffTracking, OffTracking
 from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.adapters import outlines
 from scenarios.assembly.applied_faults import BrakeFaults
-from scenarios.assembly.drivers_and_laws import fallback_steers
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, trailer_stream
 from scenarios.loop.bench import DRIVER, RECORD_NAME, Bench, Exchange, Sensed, opened_exchange
 from scenarios.loop.channel import Channel, Stateful, estimator_thread
@@ -84,7 +83,8 @@ class SteeredTrailer:
             renderer=renderer if sensing.cameras else None,
             see=see,
         )
-        self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
+        self._by_law = SafeguardedCommand(angles=np.zeros(trailer.n_steered))
+        self.demand: SteerCommand = self._by_law
         self.off_tracking: OffTracking | None = None  # newest that has reached the law
         self._received = 0  # estimates of the channel that were sent to the law
         self._arrived = self.demand.angles  # demand at the actuators [rad]
@@ -105,12 +105,12 @@ class SteeredTrailer:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Signals that the law's guard has found at fault so far."""
-        return signal_findings(self._law.memory)
+        return self._by_law.signal_findings
 
     @property
     def actuator_findings(self) -> tuple[ActuatorFinding, ...]:
         """Faults of the steering actuators that the law's supervision has found so far; none if a bench has steered."""
-        return () if self._steered_by_bench else actuator_findings(self._law.memory)
+        return () if self._steered_by_bench else self._by_law.actuator_findings
 
     def obey(self, demand: FloatArray) -> None:
         """Take the demand (n_steered,) [rad] of a bench in place of the law's."""
@@ -135,8 +135,8 @@ class SteeredTrailer:
 
     def control(self, truth: Truth) -> None:
         """Update the law's demand."""
-        self.demand = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
-        by_fallback = fallback_steers(self._law.memory)
+        self.demand = self._by_law = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
+        by_fallback = self._by_law.by_fallback
         if by_fallback != (bool(self.handovers) and self.handovers[-1][1]):
             self.handovers.append((truth.tick, by_fallback))
 
