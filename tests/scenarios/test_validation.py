@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +20,8 @@ from offtrack.commands.validate import validate
 from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
 from offtrack.studies.validation.check import Check, Plot, Section, Series, Task, number, tally
 from offtrack.studies.validation.integration import OtherStepPlant
-from offtrack.studies.validation.lateral_checks import multibody_check, rearward_amplification
-from offtrack.studies.validation.linear_checks import linear_theory, tyre_lag
-from offtrack.studies.validation.mechanics import mechanics
 from offtrack.studies.validation.no_slip_limit import RollingChain, poses_along
 from offtrack.studies.validation.simple_drives import on_single_axles
-from offtrack.studies.validation.stopping_checks import parking
 from offtrack.studies.validation.suite import validation_page
 from scenarios.results.swept_path import placed
 from vehicle.clock import TICK
@@ -144,17 +139,20 @@ def test_numbers_show_the_digits_their_tolerance_makes_meaningful(value: float, 
     assert number(value, tolerance) == text
 
 
-# --- sections that cost little ---
+# --- the suite, with fewer cases ---
+
+QUICK = {"Tractrix", "Linear theory", "Multibody model", "Parking", "Mechanics"}  # take less than 3 s
 
 
 @pytest.mark.parametrize(
-    "section", [linear_theory, mechanics, tyre_lag, parking, rearward_amplification, multibody_check]
+    "task",
+    [pytest.param(task, id=task.title, marks=() if task.title in QUICK else pytest.mark.slow) for task in suite.TASKS],
 )
-def test_theory_holds(section: Callable[[bool], Section]) -> None:
-    """Linear oracle, conservation, derivations, friction circle, tyre lag, parking, amplification, multibody model."""
-    done = section(True)
-    assert [one.name for one in done.checks if one.verdict != "passed"] == []
-    assert all(one.source for one in done.checks)
+def test_all_values_are_within_the_tolerance_of_their_target(task: Task) -> None:
+    """Physics that the suite proves is tested by nothing else."""
+    checks = task.work(True).checks
+    assert [(one.name, one.value, one.target) for one in checks if one.verdict != "passed"] == []
+    assert all(one.source for one in checks)
 
 
 def test_a_package_that_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:

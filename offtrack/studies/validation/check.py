@@ -19,9 +19,9 @@ class Check:
 
     name: str
     value: float | None  # None: not available; ``remark`` has the reason
-    unit: str
+    unit: str = ""
     _: KW_ONLY
-    target: float
+    target: float = 0.0
     tolerance: float
     source: str  # of the target: a publication or a derivation
     remark: str = ""

@@ -92,7 +92,6 @@ def multibody_check(quick: bool) -> Section:
                 f"step steer at 60 km/h: largest difference of the {name}",
                 float(np.abs(ours - theirs).max()),
                 unit,
-                target=0.0,
                 tolerance=_TOLERANCE * float(np.abs(theirs).max()),
                 source="independently written multibody model",
                 remark=f"largest value {float(np.abs(theirs).max()):.4g} {unit}",
@@ -256,12 +255,7 @@ def _plot(plant: Motion, other: Motion) -> Plot:
     for k, name in enumerate(("tractor", "semi-trailer")):
         series.append(Series(f"{name}, plant", plant.time, plant.yaw_rate[:, k], "model"))
         series.append(Series(f"{name}, independent", other.time, other.yaw_rate[:, k], "reference"))
-    return Plot(
-        title="Step of steer at 60 km/h",
-        x_label="time [s]",
-        y_label="yaw rate [rad/s]",
-        series=tuple(series),
-    )
+    return Plot(title="Step of steer at 60 km/h", x_label="time [s]", y_label="yaw rate [rad/s]", series=tuple(series))
 
 
 _AMPLIFICATION_SPEED: Final = 88.0 / 3.6  # [m/s]
@@ -285,7 +279,6 @@ def rearward_amplification(quick: bool) -> Section:
             Check(
                 f"{vehicle.name}: rearward amplification",
                 amplification(of_plant[:, -1], of_plant[:, 0]),
-                "",
                 target=amplification(linear[:, -1], linear[:, 0]),
                 tolerance=0.03 * amplification(linear[:, -1], linear[:, 0]),  # issue 18: 3 %
                 source="linear theory with the same lags",

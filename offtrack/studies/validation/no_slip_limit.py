@@ -29,7 +29,7 @@ from offtrack.studies.validation.simple_drives import (
 from scenarios.assembly.adapters import outlines
 from scenarios.results.swept_path import placed
 from vehicle.clock import TICK
-from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
@@ -37,6 +37,7 @@ from vehicle.surface import Surface
 _PACKAGE: Final = "commonroad-vehicle-models"
 _WIDE: Final = 1e3  # limits of steering, speed and acceleration that are never reached, in any unit
 _RADIUS, _LENGTH = 20.0, 7.7  # of the hitch's circle, hitch to axle [m]
+_SLIP_STIFFNESS: Final = 4.6  # cornering stiffness over load of the trailer's tyres [1/rad]
 _SPEEDS: Final = (0.5, 1.0, 2.0, 3.5, 5.0)  # [m/s]; at most 1.25 m/s2, 0.85 of the smallest friction
 _FRICTIONS: Final = (0.15, 0.3, 1.5)  # snow, packed snow, the largest possible
 _SLALOM_SPEED, _SLALOM_TIME = 0.5, 80.0  # [m/s], [s]
@@ -81,24 +82,28 @@ def _limit_checks(turns: dict[float, list[_Turn]]) -> tuple[Check, ...]:
             value=float(np.polyfit(np.log(speeds), np.log(distances), 1)[0]),
             target=2.0,
             tolerance=0.03,  # at the highest speed the turn is a little wider
-            unit="",
             source="side force and slip are proportional to the square of speed",
         ),
         Check(
             f"distance on friction {most:g} at {speeds[0]:.2g} m/s",
             float(distances[0]),
             "m",
-            target=0.0,
             tolerance=0.01,
             source="no slip without side force",
         ),
         Check(
             f"distance on friction {most:g} over that on {least:g}, at {speeds[-1]:.2g} m/s",
             turns[most][-1].distance / turns[least][-1].distance,
-            "",
-            target=0.5,
-            tolerance=0.5,
-            source="less slip with more friction: between 0 and 1",
+            target=0.45,
+            tolerance=0.45,
+            source="less slip with more friction: between 0 and 0.9",
+        ),
+        Check(
+            f"distance on friction {most:g} at {speeds[-1]:.2g} m/s over lever and slip angle of the axle",
+            float(distances[-1]) / (_LENGTH * speeds[-1] ** 2 / _RADIUS / GRAVITY / _SLIP_STIFFNESS),
+            target=1.0,
+            tolerance=0.25,  # the axle runs inside of the hitch, and is heavily loaded
+            source="slip angle: lateral acceleration in g over the tyres' stiffness over load",
         ),
     )
 
@@ -135,7 +140,6 @@ def _slalom_checks() -> tuple[Check, ...]:
             f"slalom of {_SLALOM_SPEED * _SLALOM_TIME:g} m: largest difference of {name}",
             value,
             unit,
-            target=0.0,
             tolerance=tolerance,
             source=f"{_PACKAGE}, kinematic single-track model with a trailer (KST)",
             remark="" if _installed() else "not installed: pip install commonroad-vehicle-models",
@@ -203,7 +207,7 @@ def _parameters(vehicle: Vehicle) -> SimpleNamespace:
     )
 
 
-_SPACING = 0.02  # step size along the path [m]: the fourth-order error is far below a micrometre
+_SPACING: Final = 0.05  # step size along the path [m]: a jump of the curvature costs some 5e-6 rad
 
 
 class RollingChain(NamedTuple):
@@ -371,7 +375,7 @@ def _plan(design: _Design, centre: Pose2, poses: FloatArray) -> Plot:
             *(Series("", *_xy(body), "faint") for body in _bodies(design, poses[closest])),
             Series("centre of the front axle", *_xy(front_axle), "faint"),
             Series("inner end of the trailer's axle", *_xy(_inner_end(design, poses)), "model"),
-            Series("the same without slip", *_xy(_inner_end(design, rolled)[::50]), "reference points"),
+            Series("the same without slip", *_xy(_inner_end(design, rolled)[::20]), "reference points"),
             Series("published inside radius", *_xy(published), "reference"),
         ),
         to_scale=True,

@@ -172,8 +172,10 @@ def _static_loads(vehicle: Vehicle) -> tuple[list[list[float]], list[float]]:
     return loads, couplings
 
 
-_QUICK: Final = ("eu_tractor_semitrailer", "b_double", "a_double", "rigid_truck")
-_OTHERS: Final = ("desaxe_field_combination", "us_5_axle", "wb67", "uk_longer_semitrailer", "rigid_truck_8x4")
+_QUICK: Final = (
+    "eu_tractor_semitrailer", "us_5_axle", "b_double", "a_double", "rigid_truck_8x4", "desaxe_field_combination"
+)  # fmt: skip
+_OTHERS: Final = ("rigid_truck", "wb67", "uk_longer_semitrailer")
 _DRIVEN: Final = ("eu_tractor_semitrailer", "rigid_truck", "a_double", "us_5_axle")
 _LOADS: Final = ("full", "half")
 _ENERGY: Final = "minimum of the potential energy, finite angles, unilateral tyre springs; 2 %: small angles"

@@ -200,7 +200,6 @@ def _path_following_checks() -> tuple[Check, ...]:
             f"off-tracking {follow:g} m behind a hitch on {hitch_radius:g} m, all axles by the path-following law",
             _off_tracking(truths, follow),
             "m",
-            target=0.0,
             tolerance=_MILLIMETRE,
             source="tan δ(x) = -(x - Lf/2) / sqrt(R² - Lf²/4) at each axle",
         ),
@@ -208,7 +207,6 @@ def _path_following_checks() -> tuple[Check, ...]:
             "path-following law: largest slip angle of the trailer's wheels",
             math.degrees(float(np.abs(wheels).max())),
             "°",
-            target=0.0,
             tolerance=0.01,
             source="common turning centre: no wheel slips",
         ),
@@ -242,7 +240,6 @@ def tractrix(quick: bool) -> Section:
                 f"R = {radius:g} m, L = {length:g} m: largest distance from the closed form",
                 math.degrees(float(np.abs(articulation - exact).max())),
                 "°",
-                target=0.0,
                 tolerance=1e-3,
                 source="tractrix onto a circle, closed form with the half-angle tangent",
             ),
@@ -387,7 +384,7 @@ def _plan(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> P
         series=(
             Series("tractor's front corner", corner[:, 0], corner[:, 1], "faint"),
             Series("inner end of the trailer's axle", inner[:, 0], inner[:, 1], "model"),
-            Series("the same without slip", rolled[::50, 0], rolled[::50, 1], "reference points"),
+            Series("the same without slip", rolled[::20, 0], rolled[::20, 1], "reference points"),
         ),
         to_scale=True,
     )
