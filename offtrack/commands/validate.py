@@ -29,7 +29,7 @@ from offtrack.commands.console import (
 
 if TYPE_CHECKING:
     from offtrack.studies.reproduce.reproduction import Reproduction
-    from offtrack.studies.validation.check import Check, Section
+    from offtrack.studies.validation.check import Check, CheckSection
 
 
 _COLOURS: Final = {"passed": "green", "failed": "red", "skipped": "yellow"}
@@ -63,7 +63,7 @@ def validate(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
+def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
     from offtrack.studies.validation.suite import TASKS
 
     sections = []
@@ -75,7 +75,7 @@ def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
     return sections
 
 
-def _write(sections: Sequence[Section], directory: Path, facts: dict[str, str]) -> None:
+def _write(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
     from offtrack.studies.validation.suite import validation_page
     from scenarios.results.run_directory import appearing_at_once
 
@@ -96,7 +96,7 @@ def _run_information(seconds: float, quick: bool) -> dict[str, str]:
     }
 
 
-def _plain(sections: Sequence[Section]) -> dict[str, Any]:
+def _plain(sections: Sequence[CheckSection]) -> dict[str, Any]:
     """All checks and the number of each verdict, for JSON."""
     from offtrack.studies.validation.check import tally
 
@@ -112,7 +112,7 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None  # JSON has no NaN
 
 
-def _print_sections(sections: Sequence[Section], directory: Path) -> None:
+def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
     from offtrack.studies.validation.check import tally
 
     console = PlainConsole()
@@ -124,7 +124,7 @@ def _print_sections(sections: Sequence[Section], directory: Path) -> None:
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
 
 
-def _print_section(console: PlainConsole, part: Section) -> None:
+def _print_section(console: PlainConsole, part: CheckSection) -> None:
     """Print the checks of a section and, below, the numbered sources."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from offtrack.studies.validation.mechanics import BodyMotion, newton_euler, random_inputs, random_states
+from offtrack.studies.validation.mechanics import ChainMotion, newton_euler, random_inputs, random_states
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
@@ -20,7 +20,7 @@ from vehicle.frames import FloatArray, Pose2
 def test_a_trailer_pulled_straight_takes_its_share_of_the_force(tractor_semitrailer: Vehicle) -> None:
     """In line, the hitch carries what accelerates the trailer's mass; square to it a free-standing one swings."""
     trailer = tractor_semitrailer.units[1]
-    still = BodyMotion(np.zeros(2), np.zeros(2), np.zeros(2))
+    still = ChainMotion(np.zeros(2), np.zeros(2), np.zeros(2))
     pull = np.array([[1e4, 0.0], [0.0, 0.0]])
     got, hitch = newton_euler(tractor_semitrailer, still, pull, np.zeros(2))
     assert got.origin[0] == pytest.approx(1e4 / tractor_semitrailer.mass)
@@ -41,7 +41,7 @@ def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) ->
         weights = np.array([unit.mass for unit in chain.units])
         gravity = weights[:, None] * np.column_stack([inputs.gravity_x, inputs.gravity_y])
         forces = np.column_stack([ground.force_x, ground.force_y]) @ R_WT.T + gravity
-        motion = BodyMotion(now.psi, R_WT @ np.array([now.v_x[0], now.v_y[0]]), now.yaw_rate)
+        motion = ChainMotion(now.psi, R_WT @ np.array([now.v_x[0], now.v_y[0]]), now.yaw_rate)
         accelerations, hitches = newton_euler(chain, motion, forces, ground.moment)
         np.testing.assert_allclose(rates.yaw_rate, accelerations.yaw, rtol=1e-9, atol=1e-9)  # forces of 1e6 N
         lag = np.array([unit.hitch_lag for unit in chain.units[1:]])

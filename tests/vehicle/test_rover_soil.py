@@ -19,7 +19,7 @@ from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, soil_names
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import FirmPatch, Mound, Terrain, slope_towards
-from vehicle.rover.terramechanics import Rolling, soil_force
+from vehicle.rover.terramechanics import RimMotion, soil_force
 from vehicle.rover.truth import RoverTruth
 
 ROVER, SKID = load_rover("el_dorado_ii"), load_rover("el_dorado_ii_skid")
@@ -31,7 +31,7 @@ SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
 @lru_cache
 def force_in(soil: str) -> Callable[..., object]:
     h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
-    force = soil_force(ROVER, load_soil(soil), h, Rolling(along, across))
+    force = soil_force(ROVER, load_soil(soil), h, RimMotion(along, across))
     function: Callable[..., object] = ca.Function("force", [h, along, across], [ca.vertcat(*force)])
     return function
 

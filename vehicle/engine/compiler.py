@@ -32,6 +32,7 @@ from typing import Final, NamedTuple, TypeVar
 
 _LOG = logging.getLogger(__name__)
 
+_FORMAT: Final = "sha256 at the end"  # of the cache's files
 _N_HASH: Final = hashlib.sha256().digest_size  # [bytes], at the end of every file
 _BUILD: Final = "build-"  # begins the names of files that are being written
 _ABANDONED: Final = 3600.0  # age at which the writer of such a file is gone; writing takes a moment [s]
@@ -281,7 +282,7 @@ def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.
         CompilerError: one line, if the compiler fails, or the library cannot be loaded.
     """
     flags = (*using.flags, *(f"-D{definition}" for definition in definitions))
-    identity = "\0".join([using.path, using.identity, *flags, source])
+    identity = "\0".join([_FORMAT, using.path, using.identity, *flags, source])
     key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     try:
         content = cached(f"{key}.so")

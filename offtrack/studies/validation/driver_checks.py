@@ -18,7 +18,7 @@ from controllers.path import Path, line
 from controllers.preview_law import Motion
 from offtrack.studies.standards.comparison import linear_figures
 from offtrack.studies.standards.proving_ground import Drive, amplification, drive, lateral_acceleration, point_path
-from offtrack.studies.validation.check import Check, Section
+from offtrack.studies.validation.check import Check, CheckSection
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import Course, lane_change, straight
 from sensors.messages import EgoState
@@ -101,14 +101,14 @@ _CROSS_FALL: Final = 0.03  # of it, to the right [-]
 _QUICK: Final = ("a_double", "rigid_truck")
 
 
-def driver(quick: bool) -> Section:
+def driver(quick: bool) -> CheckSection:
     """Largest growth rate over speeds; path on a straight road; path and amplification of lane changes."""
     vehicles = [load_vehicle(name) for name in (_QUICK if quick else vehicle_names())]
     checks = chain.from_iterable(
         (_stability(vehicle), _straight(vehicle), *_small_lane_change(vehicle), _lane_change(vehicle))
         for vehicle in vehicles
     )
-    return Section(
+    return CheckSection(
         title="Driver",
         text="Stability: the linear motion of the combination, closed by the driver's code, from 1 to 110 km/h, with a "
         "tyre damping of 0 and of 0.05 s. Straight: 1 km of smooth road at 90 km/h with 3 % cross-fall. Lane changes: "

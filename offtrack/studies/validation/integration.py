@@ -8,7 +8,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from offtrack.studies.validation.check import Check, Plot, Section, Series
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from offtrack.studies.validation.simple_drives import along_path, poses_of
 from scenarios import courses
 from scenarios.assembly.adapters import outlines
@@ -20,7 +20,6 @@ from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import sampled_states
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.truth import Truth
 from vehicle.engine.integrator import semi_implicit_step
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
@@ -33,53 +32,38 @@ _ROUNDABOUT_SPEED: Final = 15.0 / 3.6  # [m/s]
 _METHOD: Final = "order of the Rosenbrock method, whatever its approximation of the Jacobian"
 
 
-class OtherStepPlant:
+class OtherStepPlant(Plant):
     """A plant on level ground of uniform friction with an integration step of ``step`` [s]."""
 
     def __init__(self, vehicle: Vehicle, friction: float, step: float) -> None:
-        self._vehicle, self._friction, self._step = vehicle, friction, step
-        self._plant = Plant(vehicle, Surface(friction=friction))
-
-    def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
-        """State of the straight combination rolling freely at ``speed`` [m/s]."""
-        return self._plant.initial_state(pose, speed)
-
-    def observe(self, state: FloatArray, tick: int) -> Truth:
-        """Ground truth for this state."""
-        return self._plant.observe(state, tick)
+        super().__init__(vehicle, Surface(friction=friction))
+        self._driven, self._friction, self._length = vehicle, friction, step
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
         """State after whole ticks under a held command; no unit's axles may share an actuator."""
         u = self._input(command)
-        steps = _step(self._vehicle).fold(round(ticks * TICK / self._step))
-        return np.array(steps(state, u, self._step)).ravel()
+        steps = _step(self._driven).fold(round(ticks * TICK / self._length))
+        return np.array(steps(state, u, self._length)).ravel()
 
     def _input(self, command: VehicleCommand) -> FloatArray:
-        sizes = input_sizes(self._vehicle)
+        sizes = input_sizes(self._driven)
         on_tractor = sizes.steer - len(command.trailer_steer)
-        u = Input(
+        u = Input(*(np.zeros(size) for size in sizes))._replace(
             steer=np.array([*[command.steer] * on_tractor, *command.trailer_steer]),
             acceleration=np.array([command.acceleration]),
             gear=np.array([command.gear]),
             friction=np.full(sizes.friction, self._friction),
-            gravity_x=np.zeros(sizes.gravity_x),
-            gravity_y=np.zeros(sizes.gravity_y),
-            road=np.zeros(sizes.road),
-            wind=np.zeros(sizes.wind),
-            drive_torque=np.zeros(sizes.drive_torque),
-            brake_torque=np.zeros(sizes.brake_torque),
-            brake_share=np.ones(sizes.brake_share),
         )
         return np.concatenate(u)
 
 
-def integration(quick: bool) -> Section:
+def integration(quick: bool) -> CheckSection:
     """Order, hill hold, wheelspin, a stop on ice, and the roundabout at half the step."""
     vehicle = load_vehicle("eu_tractor_semitrailer")
     errors = {friction: _errors(_without_sampled_brakes(vehicle), friction) for friction in (0.8, 0.1)}
     dry, steps = errors[0.8], np.array(_STEPS)
     halved = () if quick else _half_step(load_vehicle("uk_longer_semitrailer"))
-    return Section(
+    return CheckSection(
         title="Integrator",
         text="Braking into a turn with several step sizes. Hill hold, spinning wheels and locked wheels with the "
         "default step of 1 ms. The metrics of a closed-loop roundabout with half of that step.",

@@ -11,8 +11,8 @@ from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from offtrack.studies.validation.check import Check, Plot, Section, Series
-from offtrack.studies.validation.simple_drives import linear_tyre, on_single_axles, with_tyres
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
+from offtrack.studies.validation.simple_drives import linear_tyre, on_single_axles, runge_kutta, with_tyres
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
@@ -28,11 +28,11 @@ _AMPLIFICATION: Final = {0.1: 1.0381, 0.2: 1.1522, 0.3: 1.2569, 0.4: 1.0052, 0.5
 _AUDIT: Final = "audit of rl_path_planning's single-track model, and an independent recalculation"
 
 
-def linear_theory(quick: bool) -> Section:
+def linear_theory(quick: bool) -> CheckSection:
     """Eigenvalues, gains and rearward amplification of the 40 t combination at 24 m/s."""
     vehicle = audited_vehicle()
     model = lateral_model(vehicle, _SPEED, outputs=("yaw_rate", "lateral_acceleration", "articulation"))
-    return Section(
+    return CheckSection(
         title="Linear theory",
         text="The model's equations, linearised about straight running at 24 m/s with the assumptions of the audited "
         "single-track model: linear tyres without relaxation at their static loads, and one axle for the tridem.",
@@ -156,11 +156,11 @@ class StepResponse(NamedTuple):
     force: FloatArray  # (n,) over the steady force [-]
 
 
-def tyre_lag(quick: bool) -> Section:
+def tyre_lag(quick: bool) -> CheckSection:
     """Mean lag, overshoot and closed form of the force after a step of slip."""
     vehicle = vehicle_on_linear_tyres()
     cases = [(d, kmh, step_response(vehicle, kmh / 3.6, d)) for d in _DIRECTIONS for kmh in SPEEDS]
-    return Section(
+    return CheckSection(
         title="Tyre lag",
         text="The slip of all wheels jumps by 0.001, along or across, with the vehicle's motion held. A tyre relaxes "
         "over its relaxation length, here 0.5 m, so the area between step and response times speed is that length.",
@@ -196,7 +196,7 @@ def step_response(vehicle: Vehicle, speed: float, direction: Direction) -> StepR
     )
     derivative, output = compiled_derivative(vehicle), compiled_output(vehicle)
 
-    def rate(state: FloatArray) -> FloatArray:
+    def rate(_: float, state: FloatArray) -> FloatArray:
         return np.where(moving, np.array(derivative(state, u)).ravel(), 0.0)
 
     def force(state: FloatArray) -> float:
@@ -209,11 +209,7 @@ def step_response(vehicle: Vehicle, speed: float, direction: Direction) -> StepR
     count = round(_LAGS * (lag + _DAMPING) / h)
     for _ in range(count + 1):
         forces.append(force(state))
-        k_1 = rate(state)
-        k_2 = rate(state + 0.5 * h * k_1)
-        k_3 = rate(state + 0.5 * h * k_2)
-        k_4 = rate(state + h * k_3)
-        state = state + h / 6.0 * (k_1 + 2.0 * (k_2 + k_3) + k_4)
+        state = runge_kutta(rate, 0.0, state, h)
     steady = forces[-1]
     return StepResponse(h * np.arange(count + 1, dtype=np.float64), np.array(forces) / steady)
 

@@ -16,7 +16,8 @@ from typing import Any, Final, NamedTuple
 import casadi as ca
 import numpy as np
 
-from offtrack.studies.validation.check import Check, Section
+from offtrack.studies.validation.check import Check, CheckSection
+from offtrack.studies.validation.simple_drives import runge_kutta
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
@@ -78,11 +79,7 @@ def _without_tyres(vehicle: Vehicle, duration: float, step: float) -> _FreeChain
     q, rate, gravity = ca.SX.sym("q", n), ca.SX.sym("rate", n), ca.SX.sym("gravity", 2)
     y = ca.vertcat(q, rate)
     f = ca.Function("f", [y, gravity], [ca.vertcat(rate, _accelerations(vehicle, q, rate, gravity))])
-    k_1 = f(y, gravity)
-    k_2 = f(y + 0.5 * step * k_1, gravity)
-    k_3 = f(y + 0.5 * step * k_2, gravity)
-    k_4 = f(y + step * k_3, gravity)
-    one = ca.Function("one", [y, gravity], [y + step / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)])
+    one = ca.Function("one", [y, gravity], [runge_kutta(lambda _, y: f(y, gravity), 0.0, y, step)])
     centres = _centres(vehicle, q)
     velocities = [ca.jtimes(centre, q, rate) for centre in centres]
     bodies = list(zip(vehicle.units, centres, velocities, ca.vertsplit(rate[2:]), strict=True))
@@ -118,7 +115,7 @@ def _centres(vehicle: Vehicle, q: ca.SX) -> list[ca.SX]:
     return centres
 
 
-class BodyMotion(NamedTuple):
+class ChainMotion(NamedTuple):
     """State of motion of a chain, along W."""
 
     psi: FloatArray  # (N,) yaw of each unit [rad]
@@ -126,14 +123,14 @@ class BodyMotion(NamedTuple):
     yaw_rate: FloatArray  # (N,) [rad/s]
 
 
-class BodyAccelerations(NamedTuple):
+class ChainAccelerations(NamedTuple):
     """Accelerations of a chain, along W."""
 
     origin: FloatArray  # (2,) of the first unit's origin [m/s2]
     yaw: FloatArray  # (N,) [rad/s2]
 
 
-def modelled(vehicle: Vehicle, now: BodyMotion, forces: FloatArray, moments: FloatArray) -> BodyAccelerations:
+def modelled(vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: FloatArray) -> ChainAccelerations:
     """Accelerations as from ``lagrange``, by the model, with vectors rotated between W and the tractor's axes."""
     c, s = math.cos(now.psi[0]), math.sin(now.psi[0])
     R_WT = np.array([[c, -s], [s, c]])
@@ -142,10 +139,10 @@ def modelled(vehicle: Vehicle, now: BodyMotion, forces: FloatArray, moments: Flo
     speeds = Speeds(v_x, v_y, now.yaw_rate.tolist())
     rates = speed_rates(vehicle, now.psi.tolist(), speeds, on_units, moments.tolist())
     turning = now.yaw_rate[0] * np.array([-v_y, v_x])  # due to the rotation of the tractor's axes
-    return BodyAccelerations(R_WT @ (np.array([rates.v_x, rates.v_y]) + turning), np.array(rates.yaw_rate))
+    return ChainAccelerations(R_WT @ (np.array([rates.v_x, rates.v_y]) + turning), np.array(rates.yaw_rate))
 
 
-def lagrange(vehicle: Vehicle, now: BodyMotion, forces: FloatArray, moments: FloatArray) -> BodyAccelerations:
+def lagrange(vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: FloatArray) -> ChainAccelerations:
     """Accelerations under forces (N, 2) at, and moments (N,) about, the centres of gravity [N, N m, along W].
 
     T = m p'^2 / 2 + sum_a B_a psi_a' (p' n_a) + sum_ab A_ab psi_a' psi_b' cos(psi_a - psi_b) / 2, with
@@ -162,12 +159,12 @@ def lagrange(vehicle: Vehicle, now: BodyMotion, forces: FloatArray, moments: Flo
     on_origin = forces.sum(axis=0) + (B * now.yaw_rate**2) @ e
     on_yaw = moments + np.sum(n * (c.T @ forces), axis=1) - (A * np.sin(between)) @ now.yaw_rate**2
     solution: FloatArray = np.linalg.solve(M, np.concatenate([on_origin, on_yaw]))
-    return BodyAccelerations(solution[:2], solution[2:])
+    return ChainAccelerations(solution[:2], solution[2:])
 
 
 def newton_euler(
-    vehicle: Vehicle, now: BodyMotion, forces: FloatArray, moments: FloatArray
-) -> tuple[BodyAccelerations, FloatArray]:
+    vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: FloatArray
+) -> tuple[ChainAccelerations, FloatArray]:
     """Accelerations as from ``lagrange``, and the force (N - 1, 2) at each hitch on the unit behind it [N, along W].
 
     Unknowns are the acceleration of every centre of gravity, every yaw acceleration, and the hitch forces H:
@@ -196,7 +193,7 @@ def newton_euler(
     solution = np.linalg.solve(K, b).astype(np.float64)
     spin, turn = solution[yaw], now.yaw_rate[0]
     origin = solution[:2] - units[0].cg_x * (spin * n[0] - turn**2 * e[0])
-    return BodyAccelerations(origin, solution[yaw:hitch]), solution[hitch:].reshape(N - 1, 2)
+    return ChainAccelerations(origin, solution[yaw:hitch]), solution[hitch:].reshape(N - 1, 2)
 
 
 def _levers(vehicle: Vehicle) -> FloatArray:
@@ -248,10 +245,10 @@ _RANGES: Final = State(  # half ranges of random states, wider than in any drive
 )
 
 
-def mechanics(quick: bool) -> Section:
+def mechanics(quick: bool) -> CheckSection:
     """Checks of energy, momenta, work of gravity, two independent derivations, and the friction circle."""
     chains = [_chain(n) for n in (1, 2, 3, 4)]
-    return Section(
+    return CheckSection(
         title="Mechanics",
         text="Chains of rigid units tumble freely for 20 s and slide down a slope. Accelerations of chains of random "
         "data in random states are compared with two independent derivations, and tyre forces with the friction limit.",
@@ -295,7 +292,7 @@ def _differences(vehicle: Vehicle, rng: np.random.Generator) -> tuple[float, flo
     """Differences of a chain of random masses, inertias and places, from a cart to a laden road train."""
     n = len(vehicle.units)
     vehicle = vehicle.model_copy(update={"units": tuple(_random_unit(unit, rng) for unit in vehicle.units)})
-    now = BodyMotion(rng.uniform(-np.pi, np.pi, n), rng.uniform(-10.0, 10.0, 2), rng.uniform(-1.0, 1.0, n))
+    now = ChainMotion(rng.uniform(-np.pi, np.pi, n), rng.uniform(-10.0, 10.0, 2), rng.uniform(-1.0, 1.0, n))
     forces, moments = rng.uniform(-1e5, 1e5, (n, 2)), rng.uniform(-1e5, 1e5, n)
     model = np.concatenate(modelled(vehicle, now, forces, moments))
     first, second = (

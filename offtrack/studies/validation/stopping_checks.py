@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from offtrack.studies.standards.longitudinal_capability import longitudinal, longitudinal_theory
-from offtrack.studies.validation.check import Check, Plot, Section, Series
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import State, parts, state_sizes, wheels
@@ -22,7 +22,7 @@ ROW: Final = 0.01  # [s]
 _STANDS: Final = 0.05  # [m/s]
 
 
-class Stop(NamedTuple):
+class BrakedStop(NamedTuple):
     """A drive under one brake demand, a row every 10 ms."""
 
     speed: FloatArray  # (n,) [m/s]
@@ -46,7 +46,7 @@ class Stop(NamedTuple):
 
 def braked(
     vehicle: Vehicle, surface: Surface, speed: float, demand: float, *, steer: float = 0.0, seconds: float = 30.0
-) -> Stop:
+) -> BrakedStop:
     """Brake from ``speed`` [m/s] with ``demand`` [m/s2] until it stands, under a fixed steering wheel."""
     plant, layout = Plant(vehicle, surface), wheels(vehicle)
     radii = np.array([wheel.axle.wheel_radius for wheel in layout])
@@ -58,7 +58,7 @@ def braked(
         if s.v_x[0] < _STANDS:
             break
         state = plant.step(state, command, PERIOD)
-    return Stop(*(np.array(column) for column in zip(*rows, strict=True)))
+    return BrakedStop(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def without_abs(vehicle: Vehicle) -> Vehicle:
@@ -79,14 +79,14 @@ _TURNS: Final = {  # friction and speed [m/s], lateral acceleration [m/s2] of tu
 }
 
 
-def braking(quick: bool) -> Section:
+def braking(quick: bool) -> CheckSection:
     """Stops with and without ABS, straight, on split friction and in a turn; climbing and holding."""
     vehicle = load_vehicle("eu_tractor_semitrailer").model_copy(update={"air": None})
     stops = {friction: braked(vehicle, Surface(friction=friction), _SPEED, _FULL) for friction in _FRICTIONS}
     names = (
         ("eu_tractor_semitrailer", "rigid_truck") if quick else ("eu_tractor_semitrailer", "a_double", "rigid_truck")
     )
-    return Section(
+    return CheckSection(
         title="Brakes and drive",
         text="Full brake applications from 80 km/h with ABS, without it, on split friction, and in turns with a fixed "
         "steering wheel. Grades, speeds and times that the simulation reaches, against quasi-static forces.",
@@ -116,7 +116,7 @@ def _locked(vehicle: Vehicle, friction: float) -> Check:
     )
 
 
-def _distance(vehicle: Vehicle, friction: float, stop: Stop) -> Check:
+def _distance(vehicle: Vehicle, friction: float, stop: BrakedStop) -> Check:
     """Distance against that at the largest deceleration once both lags and the filling are over."""
     system, brake = vehicle.brakes, vehicle.units[0].axles[0].brake
     lags = 0.0 if system is None or brake is None else system.lag + brake.lag
@@ -131,7 +131,7 @@ def _distance(vehicle: Vehicle, friction: float, stop: Stop) -> Check:
     )
 
 
-def _friction_used(friction: float, stop: Stop) -> Check:
+def _friction_used(friction: float, stop: BrakedStop) -> Check:
     least, most = _USED[friction]
     return Check(
         f"ABS, friction {friction:g}: mean deceleration over friction times g",
@@ -142,7 +142,7 @@ def _friction_used(friction: float, stop: Stop) -> Check:
     )
 
 
-def _slip_band(vehicle: Vehicle, name: str, stop: Stop) -> Check:
+def _slip_band(vehicle: Vehicle, name: str, stop: BrakedStop) -> Check:
     system = vehicle.brakes
     limit = 0.0 if system is None else system.abs_slip + system.abs_slip_speed / _SLOW
     return Check(
@@ -154,7 +154,7 @@ def _slip_band(vehicle: Vehicle, name: str, stop: Stop) -> Check:
     )
 
 
-def _split(vehicle: Vehicle) -> Stop:
+def _split(vehicle: Vehicle) -> BrakedStop:
     """The first second and a half, before the steering wheel would have to turn."""
     line = np.array([[0.0, 0.0], [1.0, 0.0]])
     split = Surface(friction=SplitFriction(left=0.8, right=0.2, line=line))
@@ -201,7 +201,7 @@ def _capability(vehicle: Vehicle) -> tuple[Check, ...]:
     )
 
 
-def _plot(stop: Stop) -> Plot:
+def _plot(stop: BrakedStop) -> Plot:
     time: FloatArray = ROW * np.arange(len(stop.speed), dtype=np.float64)
     return Plot(
         title="Stop with ABS at friction 0.3",
@@ -223,10 +223,10 @@ _PARKED: Final = 600.0  # [s]
 _PLACES: Final = {"on cross-fall": (0.0, _SLOPE), "up-hill": (_SLOPE, 0.0), "down-hill": (-_SLOPE, 0.0)}
 
 
-def parking(quick: bool) -> Section:
+def parking(quick: bool) -> CheckSection:
     """Creep of parked vehicles in ten minutes, and the rest after braking to a stop on a hill."""
     names = ("rigid_truck",) if quick else vehicle_names()
-    return Section(
+    return CheckSection(
         title="Parking",
         text=f"Brakes on, slope of {100 * _SLOPE:g} %, friction {_FRICTION:g}. Tyres deflect within "
         f"{_SETTLING:g} s; from then on nothing may move for ten minutes, for only rolling and sliding relax a tyre.",
