@@ -127,9 +127,10 @@ class Turned(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MatchedFrame(StereoFrame):
-    """A stereo pair with the right image exposed like the left one."""
+    """A stereo pair with the right image exposed like the left one, and with parallel cameras."""
 
-    turned: Turned | None = None  # from which the right image was resampled
+    turned: Turned | None = None  # from which the right image was resampled; None: it is as the camera took it
+    right_shift: FloatArray | None = None  # (3,) of the right camera from its calibrated position, in the left one [m]
 
 
 def mapped(image: GreyImage, levels: FloatArray) -> GreyImage:
@@ -158,16 +159,9 @@ _SHORTEST = 0.3  # least effective baseline, as a share of the calibrated one: n
 _LEAST_AHEAD = 0.2  # least depth in the displaced camera, as a share of that in the calibrated one
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DisplacedFrame(MatchedFrame):
-    """A stereo pair with parallel cameras whose right one is not at its calibrated position."""
-
-    right_shift: FloatArray  # (3,) of the right camera from there, along the axes of the left one [m]
-
-
 def right_shift(frame: StereoFrame) -> FloatArray | None:
     """Displacement (3,) of a frame's right camera [m]; None for an ordinary pair."""
-    return frame.right_shift if isinstance(frame, DisplacedFrame) else None
+    return frame.right_shift if isinstance(frame, MatchedFrame) else None
 
 
 def right_position(calibration: StereoCalibration, shift: FloatArray | None) -> FloatArray:

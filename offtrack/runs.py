@@ -14,13 +14,10 @@ import tomli_w
 
 from offtrack.reports.run_writer import write_run
 from offtrack.reports.sections import groups
-from scenarios.loop.runner import run_any
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.loop.runner import run as run_scenario
+from scenarios.options.scenario import AnyScenario, load_any_scenario
 from scenarios.results.log import Log, read_log
-from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import summary
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.run_summary import Result
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
 
@@ -28,9 +25,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def load(
-    scenario: str | os.PathLike[str], settings: Mapping[str, Any] | None, keys: Mapping[str, Any]
-) -> Scenario | RoverScenario:
+def load(scenario: str | os.PathLike[str], settings: Mapping[str, Any] | None, keys: Mapping[str, Any]) -> AnyScenario:
     """Load a scenario by name or file, with keys changed.
 
     Args:
@@ -95,9 +90,7 @@ class Run:
         directory: where it was written or read; None if it is in memory alone.
     """
 
-    def __init__(
-        self, summary: Mapping[str, Any], log: Log, directory: Path | None, result: RunResult | RoverResult | None
-    ) -> None:
+    def __init__(self, summary: Mapping[str, Any], log: Log, directory: Path | None, result: Result | None) -> None:
         """Use `run` or `load_run`."""
         self.summary, self.log, self.directory = summary, log, directory
         self._result = result
@@ -176,8 +169,8 @@ def run(
         ValueError: one line that names key, value and limit.
     """
     chosen = load(scenario, settings, keys)
-    result = run_any(chosen, checked_seed(seed), keep_frames=keep_frames)
-    return Run(summary(result), result.log, None, result)
+    result = run_scenario(chosen, checked_seed(seed), keep_frames=keep_frames)
+    return Run(result.summary(), result.log, None, result)
 
 
 def checked_seed(seed: object) -> int:

@@ -9,15 +9,9 @@ from typing import Any
 
 from estimators.estimates import OffTracking, SlipAngle
 from offtrack.runs import Run, checked_seed, load
-from scenarios.assembly.rover_run import assemble_rover
-from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.channel import InLine
-from scenarios.loop.result import rover_result, trailer_result
-from scenarios.loop.rover_session import RoverSession
-from scenarios.loop.trailer_session import TrailerSession
-from scenarios.options.rover_scenario import RoverScenario
+from scenarios.loop.runner import KINDS
 from scenarios.results.run_inputs import run_inputs
-from scenarios.results.run_summary import summary
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.rover.truth import RoverTruth
@@ -45,13 +39,9 @@ class Session:
             ValueError: one line that names key, value and limit.
         """
         chosen = load(scenario, settings, keys)
-        self._seed = checked_seed(seed)
+        kind, seed = KINDS[chosen.vehicle_kind], checked_seed(seed)
         self._inputs = run_inputs(chosen.model_dump(exclude_none=True))
-        self._session: TrailerSession | RoverSession
-        if isinstance(chosen, RoverScenario):
-            self._session = RoverSession(assemble_rover(chosen, self._seed), worker=InLine())
-        else:
-            self._session = TrailerSession(assemble(chosen, self._seed), worker=InLine())
+        self._session = kind.session(kind.assemble(chosen, seed), worker=InLine())
 
     @property
     def time(self) -> float:
@@ -66,15 +56,14 @@ class Session:
     @property
     def truth(self) -> Truth | RoverTruth:
         """Ground truth now, as the log has it: poses, velocities, wheel loads."""
-        return self._session.truth
+        truth: Truth | RoverTruth = self._session.truth
+        return truth
 
     @property
     def estimate(self) -> OffTracking | SlipAngle | None:
         """The estimate delivered last: off-tracking of the last trailer, or slip angle of the rover."""
-        if isinstance(self._session, RoverSession):
-            return self._session.channel.newest
-        newest = self._session.trailers[-1].newest
-        return None if newest is None else newest.off_tracking
+        estimate: OffTracking | SlipAngle | None = self._session.estimate
+        return estimate
 
     def step(self, duration: float | None = None) -> bool:
         """Go on for ``duration`` [s], by default for one step of the loop; return True while the run continues.
@@ -98,13 +87,8 @@ class Session:
 
     def result(self) -> Run:
         """The run as far as it has come; its outcome is then "unfinished"."""
-        session = self._session
-        result = (
-            rover_result(session, self._seed, self._inputs)
-            if isinstance(session, RoverSession)
-            else trailer_result(session, self._inputs)
-        )
-        return Run(summary(result), result.log, None, result)
+        result = self._session.result(self._inputs)
+        return Run(result.summary(), result.log, None, result)
 
     def close(self) -> None:
         """Free the renderer of the cameras, and end the processes of FMUs."""

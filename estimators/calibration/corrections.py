@@ -11,9 +11,8 @@ import numpy as np
 from estimators.calibration.epipolar import RightRotation, homography
 from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
 from estimators.estimates import Health, Motion, lost_motion
-from estimators.stereo_pair import DisplacedFrame, MatchedFrame, Turned
+from estimators.stereo_pair import MatchedFrame, Turned
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
 
 # Changes of roll, yaw and pitch that are applied, at the cost of a restart of the odometry [standard deviations].
@@ -59,19 +58,13 @@ def is_another(new: Corrections, old: Corrections) -> bool:
 
 
 def corrected(
-    calibration: StereoCalibration, frame: StereoFrame, rotation: RightRotation, geometry: PairGeometry
-) -> StereoFrame:
-    """Frame with the right image in the calibrated attitude, and with its displacement; itself if there is neither.
-
-    The exposures of the frame are matched already.
-    """
+    calibration: StereoCalibration, frame: MatchedFrame, rotation: RightRotation, geometry: PairGeometry
+) -> MatchedFrame:
+    """Frame with the right image in the calibrated attitude, and with its displacement; itself if there is neither."""
     if not any(rotation) and geometry.shift is None:
         return frame
     turned = Turned(frame.right, homography(calibration, geometry.attitude(rotation)))
-    tick, left, right, colour = frame.tick, frame.left, turned.resampled(), frame.colour
-    if geometry.shift is None:
-        return MatchedFrame(tick=tick, left=left, right=right, colour=colour, turned=turned)
-    return DisplacedFrame(tick=tick, left=left, right=right, colour=colour, turned=turned, right_shift=geometry.shift)
+    return replace(frame, right=turned.resampled(), turned=turned, right_shift=geometry.shift)
 
 
 _LEAST_DISTANCE = 0.01  # below it the trailer stands [m]

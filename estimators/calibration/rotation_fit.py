@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from estimators.calibration.epipolar import RightRotation, homography, moved, sensitivity
 from estimators.calibration.mount_state import PairGeometry
-from estimators.odometry.exposure import clipped_alike
+from estimators.odometry.exposure import match_clipping
 from estimators.odometry.image_points import (
     LEVELS,
     LEVELS_NEAR,
@@ -170,8 +170,8 @@ def both_clipped(
 ) -> tuple[View, StereoFrame]:
     """View and frame, both clipped where one of them is: the same objects if they are so already."""
     first, second = rematched(calibration, view, frame, geometry, X_PC, rotation)
-    alike = clipped_alike(view.image, frame, np.hstack([first.left, second.left]))
-    return (view, frame) if alike is None else (view._replace(image=alike[0]), alike[1])
+    limited = match_clipping(view.image, frame, np.hstack([first.left, second.left]))
+    return (view, frame) if limited is None else (view._replace(image=limited[0]), limited[1])
 
 
 def bearings(calibration: StereoCalibration, left: Points, straight: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -60,10 +60,11 @@ from estimators.calibration.rotation_fit import FEWEST, View, both_clipped, from
 from estimators.context import Memory, Odometry
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.exposure import alike, clipped_share
+from estimators.odometry.exposure import clipped_share, match_exposures
 from estimators.odometry.image_points import LEVELS_NEAR, detect_corners, rays_through, track
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.rigid_motion import chained, rotation_vector
+from estimators.stereo_pair import MatchedFrame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
@@ -83,9 +84,9 @@ _SIGNIFICANT = 8.0  # the same in standard deviations of a fit, which are half o
 
 
 class Taken(NamedTuple):
-    """A frame as it came, and the velocity before it."""
+    """A frame of matched exposures before corrections, and the velocity before it."""
 
-    frame: StereoFrame
+    frame: MatchedFrame
     twist: Twist
     lost: bool = False  # True if no motion ended at it
     left_over: float = 0.0  # displacement of its right image that was not compensated [m]
@@ -113,7 +114,7 @@ class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
     twist: Twist = UNKNOWN  # by the last motion
     fresh: float | None = None  # distance since the last fit to a single pair [m]; None: there is none
     previous: tuple[Taken, ...] = ()  # newest frames of the odometry, oldest first
-    suspect: StereoFrame | None = None  # newest frame, if it contradicts the estimate
+    suspect: MatchedFrame | None = None  # newest frame, if it contradicts the estimate
     earlier: Earlier | None = None  # estimate to which a passing disturbance returns
     shift: float = 0.0  # displacement of the right camera along the optical axis, by the newest frame [m]
     assumed: float = 0.0  # the same for the first motion, as long as no velocity relates it to a delay [m]
@@ -238,36 +239,43 @@ class SelfCalibratedOdometry(Generic[Memory]):
 
         The motion of a frame that contradicts the estimate is lost, and the frame is skipped.
         """
-        frame = alike(self._calibration, frame)
-        memory = _with_clipping(memory, frame)
-        memory, changed = self._with_fit(memory, frame)
-        if memory.suspect is frame:
-            return memory, self._message(lost_motion(frame.tick, memory.previous[-1].frame.tick), memory)
+        pair = match_exposures(self._calibration, frame)
+        memory = self._with_clipping(memory, pair)
+        memory, changed = self._with_rows(memory, pair)
+        if memory.suspect is pair:
+            return memory, self._message(lost_motion(pair.tick, memory.previous[-1].frame.tick), memory)
         start = self._restarted(memory, changed)
-        after, motion = self._moved(start, frame)
+        after, motion = self._with_motion(start, pair)
         if motion is not None and motion.health is Health.LOST and start.applied.rotation != memory.state.rotation:
             again = self._restarted(start, changed, at_once=True)
             if again.applied != start.applied:  # the best guess of the rotation may be what the odometry needs
-                after, motion = self._moved(again, frame)
+                after, motion = self._with_motion(again, pair)
         if motion is None:
-            return self._with_view(after, frame), None
+            return self._with_view(after, pair), None
         if motion.health is not Health.LOST and look_due(after):
-            after = self._with_yaw(after, frame)
+            after = self._with_yaw(after, pair)
             again = self._restarted(start._replace(state=after.state), False)
             if is_another(again.applied, start.applied):  # the motion once more, with the better correction
-                seen = after
-                after, motion = self._moved(again, frame)
+                before = after
+                after, motion = self._with_motion(again, pair)
                 if motion is not None and motion.health is not Health.LOST:
-                    after = after._replace(view=seen.view, X_VC=seen.X_VC, look=seen.look, rest=seen.rest)
+                    after = after._replace(view=before.view, X_VC=before.X_VC, look=before.look, rest=before.rest)
         if motion is None or after.assumed:
-            motion = lost_motion(frame.tick, memory.previous[-1].frame.tick)
+            motion = lost_motion(pair.tick, memory.previous[-1].frame.tick)
         if view_due(after):
-            after = self._with_view(after, frame)
-        message = self._message(motion, after)
-        return after._replace(assumed=0.0), message
+            after = self._with_view(after, pair)
+        return after._replace(assumed=0.0), self._message(motion, after)
 
-    def _with_fit(
-        self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame
+    def _with_clipping(
+        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame
+    ) -> SelfCalibrationMemory[Memory]:
+        """Memory with the share of clipped pixels; a view from before the first clipped frame has too few points."""
+        clipped = max(clipped_share(frame.left), _FADING * memory.clipped)
+        begins = clipped > _CLIPPED >= memory.clipped
+        return memory._replace(clipped=clipped, view=None if begins else memory.view)
+
+    def _with_rows(
+        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame
     ) -> tuple[SelfCalibrationMemory[Memory], bool]:
         """Memory with the rows of a frame in its estimate; True if the odometry must restart before it.
 
@@ -296,7 +304,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         return memory, changed
 
     def _returned(
-        self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: StereoFrame
+        self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: MatchedFrame
     ) -> tuple[SelfCalibrationMemory[Memory], EpipolarFit | None]:
         """Memory with the earlier estimate, restarted at the first of two pairs that are as before; the second's fit.
 
@@ -309,7 +317,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         first = memory.previous[-1:] if memory.suspect is None else (Taken(memory.suspect, memory.twist),)
         return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), fit
 
-    def _fit(self, state: MountState, twist: Twist, frame: StereoFrame) -> EpipolarFit | None:
+    def _fit(self, state: MountState, twist: Twist, frame: MatchedFrame) -> EpipolarFit | None:
         """Fit to the single pair, from what is expected of it."""
         baseline = self._calibration.baseline
         shift = geometry(float(state.mean[DELAY]), twist, baseline).shift
@@ -338,14 +346,14 @@ class SelfCalibratedOdometry(Generic[Memory]):
             odometry, _ = self._odometry.step(odometry, self._corrected(taken.frame, then))
         return memory._replace(odometry=odometry)
 
-    def _corrected(self, frame: StereoFrame, memory: SelfCalibrationMemory[Memory]) -> StereoFrame:
+    def _corrected(self, frame: MatchedFrame, memory: SelfCalibrationMemory[Memory]) -> MatchedFrame:
         """Frame with the corrections that are applied."""
         return corrected(
             self._calibration, frame, memory.applied.rotation, pair_geometry(memory, self._calibration.baseline)
         )
 
-    def _moved(
-        self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame
+    def _with_motion(
+        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame
     ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
         """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion."""
         odometry, motion = self._odometry.step(memory.odometry, self._corrected(frame, memory))
@@ -374,7 +382,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         )
         return memory, motion
 
-    def _is_refuted(self, memory: SelfCalibrationMemory[Memory], motion: Motion, frame: StereoFrame) -> bool:
+    def _is_refuted(self, memory: SelfCalibrationMemory[Memory], motion: Motion, frame: MatchedFrame) -> bool:
         """True if the motion is a standstill, and the images since the frame before show none."""
         if motion.health is Health.LOST or np.linalg.norm(motion.X_PC[:3, 3]) > STANDING:
             return False
@@ -402,7 +410,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
                 break
         return looked(memory._replace(state=new, X_VC=X_VC))
 
-    def _with_view(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
+    def _with_view(self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame) -> SelfCalibrationMemory[Memory]:
         """Memory with the frame as its reference view."""
         rng = np.random.default_rng([self._seed, frame.tick, 2])
         doubt = float(memory.state.std[:3].max())
@@ -426,10 +434,3 @@ class SelfCalibratedOdometry(Generic[Memory]):
         correcting = self._correcting
         doubts = doubt(self._calibration, memory.state, memory.applied, speed, shift, correcting=correcting)
         return with_calibration(self._calibration, motion, memory.state, doubts)
-
-
-def _with_clipping(memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
-    """Memory with the share of clipped pixels; a view from before the first clipped frame has too few points."""
-    clipped = max(clipped_share(frame.left), _FADING * memory.clipped)
-    begins = clipped > _CLIPPED >= memory.clipped
-    return memory._replace(clipped=clipped, view=None if begins else memory.view)

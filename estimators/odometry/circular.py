@@ -15,10 +15,10 @@ import numpy as np
 from estimators.context import above_ground
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.covariance import SelfConsistency, stated
-from estimators.odometry.exposure import alike, both_alike
-from estimators.odometry.image_points import Matches, Points, detect_corners, match
-from estimators.odometry.plausibility import LARGEST_ACCELERATION, Belief, judged
-from estimators.odometry.pose import Observations, Solution, consensus, point_covariance, refined
+from estimators.odometry.exposure import match_exposures, match_over_time
+from estimators.odometry.image_points import Points, detect_corners, match
+from estimators.odometry.plausibility import LARGEST_ACCELERATION, Belief, believed
+from estimators.odometry.pose import Observations, consensus, point_covariance, refined
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.rigid_motion import stretched
 from estimators.stereo_pair import triangulate
@@ -69,16 +69,16 @@ class CircularOdometry:
         unless that is too old. A repeated frame is lost and skipped as well. After an implausible jump of velocity the
         odometry is lost until the next motion confirms it.
         """
-        frame, reference = alike(self._calibration, frame), memory.reference
+        frame, reference, before = match_exposures(self._calibration, frame), memory.reference, memory.belief
         if reference is None or memory.corners is None:
             return OdometryMemory(frame, detect_corners(frame.left, per_bucket=PER_BUCKET)), None
-        if is_repeated(reference.left, frame.left, memory.noise, memory.belief.last):
+        if is_repeated(reference.left, frame.left, memory.noise, before.last):
             return memory, lost_motion(frame.tick, reference.tick)
         corners = detect_corners(frame.left, per_bucket=PER_BUCKET)
-        motion = self.motion(reference, memory.corners, frame, memory.belief.newest)
-        if motion.health is Health.LOST and is_skipped(len(corners), motion, memory.belief.newest):
+        motion = self.motion(reference, memory.corners, frame, before.newest)
+        if motion.health is Health.LOST and is_skipped(len(corners), motion, before.newest):
             return memory, motion
-        belief, motion = judged(memory.belief, motion)
+        belief, motion = believed(before, motion)
         lost = motion.health is Health.LOST
         noise = memory.noise if lost or memory.noise else visible_noise(reference.left, frame.left)
         consistency, motion = stated(memory.consistency, motion, self._calibration.focal_length)
@@ -91,56 +91,64 @@ class CircularOdometry:
         covariance counts features as independent. Frames whose exposures differ are compared once more at the points
         that were tracked.
         """
-        exposed, limited = both_alike(reference, frame)
+        exposed, limited = match_over_time(reference, frame)
         if exposed is reference:
-            return self._motion(reference, corners, frame, last)
+            return self._searched(reference, corners, frame, last)
         in_both = detect_corners(exposed.left, per_bucket=PER_BUCKET)  # those that are not clipped in either image
-        motion = self._motion(exposed, in_both, limited, last)
+        motion = self._searched(exposed, in_both, limited, last)
         if motion.health is Health.LOST:
             return motion
-        exposed, limited = both_alike(reference, frame, motion.tracks)
+        exposed, limited = match_over_time(reference, frame, motion.tracks)
         if exposed is reference:
-            return self._motion(reference, corners, frame, last)
-        again = self._motion(exposed, in_both, limited, last)
+            return self._searched(reference, corners, frame, last)
+        again = self._searched(exposed, in_both, limited, last)
         return motion if again.health is Health.LOST else again
 
-    def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
-        """Motion between frames of equal exposures."""
-        if last is None:
-            return self._rematched(np.eye(4), np.inf, reference, corners, frame)
-        ticks = frame.tick - reference.tick
-        guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
-        motion = self._rematched(guess, search_radius(ticks), reference, corners, frame)
-        if motion.health is not Health.LOST:
-            return motion
-        motion = self._rematched(np.eye(4), np.inf, reference, corners, frame)
-        return replace(motion, health=Health.DEGRADED) if motion.health is Health.OK else motion
+    def _searched(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
+        """Motion between frames of equal exposures, searched near the prediction and then from rest."""
+        guesses = [(np.eye(4), np.inf)]
+        if last is not None:
+            ticks = frame.tick - reference.tick
+            predicted = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
+            guesses.insert(0, (predicted, search_radius(ticks)))
+        for guess, reach in guesses:
+            motion = self._measured(guess, reach, reference, corners, frame)
+            if motion.health is Health.DEGRADED:  # a wrong guess costs matches
+                again = self._measured(motion.X_PC, reach, reference, corners, frame)
+                motion = again if again.inliers > motion.inliers else motion
+            if motion.health is not Health.LOST:
+                break
+        unpredicted = last is not None and reach == np.inf
+        return replace(motion, health=Health.DEGRADED) if unpredicted and motion.health is Health.OK else motion
 
-    def _rematched(
+    def _measured(
         self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame
     ) -> Motion:
-        """Motion near the guess; a degraded one becomes the next guess, as a wrong guess costs matches."""
-        first = self._motion_near(guess, reach, reference, corners, frame)
-        if first.health is not Health.DEGRADED:
-            return first
-        second = self._motion_near(first.X_PC, reach, reference, corners, frame)
-        return second if second.inliers > first.inliers else first
-
-    def _motion_near(
-        self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame
-    ) -> Motion:
+        """Motion by circular matching, RANSAC and least squares, within ``reach`` [m] of the guess."""
         matches = match(self._calibration, reference, corners, frame, guess)
-        solution = None
-        if len(matches.current) >= _FEWEST_INLIERS:
-            rng = np.random.default_rng([self._seed, frame.tick])
-            points = triangulate(self._calibration, matches.previous)
-            agreed = consensus(self._calibration, points, matches.current, guess, reach, rng)
-            if np.count_nonzero(agreed.inliers) >= _FEWEST_INLIERS:
-                covariance = point_covariance(self._calibration, points, _SHARE)
-                variance = np.broadcast_to(_SHARE, points.shape)
-                observations = Observations(points, covariance, matches.current, variance)
-                solution = refined(self._calibration, observations, agreed.X_PC, agreed.inliers)
-        return _message(reference.tick, frame.tick, matches, solution)
+        nothing = lost_motion(frame.tick, reference.tick, len(matches.current))
+        if len(matches.current) < _FEWEST_INLIERS:
+            return nothing
+        points = triangulate(self._calibration, matches.previous)
+        rng = np.random.default_rng([self._seed, frame.tick])
+        agreed = consensus(self._calibration, points, matches.current, guess, reach, rng)
+        if np.count_nonzero(agreed.inliers) < _FEWEST_INLIERS:
+            return nothing
+        covariance = point_covariance(self._calibration, points, _SHARE)
+        observations = Observations(points, covariance, matches.current, np.broadcast_to(_SHARE, points.shape))
+        solution = refined(self._calibration, observations, agreed.X_PC, agreed.inliers)
+        inliers = int(np.count_nonzero(solution.inliers))
+        found = replace(
+            nothing,
+            inliers=inliers,
+            tracks=matches.tracks()[solution.inliers],
+            halves=solution.differences,
+        )
+        if not solution.converged or inliers < _FEWEST_INLIERS:
+            return found
+        doubtful = len(points) < ENOUGH_MATCHES or inliers < _AGREEING * len(points)
+        health = Health.DEGRADED if doubtful else Health.OK
+        return replace(found, X_PC=solution.X_PC, covariance=solution.covariance, health=health)
 
 
 def is_skipped(corners: int, lost: Motion, last: Motion | None) -> bool:
@@ -162,26 +170,3 @@ def is_skipped(corners: int, lost: Motion, last: Motion | None) -> bool:
 def search_radius(ticks: int) -> float:
     """Largest distance of a motion over ``ticks`` from the motion predicted at the last velocity [m]."""
     return LARGEST_ACCELERATION * (ticks * TICK) ** 2
-
-
-def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution | None) -> Motion:
-    """Motion message with its health; lost without a solution that has enough inliers."""
-    inliers = np.zeros(len(matches.current), np.bool_) if solution is None else solution.inliers
-    agreeing = int(np.count_nonzero(inliers))
-    X_PC, covariance, health = np.eye(4), np.diag(np.full(6, np.inf)), Health.LOST
-    if solution is not None and solution.converged and agreeing >= _FEWEST_INLIERS:
-        X_PC, covariance = solution.X_PC, solution.covariance
-        doubtful = len(inliers) < ENOUGH_MATCHES or agreeing < _AGREEING * len(inliers)
-        health = Health.DEGRADED if doubtful else Health.OK
-    tracks = np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers]
-    return Motion(
-        tick=tick,
-        previous_tick=previous_tick,
-        X_PC=X_PC,
-        covariance=covariance,
-        matches=len(inliers),
-        inliers=agreeing,
-        health=health,
-        tracks=tracks.astype(np.float32),
-        halves=None if solution is None else solution.differences,
-    )

@@ -51,24 +51,22 @@ class Exposure(NamedTuple):
     offset: float
 
 
-@lru_cache(maxsize=1)
-def alike(calibration: StereoCalibration, frame: StereoFrame) -> StereoFrame:
-    """Frame with the right image exposed like the left one; the same object if they agree.
+def match_exposures(calibration: StereoCalibration, frame: StereoFrame) -> MatchedFrame:
+    """Frame with the right image exposed like the left one; with the same images if they agree.
 
-    Self-calibration and the odometry inside it ask about the same frame: the last answer is kept, and a frame that was
-    matched before is returned as it is.
+    A frame that was matched before is returned as it is.
     """
     if isinstance(frame, MatchedFrame):
         return frame
     left, right = cell_means(frame.left), _beside(calibration, cell_means(frame.right))
     change = _change(frame.right, right, frame.left, left)
-    if change is None:
-        return frame
-    left_image, right_image = mapped(frame.left, _limited(change)), mapped(frame.right, _exposed(change))
+    left_image, right_image = frame.left, frame.right
+    if change is not None:
+        left_image, right_image = mapped(frame.left, _limited(change)), mapped(frame.right, _exposed(change))
     return MatchedFrame(tick=frame.tick, left=left_image, right=right_image, colour=frame.colour)
 
 
-def both_alike(
+def match_over_time(
     frame: StereoFrame, other: StereoFrame, tracks: NDArray[np.float32] | None = None
 ) -> tuple[StereoFrame, StereoFrame]:
     """Frames of two moments, the first exposed like the second; the same objects if they agree.
@@ -85,7 +83,7 @@ def both_alike(
     return with_levels(frame, _exposed(change)), with_levels(other, _limited(change))
 
 
-def clipped_alike(
+def match_clipping(
     image: NDArray[np.float32], frame: StereoFrame, tracks: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], StereoFrame] | None:
     """Left image of another moment and frame, both clipped where one of them is; None if they are so already.

@@ -244,6 +244,10 @@ class Matches(NamedTuple):
     previous: FloatArray  # (n, 3)
     current: FloatArray  # (n, 3)
 
+    def tracks(self) -> NDArray[np.float32]:
+        """Tracks (n, 4) of the left images, as of ``estimates.Motion``."""
+        return np.column_stack([self.previous[:, :2], self.current[:, :2]]).astype(np.float32)
+
 
 def match(
     calibration: StereoCalibration, previous: StereoFrame, corners: Points, current: StereoFrame, X_PC: FloatArray

@@ -23,7 +23,7 @@ from estimators.odometry.circular import (
     search_radius,
 )
 from estimators.odometry.covariance import SelfConsistency, stated
-from estimators.odometry.exposure import alike
+from estimators.odometry.exposure import match_exposures
 from estimators.odometry.image_points import detect_corners
 from estimators.odometry.keyframe_tracking import MOST_POINTS, Keyframe, Located, located, new_keyframe
 from estimators.odometry.plausibility import HARDEST, Doubted, continues, doubted, is_confirmed, is_implausible
@@ -84,61 +84,69 @@ class KeyframeOdometry:
         one. After an implausible jump of velocity, in a degraded motion or the first one after a loss, the odometry is
         lost until the next motions confirm it. The keyframes are kept until then.
         """
-        frame, previous = alike(self._calibration, frame), memory.previous
-        if previous is not None and is_repeated(previous.left, frame.left, memory.noise, memory.last):
-            return memory, lost_motion(frame.tick, previous.tick)
-        after, motion = self._judged(memory, frame)
-        noise = memory.noise
-        if not noise and previous is not None and motion is not None and motion.health is not Health.LOST:
-            noise = visible_noise(previous.left, frame.left)
-        consistency = memory.consistency
-        if motion is not None:
-            consistency, motion = stated(consistency, motion, self._calibration.focal_length)
-        return after._replace(noise=noise, consistency=consistency), motion
-
-    def _judged(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
-        """Step with the check for plausibility."""
-        after, motion = self._measured(memory, frame)
-        if motion is None or memory.last is None:
-            return after, motion
-        lost = motion.health is Health.LOST
-        if not (lost or is_implausible(memory.last, motion, HARDEST)):
-            return after, motion
-        recent = motion.tick - motion.previous_tick < LONGEST_SPAN
-        kept = after if lost else memory if recent else self._restarted(frame, memory.X_OP, memory.last)
-        told = lost_motion(motion.tick, motion.previous_tick, motion.matches)
-        if memory.other is not None and memory.doubt is not None:
-            other, second = self._measured(memory.other, frame)
-            if second is not None and is_confirmed(memory.last, memory.doubt, second):
-                return other, doubted(memory.doubt, second).total
-            if second is not None and second.health is not Health.LOST and continues(memory.doubt.newest, second):
-                return kept._replace(doubt=doubted(memory.doubt, second), other=other), told
-        if lost:
-            return kept._replace(doubt=None, other=None), motion
-        return kept._replace(doubt=doubted(None, motion), other=after), told
-
-    def _measured(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
-        """Step without the check for plausibility."""
+        frame = match_exposures(self._calibration, frame)
         previous, last = memory.previous, memory.last
         if previous is None:
             return self._restarted(frame, np.eye(4), None), None
-        pose = None
+        if is_repeated(previous.left, frame.left, memory.noise, last):
+            return memory, lost_motion(frame.tick, previous.tick)
+        after, motion = self._measured(memory, previous, frame)
+        if last is not None and (motion.health is Health.LOST or is_implausible(last, motion, HARDEST)):
+            after, motion = self._doubted(memory, last, frame, after, motion)
+        noise = memory.noise
+        if not noise and motion.health is not Health.LOST:
+            noise = visible_noise(previous.left, frame.left)
+        consistency, motion = stated(memory.consistency, motion, self._calibration.focal_length)
+        return after._replace(noise=noise, consistency=consistency), motion
+
+    def _measured(
+        self, memory: KeyframeMemory, previous: StereoFrame, frame: StereoFrame
+    ) -> tuple[KeyframeMemory, Motion]:
+        """Memory and motion by the keyframes near the last velocity; else near or by the motion from frame to frame."""
+        ticks, last, pose = frame.tick - previous.tick, memory.last, None
         if last is not None:  # at the start distant scenery alone would agree with no motion: frame to frame first
-            ticks = frame.tick - previous.tick
-            guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
-            pose = self._located(memory, frame, guess, search_radius(ticks))
-        if pose is not None:
-            return self._anchored(memory, previous, frame, pose)
-        corners = detect_corners(previous.left, per_bucket=PER_BUCKET)
-        motion = self._circular.motion(previous, corners, frame, last)
-        if motion.health is Health.LOST:
-            skipped = is_skipped(len(detect_corners(frame.left, per_bucket=PER_BUCKET)), motion, last)
-            return (memory if skipped else self._restarted(frame, memory.X_OP, last)), motion
-        pose = self._located(memory, frame, motion.X_PC, _CORRECTION)
-        if pose is not None:
-            return self._anchored(memory, previous, frame, pose)
-        motion = replace(motion, health=Health.DEGRADED)
-        return self._restarted(frame, chained(memory.X_OP, motion.X_PC), motion), motion
+            X_PC = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
+            pose = self._located(memory, frame, X_PC, search_radius(ticks))
+        if pose is None:
+            corners = detect_corners(previous.left, per_bucket=PER_BUCKET)
+            motion = self._circular.motion(previous, corners, frame, last)
+            if motion.health is Health.LOST:
+                skipped = is_skipped(len(detect_corners(frame.left, per_bucket=PER_BUCKET)), motion, last)
+                return (memory if skipped else self._restarted(frame, memory.X_OP, last)), motion
+            pose = self._located(memory, frame, motion.X_PC, _CORRECTION)
+            if pose is None:
+                motion = replace(motion, health=Health.DEGRADED)
+                return self._restarted(frame, chained(memory.X_OP, motion.X_PC), motion), motion
+        newest = memory.keyframes[0]
+        X_OC = chained(newest.X_OK, pose.measured.X)
+        motion, own = self._motion(memory, previous, frame, pose, chained(inverse(memory.X_OP), X_OC))
+        keyframes = _with_misses(memory.keyframes, pose)
+        if _keyframe_due(newest, pose):
+            keyframes = (self._keyframe(frame, X_OC), *keyframes)[:_KEYFRAMES]
+        return KeyframeMemory(keyframes, frame, X_OC, own, motion), motion
+
+    def _doubted(
+        self, memory: KeyframeMemory, last: Motion, frame: StereoFrame, after: KeyframeMemory, motion: Motion
+    ) -> tuple[KeyframeMemory, Motion]:
+        """Memory and motion to report for an implausible or lost motion, and the memory ``after`` it.
+
+        An implausible motion is followed by an odometry of its own, ``memory.other``. It takes over once the next
+        motions, measured by it, confirm the first one; as long as they continue it, both are kept.
+        """
+        lost = motion.health is Health.LOST
+        recent = motion.tick - motion.previous_tick < LONGEST_SPAN
+        kept = after if lost else memory if recent else self._restarted(frame, memory.X_OP, last)
+        reported = lost_motion(motion.tick, motion.previous_tick, motion.matches)
+        doubt, other = memory.doubt, memory.other
+        if doubt is not None and other is not None and other.previous is not None:
+            other, second = self._measured(other, other.previous, frame)
+            if is_confirmed(last, doubt, second):
+                return other, doubted(doubt, second).total
+            if second.health is not Health.LOST and continues(doubt.newest, second):
+                return kept._replace(doubt=doubted(doubt, second), other=other), reported
+        if lost:
+            return kept._replace(doubt=None, other=None), motion
+        return kept._replace(doubt=doubted(None, motion), other=after), reported
 
     def _restarted(self, frame: StereoFrame, X_OC: FloatArray, last: Motion | None) -> KeyframeMemory:
         """Memory restarted with the frame as the only keyframe."""
@@ -159,13 +167,11 @@ class KeyframeOdometry:
             return first
         return second
 
-    def _anchored(
-        self, memory: KeyframeMemory, previous: StereoFrame, frame: StereoFrame, pose: Located
-    ) -> tuple[KeyframeMemory, Motion]:
-        """Memory and motion for a located frame, which becomes a keyframe if one is due."""
+    def _motion(
+        self, memory: KeyframeMemory, previous: StereoFrame, frame: StereoFrame, pose: Located, X_PC: FloatArray
+    ) -> tuple[Motion, FloatArray]:
+        """Motion to a located frame, and the covariance (6, 6) of C's own error along the axes of C."""
         newest = memory.keyframes[0]
-        X_OC = chained(newest.X_OK, pose.measured.X)
-        X_PC = chained(inverse(memory.X_OP), X_OC)
         R_PN = np.kron(np.eye(2), memory.X_OP[:3, :3].T @ newest.X_OK[:3, :3])
         own_P = R_PN @ pose.own @ R_PN.T
         motion = Motion(
@@ -180,11 +186,8 @@ class KeyframeOdometry:
             anchor=Anchor(tick=newest.tick, X_AC=pose.measured.X, covariance=pose.measured.covariance),
             halves=pose.differences,
         )
-        keyframes = _with_misses(memory.keyframes, pose)
-        if _keyframe_due(newest, pose):
-            keyframes = (self._keyframe(frame, X_OC), *keyframes)[:_KEYFRAMES]
         R_CP = np.kron(np.eye(2), X_PC[:3, :3].T)
-        return KeyframeMemory(keyframes, frame, X_OC, R_CP @ own_P @ R_CP.T, motion), motion
+        return motion, R_CP @ own_P @ R_CP.T
 
     def _tracks(self, newest: Keyframe, X_OP: FloatArray, pose: Located) -> NDArray[np.float32]:
         """Tracks (n, 4) of the inliers: projected into the previous left image, measured in the current one."""

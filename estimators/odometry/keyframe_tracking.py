@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.exposure import clipped_alike, clipped_share
+from estimators.odometry.exposure import clipped_share, match_clipping
 from estimators.odometry.image_points import (
     LEVELS_NEAR,
     Points,
@@ -149,9 +149,9 @@ def tracked(
         if max(candidate.keyframe.clipped, clipped) < _CLIPPED:
             continue
         of_this = number == k
-        alike = _clipped_alike(candidate, frame, left.points[of_this])
-        if alike is not None:
-            again = _matched(calibration, [alike[0]], alike[1], X_CK[k : k + 1], z[of_this])
+        limited = _limited(candidate, frame, left.points[of_this])
+        if limited is not None:
+            again = _matched(calibration, [limited[0]], limited[1], X_CK[k : k + 1], z[of_this])
             for matches, of_one in zip((left, right), again, strict=True):
                 for values, changed in zip(matches, of_one, strict=True):
                     values[of_this] = changed
@@ -186,11 +186,11 @@ def _matched(
     return left, right._replace(points=right.points - displacement)
 
 
-def _clipped_alike(candidate: _Candidates, frame: StereoFrame, found: Points) -> tuple[_Candidates, StereoFrame] | None:
+def _limited(candidate: _Candidates, frame: StereoFrame, found: Points) -> tuple[_Candidates, StereoFrame] | None:
     """Keyframe and frame that are both clipped where one is, by its points found there; None if they are so already."""
     keyframe = candidate.keyframe
     tracks = np.hstack([keyframe.centres[candidate.feature], found])
-    limited = clipped_alike(keyframe.image, frame, tracks)
+    limited = match_clipping(keyframe.image, frame, tracks)
     return limited and (candidate._replace(keyframe=keyframe._replace(image=limited[0])), limited[1])
 
 

@@ -73,7 +73,7 @@ def doubted(doubt: Doubted | None, motion: Motion) -> Doubted:
     return Doubted(doubt.since, _chained(doubt.total, motion), motion)
 
 
-def judged(belief: Belief, motion: Motion) -> tuple[Belief, Motion]:
+def believed(belief: Belief, motion: Motion) -> tuple[Belief, Motion]:
     """Belief after a motion from frame to frame, and the motion to report: lost while it is doubted.
 
     When a doubted motion is confirmed, the report spans all of it.

@@ -24,8 +24,8 @@ from estimators.odometry.covariance import (
     stated,
     summed,
 )
-from estimators.odometry.exposure import alike, both_alike
-from estimators.odometry.plausibility import Belief, is_implausible, judged
+from estimators.odometry.exposure import match_exposures, match_over_time
+from estimators.odometry.plausibility import Belief, believed, is_implausible
 from estimators.odometry.pose import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
@@ -96,17 +96,17 @@ class Viso2Odometry:
         motion before the filter. A frame with almost no features, and a repeated one, is lost and skipped. After an
         implausible jump of velocity the odometry is lost until the next motion confirms it.
         """
-        frame, previous = alike(self._calibration, frame), memory.frame
+        frame, previous, before = match_exposures(self._calibration, frame), memory.frame, memory.belief
         if previous is None or memory.features is None:
             return Viso2Memory(frame, pair_features(frame)), None
-        if is_repeated(previous.left, frame.left, memory.noise, memory.belief.last):
+        if is_repeated(previous.left, frame.left, memory.noise, before.last):
             return memory, lost_motion(frame.tick, previous.tick)
         features = pair_features(frame)
-        measured = self._motion(memory, previous, frame, features)
+        measured = self._searched(memory, previous, frame, features)
         lost = measured.health is Health.LOST
-        if lost and is_skipped(len(features.left.points), measured, memory.belief.newest):
+        if lost and is_skipped(len(features.left.points), measured, before.newest):
             return memory, measured
-        belief, motion = judged(memory.belief, measured)
+        belief, motion = believed(before, measured)
         noise = memory.noise if lost or memory.noise else visible_noise(previous.left, frame.left)
         if motion.health is Health.LOST:
             return Viso2Memory(frame, features, None, belief, noise, memory.consistency), motion
@@ -116,9 +116,11 @@ class Viso2Odometry:
         consistency, motion = stated(memory.consistency, motion, self._calibration.focal_length)
         return Viso2Memory(frame, features, velocity, belief, noise, consistency), motion
 
-    def _motion(self, memory: Viso2Memory, previous: StereoFrame, frame: StereoFrame, features: PairFeatures) -> Motion:
+    def _searched(
+        self, memory: Viso2Memory, previous: StereoFrame, frame: StereoFrame, features: PairFeatures
+    ) -> Motion:
         """Unfiltered motion near one of the predictions, if possible one that is plausible."""
-        exposed, limited = both_alike(previous, frame)
+        exposed, limited = match_over_time(previous, frame)
         before = memory.features
         if before is None or exposed is not previous:
             before, features = pair_features(exposed), pair_features(limited)
@@ -130,9 +132,9 @@ class Viso2Odometry:
             guesses.insert(0, (expected_motion(memory.velocity, frame.tick, span), NEAR))
         first, ticks = None, (previous.tick, frame.tick)
         for guess, reach in guesses:
-            motion = self._matched(before, features, guess, reach, ticks)
+            motion = self._measured(before, features, guess, reach, ticks)
             if motion.health is Health.DEGRADED:  # a wrong guess costs matches
-                again = self._matched(before, features, motion.X_PC, NEAR, ticks)
+                again = self._measured(before, features, motion.X_PC, NEAR, ticks)
                 motion = again if again.inliers > motion.inliers else motion
             if motion.health is Health.LOST:
                 continue
@@ -141,7 +143,7 @@ class Viso2Odometry:
             first = first or motion
         return first or motion
 
-    def _matched(
+    def _measured(
         self, before: PairFeatures, features: PairFeatures, guess: FloatArray, reach: float, ticks: tuple[int, int]
     ) -> Motion:
         """Motion by matching, RANSAC and least squares, from the first to the second of two ticks.
@@ -164,15 +166,13 @@ class Viso2Odometry:
         solution, differences = found
         if np.linalg.norm(solution.X[:3, 3]) > _FARTHEST:
             return lost
-        return Motion(
-            tick=tick,
-            previous_tick=previous_tick,
+        return replace(
+            lost,
             X_PC=solution.X,
             covariance=solution.covariance,
-            matches=len(inliers),
             inliers=int(np.count_nonzero(inliers)),
             health=Health.OK if len(inliers) >= ENOUGH_MATCHES else Health.DEGRADED,
-            tracks=np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers].astype(np.float32),
+            tracks=matches.tracks()[inliers],
             halves=differences,
         )
 

@@ -184,14 +184,13 @@ def of_trailer(name: str, settings: list[str] | None) -> Scenario:
     Raises:
         ValueError: one line, if there is no such scenario, or if it is a rover's.
     """
-    from scenarios.options.scenario import Scenario, load_any_scenario
+    from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
 
-    scenario = load_any_scenario(name, settings or [])
-    if isinstance(scenario, Scenario):
-        return scenario
-    raise ValueError(
+    return of_kind(
+        load_any_scenario(name, settings or []),
+        Scenario,
         f"scenario {name} is a rover's: its camera sees the sand that its own wheels have just shaped, which no signal "
-        "of an FMU carries; name a trailer's scenario, or write the rover itself: offtrack fmu plant"
+        "of an FMU carries; name a trailer's scenario, or write the rover itself: offtrack fmu plant",
     )
 
 

@@ -103,21 +103,21 @@ def run(
     If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
     --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
     """
-    from offtrack.exchange.bench.links import opened_links
+    from offtrack.exchange.bench.links import opened_bench
+    from offtrack.exchange.recordings.writers import recording_in
     from offtrack.reports.run_writer import write_run
-    from scenarios.loop.runner import run_any
+    from scenarios.loop import runner
     from scenarios.loop.timing import Pacer
     from scenarios.options.scenario import load_any_scenario
     from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
     from scenarios.results.run_inputs import changed_modules
-    from scenarios.results.run_summary import summary
 
     with one_line_errors(), ExitStack() as cleanup:
         check_number("--speed", speed, 0.01, 100.0)
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
-        links = cleanup.enter_context(opened_links(udp, can))
+        bench = cleanup.enter_context(opened_bench(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
@@ -131,15 +131,15 @@ def run(
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
-            result = run_any(
+            result = runner.run(
                 chosen,
                 seed,
                 keep_frames=True,
-                record=record,
+                record=recording_in(record) if record else None,
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
-                links=links,
+                bench=bench,
                 watch=None if watcher is None else watcher.step,
             )
             if watcher is not None:
@@ -147,7 +147,7 @@ def run(
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
             video = video and result.outcome != "interrupted"
             write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
-        numbers = summary(result)
+        numbers = result.summary()
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))
         elif not quiet:

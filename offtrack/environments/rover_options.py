@@ -17,7 +17,7 @@ from offtrack.environments.domain import Range, drawn_within
 from offtrack.environments.observations import ObservationKind
 from offtrack.environments.rover_observations import check_slip_sensing
 from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import load_any_scenario, of_kind
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
 
@@ -138,7 +138,8 @@ class RoverSteeringOptions:
         if self.observation not in ("estimate", "camera"):
             return None
         scenario = load_any_scenario(self.sensing) if isinstance(self.sensing, str) else self.sensing
-        if not isinstance(scenario, RoverScenario):
-            raise ValueError(f"sensing: scenario {scenario.name} is a trailer's: this is for rovers")
+        scenario = of_kind(
+            scenario, RoverScenario, f"sensing: scenario {scenario.name} is a trailer's: this is for rovers"
+        )
         check_slip_sensing(scenario, estimates=self.observation == "estimate", step=step)
         return scenario

@@ -20,7 +20,7 @@ import numpy as np
 
 from scenarios.assembly.adapters import course_of, outlines, vehicle_of
 from scenarios.assembly.plants import plant_vehicle
-from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
 from scenarios.results.atomic_files import replacing
 from scenarios.results.log import Log, read_log
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
@@ -227,9 +227,11 @@ def driven_run(directory: Path) -> DrivenPath:
     """
     if not (directory / "scenario.toml").is_file():
         raise ValueError(f"{shown(str(directory))}: is no run directory: it has no scenario.toml")
-    scenario = load_any_scenario(str(directory / "scenario.toml"))
-    if not isinstance(scenario, Scenario):
-        raise ValueError(f"{shown(str(directory))}: is a rover's run: only runs of trailers are drawn")
+    scenario = of_kind(
+        load_any_scenario(str(directory / "scenario.toml")),
+        Scenario,
+        f"{shown(str(directory))}: is a rover's run: only runs of trailers are drawn",
+    )
     nominal = vehicle_of(scenario)
     vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
     log, units = read_log(directory / "signals.parquet"), outlines(vehicle)

@@ -20,10 +20,16 @@ from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.trailer_playback import trailer_playback
 from offtrack.reports.sections import groups, number_table, provenance_sections, run_html, timing_section
 from scenarios.results.log import LOST
-from scenarios.results.run_summary import all_warnings, manifest, trailer_summaries
+from scenarios.results.run_summary import manifest
 from scenarios.results.summary_numbers import Summary
 from scenarios.results.swept_path import placed, placed_wheels
-from scenarios.results.trailer_result import CameraFrame, FrictionPicture, RunResult, error_of_estimate
+from scenarios.results.trailer_result import (
+    CameraFrame,
+    FrictionPicture,
+    RunResult,
+    error_of_estimate,
+    trailer_summaries,
+)
 from vehicle.clock import TICK
 from vehicle.foundation.polyline import arc_length, rows_every, sides
 from vehicle.frames import FloatArray
@@ -169,12 +175,12 @@ _ON_CARDS: Final = (
 
 
 def report_html(result: RunResult, summary: Summary) -> str:
-    """The page as HTML; ``summary`` is the run in numbers as :func:`scenarios.results.run_summary.summary` gives it."""
+    """The page as HTML; ``summary`` is the run in numbers as its method ``summary`` gives it."""
     return run_html(result, summary, _ON_CARDS, _sections(result, summary))
 
 
 def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
-    if warnings := all_warnings(result):
+    if warnings := result.all_warnings():
         yield Section("Warnings", content=[Items(warnings)])
     if len(result.log) > 1:
         yield Section("Playback", content=[Player(encoded(trailer_playback(result)))])

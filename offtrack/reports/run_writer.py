@@ -13,19 +13,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from offtrack.reports.kinds import KINDS
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import write_log
-from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
 from scenarios.results.run_inputs import write_inputs
-from scenarios.results.run_summary import manifest, summary
-from scenarios.results.summary_numbers import Summary
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.run_summary import Result, manifest
 
 
-def write_run(
-    result: RunResult | RoverResult, directory: Path, *, video: bool = True, progress: Progress = no_progress
-) -> Path:
+def write_run(result: Result, directory: Path, *, video: bool = True, progress: Progress = no_progress) -> Path:
     """Write the run directory and return it; ``progress`` counts the frames of the video.
 
     Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
@@ -35,7 +31,7 @@ def write_run(
             the video can not be drawn: all other files are written then.
         KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
     """
-    numbers = summary(result)
+    numbers, kind = result.summary(), KINDS[result.kind]
     with appearing_at_once(directory) as folder:
         scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
         (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
@@ -47,10 +43,10 @@ def write_run(
         mark_interrupted(folder)  # until all is drawn
     failures = list[str]()
     with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
-        _write_report(result, numbers, folder)
+        (folder / "report.html").write_text(kind.html(result, numbers), encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
-            _write_video(result, folder, progress)
+            kind.write_video(result, folder / "video", progress)
     if result.outcome != "interrupted":
         mark_complete(directory)
     if failures:
@@ -70,30 +66,6 @@ def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
     except Exception as error:
         line = " ".join(f"the {what} could not be drawn: {type(error).__name__}: {error}".split())
         failures.append(f"{line}\n{traceback.format_exc()}")
-
-
-def _write_report(result: RunResult | RoverResult, numbers: Summary, folder: Path) -> None:
-    # matplotlib takes a second to import, and a run that fails needs none
-    if isinstance(result, RunResult):
-        from offtrack.reports.run_page import report_html
-
-        html = report_html(result, numbers)
-    else:
-        from offtrack.reports.rover_report import rover_report_html
-
-        html = rover_report_html(result, numbers)
-    (folder / "report.html").write_text(html, encoding="utf-8")
-
-
-def _write_video(result: RunResult | RoverResult, folder: Path, progress: Progress) -> None:
-    if isinstance(result, RunResult):
-        from offtrack.reports.run_video import write_video
-
-        write_video(result, folder / "video", progress=progress)
-    else:
-        from offtrack.reports.rover_report import write_rover_video
-
-        write_rover_video(result, folder / "video", progress=progress)
 
 
 def _write_json(path: Path, content: Mapping[str, object]) -> None:

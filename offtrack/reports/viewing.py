@@ -7,7 +7,6 @@ import binascii
 import dataclasses
 import html
 import json
-import math
 import re
 import tomllib
 import zlib
@@ -18,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import (
     Cell,
     Column,
@@ -32,24 +32,12 @@ from offtrack.reports.page import (
 )
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Picture, Playback, PlayedRun
-from offtrack.reports.player.rover_playback import played_rover, rover_playback
-from offtrack.reports.player.trailer_playback import played_trailer, trailer_playback
 from offtrack.reports.sections import changes, groups, number_table, scenario_facts
-from scenarios.assembly.adapters import course_of, ground_friction, outlines, vehicle_of
-from scenarios.assembly.plants import plant_vehicle
-from scenarios.assembly.rover_run import rover_path
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
-from scenarios.results.log import Log, read_log
-from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import versions
-from scenarios.results.summary_numbers import Timing, number_at
-from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
-from sensors.sand.trace_rig import nominal_rig
-from vehicle.combination.description import Vehicle
+from scenarios.options.scenario import load_any_scenario
+from scenarios.results.log import read_log
+from scenarios.results.run_summary import Result, versions
+from scenarios.results.summary_numbers import number_at
 from vehicle.foundation.user_file import FileKind, read_text, shown
-from vehicle.rover.description import load_rover
-from vehicle.surface import Surface
 
 _ELEMENT: Final = re.compile(r'<(\w+)[^>]* id="playback-(table|numbers|pictures)">(.*?)</\1>', re.DOTALL)
 _MOST: Final = 200_000_000  # bytes of a page, or of its numbers, that are read
@@ -81,7 +69,6 @@ def _pictures(table: dict[str, Any], data: bytes, lines: list[str]) -> tuple[Pic
     return tuple(pictures)
 
 
-_SPACING = 0.02  # of points on a rover's path [m]
 _NEEDED = ("summary.json", "scenario.toml", "signals.parquet")
 
 
@@ -92,13 +79,8 @@ class FinishedRun:
     name: str
     directory: Path
     summary: Mapping[str, Any]
-    result: RunResult | RoverResult
+    result: Result
     pictures: tuple[Picture, ...] = ()  # those of its page
-
-    @property
-    def is_rover(self) -> bool:
-        """True for a rover's run."""
-        return isinstance(self.result, RoverResult)
 
 
 def finished_run(directory: Path, name: str) -> FinishedRun:
@@ -123,91 +105,9 @@ def finished_run(directory: Path, name: str) -> FinishedRun:
         name=name,
         directory=directory,
         summary=summary,
-        result=rebuilt(scenario, log, summary),
+        result=KINDS[scenario.vehicle_kind].rebuilt(scenario, log, summary),
         pictures=pictures_of_page(directory / "report.html"),
     )
-
-
-def rebuilt(scenario: Scenario | RoverScenario, log: Log, summary: Mapping[str, Any]) -> RunResult | RoverResult:
-    """The result of a run from its scenario, signals and summary.
-
-    Raises:
-        ValueError: one line, if the signals are not those of this scenario.
-    """
-    if isinstance(scenario, RoverScenario):
-        return _rover(scenario, log, summary)
-    return _trailer(scenario, log, summary)
-
-
-def _trailer(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -> RunResult:
-    nominal = vehicle_of(scenario)
-    vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
-    units = outlines(vehicle)
-    _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
-    surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
-    return RunResult(
-        scenario=scenario.name,
-        scenario_toml=scenario.to_toml(),
-        seed=int(summary.get("seed", 0)),
-        outcome=str(summary["outcome"]),
-        log=log,
-        units=units,
-        trailers=_judged(vehicle, log),
-        road=course.centreline,
-        road_half_width=course.road_half_width,
-        friction=friction_picture(surface, course.centreline),
-        circle_centre=course.surface_centre,
-        arcs=course.arcs,
-        path_deviation=course.deviation,
-        timing=_timing(summary),
-        frames=(),
-        manifest={},
-    )
-
-
-def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
-    """The trailers with an off-tracking in the log; the last in any case."""
-    trailers = []
-    for unit in vehicle.units[1:]:
-        if f"off_tracking_true_{unit.name}" not in log and unit is not vehicle.units[-1]:
-            continue
-        steered = sum(f"steer_trailer_{k}_command_{unit.name}" in log for k in range(1, len(unit.axles) + 1))
-        trailers.append(
-            JudgedTrailer(name=unit.name, follow_distance=-(unit.follow_x or 0.0), n_steered=steered, max_steer=None)
-        )
-    return tuple(trailers)
-
-
-def _rover(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
-    rover = load_rover(scenario.vehicle)
-    _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
-    return RoverResult(
-        scenario=scenario.name,
-        scenario_toml=scenario.to_toml(),
-        seed=int(summary.get("seed", 0)),
-        outcome=str(summary["outcome"]),
-        log=log,
-        rover=rover.name,
-        path=rover_path(scenario).points(_SPACING),
-        rig=nominal_rig(rover),
-        timing=_timing(summary),
-        frames=(),
-        manifest={},
-    )
-
-
-def _check(log: Log, needed: list[str]) -> None:
-    missing = [name for name in needed if name not in log]
-    if missing or not len(log) or not np.isfinite(log["time"]).all():
-        what = f"has no signal {shown(missing[0])}" if missing else "has no rows"
-        raise ValueError(f"signals.parquet: {what}, so it is not of this scenario")
-
-
-def _timing(summary: Mapping[str, Any]) -> Timing:
-    numbers = summary.get("timing")
-    known = numbers if isinstance(numbers, Mapping) else {}
-    names = ("simulated_s", "wall_s", "physics_s", "render_s", "odometry_s")
-    return Timing(**{name: float(value) if (value := known.get(name)) is not None else math.nan for name in names})
 
 
 MOST_RUNS = 6  # as many as there are colours
@@ -268,12 +168,9 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
     """
     if len(runs) > MOST_RUNS:
         raise ValueError(f"{len(runs)} runs: a page shows at most {MOST_RUNS} at once; name fewer")
-    if len({run.is_rover for run in runs}) > 1:
+    if len({run.result.kind for run in runs}) > 1:
         raise ValueError("runs of trailers and of rovers can't be laid over each other")
-    playbacks = [
-        rover_playback(run.result) if isinstance(run.result, RoverResult) else trailer_playback(run.result)
-        for run in runs
-    ]
+    playbacks = [KINDS[run.result.kind].playback(run.result) for run in runs]
     most = max(playbacks, key=lambda playback: len(playback.charts))
     played = [_played(run, link) for run, link in zip(runs, [*links, *[""] * (len(runs) - len(links))], strict=True)]
     played[1:] = [dataclasses.replace(run, lines=()) for run in played[1:]]  # the first one's ground
@@ -287,8 +184,7 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
 
 
 def _played(run: FinishedRun, link: str) -> PlayedRun:
-    result = run.result
-    played = played_rover(result, run.name) if isinstance(result, RoverResult) else played_trailer(result, run.name)
+    played = KINDS[run.result.kind].played(run.result, run.name)
     return dataclasses.replace(played, pictures=run.pictures, link=link)
 
 

@@ -19,15 +19,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
+from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import Page, Player, Section
 from offtrack.reports.player.encoding import EncodedPlayback, encoded, live_picture
 from offtrack.reports.player.playback import Picture, Playback
-from offtrack.reports.player.rover_playback import rover_playback
-from offtrack.reports.player.trailer_playback import trailer_playback
-from scenarios.results.rover_result import RoverResult
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.run_summary import Result
 
-Result = RunResult | RoverResult
 _SHORTEST: Final = 1.0  # time between snapshots [s]
 _SHARE: Final = 20.0  # the run goes on for this multiple of what a snapshot costs it
 _UNDER_WAY: Final = 3  # newest pictures, whose estimates may not have arrived yet
@@ -64,7 +61,7 @@ class Watcher:
         """Show the run as it is in this result; too short ones are passed over."""
         if len(result.log) < 2:
             return
-        playback = rover_playback(result) if isinstance(result, RoverResult) else trailer_playback(result)
+        playback = KINDS[result.kind].playback(result)
         with self._changed:
             self._playback, self._number = playback, self._number + 1
             self._changed.notify_all()

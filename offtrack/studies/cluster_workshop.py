@@ -32,8 +32,7 @@ from distributed import WorkerPlugin, get_worker
 from offtrack.studies.case import Case, identities
 from offtrack.studies.identity import installed
 from offtrack.studies.pool import is_saved, run_case
-from scenarios.catalogue import OFF_TRACKING, SENSOR, resolve
-from scenarios.options.scenario import Scenario
+from scenarios.loop.runner import KINDS
 from scenarios.processes import SpareWorkers
 from scenarios.results.atomic_files import digest
 from scenarios.results.run_inputs import MAP_SUFFIX, is_file, named_modules, texts, with_texts
@@ -333,13 +332,6 @@ def renders(cases: Iterable[Case]) -> bool:
         if (key := (case.scenario, case.settings)) not in seen:
             seen.add(key)
             scenario = case.resolved()
-            if isinstance(scenario, Scenario) and _has_cameras(scenario):
+            if KINDS[scenario.vehicle_kind].images(scenario) is StereoFrame:
                 return True
     return False
-
-
-def _has_cameras(scenario: Scenario) -> bool:
-    sensor = scenario.sensor
-    if sensor is None:
-        sensor = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING).sensor
-    return getattr(resolve("sensor", sensor, SENSOR), "sends", None) is StereoFrame

@@ -97,14 +97,13 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     Raises:
         ValueError: one line, if a file that it depends on has changed meanwhile.
     """
-    from scenarios.loop.runner import run_any
+    from scenarios.loop.runner import run
     from scenarios.results.log import write_log
-    from scenarios.results.run_summary import summary
 
     watch_files()
     begin = time.monotonic()
     scenario = case.resolved()
-    result = run_any(scenario, case.seed)
+    result = run(scenario, case.seed)
     if result.traceback:
         return result.outcome
     if case.identity() != identity:
@@ -113,7 +112,7 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     signals = _signals(cells, name)
     with replacing(signals) as path:
         write_log(result.log, path)
-    numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
+    numbers = {**result.summary(), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
     with replacing(summary_file(cells, name)) as path:  # the last: a run with a summary is complete
         path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
     return ""

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
+from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun
 from offtrack.reports.player.playback import Playback
-from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, rebuilt, run_page
+from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import Outcome
 from offtrack.studies.table import QUANTITIES, Quantity, text_of
 from scenarios.results.atomic_files import replaced
@@ -50,7 +51,8 @@ def _interest(outcome: Outcome) -> tuple[bool, float]:
 def _finished(outcome: Outcome, name: str) -> FinishedRun:
     if outcome.signals is None or not outcome.signals.is_file():
         raise ValueError(f"{outcome.case.title}: has no signals")
-    result = rebuilt(outcome.case.resolved(), read_log(outcome.signals), outcome.numbers)
+    scenario = outcome.case.resolved()
+    result = KINDS[scenario.vehicle_kind].rebuilt(scenario, read_log(outcome.signals), outcome.numbers)
     directory = outcome.signals.parent
     return FinishedRun(name=name, directory=directory, summary=outcome.numbers, result=result)
 

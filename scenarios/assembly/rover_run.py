@@ -19,6 +19,7 @@ from scenarios.assembly.adapters import rig_schedule
 from scenarios.assembly.applied_faults import refuse_loop_faults, sensor_faults
 from scenarios.catalogue import ROVER_DRIVER, ROVER_SENSOR, SLIP_ESTIMATOR, Part, check_made, constructed, resolve
 from scenarios.options.rover_scenario import RoverScenario, RoverSurfaceOptions, SandOptions
+from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
 from sensors.context import RoverSensorContext
 from sensors.faults.fault import with_faults
@@ -191,8 +192,22 @@ class RoverAssembly:
         close_part(self.sensing.estimator)
 
 
-def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) -> RoverAssembly:
-    """Construct the parts of a run; ``record`` adds a camera if the slip estimator uses none.
+def assemble_rover(
+    scenario: RoverScenario,
+    seed: int,
+    *,
+    keep_colour: bool = False,
+    record: bool = False,
+    progress: Progress = no_progress,
+) -> RoverAssembly:
+    """Construct the parts of a run.
+
+    Args:
+        scenario: the scenario.
+        seed: decides sand and noise.
+        keep_colour: changes nothing: the camera renders again in colour what is kept.
+        record: add a camera if the slip estimator uses none.
+        progress: is not called: there is no calibration with boards.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.

@@ -7,17 +7,17 @@ from array import array
 from bisect import bisect_right
 from collections import deque
 from concurrent.futures import Executor, Future
-from typing import Final, Generic, TypeVar
+from typing import Final, Generic, Protocol, TypeVar
 
 import cv2
 
-from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
 from scenarios.assembly.mount import Cameras
 from scenarios.loop.kept import Kept
 from scenarios.loop.timing import Stopwatch
 from sensors.messages import ColourImage, RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth
+from vehicle.frames import FloatArray
 from vehicle.rover.truth import RoverTruth
 
 _IN_MEMORY: Final = 5  # pictures, twice as many at most: an hour has 36 000 of some hundred kilobytes each
@@ -25,7 +25,22 @@ _TRUTHS: Final = 50  # are written at once
 _RECENT: Final = 500  # truths in memory: images arrive some tenths of a second after their capture
 
 TruthT = TypeVar("TruthT", bound=Stamped)
-RecorderT = TypeVar("RecorderT")
+MessageIn = TypeVar("MessageIn", contravariant=True)
+CaptureIn = TypeVar("CaptureIn", contravariant=True)
+
+
+class Recorder(Protocol[MessageIn, CaptureIn]):
+    """Writes the images of a run's camera."""
+
+    def add(self, message: MessageIn, capture: CaptureIn, /) -> None:
+        """Append a message, with the ground truth of its capture that the recording needs."""
+
+    def end(self, *, interrupted: bool) -> None:
+        """End the recording; that of an interrupted run may be replaced."""
+
+
+StereoRecorder = Recorder[StereoFrame, FloatArray]  # with the pose (4, 4) of the trailer's body
+RoverRecorder = Recorder[RoverView, RoverTruth]
 
 
 class _Digest:
@@ -44,11 +59,11 @@ class _Digest:
         return _Digest(self._sha256.copy())
 
 
-class Pictures(Generic[TruthT, RecorderT]):
+class Pictures(Generic[TruthT]):
     """Pictures kept for reports and videos, and the hash of all images."""
 
-    def __init__(self, recorder: RecorderT | None) -> None:
-        self._recorder = recorder
+    def __init__(self, *, records: bool) -> None:
+        self._records = records
         self._digest = _Digest()
         self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
         self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
@@ -57,7 +72,7 @@ class Pictures(Generic[TruthT, RecorderT]):
 
     def follow(self, truth: TruthT) -> None:
         """Remember the truth for images that arrive later."""
-        if self._recorder:
+        if self._records:
             self._truths.append(truth)
             self._ticks.append(truth.tick)
 
@@ -93,7 +108,7 @@ class Pictures(Generic[TruthT, RecorderT]):
         return self._digest.hexdigest()
 
 
-class StereoPictures(Pictures[Truth, RecordingWriter]):
+class StereoPictures(Pictures[Truth]):
     """Stereo images of trailers; one channel is recorded and kept, all are hashed."""
 
     def __init__(
@@ -104,7 +119,7 @@ class StereoPictures(Pictures[Truth, RecordingWriter]):
         worker: Executor,
         *,
         keep: bool,
-        recorder: RecordingWriter | None,
+        recorder: StereoRecorder | None,
     ) -> None:
         """Create the observer of all channels.
 
@@ -116,7 +131,8 @@ class StereoPictures(Pictures[Truth, RecordingWriter]):
             keep: keep pictures of that channel.
             recorder: receives the frames of that channel.
         """
-        super().__init__(recorder)
+        super().__init__(records=recorder is not None)
+        self._recorder = recorder
         self._channel, self._unit, self._cameras, self._worker = channel, unit, cameras, worker
         self._keep = keep
 
@@ -136,15 +152,15 @@ class StereoPictures(Pictures[Truth, RecordingWriter]):
             self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame))))
 
 
-class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):
+class TracePictures(Pictures[RoverTruth]):
     """The images of a rover's camera."""
 
     def __init__(
-        self, camera: TraceCamera | None, stopwatch: Stopwatch, *, keep: bool, recorder: RoverRecordingWriter | None
+        self, camera: TraceCamera | None, stopwatch: Stopwatch, *, keep: bool, recorder: RoverRecorder | None
     ) -> None:
         """Create the observer of a camera; kept pictures are rendered again in colour."""
-        super().__init__(recorder)
-        self._camera, self._stopwatch, self._keep = camera, stopwatch, keep
+        super().__init__(records=recorder is not None)
+        self._recorder, self._camera, self._stopwatch, self._keep = recorder, camera, stopwatch, keep
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
         """Hash, record and keep the view while the estimator works."""

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager
 from typing import Final
 
 from estimators.estimates import SlipAngle
 from estimators.slip.reference_slip import LaserSlip
 from estimators.slip.rover_odometry import RoverOdometry
-from offtrack.exchange.recordings.writers import RoverRecordingWriter
 from scenarios.assembly.rover_run import PERIOD, RoverAssembly
+from scenarios.loop.bench import Bench
 from scenarios.loop.channel import Channel, estimator_thread
-from scenarios.loop.image_observers import TracePictures
-from scenarios.loop.session import Session
+from scenarios.loop.image_observers import RoverRecorder, TracePictures
+from scenarios.loop.session import RunSession
 from scenarios.loop.timing import Stopwatch
-from scenarios.results.rover_result import RoverRecord
+from scenarios.results.rover_result import RoverRecord, RoverResult, TraceFrame, rover_log
+from scenarios.results.run_inputs import RunInputs
 from sensors.messages import LaserFix, Message, RoverReadings
 from vehicle.clock import TICK
 from vehicle.rover.command import RoverCommand
@@ -29,6 +29,7 @@ LOST_AT: Final = 1.0  # largest distance from the path; beyond it the run ends [
 _LOST_SHARE: Final = 0.5  # of the smallest radius [-]
 _PATIENCE: Final = 3.0  # longest duration over that at the wheels' speed; large, because wheels slip much
 _GRACE: Final = 10.0  # added for the start [s]
+_SPACING: Final = 0.02  # distance between points of the path in figures [m]
 
 
 class RoverPilot:
@@ -101,7 +102,7 @@ class RoverJudge:
         return "timed out" if elapsed > _GRACE + _PATIENCE * path.length / self._parts.scenario.speed else None
 
 
-class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractContextManager["RoverSession"]):
+class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
     """The closed-loop run of a rover scenario."""
 
     def __init__(
@@ -109,8 +110,11 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
         parts: RoverAssembly,
         *,
         keep_frames: bool = False,
-        recorder: RoverRecordingWriter | None = None,
+        recorder: RoverRecorder | None = None,
         worker: Executor | None = None,
+        renderer: Executor | None = None,
+        bench: Bench | None = None,
+        is_paced: bool = False,
     ) -> None:
         """Begin at tick 0 at the start of the path, wheels turning for the set speed.
 
@@ -119,20 +123,28 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
             keep_frames: keep colour pictures of the camera for the report.
             recorder: receives the camera's views.
             worker: runs the estimator, one message after the other; None: a thread of its own.
+            renderer: is not used: the camera sees the sand that the wheels have just shaped, so the loop renders it.
+            bench: none; a rover has no signals and demands of trailers.
+            is_paced: the run keeps wall time, which changes nothing here.
+
+        Raises:
+            ValueError: one line, if there is a bench.
         """
+        if bench is not None:
+            raise ValueError(f"--{bench.links[0].name}: signals and demands are those of trailers; a rover has none")
         self.parts = parts
-        self._worker = worker or estimator_thread()
+        self.worker = worker or estimator_thread()
         stopwatch = Stopwatch()
         sensing = parts.sensing
         self.channel: Channel[RoverTruth, Message, SlipAngle] = Channel(
-            sensing.sensor, sensing.schedule, sensing.estimator, self._worker, stopwatch, SlipAngle
+            sensing.sensor, sensing.schedule, sensing.estimator, self.worker, stopwatch, SlipAngle
         )
         self.pictures = TracePictures(
             parts.view.camera if parts.view else None, stopwatch, keep=keep_frames, recorder=recorder
         )
         channels = [self.channel]
         if parts.recording is not None:
-            channels.append(Channel(parts.recording, sensing.schedule, None, self._worker, stopwatch))
+            channels.append(Channel(parts.recording, sensing.schedule, None, self.worker, stopwatch))
         super().__init__(
             parts.plant,
             parts.plant.initial_state(parts.path.start, parts.scenario.speed),
@@ -149,9 +161,27 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
         """Estimates delivered so far, oldest first."""
         return self.channel.delivered
 
-    def close(self) -> None:
-        """End the estimator's thread; delivered estimates stay."""
-        self._worker.shutdown(cancel_futures=True)
+    @property
+    def estimate(self) -> SlipAngle | None:
+        """The slip angle delivered last."""
+        return self.channel.newest
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def result(self, inputs: RunInputs, *, complete: bool = True) -> RoverResult:
+        """Result of the run as far as it has come."""
+        parts = self.parts
+        scenario = parts.scenario
+        return RoverResult(
+            scenario=scenario.name,
+            scenario_toml=scenario.to_toml(),
+            seed=parts.seed,
+            outcome=self.outcome or "unfinished",
+            log=rover_log(parts.rig, self.rows, self.estimates, parts.path, faults=bool(scenario.faults)),
+            rover=parts.rover.name,
+            path=parts.path.points(_SPACING),
+            rig=parts.rig,
+            timing=self.stopwatch.timing(self.tick * TICK),
+            frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in self.pictures.frames),
+            manifest={"frames_sha256": self.pictures.sha256 if parts.view else "none"},
+            traceback=self.traceback,
+            inputs=inputs,
+        )

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Generic, Protocol, TypeVar
+from concurrent.futures import Executor
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from controllers.checked import LawError, misbehaviour
 from scenarios.loop.kept import Kept
 from scenarios.loop.timing import Pacer, Stopwatch, steady_python
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Row
+from scenarios.results.run_inputs import RunInputs
+from scenarios.results.run_summary import Result
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
 from vehicle.foundation.plant_like import EndedError, PlantLike
@@ -201,3 +205,29 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         except DivergedError:
             self.outcome = "diverged"
         self.tick += self._period
+
+
+class RunSession(Session[TruthT, CommandT, RecordT], ABC):
+    """The run of a scenario: a session of parts that have been assembled, with an estimator's thread and a result."""
+
+    parts: Any  # of the run, as its kind of vehicle assembles them
+    worker: Executor  # runs the estimators
+
+    @property
+    @abstractmethod
+    def estimate(self) -> Any:
+        """The estimate delivered last; None before the first one."""
+
+    @abstractmethod
+    def result(self, inputs: RunInputs, *, complete: bool = True) -> Result:
+        """The result as far as the run has come; one that is not ``complete`` lacks what takes long to compute."""
+
+    def close(self) -> None:
+        """End the estimator's thread; delivered estimates stay."""
+        self.worker.shutdown(cancel_futures=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

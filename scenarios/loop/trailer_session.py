@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -12,24 +12,43 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
-from controllers.trailer_steering.actuators import ActuatorFinding, actuator_findings
-from controllers.trailer_steering.guard import signal_findings
+from controllers.trailer_steering.actuators import ActuatorFinding
+from controllers.trailer_steering.safeguarded import SafeguardedCommand
 from estimators.estimates import CameraOffTracking, OffTracking
 from estimators.off_tracking.signal_monitor import Finding
-from offtrack.exchange.recordings.writers import RecordingWriter
+from scenarios.assembly.adapters import outlines
 from scenarios.assembly.applied_faults import BrakeFaults
-from scenarios.assembly.drivers_and_laws import fallback_steers
-from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer
-from scenarios.loop.bench import Sensed, TrailerBench, opened_bench
+from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, trailer_stream
+from scenarios.loop.bench import DRIVER, RECORD_NAME, Bench, Exchange, Sensed, opened_exchange
 from scenarios.loop.channel import Channel, Stateful, estimator_thread
-from scenarios.loop.demands import DRIVER, Link
-from scenarios.loop.image_observers import StereoPictures
-from scenarios.loop.referee import CourseJudge
-from scenarios.loop.session import Session
-from scenarios.loop.timing import CONTROL, Stopwatch
-from scenarios.results.trailer_signals import CombinationRecord, Estimate
+from scenarios.loop.image_observers import StereoPictures, StereoRecorder
+from scenarios.loop.referee import CourseJudge, lift_warnings
+from scenarios.loop.session import RunSession
+from scenarios.loop.timing import CONTROL, Pacer, Stopwatch
+from scenarios.options.scenario import Scenario
+from scenarios.progress import Progress, no_progress
+from scenarios.results.log import Log
+from scenarios.results.run_inputs import RunInputs
+from scenarios.results.run_warnings import (
+    SteeredAxle,
+    actuator_warnings,
+    calibration_warnings,
+    signal_warnings,
+    steer_warnings,
+)
+from scenarios.results.summary_numbers import Outside
+from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult, friction_picture
+from scenarios.results.trailer_signals import (
+    CombinationRecord,
+    Estimate,
+    ReferenceOffTracking,
+    TrailerTrack,
+    run_log,
+)
 from sensors.instruments.navigation import DriverPerception
 from sensors.messages import Message
+from vehicle.clock import TICK
+from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
@@ -64,7 +83,8 @@ class SteeredTrailer:
             renderer=renderer if sensing.cameras else None,
             see=see,
         )
-        self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
+        self._by_law = SafeguardedCommand(angles=np.zeros(trailer.n_steered))
+        self.demand: SteerCommand = self._by_law
         self.off_tracking: OffTracking | None = None  # newest that has reached the law
         self._received = 0  # estimates of the channel that were sent to the law
         self._arrived = self.demand.angles  # demand at the actuators [rad]
@@ -85,12 +105,12 @@ class SteeredTrailer:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Signals that the law's guard has found at fault so far."""
-        return signal_findings(self._law.memory)
+        return self._by_law.signal_findings
 
     @property
     def actuator_findings(self) -> tuple[ActuatorFinding, ...]:
         """Faults of the steering actuators that the law's supervision has found so far; none if a bench has steered."""
-        return () if self._steered_by_bench else actuator_findings(self._law.memory)
+        return () if self._steered_by_bench else self._by_law.actuator_findings
 
     def obey(self, demand: FloatArray) -> None:
         """Take the demand (n_steered,) [rad] of a bench in place of the law's."""
@@ -115,8 +135,8 @@ class SteeredTrailer:
 
     def control(self, truth: Truth) -> None:
         """Update the law's demand."""
-        self.demand = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
-        by_fallback = fallback_steers(self._law.memory)
+        self.demand = self._by_law = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
+        by_fallback = self._by_law.by_fallback
         if by_fallback != (bool(self.handovers) and self.handovers[-1][1]):
             self.handovers.append((truth.tick, by_fallback))
 
@@ -129,15 +149,15 @@ class CombinationPilot:
         vehicle: Vehicle,
         driver: DriverLike[MemoryT] | None,
         trailers: Sequence[SteeredTrailer],
-        bench: TrailerBench | None = None,
+        exchange: Exchange | None = None,
         brakes: BrakeFaults | None = None,
     ) -> None:
         """Create the pilot of a ``vehicle``; without a driver its motion is prescribed.
 
-        Demands of the ``bench`` come before those of driver and laws. ``brakes`` are the faults of its brakes.
+        Demands from the ``exchange`` with a bench replace those of driver and laws. ``brakes`` has the brakes' faults.
         """
         self.trailers = trailers
-        self._bench, self._brakes = bench, brakes or BrakeFaults()
+        self._exchange, self._brakes = exchange, brakes or BrakeFaults()
         self._driver = None if driver is None else Stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._of_tractor = len(vehicle.units[0].steered_axles)
@@ -153,19 +173,19 @@ class CombinationPilot:
                 self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
             for trailer in self.trailers:
                 trailer.control(truth)
-            if self._bench:
-                self._obey(self._bench, truth)
+            if self._exchange:
+                self._obey(self._exchange, truth)
         demand = self._driver_demand
         steer = self._trailer_steer(truth, is_new=due)
         command = VehicleCommand(demand.steer, demand.acceleration, steer, demand.gear, self._brakes.shares(tick))
         return command, CombinationRecord(demand, tuple(trailer.demand for trailer in self.trailers))
 
-    def _obey(self, bench: TrailerBench, truth: Truth) -> None:
+    def _obey(self, exchange: Exchange, truth: Truth) -> None:
         """Send the signals of this step, and take the demands of the bench."""
         sensed = [
             Sensed(one.trailer.name, one.off_tracking, one.trailer.signals.sample(truth)) for one in self.trailers
         ]
-        demands = bench.step(truth.tick, DriverPerception().sample(truth), sensed)
+        demands = exchange.step(truth.tick, DriverPerception().sample(truth), sensed)
         for trailer in self.trailers:
             if trailer.trailer.name in demands:
                 trailer.obey(np.array(demands[trailer.trailer.name]))
@@ -188,7 +208,7 @@ def as_estimate(delivered: OffTrackingEstimate) -> Estimate:
     return Estimate(delivered)
 
 
-class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], AbstractContextManager["TrailerSession"]):
+class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
     """The closed-loop run of a trailer scenario."""
 
     def __init__(
@@ -196,10 +216,10 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
         parts: Assembly,
         *,
         keep_frames: bool = False,
-        recorder: RecordingWriter | None = None,
+        recorder: StereoRecorder | None = None,
         worker: Executor | None = None,
         renderer: Executor | None = None,
-        links: Sequence[Link] = (),
+        bench: Bench | None = None,
         is_paced: bool = False,
     ) -> None:
         """Begin at tick 0 at the start of the course, rolling at set speed.
@@ -211,18 +231,18 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             worker: runs the estimators, one message after the other; None: a thread of its own.
             renderer: renders the cameras, one picture after the other, while the loop goes on: the thread that has
                 assembled ``parts``. None: the loop renders.
-            links: to a bench, which gets the signals and may steer as the scenario says.
+            bench: gets the signals and may steer as the scenario says.
             is_paced: the run keeps wall time.
 
         Raises:
             ValueError: one line, if the scenario asks for demands from outside that nobody gives.
         """
         self.parts = parts
-        self.bench = opened_bench(parts, links, is_paced=is_paced)
-        self._worker, self._renderer = worker or estimator_thread(), renderer
+        self.exchange = opened_exchange(parts, bench, is_paced=is_paced)
+        self.worker, self._renderer = worker or estimator_thread(), renderer
         stopwatch = Stopwatch()
         self.trailers = tuple(
-            SteeredTrailer(trailer, self._worker, stopwatch, renderer=renderer, see=partial(self._see, number))
+            SteeredTrailer(trailer, self.worker, stopwatch, renderer=renderer, see=partial(self._see, number))
             for number, trailer in enumerate(parts.trailers)
         )
         channels: list[Channel[Truth, Message, OffTrackingEstimate]] = [trailer.channel for trailer in self.trailers]
@@ -230,10 +250,10 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             recording = parts.recording
             see = partial(self._see, len(channels))
             channels.append(
-                Channel(recording.sensor, recording.schedule, None, self._worker, stopwatch, renderer=renderer, see=see)
+                Channel(recording.sensor, recording.schedule, None, self.worker, stopwatch, renderer=renderer, see=see)
             )
         self.pictures = StereoPictures(
-            len(channels) - 1, parts.trailers[-1].unit, parts.cameras, self._worker, keep=keep_frames, recorder=recorder
+            len(channels) - 1, parts.trailers[-1].unit, parts.cameras, self.worker, keep=keep_frames, recorder=recorder
         )
         super().__init__(
             parts.plant,
@@ -243,7 +263,7 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
                 parts.vehicle,
                 parts.driver.driver if parts.driver else None,
                 self.trailers,
-                self.bench,
+                self.exchange,
                 parts.brake_faults,
             ),
             judge=CourseJudge(parts),
@@ -255,14 +275,203 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
     def _see(self, channel: int, message: Message, truth: Truth) -> None:
         self.pictures.see(channel, message, truth)
 
-    def finish_pictures(self) -> None:
-        """Wait until all pictures taken so far are rendered."""
+    @property
+    def estimate(self) -> OffTracking | None:
+        """The off-tracking of the last trailer that was delivered last."""
+        newest = self.trailers[-1].newest
+        return None if newest is None else newest.off_tracking
+
+    def run_paced(self, pacer: Pacer, progress: Progress = no_progress) -> None:
+        """Run as ``run``, every step at its time on the clock, and wait for the pictures that are still rendered."""
+        super().run_paced(pacer, progress)
         if self._renderer is not None:
             self._renderer.submit(lambda: None).result()
 
-    def close(self) -> None:
-        """End the estimator's thread; delivered estimates stay."""
-        self._worker.shutdown(cancel_futures=True)
+    def result(self, inputs: RunInputs, *, complete: bool = True) -> RunResult:
+        """Result as far as the run has come; without the reference unit's signals it takes a fifth."""
+        parts = self.parts
+        vehicle = parts.vehicle
+        outside = self.exchange.report() if self.exchange else None
+        scenario, inputs = _with_record(parts.scenario, inputs, outside)
+        with_unit = complete and scenario.reference_unit
+        tracks = [_track_of(self, trailer, with_unit=with_unit) for trailer in self.trailers]
+        log = run_log(self.rows, tracks, vehicle)
+        return RunResult(
+            scenario=scenario.name,
+            scenario_toml=scenario.to_toml(),
+            seed=parts.seed,
+            outcome=self.outcome or "unfinished",
+            log=log,
+            units=outlines(vehicle),
+            trailers=tuple(
+                JudgedTrailer(
+                    name=trailer.name,
+                    follow_distance=trailer.geometry.follow_distance,
+                    n_steered=trailer.n_steered,
+                    max_steer=trailer.geometry.max_steer or None,
+                )
+                for trailer in parts.trailers
+            ),
+            road=parts.course.centreline,
+            road_half_width=parts.course.road_half_width,
+            friction=friction_picture(parts.surface, parts.course.centreline),
+            road_known=parts.trace is None,
+            circle_centre=parts.course.surface_centre,
+            arcs=parts.course.arcs,
+            path_deviation=parts.course.deviation,
+            timing=self.stopwatch.timing(self.tick * TICK),
+            frames=_camera_frames(self),
+            cameras=tuple(
+                MountedCamera(trailer.unit, trailer.sensing.cameras.calibration)
+                for trailer in parts.trailers
+                if trailer.sensing.cameras
+            ),
+            manifest={
+                "opengl_renderer": parts.views.renderer_name,
+                "frames_sha256": self.pictures.sha256 if parts.cameras else "none",
+            },
+            warnings=(
+                *filter(None, (self.reason,)),
+                *parts.remarks,
+                *data_sheet(vehicle).warnings,
+                *_steer_warnings(parts, log),
+                *_camera_warnings(self),
+                *_signal_warnings(self),
+                *lift_warnings(vehicle, log),
+            ),
+            traceback=self.traceback,
+            inputs=inputs,
+            outside=outside,
+        )
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+
+def _track_of(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
+    """A trailer's estimates, and the reference unit on it if there is one."""
+    watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
+    n, has_faults = len(session.rows), bool(session.parts.scenario.faults)
+    return TrailerTrack(
+        name=watched.name,
+        unit=watched.unit,
+        follow_distance=watched.geometry.follow_distance,
+        path_height=watched.path_height,
+        steers_ahead=watched.steers_ahead,
+        n_steered=watched.n_steered,
+        estimates=trailer.estimates,
+        X_SC=cameras.calibration.X_SC if cameras else None,
+        reference=_reference(session, trailer) if with_unit else None,
+        fallback=_fallback(trailer, n) if has_faults else None,
+        distrusted=_distrusted(trailer, n) if has_faults else None,
+        axles_at_fault=_axles_at_fault(trailer, n) if has_faults else None,
+    )
+
+
+def _reference(session: TrailerSession, trailer: SteeredTrailer) -> ReferenceOffTracking:
+    parts, watched = session.parts, trailer.trailer
+    return ReferenceOffTracking(
+        unit=watched.unit,
+        follow_distance=watched.geometry.follow_distance,
+        path_height=watched.path_height,
+        rng=trailer_stream(parts.seed, parts.vehicle, watched.unit, "reference unit"),
+    )
+
+
+def _fallback(trailer: SteeredTrailer, n_rows: int) -> FloatArray:
+    """1 in rows in which the fallback steers the trailer, 0 in others."""
+    ticks = [tick for tick, _ in trailer.handovers]
+    states = np.array([0.0, *(float(by_fallback) for _, by_fallback in trailer.handovers)])
+    return _in_rows(n_rows, ticks, states)
+
+
+def _distrusted(trailer: SteeredTrailer, n_rows: int) -> FloatArray:
+    """Number of signals that the guard of a trailer's law holds to be at fault in each row."""
+    findings = sorted(trailer.findings, key=lambda finding: finding.tick)
+    counts = np.cumsum([0.0, *(1.0 if finding.at_fault else -1.0 for finding in findings)])
+    ticks = [finding.tick for finding in findings]
+    return _in_rows(n_rows, ticks, counts)
+
+
+def _axles_at_fault(trailer: SteeredTrailer, n_rows: int) -> FloatArray:
+    """Number of axles that do not follow their demands, as the supervision of a trailer's law holds, in each row."""
+    counts, findings = np.zeros(n_rows), trailer.actuator_findings
+    for axles in dict.fromkeys(finding.axles for finding in findings):
+        own = [finding for finding in findings if finding.axles == axles]
+        states = np.array([0.0, *(float(len(axles) * (finding.kind != "sound")) for finding in own)])
+        ticks = [finding.tick for finding in own]
+        counts += _in_rows(n_rows, ticks, states)
+    return counts
+
+
+def _in_rows(n_rows: int, ticks: Sequence[int], states: FloatArray) -> FloatArray:
+    """State in each row: the first of ``states`` (n + 1,), and from each of the n ``ticks`` on the next one."""
+    return states[np.searchsorted(ticks, LOG_PERIOD * np.arange(n_rows), side="right")]
+
+
+def _with_record(scenario: Scenario, inputs: RunInputs, outside: Outside | None) -> tuple[Scenario, RunInputs]:
+    """The scenario that repeats the demands from outside, with their record among its inputs."""
+    if outside is None or not outside.record:
+        return scenario, inputs
+    options = scenario.outside.model_copy(update={"record": RECORD_NAME})
+    files = {**inputs.files, RECORD_NAME: outside.record.encode()}
+    return scenario.model_copy(update={"outside": options}), replace(inputs, files=files)
+
+
+def _steer_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:
+    vehicle, tractor = parts.vehicle, parts.vehicle.units[0].name
+    axles = [
+        SteeredAxle(
+            signal=signal,
+            name=f"{unit.name}, axle {k}",
+            limit=unit.steering.limit * abs(axle.steer_ratio),
+            rate_limit=unit.steering.rate_limit * abs(axle.steer_ratio),
+        )
+        for unit, outline in zip(vehicle.units, outlines(vehicle), strict=True)
+        for k, (axle, signal) in enumerate(zip(unit.axles, outline.steer_signals, strict=True), start=1)
+        if signal is not None and unit.steering is not None
+    ]
+    if f"x_{tractor}" not in log:
+        return ()
+    return steer_warnings(
+        log, axles, parts.course.centreline, np.column_stack([log[f"x_{tractor}"], log[f"y_{tractor}"]])
+    )
+
+
+def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
+    """Warnings about the cameras of all trailers."""
+    return tuple(
+        f"{trailer.trailer.name}: {line}"
+        for trailer in session.trailers
+        for line in calibration_warnings((e.motion for e in trailer.estimates), "set rig.self_calibration=true")
+    )
+
+
+def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
+    """Warnings about signals and steering actuators of all trailers."""
+    return tuple(
+        f"{trailer.trailer.name}{line}"
+        for trailer in session.trailers
+        for line in (
+            *(f": {line}" for line in signal_warnings(trailer.findings)),
+            *(f", {line}" for line in actuator_warnings(trailer.actuator_findings)),
+        )
+    )
+
+
+def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
+    frames = session.pictures.frames
+    shown = {tick for tick, _ in frames}
+    motions = {
+        estimate.motion.tick: estimate.motion
+        for estimate in session.trailers[-1].estimates
+        if estimate.motion and estimate.motion.tick in shown
+    }
+    none = np.empty((0, 4), dtype=np.float32)
+    return tuple(
+        CameraFrame(
+            tick=tick,
+            jpeg=jpeg,
+            tracks=motions[tick].tracks if tick in motions else none,
+            matches=motions[tick].matches if tick in motions else 0,
+            inliers=motions[tick].inliers if tick in motions else 0,
+        )
+        for tick, jpeg in frames
+    )

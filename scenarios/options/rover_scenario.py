@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
-import tomli_w
 from pydantic import Field
 
-from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.options.base import FullPath, ScenarioTable
 from scenarios.options.faults import Faults
 from scenarios.options.rover_course import RoverCourseTable
-from vehicle.option import Parameter
+from vehicle.foundation.quantity import Frozen, Parameter, option, quantity
 
 Compensation = Literal["none", "heading", "crab"]
 
 
-class MoundOptions(Options):
+class MoundOptions(Frozen):
     """A round mound, or with a negative height a crater."""
 
     x: float = quantity(0.0, "m", -1e3, 1e3, "Position of its centre in W.")
@@ -24,7 +23,7 @@ class MoundOptions(Options):
     height: float = quantity(0.1, "m", -5.0, 5.0, "Height of the top; negative: a crater.")
 
 
-class RoverSurfaceOptions(Options):
+class RoverSurfaceOptions(Frozen):
     """The ground: slopes, mounds and soil."""
 
     soil: str = option("Soil by name (see offtrack parts soil) or TOML file; none: hard ground.", "toyoura_sand")
@@ -42,7 +41,7 @@ class RoverSurfaceOptions(Options):
     height_map_y: float = quantity(0.0, "m", -1e4, 1e4, "Position of its first row in W.")
 
 
-class SandOptions(Options):
+class SandOptions(Frozen):
     """Look of the ground, and the light."""
 
     terrain: str = option("Look of the sand: uniform, ripples, pebbles and others (see docs/rover.md).", "uniform")
@@ -54,7 +53,7 @@ class SandOptions(Options):
     )
 
 
-class TraceRigOptions(Options):
+class TraceRigOptions(Frozen):
     """The camera behind the left rear wheel, mounted as in the paper (Reina 2008, section II)."""
 
     rate_hz: float = quantity(5.0, "Hz", 1.0, 20.0, "Frame rate.")
@@ -67,7 +66,7 @@ class TraceRigOptions(Options):
     )
 
 
-class RoverSignalOptions(Options):
+class RoverSignalOptions(Frozen):
     """Encoders, compass and laser tracker."""
 
     noise: float = quantity(
@@ -75,8 +74,10 @@ class RoverSignalOptions(Options):
     )
 
 
-class RoverScenario(Options):
+class RoverScenario(ScenarioTable):
     """One closed-loop run of a rover."""
+
+    vehicle_kind: ClassVar[str] = "rover"  # key of the tables of kinds
 
     kind: Literal["rover"] = option("rover: a scenario for rovers.")
     name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
@@ -113,7 +114,3 @@ class RoverScenario(Options):
     def speed(self) -> float:
         """Set speed of the wheels [m/s]."""
         return self.speed_kmh / 3.6
-
-    def to_toml(self) -> str:
-        """The resolved scenario as TOML: it runs again identically."""
-        return tomli_w.dumps(self.model_dump(exclude_none=True))

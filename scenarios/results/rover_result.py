@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from estimators.slip.reference_slip import LaserSlip
 from estimators.slip.rover_odometry import RoverPose
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, LOST, MOTION, Column, Log, Row, Signal, columns_by_parts
-from scenarios.results.run_inputs import RunInputs
-from scenarios.results.summary_numbers import Numbers, Paced, Summary, Timing, number, timing_numbers
+from scenarios.results.run_summary import Result
+from scenarios.results.summary_numbers import Numbers, Summary, number, timing_numbers
 from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
@@ -35,42 +35,33 @@ class TraceFrame:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RoverResult:
-    """The result of a finished rover run."""
+class RoverResult(Result):
+    """The result of a rover's run."""
 
-    scenario: str  # name
-    scenario_toml: str  # resolved: runs again identically
-    seed: int
-    outcome: str  # "completed", "entrapped", "failed: …", …
-    log: Log
+    kind: ClassVar[str] = "rover"
+
     rover: str
     path: FloatArray  # (n, 2) reference path [m]
     rig: TraceRig
-    timing: Timing
     frames: tuple[TraceFrame, ...]
-    manifest: Mapping[str, str]
-    traceback: str = ""  # of the exception that ended the run
-    inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
-    paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
 
     @property
     def slip_error(self) -> FloatArray:
         """Estimated less true slip angle at the estimate's own time [rad] (n_rows,); NaN where there is none."""
         return self.log["slip_angle_estimate"] - self.log["slip_angle_true"]
 
-
-def rover_summary(result: RoverResult) -> Summary:
-    """The run in numbers, ready for JSON: null stands for numbers that do not apply or were not measured."""
-    return {
-        "outcome": result.outcome,
-        "scenario": result.scenario,
-        "seed": result.seed,
-        "slip": _slip(result),
-        "position": _position(result.log),
-        "wheels": _wheels(result),
-        "timing": timing_numbers(result.timing),
-        **({"paced": result.paced.numbers(), "warnings": list(result.paced.warnings)} if result.paced else {}),
-    }
+    def summary(self) -> Summary:
+        """The run in numbers, ready for JSON: null stands for numbers that do not apply or were not measured."""
+        return {
+            "outcome": self.outcome,
+            "scenario": self.scenario,
+            "seed": self.seed,
+            "slip": _slip(self),
+            "position": _position(self.log),
+            "wheels": _wheels(self),
+            "timing": timing_numbers(self.timing),
+            **({"paced": self.paced.numbers(), "warnings": list(self.paced.warnings)} if self.paced else {}),
+        }
 
 
 def _slip(result: RoverResult) -> Numbers:

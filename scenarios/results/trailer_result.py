@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenarios.results import metrics
-from scenarios.results.log import Log
-from scenarios.results.run_inputs import RunInputs
-from scenarios.results.summary_numbers import Outside, Paced, Timing
-from scenarios.results.swept_path import TurnArc, UnitOutline
+from scenarios.results.log import LOST, OK
+from scenarios.results.run_summary import Result
+from scenarios.results.summary_numbers import Numbers, Outside, Summary, number, timing_numbers
+from scenarios.results.swept_path import RoadEdges, SweptPath, TurnArc, UnitOutline, swept_path, wheel_clearance
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -74,14 +74,11 @@ class JudgedTrailer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RunResult:
-    """The result of a finished trailer run."""
+class RunResult(Result):
+    """The result of a combination's run."""
 
-    scenario: str  # name
-    scenario_toml: str  # resolved: runs again identically
-    seed: int
-    outcome: str  # "completed", "diverged", "failed: …", …
-    log: Log
+    kind: ClassVar[str] = "trailer"
+
     units: tuple[UnitOutline, ...]  # tractor first
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
     road: FloatArray  # (n, 2) centre line [m]
@@ -91,15 +88,39 @@ class RunResult:
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
     arcs: tuple[TurnArc, ...] = ()  # turns of the course
     path_deviation: float | None = None  # largest distance of the points of a course's file from its path [m]
-    timing: Timing
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
     cameras: tuple[MountedCamera, ...] = ()  # of all trailers
-    manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images
     warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
-    traceback: str = ""  # of the exception that ended the run
-    inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
-    paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
     outside: Outside | None = None  # exchange with a bench; None: there was none
+
+    def all_warnings(self) -> tuple[str, ...]:
+        """Lines about what is doubtful: of the run itself, of its pace, and of what came from outside."""
+        of_times = self.paced.warnings if self.paced else ()
+        return (*self.warnings, *of_times, *(self.outside.warnings if self.outside else ()))
+
+    def summary(self) -> Summary:
+        """The run in numbers, ready for JSON: null stands for numbers that do not apply or were not measured."""
+        worst = _worst(self).name
+        numbers: Summary = {
+            "outcome": self.outcome,
+            "scenario": self.scenario,
+            "seed": self.seed,
+            "warnings": list(self.all_warnings()),
+            "off_tracking": _off_tracking(self, worst),
+            "swept_path": _swept_path(swept(self)),
+            "road": _road(self),
+            "steer": _steer(self, worst),
+            "tyres": {"friction_used_max": number(metrics.peak(self.signal("friction_used_max")))},
+            "odometry": _odometry(self),
+            "timing": timing_numbers(self.timing),
+        }
+        if self.paced is not None:
+            numbers["paced"] = self.paced.numbers()
+        if self.outside is not None:
+            numbers["outside"] = self.outside.numbers()
+        if self.path_deviation is not None:
+            numbers["course"] = {"path_deviation_m": number(self.path_deviation)}
+        return numbers | ({"trailers": trailer_summaries(self)} if len(self.trailers) > 1 else {})
 
     @property
     def trailer(self) -> UnitOutline:
@@ -149,3 +170,97 @@ def error_of_estimate(result: RunResult, trailer: str = "") -> FloatArray:
         result.signal(f"{quantity}_{name}") for quantity in ("off_tracking_estimate", "off_tracking_true", "health")
     )
     return metrics.estimate_error(estimate, true, health)
+
+
+def trailer_summaries(result: RunResult) -> dict[str, Numbers]:
+    """Off-tracking and steering of every judged trailer by its name, front to rear."""
+    return {
+        trailer.name: _off_tracking(result, trailer.name)
+        | {f"steer_{key}": value for key, value in _steer(result, trailer.name).items()}
+        for trailer in result.trailers
+    }
+
+
+def _worst(result: RunResult) -> JudgedTrailer:
+    """The trailer with the largest off-tracking; of equal ones the last."""
+    peaks = [np.nan_to_num(metrics.peak(result.signal(f"off_tracking_true_{t.name}"))) for t in result.trailers]
+    return result.trailers[len(peaks) - 1 - int(np.argmax(peaks[::-1]))]
+
+
+def swept(result: RunResult) -> SweptPath:
+    """Swept path of the run; NaN throughout if it ended before the vehicle had moved."""
+    if len(result.log) < 2:
+        return SweptPath(math.nan, math.nan, math.nan, math.nan, math.nan)
+    return swept_path(
+        result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre, result.arcs
+    )
+
+
+def _off_tracking(result: RunResult, trailer: str) -> Numbers:
+    true, error = result.signal(f"off_tracking_true_{trailer}"), error_of_estimate(result, trailer)
+    reference, std = (result.signal(f"off_tracking_{kind}_{trailer}") for kind in ("reference", "std"))
+    health = result.signal(f"health_{trailer}")
+    believed = np.where(health == OK, error, np.nan)
+    return {
+        "true_rms_m": number(metrics.rms(true)),
+        "true_max_m": number(metrics.peak(true)),
+        "estimate_error_rms_m": number(metrics.rms(error)),
+        "estimate_error_max_m": number(metrics.peak(error)),
+        "valid_fraction": number(metrics.valid_fraction(health, true)),
+        "reference_error_rms_m": number(metrics.rms(reference - true)),
+        "estimate_against_reference_rms_m": number(metrics.rms(error + true - reference)),
+        "within_2_5_sigma": number(metrics.within_sigmas(error, std)),
+        "ok_within_2_5_sigma": number(metrics.within_sigmas(believed, std)),
+        "nees_mean": number(metrics.nees(error, std)),
+        **_bridged(result.signal(f"bridged_{trailer}")),
+    }
+
+
+def _bridged(seconds: FloatArray) -> Numbers:
+    """Share of the estimates that are bridged by dead reckoning, and the longest bridge."""
+    delivered = seconds[np.isfinite(seconds)]
+    return {
+        "bridged_fraction": number(float(np.mean(delivered > 0.0)) if delivered.size else math.nan),
+        "longest_bridge_s": number(metrics.peak(delivered)),
+    }
+
+
+def _swept_path(path: SweptPath) -> Numbers:
+    return {
+        "max_width_m": number(path.max_width),
+        "min_inner_radius_m": number(path.min_inner_radius),
+        "tail_swing_m": number(path.tail_swing),
+        "tail_swing_entry_m": number(path.tail_swing_entry),
+        "tail_swing_exit_m": number(path.tail_swing_exit),
+    }
+
+
+def _road(result: RunResult) -> Numbers:
+    edges = RoadEdges(result.road, result.road_half_width if result.road_known else math.inf)
+    clearance = wheel_clearance(edges, result.units, [result.poses(unit) for unit in result.units])
+    return {"wheel_clearance_left_m": number(clearance.left), "wheel_clearance_right_m": number(clearance.right)}
+
+
+def _steer(result: RunResult, trailer: str) -> Numbers:
+    angles = [result.log[name] for name in result.steer_signals(trailer)]
+    largest = max((metrics.peak(angle) for angle in angles), default=math.nan)
+    fastest = max((metrics.peak(metrics.rate(angle, result.log["time"])) for angle in angles), default=math.nan)
+    return {"max_deg": number(math.degrees(largest)), "max_rate_deg_s": number(math.degrees(fastest))}
+
+
+def _odometry(result: RunResult) -> Numbers:
+    health = result.signal("odometry_health")
+    captures = np.isfinite(health)
+    drift = metrics.odometry_drift(
+        result.poses(result.trailer)[captures],
+        np.column_stack([result.signal(f"odometry_{part}")[captures] for part in ("dx", "dy", "dpsi")]),
+        health[captures] >= LOST,
+        result.follow_distance,
+    )
+    return {
+        "matches_mean": number(metrics.mean(result.signal("matches"))),
+        "inliers_mean": number(metrics.mean(result.signal("inliers"))),
+        "lost_frames": int(np.sum(health[captures] >= LOST)) if captures.any() else None,
+        "longest_loss_s": number(metrics.longest_loss(health, result.log["time"])),
+        "drift_percent": number(100.0 * metrics.mean(drift)),
+    }

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from offtrack.exchange.recordings.writers import recording_in
 from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
 
@@ -79,5 +80,5 @@ def recorded(folder: Path, drives: dict[str, Drive]) -> Iterator[tuple[str, Driv
     for name, drive in drives.items():
         place = folder / f"{drive.scenario}-{drive.seed}"
         if not place.exists():
-            run(drive.resolved(), drive.seed, record=place)
+            run(drive.resolved(), drive.seed, record=recording_in(place))
         yield name, drive, place

@@ -22,6 +22,7 @@ import numpy as np
 from estimators.estimates import Health
 from offtrack.exchange.recordings.estimation import Chosen, Estimation, estimate, off_tracking_source
 from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
+from offtrack.exchange.recordings.writers import recording_in
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from sensors.camera.rig import StereoCalibration
@@ -176,7 +177,7 @@ def rendered(drives: Sequence[Drive], seeds: int, folder: Path) -> dict[str, lis
         for seed in range(drive.seed, drive.seed + seeds):
             images = folder / f"{drive.name.replace(' ', '-')}-{seed}"
             if not images.exists():
-                run(load_scenario(drive.scenario, [*_RENDERED, *drive.settings]), seed, record=images)
+                run(load_scenario(drive.scenario, [*_RENDERED, *drive.settings]), seed, record=recording_in(images))
             recordings.setdefault(drive.name, []).append(open_recording(images))
     return recordings
 

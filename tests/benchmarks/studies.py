@@ -16,8 +16,7 @@ from typing import Final
 
 from offtrack.studies.case import Case
 from offtrack.studies.pool import run_cases
-from scenarios.loop.runner import run_any
-from scenarios.results.run_summary import summary
+from scenarios.loop.runner import run
 
 _FIXED: Final = (  # 11 s simulated: the shorter a run, the more the machinery counts
     *(("off_tracking", "truth"), ("reference_unit", "false")),
@@ -49,10 +48,10 @@ def _cases(count: int) -> list[Case]:
 def _own_seconds() -> float:
     """Processor time of a run alone [s]."""
     first, *cases = _cases(_ALONE + 1)
-    run_any(first.resolved(), first.seed)  # imports, and the engine's compilation
+    run(first.resolved(), first.seed)  # imports, and the engine's compilation
     begin = time.process_time()
     for case in cases:
-        summary(run_any(case.resolved(), case.seed))
+        run(case.resolved(), case.seed).summary()
     return (time.process_time() - begin) / len(cases)
 
 

@@ -17,7 +17,6 @@ from offtrack.reports.run_page import report_html
 from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.log import Log
-from scenarios.results.run_summary import summary
 from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import opened_page, running_browser
 
@@ -62,7 +61,7 @@ def test_a_long_run_is_ready_and_scrubbed_quickly(
     frames = tuple(dataclasses.replace(result.frames[k % len(result.frames)], tick=100 * k) for k in range(1200))
     long = dataclasses.replace(result, log=Log(result.log.signals, rows), frames=frames)
     page = tmp_path / "report.html"
-    page.write_text(report_html(long, summary(long)), encoding="utf-8")
+    page.write_text(report_html(long, long.summary()), encoding="utf-8")
     assert page.stat().st_size < 15e6
     with opened_page(browser, page) as opened:
         ready = float(opened.value("document.getElementById('player').dataset.ready"))

@@ -11,7 +11,7 @@ import pytest
 from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.exposure import alike, both_alike, clipped_alike, clipped_share
+from estimators.odometry.exposure import clipped_share, match_clipping, match_exposures, match_over_time
 from estimators.odometry.image_points import detect_corners
 from estimators.odometry.warped_matching import match_patches, templates, warped_patches
 from estimators.stereo_pair import MatchedFrame, Turned, with_levels
@@ -37,11 +37,17 @@ def level_map(before: GreyImage, between: GreyImage, after: GreyImage) -> tuple[
     return float(gain), float(offset)
 
 
+def is_untouched(drive: Drive, frame: StereoFrame) -> bool:
+    """Test whether matching leaves the frame's images as they are."""
+    matched = match_exposures(drive.calibration, frame)
+    return matched.left is frame.left and matched.right is frame.right
+
+
 def test_equal_exposures_stay_as_they_are(drive: Drive) -> None:
-    """The very same frame: runs without a change of exposure do not change by a bit."""
-    assert all(alike(drive.calibration, frame) is frame for frame in drive.frames[::5])
+    """The very same images: runs without a change of exposure do not change by a bit."""
+    assert all(is_untouched(drive, frame) for frame in drive.frames[::5])
     one, other = drive.frames[20:22]
-    assert both_alike(one, other)[0] is one
+    assert match_over_time(one, other)[0] is one
 
 
 @pytest.mark.parametrize(("gain", "offset"), CHANGES)
@@ -49,13 +55,13 @@ def test_right_image_is_exposed_like_the_left_one(drive: Drive, gain: float, off
     """The map from the good right image to the corrected one is the identity: to 2 % and 2 grey levels of rounding."""
     frame = drive.frames[20]
     wrong = right_exposed(frame, gain, offset)
-    corrected = alike(drive.calibration, wrong)
+    corrected = match_exposures(drive.calibration, wrong)
     own_gain, own_offset = level_map(frame.right, wrong.right, corrected.right)
     assert own_gain == pytest.approx(1.0, abs=0.02)
     assert own_offset == pytest.approx(0.0, abs=2.5)
-    assert alike(drive.calibration, corrected) is corrected
+    assert match_exposures(drive.calibration, corrected) is corrected
     again = StereoFrame(tick=frame.tick, left=corrected.left, right=corrected.right)
-    assert alike(drive.calibration, again) is again  # also if it is not known to be matched
+    assert is_untouched(drive, again)  # also if it is not known to be matched
 
 
 def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
@@ -63,16 +69,16 @@ def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
     right = drive.frames[20].right.copy()
     right[:, 300:750] = 20
     dirty = replace(drive.frames[20], right=right)
-    assert alike(drive.calibration, dirty) is dirty
+    assert is_untouched(drive, dirty)
 
 
 def test_blank_images_are_left_alone(drive: Drive) -> None:
     """Dark, saturated, and too small to compare."""
     frame = drive.frames[0]
     for blank in (drive.dark(frame), replace(frame, right=np.full_like(frame.right, 255))):
-        assert alike(drive.calibration, blank) is blank
+        assert is_untouched(drive, blank)
     tiny = StereoFrame(tick=0, left=frame.left[:20, :40], right=frame.right[:20, :40])
-    assert alike(drive.calibration, tiny) is tiny
+    assert is_untouched(drive, tiny)
 
 
 def test_exposures_over_time_are_compared_at_the_tracked_points(drive: Drive) -> None:
@@ -80,11 +86,11 @@ def test_exposures_over_time_are_compared_at_the_tracked_points(drive: Drive) ->
     before, now = drive.frames[20:22]
     _, (motion,) = drive.run(CircularOdometry(drive.calibration), [before, now])
     darker = replace(now, left=exposed(now.left, 0.5, 10.0), right=exposed(now.right, 0.5, 10.0))
-    changed, _ = both_alike(before, darker, motion.tracks)
+    changed, _ = match_over_time(before, darker, motion.tracks)
     gain, offset = level_map(before.left, before.left, changed.left)
     assert gain == pytest.approx(0.5, rel=0.03)
     assert 120.0 * gain + offset == pytest.approx(70.0, abs=1.0)  # at the mean level, to a grey level
-    assert both_alike(before, now, motion.tracks)[0] is before
+    assert match_over_time(before, now, motion.tracks)[0] is before
 
 
 def test_limited_pixels_count_as_clipped(drive: Drive) -> None:
@@ -92,9 +98,9 @@ def test_limited_pixels_count_as_clipped(drive: Drive) -> None:
     before, now = (right_exposed(frame, 1.05, 0.0) for frame in drive.frames[20:22])
     _, (motion,) = drive.run(CircularOdometry(drive.calibration), [before, now])
     bright = replace(now, left=exposed(now.left, 1.5, 0.0), right=exposed(now.right, 1.5, 0.0))
-    one, other = alike(drive.calibration, before), alike(drive.calibration, bright)
+    one, other = match_exposures(drive.calibration, before), match_exposures(drive.calibration, bright)
     assert other.left.max() < 250
-    changed, _ = both_alike(one, other, motion.tracks)
+    changed, _ = match_over_time(one, other, motion.tracks)
     gain, offset = level_map(one.left, one.left, changed.left)
     assert gain == pytest.approx(1.5, rel=0.03)
     assert 120.0 * gain + offset == pytest.approx(180.0, abs=3.0)
@@ -104,7 +110,7 @@ def test_clipped_share_counts_what_the_other_camera_does_not_show(drive: Drive) 
     """The left image is limited to the levels of the right one: pixels beyond them are as good as clipped."""
     frame = drive.frames[20]
     bright = float(np.mean(frame.left >= 128))
-    limited = alike(drive.calibration, right_exposed(frame, 2.0, 0.0))
+    limited = match_exposures(drive.calibration, right_exposed(frame, 2.0, 0.0))
     assert clipped_share(frame.left) < 0.02
     assert clipped_share(limited.left) == pytest.approx(bright, abs=0.06)  # a level of noise at the limit is 3 %
 
@@ -117,7 +123,7 @@ def test_patches_of_a_clipped_image_lie_where_they_were(drive: Drive) -> None:
     frame = drive.frames[20]
     bright = replace(frame, left=exposed(frame.left, 2.0, 0.0), right=exposed(frame.right, 2.0, 0.0))
     image, corners = frame.left.astype(np.float32), detect_corners(frame.left, per_bucket=4)
-    limited = clipped_alike(image, bright, np.hstack([corners, corners]))
+    limited = match_clipping(image, bright, np.hstack([corners, corners]))
     assert limited is not None
     off = []
     for source, target in ((image, bright), limited):
@@ -129,8 +135,8 @@ def test_patches_of_a_clipped_image_lie_where_they_were(drive: Drive) -> None:
     assert np.median(off[0]) > 0.03
     assert np.median(off[1]) < 0.01
     assert np.quantile(off[1], 0.9) < 0.03
-    assert clipped_alike(image, frame, np.hstack([corners, corners])) is None
-    assert clipped_alike(image, bright, np.empty((0, 4), np.float32)) is None  # nothing was found: after a black image
+    assert match_clipping(image, frame, np.hstack([corners, corners])) is None
+    assert match_clipping(image, bright, np.empty((0, 4), np.float32)) is None  # nothing was found: after a black image
 
 
 def test_levels_change_before_an_image_is_resampled(drive: Drive) -> None:

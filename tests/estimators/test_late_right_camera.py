@@ -33,7 +33,7 @@ from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.odometry.viso2 import Viso2Odometry
 from estimators.rigid_motion import stretched
-from estimators.stereo_pair import DisplacedFrame, as_calibrated, displaced, image_shift
+from estimators.stereo_pair import as_calibrated, displaced, image_shift
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from tests.estimators.stereo_scene import Drive, Scene
@@ -271,12 +271,3 @@ def test_yaw_and_delay_are_told_apart_in_a_turn() -> None:
     found = with_information(state, exact, exact @ (seen - state.mean[:3]), turning, float(state.mean[DELAY]))
     assert found.mean[YAW] + 0.2 * (found.mean[DELAY] - state.mean[DELAY]) == pytest.approx(seen[1], abs=2e-5)
     assert found.std[YAW] > np.radians(0.005)  # the delay is known to 1 ms, not better
-
-
-def test_a_displaced_pair_keeps_its_displacement_through_changes(late: Drive) -> None:
-    """Odometries change frames with ``replace``."""
-    frame = late.frames[0]
-    pair = DisplacedFrame(tick=0, left=frame.left, right=frame.right, right_shift=SHIFTS[0])
-    changed = replace(pair, tick=1)
-    assert isinstance(changed, DisplacedFrame)
-    np.testing.assert_array_equal(changed.right_shift, SHIFTS[0])

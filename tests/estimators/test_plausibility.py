@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.plausibility import Belief, judged
+from estimators.odometry.plausibility import Belief, believed
 from estimators.rigid_motion import UncertainMotion, composed
 from vehicle.frames import transform
 
@@ -30,7 +30,7 @@ def motion(tick: int, speed: float, *, previous_tick: int | None = None, health:
 def judge(motions: list[Motion]) -> list[Motion]:
     belief, told = Belief(), []
     for one in motions:
-        belief, answer = judged(belief, one)
+        belief, answer = believed(belief, one)
         told.append(answer)
     return told
 
@@ -82,7 +82,7 @@ def test_a_plausible_motion_ends_the_doubt() -> None:
 
 def test_belief_predicts_from_the_newest_motion() -> None:
     """While a jump is doubted, the next motion is searched at its velocity."""
-    belief, _ = judged(Belief(motion(100, 10.0)), motion(300, 2.0))
+    belief, _ = believed(Belief(motion(100, 10.0)), motion(300, 2.0))
     assert belief.last is not None
     assert belief.newest is not None
     assert (belief.last.tick, belief.newest.tick) == (100, 300)

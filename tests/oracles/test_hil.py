@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import UdpLink
+from offtrack.exchange.bench.links import LinkedBench, UdpLink
 from offtrack.reports.run_writer import write_run
 from scenarios.loop.runner import run
 from scenarios.loop.timing import Pacer
@@ -63,7 +63,7 @@ def test_a_law_behind_udp_in_step_is_the_law_inside(inside: tuple[float, float],
     The run's directory then repeats it without the bench, bitwise.
     """
     with bench("path_preview") as link:
-        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=5")), 1, links=[link])
+        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=5")), 1, bench=LinkedBench([link]))
     assert result.outcome == "completed"
     assert result.outside is not None
     assert (result.outside.held_steps, result.outside.fallback_steps, result.outside.refused) == (0, 0, 0)
@@ -75,7 +75,7 @@ def test_a_law_behind_udp_in_step_is_the_law_inside(inside: tuple[float, float],
 def test_a_law_behind_udp_in_wall_time_steers_one_step_later(inside: tuple[float, float]) -> None:
     """A demand acts 20 ms after its signals; at 10 km/h that is 6 cm of path. Some come late on a busy machine."""
     with bench("path_preview") as link:
-        result = run(load_scenario("roundabout", OUTSIDE), 1, links=[link], pacer=Pacer(2.0))
+        result = run(load_scenario("roundabout", OUTSIDE), 1, bench=LinkedBench([link]), pacer=Pacer(2.0))
     assert result.outcome == "completed"
     assert result.outside is not None
     assert result.outside.fresh_steps > 0.5 * result.outside.sent
@@ -85,7 +85,7 @@ def test_a_law_behind_udp_in_wall_time_steers_one_step_later(inside: tuple[float
 def test_lost_answers_are_bridged_by_the_last_demand(inside: tuple[float, float]) -> None:
     """Every third datagram is lost: the demand before holds."""
     with bench("path_preview", "3") as link:
-        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=0.02")), 1, links=[link])
+        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=0.02")), 1, bench=LinkedBench([link]))
     assert result.outside is not None
     assert result.outside.held_steps == pytest.approx(result.outside.sent / 3, rel=0.1)
     assert result.outside.fallback_steps <= 2
@@ -118,7 +118,7 @@ def test_a_law_behind_can_is_the_law_inside() -> None:
     thread.start()
     link = CanLink("dbc=example,channel=bench")
     try:
-        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=5")), 1, links=[link])
+        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=5")), 1, bench=LinkedBench([link]))
     finally:
         ended.set()
         thread.join()

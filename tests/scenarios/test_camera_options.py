@@ -6,21 +6,25 @@ import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from offtrack.exchange.recordings.writers import RecordingWriter
+from scenarios.assembly.adapters import rig_on, trailer_geometry
 from scenarios.assembly.cameras import BoardCalibration
 from scenarios.assembly.mount import Views
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession
+from scenarios.options.perception import RigOptions
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from sensors.camera.lens import RawStereoRig, load_raw_rig
 from sensors.camera.stereo_camera import RawStereoCamera, StereoCamera
 from sensors.messages import RoverView
+from vehicle.combination.description import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("worlds")
 SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.3", "course.length=20")
@@ -74,10 +78,10 @@ def test_several_faults_survive_being_written_down() -> None:
         ("faults=dropout:much", "faults.0.amount.0 = 'much' must be a number"),
         ("faults=dropout@soon", "faults.0.start = 'soon' must be a number"),
         ('faults=[{kind = "dropout", amuont = 1}]', "unknown key 'faults.0.amuont'; did you mean 'faults.amount'"),
-        ("rig.misrotation_deg=[9, 0, 0]", r"rig.misrotation_deg.0 = 9 must be less than or equal to 5 \[deg\]"),
+        ("rig.misrotation_deg=[9, 0, 0]", r"rig.misrotation_deg.0 = 9 deg must be between -5 and 5 deg"),
         ("rig.misrotation_deg=[0, 0]", "rig.misrotation_deg"),
-        ("rig.exposure=manual", "rig.exposure = 'manual' must be 'fixed' or 'auto'"),
-        ("world.sun_elevation_deg=1", r"world.sun_elevation_deg = 1 must be greater than or equal to 3 \[deg\]"),
+        ("rig.exposure=manual", "rig.exposure = 'manual'; known: fixed, auto"),
+        ("world.sun_elevation_deg=1", r"world.sun_elevation_deg = 1 deg must be between 3 and"),
     ],
 )
 def test_what_can_not_be_is_one_clear_line(setting: str, complaint: str) -> None:
@@ -85,6 +89,19 @@ def test_what_can_not_be_is_one_clear_line(setting: str, complaint: str) -> None
     with pytest.raises(ValueError, match=complaint) as refused:
         scenario(setting)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("facing", "sideways"), [("rear", 0.0), ("down", 0.0), ("left", 1.0), ("right", -1.0)])
+def test_cameras_at_the_sides_stand_on_the_edge_of_the_roof_that_they_look_over(
+    facing: Literal["rear", "left", "right", "down"], sideways: float
+) -> None:
+    """In half-widths of the trailer, + left; on the opposite edge they would look across the roof."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    geometry = trailer_geometry(vehicle, 1)
+    rig = rig_on(vehicle.units[1], geometry, RigOptions(facing=facing))
+    assert rig.y == sideways * 0.5 * vehicle.units[1].width
+    assert rig.x == (-0.5 if sideways else -1.0) * geometry.follow_distance
+    assert rig.calibration().X_SC[1, 2] * rig.y >= 0.0  # the optical axis points outwards
 
 
 def test_perfect_cameras_stay_the_plain_ones() -> None:
@@ -199,7 +216,7 @@ def test_traffic_is_named_shortly_or_in_a_table(settings: tuple[str, ...]) -> No
 
 def test_unknown_traffic_is_refused() -> None:
     """In one line that says what there is."""
-    with pytest.raises(ValueError, match=r"traffic\.kind = 'jam' must be 'none', 'following', 'overtaking'"):
+    with pytest.raises(ValueError, match=r"traffic\.kind = 'jam'; known: none, following, overtaking"):
         scenario("traffic=jam")
 
 

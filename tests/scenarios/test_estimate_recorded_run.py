@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from offtrack.commands.estimate import app
 from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.writers import recording_in
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import read_log
@@ -20,7 +21,7 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     """The same images, calibration and odometry: equal but for the twelve digits of the focal length in calib.txt."""
     monkeypatch.chdir(tmp_path)
     length = ["course.length=20", "rig.width=640", "rig.height=200", "world.scenery_density=0.3"]
-    result = run(load_scenario("constant-slip", length), 1, record=tmp_path / "images")
+    result = run(load_scenario("constant-slip", length), 1, record=recording_in(tmp_path / "images"))
     options = ["--out", "out", "--no-video", "--quiet", "--no-self-calibration"]  # as in the run
     told = CliRunner().invoke(app, ["off-tracking", "images", *options])
     assert told.exit_code == 0, told.output

@@ -27,10 +27,9 @@ from offtrack.reports.run_writer import write_run
 from scenarios.loop.channel import InLine
 from scenarios.loop.image_observers import Pictures, StereoPictures
 from scenarios.loop.referee import CourseJudge
-from scenarios.loop.runner import run_any
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.log import read_log
-from scenarios.results.run_summary import summary
 from scenarios.results.trailer_result import RunResult
 from sensors.instruments.combination import CombinationSensors
 from sensors.instruments.navigation import ExactPose, ExactSlip, RoverInstruments
@@ -93,12 +92,12 @@ def test_an_exception_of_any_part_is_the_outcome_of_its_run(
 ) -> None:
     """In one line with part, time and error; the rows before it are kept, and make a summary and a report."""
     break_after(part, method, calls, ZeroDivisionError("two\nlines"))
-    result = run_any(load_any_scenario(*scenario), 1)
+    result = run(load_any_scenario(*scenario), 1)
     line = rf"failed: {named}: at tick \d+ \([\d.]+ s\) it raised ZeroDivisionError: two lines{HERE}"
     assert re.fullmatch(line, result.outcome)
     assert "in breaking" in result.traceback
     assert len(result.log) <= 100
-    numbers = summary(result)
+    numbers = result.summary()
     assert numbers["outcome"] == result.outcome
     page = report_html(result, numbers) if isinstance(result, RunResult) else rover_report_html(result, numbers)
     assert "it raised ZeroDivisionError: two lines" in page
@@ -114,7 +113,7 @@ def test_a_run_that_fails_at_once_leaves_a_whole_directory(
 ) -> None:
     """With a log of no row, of one or two."""
     break_after(part, "observe", rows, RuntimeError("[/] & <b>\ud800"))
-    result = run_any(load_any_scenario(*scenario), 1)
+    result = run(load_any_scenario(*scenario), 1)
     assert len(result.log) == rows
     directory = write_run(result, tmp_path / "run", video=False)
     names = {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html", "traceback.txt"}
@@ -172,7 +171,7 @@ def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
 
     monkeypatch.setattr(f"offtrack.reports.{broken}", breaking)
     break_after(Plant, "observe", 3, RuntimeError("first"))
-    result = run_any(load_any_scenario("cambered-road", SHORT), 1)
+    result = run(load_any_scenario("cambered-road", SHORT), 1)
     with pytest.raises(ValueError, match=rf"^the (report|video) could not be drawn: {told}; all"):
         write_run(result, tmp_path / "run")
     assert read_log(tmp_path / "run" / "signals.parquet") == result.log
@@ -203,7 +202,7 @@ def test_an_estimate_that_is_none_ends_the_run_and_not_its_log(
         return memory, replace(right, **estimate) if isinstance(estimate, dict) and right else right and estimate
 
     monkeypatch.setattr(ReferenceOffTracking, "step", step)
-    result = run_any(load_any_scenario("cambered-road", (*SHORT, "trailer_steering=none")), 1)
+    result = run(load_any_scenario("cambered-road", (*SHORT, "trailer_steering=none")), 1)
     assert result.outcome.startswith("failed: estimator ReferenceOffTracking: at tick ")
     assert re.search(f"{re.escape(line)}{HERE}$", result.outcome)
     assert len(result.log) > 5
@@ -213,7 +212,7 @@ def test_duplicated_fixes_are_no_failure() -> None:
     """Their points lie on one station of the hitch's path: an error of the past, which lost whole runs."""
     settings = ("off_tracking=truth", "course.radius=60", "course.entry=25", "course.turn_deg=30", "course.exit=5")
     faults = ("speed_kmh=40", "faults=duplicate:0.9", "reference_unit=false")
-    result = run_any(load_any_scenario("roundabout", (*settings, *faults)), 1)
+    result = run(load_any_scenario("roundabout", (*settings, *faults)), 1)
     assert result.outcome == "completed"
     assert isinstance(result, RunResult)
     assert np.isfinite(result.signal("off_tracking_estimate")).any()

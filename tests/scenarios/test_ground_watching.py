@@ -10,7 +10,6 @@ import pytest
 from scenarios.assembly.cameras import wheels_near
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_summary import summary
 from scenarios.results.summary_numbers import number_at
 from scenarios.results.trailer_result import RunResult, error_of_estimate
 from scenarios.results.trailer_signals import ReferenceOffTracking
@@ -36,7 +35,7 @@ def test_ground_watching_measures_a_dragged_trailer_to_20_mm(dragged: RunResult)
     error = error_of_estimate(dragged)
     assert np.isfinite(error).sum() > 25
     assert np.nanmax(np.abs(error)) < 0.02
-    assert summary(dragged)["off_tracking"]["valid_fraction"] == 1.0  # type: ignore[index, call-overload]  # a table by its key
+    assert dragged.summary()["off_tracking"]["valid_fraction"] == 1.0  # type: ignore[index, call-overload]  # a table by its key
     assert dragged.signal("off_tracking_true")[-1] == pytest.approx(-14.0 * np.tan(np.radians(2.0)), rel=1e-3)
 
 
@@ -46,7 +45,7 @@ def test_the_reference_unit_stands_beside_the_truth(dragged: RunResult) -> None:
     late = np.isfinite(reference) & ~np.isfinite(error_of_estimate(dragged))
     assert np.flatnonzero(late).tolist() == [len(reference) - 1]  # the last picture's estimate is still on its way
     for name in ("reference_error_rms_m", "estimate_against_reference_rms_m"):
-        assert 0.002 < (number_at(summary(dragged), f"off_tracking.{name}") or 0.0) < 0.04
+        assert 0.002 < (number_at(dragged.summary(), f"off_tracking.{name}") or 0.0) < 0.04
 
 
 def test_without_a_reference_unit_there_is_no_column() -> None:
@@ -54,7 +53,7 @@ def test_without_a_reference_unit_there_is_no_column() -> None:
     settings = ("off_tracking=truth", "course.length=20", "reference_unit=false")
     result = run(load_scenario("constant-slip", settings), seed=1)
     assert "off_tracking_reference" not in result.log
-    numbers = summary(result)["off_tracking"]
+    numbers = result.summary()["off_tracking"]
     assert isinstance(numbers, dict)
     assert numbers["reference_error_rms_m"] is None
 
@@ -112,9 +111,9 @@ def test_reformed_ground_reaches_the_cameras() -> None:
 @pytest.mark.parametrize(
     ("setting", "complaint"),
     [
-        ("ground_rig.front=20", r"ground_rig.front = 20 must be less than or equal to 10 \[m\]"),
+        ("ground_rig.front=20", r"ground_rig.front = 20 m must be between 0 and 10 m"),
         ("ground_rig.camera_heigth=1", "unknown key 'ground_rig.camera_heigth'"),
-        ("surface.reformed_flow=2", "surface.reformed_flow = 2 must be less than or equal to 1"),
+        ("surface.reformed_flow=2", "surface.reformed_flow = 2 must be between 0 and 1"),
     ],
 )
 def test_wrong_options_are_refused_by_name(setting: str, complaint: str) -> None:

@@ -15,14 +15,15 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import UdpLink
+from offtrack.exchange.bench.links import LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
-from scenarios.loop.demands import (
+from scenarios.loop.bench import (
     Demands,
     Exchange,
     Link,
     Numbers,
     RecordedDemands,
+    Sensed,
     Values,
     checked_message,
     driver_demands,
@@ -33,8 +34,8 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.options.vehicle_and_driver import OutsideOptions
 from scenarios.results.run_inputs import write_inputs
-from scenarios.results.run_summary import summary
 from scenarios.results.trailer_result import RunResult
+from sensors.messages import EgoState
 
 TRAILER = trailer_demands("semitrailer", 2, is_last=True)
 SHORT = ("off_tracking=truth", "reference_unit=false", "course.entry=20", "course.turn_deg=30", "course.exit=5")
@@ -62,6 +63,19 @@ class ScriptedBench:
         pass
 
 
+class SilentBench:
+    """A bench that gets no signals."""
+
+    def __init__(self, link: Link) -> None:
+        self.links = (link,)
+
+    def prepare(self, parts: object, trailers: object, taken: object) -> None:
+        pass
+
+    def signals(self, tick: int, ego: EgoState, sensed: Sequence[Sensed]) -> dict[str, float]:
+        return {}
+
+
 class Proportional(ScriptedBench):
     """A bench that answers at once: both axles turn with the articulation."""
 
@@ -77,8 +91,9 @@ def demand(angle: float, **more: float) -> Numbers:
 
 def exchanged(bench: ScriptedBench, steps: int, **options: float) -> tuple[list[Any], Exchange]:
     """Demands that act in steps of 20 ms, and the exchange."""
-    exchange = Exchange(OutsideOptions.model_validate(options), [TRAILER], [bench])
-    return [exchange.step(20 * k, dict).get("semitrailer") for k in range(steps)], exchange
+    exchange = Exchange(OutsideOptions.model_validate(options), [TRAILER], SilentBench(bench))
+    ego = EgoState(tick=0, x=0.0, y=0.0, psi=0.0, v_x=0.0, v_y=0.0, yaw_rate=0.0)
+    return [exchange.step(20 * k, ego, ()).get("semitrailer") for k in range(steps)], exchange
 
 
 def test_a_demand_holds_and_then_the_scenarios_own_law_takes_over() -> None:
@@ -157,13 +172,13 @@ def inside() -> RunResult:
 def steered() -> tuple[RunResult, Proportional]:
     bench = Proportional()
     settings = (*SHORT, "trailer_steering=none", "outside.demands=trailer", "outside.wait=1")
-    return run(load_scenario("roundabout", settings), 1, links=[bench]), bench
+    return run(load_scenario("roundabout", settings), 1, bench=LinkedBench([bench])), bench
 
 
 def test_signals_alone_change_nothing(inside: RunResult) -> None:
     """A run that is only watched from outside has bitwise the same log."""
     bench = ScriptedBench()
-    watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, links=[bench])
+    watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, bench=LinkedBench([bench]))
     assert watched.log == inside.log
     assert watched.outside is not None
     assert watched.outside.reproducible
@@ -185,7 +200,7 @@ def test_a_bench_steers_the_trailer(steered: tuple[RunResult, Proportional], ins
     assert np.abs(demands).max() > 0.05
     assert np.abs(result.log["steer_trailer_1"]).max() == pytest.approx(np.abs(demands).max(), rel=0.05)
     assert not inside.log["steer_trailer_1_command"].any()
-    numbers = summary(result)
+    numbers = result.summary()
     assert numbers["outside"]["reproducible"] is False  # type: ignore[call-overload, index]
     assert "demands came from outside by script" in " ".join(numbers["warnings"])  # type: ignore[arg-type]
 
@@ -198,7 +213,7 @@ def test_a_run_directory_repeats_the_demands_bitwise(steered: tuple[RunResult, P
     assert again.log == steered[0].log
     assert again.outside is not None
     assert again.outside.source == "record"
-    assert summary(again)["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
+    assert again.summary()["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
 
 
 @pytest.fixture
@@ -211,7 +226,7 @@ def bench_socket() -> Iterator[socket.socket]:
 
 def test_udp_datagrams_are_json_objects_with_numbers_by_name(bench_socket: socket.socket) -> None:
     """The bench answers where the signals come from; what is no message says why."""
-    link: Link = UdpLink(f"127.0.0.1:{bench_socket.getsockname()[1]}")
+    link = UdpLink(f"127.0.0.1:{bench_socket.getsockname()[1]}")
     link.send(40, {"speed": 2.5})
     content, sender = bench_socket.recvfrom(2000)
     assert json.loads(content) == {"offtrack": 1, "tick": 40, "speed": 2.5}
@@ -353,7 +368,7 @@ def test_a_bench_drives_the_tractor() -> None:
     """It sees what a driver sees, and its demands are in the log; the scenario's own law steers the trailer."""
     bench = BenchDriver()
     settings = (*SHORT, "trailer_steering=command_steer", "outside.demands=driver", "outside.wait=1")
-    result = run(load_scenario("roundabout", settings), 1, links=[bench])
+    result = run(load_scenario("roundabout", settings), 1, bench=LinkedBench([bench]))
     assert result.outcome == "completed"
     assert result.outside is not None
     assert result.outside.fallback_steps == 0

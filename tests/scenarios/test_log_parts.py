@@ -12,7 +12,6 @@ import pytest
 
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
-from scenarios.loop.result import trailer_result
 from scenarios.loop.rover_session import RoverSession
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.rover_scenario import RoverScenario
@@ -106,7 +105,7 @@ def test_the_log_of_a_trailer_takes_little_more_memory_than_itself(monkeypatch: 
     with TrailerSession(assemble(scenario, 1)) as session:
         for _ in range(20):
             session.advance()
-        whole = trailer_result(session, RunInputs(), reference=False).log
+        whole = session.result(RunInputs(), complete=False).log
         rows = Repeated(session.rows, COUNT, 10)
         rows_in_memory, _ = traced(lambda: list(rows))
         peak, log = traced(lambda: run_log(rows, [], session.parts.vehicle))

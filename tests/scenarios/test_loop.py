@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from controllers.driver import DriverCommand
-from controllers.trailer import SteerCommand
+from controllers.trailer import Combination, SteerCommand
+from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.estimates import OffTracking
 from scenarios.assembly.drivers_and_laws import OpenedDriver
 from scenarios.assembly.trailer_run import assemble
@@ -19,7 +20,6 @@ from scenarios.loop.timing import Pacer
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress
-from scenarios.results.run_summary import summary
 from scenarios.results.summary_numbers import number_at
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import CombinationSignals, EgoState
@@ -70,7 +70,10 @@ def test_news_is_as_old_as_the_latency_says(rate_hz: float, latency: float) -> N
     scenario = load_scenario("roundabout", (*SHORT, f"rig.rate_hz={rate_hz}", f"rig.latency={latency}"))
     parts = assemble(scenario, seed=1)
     witness = Witness()
-    session = TrailerSession(replace(parts, trailers=(replace(parts.trailers[-1], law=witness),)))
+    trailer = parts.trailers[-1]
+    combination = Combination(parts.vehicle, trailer.unit)
+    law = Safeguarded(witness, "witness", trailer.geometry, combination, checks_only=True)
+    session = TrailerSession(replace(parts, trailers=(replace(trailer, law=law),)))
     while session.outcome is None:
         session.advance()
     session.close()
@@ -112,8 +115,8 @@ def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other(seen: RunResult
     assert len(kept.log) == len(seen.log) == 100
     assert kept.log == seen.log
     assert kept.manifest["frames_sha256"] == seen.manifest["frames_sha256"]
-    assert "paced" in summary(kept)
-    assert "paced" not in summary(seen)
+    assert "paced" in kept.summary()
+    assert "paced" not in seen.summary()
 
 
 def test_left_and_right_roundabout_are_mirror_images() -> None:
@@ -178,7 +181,7 @@ def test_path_following_takes_away_the_cut_in() -> None:
     """Unsteered, the long trailer's rear cuts in by metres; following the hitch's path, by centimetres."""
     third = "course.turn_deg=120"
     followed, unsteered = (
-        number_at(summary(short(third, *law)), "off_tracking.true_max_m") for law in ((), ("trailer_steering=none",))
+        number_at(short(third, *law).summary(), "off_tracking.true_max_m") for law in ((), ("trailer_steering=none",))
     )
     assert unsteered is not None
     assert unsteered > 1.0
@@ -245,7 +248,7 @@ def test_what_befalls_a_combination_is_the_outcome_of_its_run(outcome: str, sett
     """Centripetal acceleration is 0.8 g in the roll-over, tips at 0.5 g, and 0.2 g of friction hold 0.8 g nowhere."""
     scenario = load_scenario("roundabout", (*EXACT, "trailer_steering=none", *settings))
     result = run(scenario, 1)
-    assert summary(result)["outcome"] == outcome
+    assert result.summary()["outcome"] == outcome
 
 
 def test_a_long_trailer_that_cuts_in_has_not_left_the_road() -> None:

@@ -14,7 +14,7 @@ from scenarios.assembly.rover_run import PERIOD, assemble_rover
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.referee import CourseJudge
 from scenarios.loop.rover_session import RoverJudge
-from scenarios.loop.runner import run_any
+from scenarios.loop.runner import run
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario, load_scenario
 from vehicle.frames import Pose2
@@ -27,7 +27,7 @@ def outcome_of(rows: str, folder: Path, *settings: str) -> tuple[str, float]:
     file = folder / "drive.csv"
     file.write_text(f"time_s,steer_deg,{rows}\n", encoding="utf-8")
     scenario = load_any_scenario("cambered-road", (*QUICK, f"driver.trace={file}", *settings))
-    result = run_any(scenario, 1)
+    result = run(scenario, 1)
     return result.outcome, float(result.log["time"][-1])
 
 

@@ -17,7 +17,6 @@ from scenarios.loop.channel import Channel
 from scenarios.loop.runner import run
 from scenarios.loop.timing import Pacer, Stopwatch
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_summary import summary
 from vehicle.clock import Schedule
 
 
@@ -170,6 +169,6 @@ def test_the_progress_of_a_paced_run_is_shown_and_its_interrupt_ends_it() -> Non
     scenario = load_scenario("roundabout", ("off_tracking=truth", "reference_unit=false"))
     result = run(scenario, 1, pacer=Pacer(20.0), progress=interrupted)
     assert (result.outcome, seen.count, len(result.log)) == ("interrupted", 1, 20)
-    numbers = summary(result)["paced"]
+    numbers = result.summary()["paced"]
     assert isinstance(numbers, dict)
     assert (numbers["speed"], numbers["steps"]) == (20.0, 20)

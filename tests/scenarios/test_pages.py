@@ -53,8 +53,7 @@ from offtrack.studies.validation.check import Check, Plot, Series
 from offtrack.studies.validation.check import CheckSection as ValidationSection
 from offtrack.studies.validation.suite import validation_page
 from scenarios.results.log import Log, Signal
-from scenarios.results.rover_result import RoverResult, rover_summary
-from scenarios.results.run_summary import summary
+from scenarios.results.rover_result import RoverResult
 from scenarios.results.summary_numbers import Timing
 from scenarios.results.trailer_result import RunResult
 from sensors.sand.trace_rig import TraceRig
@@ -118,7 +117,7 @@ def run_html(run: RunResult) -> str:
         trailers=tuple(dataclasses.replace(trailer, name=renamed(trailer.name)) for trailer in run.trailers),
         manifest={BAD: BAD},
     )
-    return report_html(bad, summary(bad))
+    return report_html(bad, bad.summary())
 
 
 def rover_html(_: RunResult) -> str:
@@ -140,7 +139,7 @@ def rover_html(_: RunResult) -> str:
         frames=(),
         manifest={BAD: BAD},
     )
-    return rover_report_html(result, rover_summary(result))
+    return rover_report_html(result, result.summary())
 
 
 def recording_html(_: RunResult) -> str:
@@ -214,6 +213,16 @@ def test_a_page_shows_hostile_names_as_text(made: Callable[[RunResult], str], ca
     balance = Balance()
     balance.feed(html)
     assert (balance.wrong, balance.open) == ([], [])
+
+
+def test_a_run_page_shows_the_image_where_the_off_tracking_was_largest(camera_run: RunResult) -> None:
+    """The caption states the time of the image; they were taken at 10 Hz."""
+    worst = camera_run.log["time"][np.nanargmax(np.abs(camera_run.signal("off_tracking_true")))]
+    shown = re.search(
+        r"Left camera at ([\d.]+) s, where the off-tracking was largest", report_html(camera_run, camera_run.summary())
+    )
+    assert shown is not None
+    assert float(shown[1]) == pytest.approx(worst, abs=0.1)
 
 
 @pytest.mark.parametrize(

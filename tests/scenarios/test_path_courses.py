@@ -19,7 +19,6 @@ from scenarios.loop.referee import Referee
 from scenarios.loop.runner import run
 from scenarios.options.rover_course import RoverPathOptions
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_summary import summary
 from scenarios.results.swept_path import placed
 from scenarios.roads import path_file
 from scenarios.roads.fitted_path import Fit, fitted_path, smooth_path
@@ -157,7 +156,7 @@ def test_the_summary_states_the_deviation_of_the_path(tmp_path: Path) -> None:
     """A gentle bend driven to its end; the path keeps to its points within millimetres, and says so."""
     (tmp_path / "path.csv").write_text(csv(bend(60.0, 0.2)[15:-10]), encoding="utf-8")
     result = run(load_scenario("roundabout", settings(tmp_path / "path.csv", "speed_kmh=40")), 1)
-    numbers = summary(result)
+    numbers = result.summary()
     assert numbers["outcome"] == "completed"
     assert result.path_deviation is not None
     of_course = numbers["course"]

@@ -18,7 +18,6 @@ from offtrack.reports.player.playback import Picture, fault_spans, health_spans
 from offtrack.reports.player.trailer_playback import trailer_playback
 from offtrack.reports.run_page import report_html
 from scenarios.results.log import Log, Signal, read_log, write_log
-from scenarios.results.run_summary import summary
 from scenarios.results.swept_path import placed
 from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import Opened, opened_page
@@ -30,7 +29,7 @@ MOMENT = 12.345  # [s]
 def written(camera_run: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run directory with page and log."""
     folder = tmp_path_factory.mktemp("run")
-    (folder / "report.html").write_text(report_html(camera_run, summary(camera_run)), encoding="utf-8")
+    (folder / "report.html").write_text(report_html(camera_run, camera_run.summary()), encoding="utf-8")
     write_log(camera_run.log, folder / "signals.parquet")
     return folder
 

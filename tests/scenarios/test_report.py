@@ -13,13 +13,12 @@ from offtrack.reports.run_page import report_html, steer
 from offtrack.reports.sections import changes, groups
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log
-from scenarios.results.run_summary import summary
 from scenarios.results.trailer_result import RunResult
 
 
 @pytest.fixture(scope="module")
 def page(camera_run: RunResult) -> str:
-    return report_html(camera_run, summary(camera_run))
+    return report_html(camera_run, camera_run.summary())
 
 
 def test_the_page_loads_nothing_from_elsewhere(page: str) -> None:
@@ -47,7 +46,7 @@ def test_all_sections_are_there(page: str) -> None:
 
 def test_numbers_are_shown_in_the_unit_beside_them(page: str, camera_run: RunResult) -> None:
     """The summary is in metres, the error is shown in millimetres."""
-    numbers = summary(camera_run)["off_tracking"]
+    numbers = camera_run.summary()["off_tracking"]
     assert isinstance(numbers, dict)
     error = numbers["estimate_error_rms_m"]
     assert isinstance(error, float)
@@ -59,7 +58,7 @@ def test_every_number_of_a_summary_has_a_label(camera_run: RunResult) -> None:
     """All that a run measures, but for its computing times and for what only recorded reference units have."""
     unlabelled = {
         f"{group}.{name}"
-        for group, numbers in summary(camera_run).items()
+        for group, numbers in camera_run.summary().items()
         if isinstance(numbers, dict)
         for name in numbers
         if name not in groups()[group].numbers
@@ -112,7 +111,7 @@ def test_identifiers_of_different_figures_do_not_clash(page: str) -> None:
 
 def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
     """No empty diagrams."""
-    page = report_html(blind_run, summary(blind_run))
+    page = report_html(blind_run, blind_run.summary())
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert "No estimate" in titles
     assert "No camera images" in titles
@@ -123,7 +122,7 @@ def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
 def test_warnings_come_first(blind_run: RunResult) -> None:
     """A run with none has no section for them."""
     doubtful = dataclasses.replace(blind_run, warnings=("units.0 (tractor): <light>",))
-    pages = [report_html(run, summary(run)) for run in (blind_run, doubtful)]
+    pages = [report_html(run, run.summary()) for run in (blind_run, doubtful)]
     assert ["Warnings" in page for page in pages] == [False, True]
     assert re.findall(r"<h2>(.*?)</h2>", pages[1])[0] == "Warnings"
     assert "units.0 (tractor): &lt;light&gt;" in pages[1]
@@ -131,7 +130,7 @@ def test_warnings_come_first(blind_run: RunResult) -> None:
 
 def test_the_same_run_gives_the_same_page(camera_run: RunResult, page: str) -> None:
     """No dates, no random identifiers: reports can be compared."""
-    assert report_html(camera_run, summary(camera_run)) == page
+    assert report_html(camera_run, camera_run.summary()) == page
 
 
 def test_an_estimator_that_was_always_lost_is_reported(camera_run: RunResult) -> None:
@@ -140,7 +139,7 @@ def test_an_estimator_that_was_always_lost_is_reported(camera_run: RunResult) ->
     health = camera_run.log.names.index("health")
     rows[np.isfinite(rows[:, health]), health] = 2.0
     lost = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, rows))
-    assert "no estimate" in report_html(lost, summary(lost))
+    assert "no estimate" in report_html(lost, lost.summary())
 
 
 def test_changed_faults_are_written_as_they_are_set() -> None:

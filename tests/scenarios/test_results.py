@@ -21,7 +21,6 @@ from scenarios.results.run_directory import (
     next_run_directory,
     results_directory,
 )
-from scenarios.results.run_summary import summary
 from scenarios.results.summary_numbers import Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.engine.compiler import engine_name
@@ -59,14 +58,14 @@ NAMES = {
 def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunResult) -> None:
     """Users' scripts and our own checks read these names, with cameras or without."""
     for run in (camera_run, blind_run):
-        numbers = summary(run)
+        numbers = run.summary()
         assert list(numbers) == ["outcome", "scenario", "seed", "warnings", *NAMES]
         assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # a dict, says the filter
 
 
 def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
     """Each number against what the synthetic run was made with."""
-    numbers = json.loads(json.dumps(summary(camera_run), allow_nan=False))
+    numbers = json.loads(json.dumps(camera_run.summary(), allow_nan=False))
     log = camera_run.log
     assert numbers["off_tracking"]["true_max_m"] == pytest.approx(np.nanmax(np.abs(log["off_tracking_true"])), abs=1e-6)
     assert numbers["off_tracking"]["estimate_error_rms_m"] == pytest.approx(0.011, rel=0.3)  # [m] 250 samples of noise
@@ -81,7 +80,7 @@ def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
 
 def test_what_was_not_measured_is_null(blind_run: RunResult) -> None:
     """Zero would be a lie: there was no camera."""
-    numbers = summary(blind_run)
+    numbers = blind_run.summary()
     assert numbers["odometry"] == dict.fromkeys(NAMES["odometry"])
     off_tracking = numbers["off_tracking"]
     assert isinstance(off_tracking, dict)
@@ -94,7 +93,7 @@ def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run:
     for rows in (0, 1):
         log = Log(blind_run.log.signals, blind_run.log.rows[:rows])
         run = dataclasses.replace(blind_run, outcome="interrupted", log=log)
-        json.dumps(summary(run), allow_nan=False)
+        json.dumps(run.summary(), allow_nan=False)
         write_run(run, tmp_path / f"run-{rows}")
         assert "Nothing to draw" in (tmp_path / f"run-{rows}" / "report.html").read_text(encoding="utf-8")
 
@@ -118,7 +117,7 @@ def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> N
     assert manifest["frames_sha256"] == "0" * 64
     assert set(manifest["versions"]) == {"python", "offtrack", "numpy", "casadi", "opencv", "engine"}
     assert manifest["versions"]["engine"] == engine_name()
-    assert json.loads((directory / "summary.json").read_text(encoding="utf-8")) == summary(short)
+    assert json.loads((directory / "summary.json").read_text(encoding="utf-8")) == short.summary()
     assert (directory / "scenario.toml").read_text(encoding="utf-8") == short.scenario_toml
     assert told[-1][0] == told[-1][1] > 0
 
@@ -255,4 +254,4 @@ def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
 
 def test_a_result_can_be_sent_to_another_process(camera_run: RunResult) -> None:
     """Studies run in parallel."""
-    assert summary(pickle.loads(pickle.dumps(camera_run))) == summary(camera_run)
+    assert pickle.loads(pickle.dumps(camera_run)).summary() == camera_run.summary()

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from scenarios.loop.runner import run_rover
+from scenarios.loop.runner import run
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.rover_result import RoverResult
@@ -82,7 +82,7 @@ def own_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def driven(*settings: str) -> RoverResult:
     scenario = load_any_scenario("rover-slope", (*SHORT, *settings))
     assert isinstance(scenario, RoverScenario)
-    return run_rover(scenario, 1)
+    return run(scenario, 1)
 
 
 @pytest.mark.usefixtures("own_parts")

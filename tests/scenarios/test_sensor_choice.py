@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from scenarios.assembly.rover_run import assemble_rover
-from scenarios.loop.runner import run_any
+from scenarios.loop.runner import run
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from sensors.messages import BodyPose, CombinationSignals, check_receives
@@ -22,7 +22,7 @@ from sensors.messages import BodyPose, CombinationSignals, check_receives
 )
 def test_a_sensor_of_other_messages_is_refused(scenario: str, settings: list[str], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        run_any(load_any_scenario(scenario, settings), 1)
+        run(load_any_scenario(scenario, settings), 1)
 
 
 @pytest.mark.parametrize("camera", ["stereo_camera", "ground_cameras"])
@@ -31,7 +31,7 @@ def test_cameras_that_an_estimator_can_not_use_are_not_opened(camera: str, monke
     monkeypatch.setattr("scenarios.assembly.trailer_run.built_world", None)
     scenario = load_any_scenario("roundabout", ["off_tracking=truth", f"sensor={camera}"])
     with pytest.raises(ValueError, match=r"off_tracking = truth needs .* BodyPose; the sensor sends StereoFrame"):
-        run_any(scenario, 1)
+        run(scenario, 1)
 
 
 def test_the_estimators_own_sensor_is_accepted() -> None:

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange.recordings.rover_recording import open_rover_recording
-from scenarios.loop.runner import run_rover
+from offtrack.exchange.recordings.writers import recording_in
+from scenarios.loop.runner import run
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.log import read_log
@@ -23,7 +24,7 @@ SIX = ("vehicle=six_wheel_rover", "surface.slope_from=0.5", "surface.slope_over=
 def driven(*settings: str, record: Path | None = None) -> RoverResult:
     scenario = load_any_scenario("rover-slope", (*SIX, *settings))
     assert isinstance(scenario, RoverScenario)
-    return run_rover(scenario, 1, record=record)
+    return run(scenario, 1, record=recording_in(record) if record else None)
 
 
 @pytest.mark.parametrize("compensation", ["crab", "heading"])

@@ -11,8 +11,7 @@ from offtrack.reports.run_page import report_html
 from scenarios.assembly.drivers_and_laws import read_trace
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_summary import summary, trailer_summaries
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.trailer_result import RunResult, trailer_summaries
 
 DOUBLE = ("vehicle=b_double_steered", "course.turn_deg=60", "course.exit=10", "reference_unit=false")
 
@@ -37,7 +36,7 @@ def test_each_trailer_follows_its_own_hitch(double: RunResult) -> None:
 
 def test_the_summary_is_of_the_worst_trailer(double: RunResult) -> None:
     """The one whose follow point runs farthest beside its path, and all of them by name."""
-    numbers, of_each = summary(double), trailer_summaries(double)
+    numbers, of_each = double.summary(), trailer_summaries(double)
     worst = max(of_each.values(), key=lambda trailer: trailer["true_max_m"] or 0.0)
     assert isinstance(numbers["off_tracking"], dict)
     assert numbers["off_tracking"]["true_max_m"] == worst["true_max_m"]
@@ -53,7 +52,7 @@ def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(
         np.testing.assert_array_equal(double.log[short], double.log[f"{short}_semitrailer"])
     assert np.abs(double.log[lead[2]]).max() > np.radians(10.0)
     assert np.abs(double.axle_steer(double.units[1])[:, 2]).max() == np.abs(double.log[lead[2]]).max()
-    assert "lead trailer" in report_html(double, summary(double))
+    assert "lead trailer" in report_html(double, double.summary())
 
 
 def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_good() -> None:
@@ -62,7 +61,7 @@ def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_goo
     slow = ("off_tracking=kinematic", "reference_unit=false", "speed_kmh=5", *course)
     exact = run(load_scenario("roundabout", (*slow, "signals.noise=0")), 1)
     noisy = run(load_scenario("roundabout", (*slow, "signals.noise=5")), 1)
-    errors = [summary(result)["off_tracking"] for result in (exact, noisy)]
+    errors = [result.summary()["off_tracking"] for result in (exact, noisy)]
     assert isinstance(errors[0], dict)
     assert isinstance(errors[1], dict)
     assert errors[0]["estimate_error_max_m"] < 0.05  # type: ignore[operator]  # a number here, as the run got that far

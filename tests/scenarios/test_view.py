@@ -14,7 +14,6 @@ from offtrack.reports.player.playback import Picture
 from offtrack.reports.run_page import report_html
 from offtrack.reports.viewing import finished_run, pictures_of_page
 from scenarios.results.log import read_log
-from scenarios.results.run_summary import summary
 from scenarios.results.trailer_result import RunResult
 from tests.scenarios.browser import opened_page
 
@@ -86,7 +85,7 @@ def test_a_rover_is_viewed_too(runs: list[Path], tmp_path: Path) -> None:
 
 def test_pictures_come_back_from_a_page(camera_run: RunResult, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
-    page.write_text(report_html(camera_run, summary(camera_run)), encoding="utf-8")
+    page.write_text(report_html(camera_run, camera_run.summary()), encoding="utf-8")
     pictures = pictures_of_page(page)
     assert len(pictures) == len(camera_run.frames)
     assert pictures[7].time == pytest.approx(1e-3 * camera_run.frames[7].tick)

@@ -5,21 +5,24 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 
+from scenarios.assembly.trailer_run import assemble
+from scenarios.options.scenario import load_scenario
 from sensors.camera.lens import CameraModel, mount_rotation
 from sensors.camera.rig import StereoRig
-from sensors.faults.fault import FAULTS, Fault, FaultContext, Pinhole, T, checked_kind, defaults, with_faults
+from sensors.faults.fault import FAULTS, Fault, FaultContext, FaultKind, Pinhole, T, checked_kind, defaults, with_faults
 from sensors.faults.image_kinds import ImageFault
 from sensors.faults.message_kinds import AnySensorFault
 from sensors.instruments.navigation import ExactPose
 from sensors.messages import (
     BodyPose,
+    CombinationSignals,
     GreyImage,
     Message,
     RoverView,
@@ -38,16 +41,30 @@ PERIOD = 100  # [ticks]
 CALIBRATION = StereoRig(
     facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.0, z=3.0, baseline=0.5
 ).calibration()
-STEREO_KINDS = ("desync", "decalibration")
-IMAGE_KINDS = ("dirt", "glare", "gain", "blackout")
-SIGNAL_KINDS = tuple(name for name, part in FAULTS.items() if "signal_kinds" in part)  # test_signal_faults.py
-MESSAGE_KINDS = tuple(name for name in FAULTS if name not in STEREO_KINDS + IMAGE_KINDS + SIGNAL_KINDS)
+UNIT = 1  # of a tractor and its trailer
+
+
+def kind_named(name: str) -> type[FaultKind]:
+    module, _, kind = FAULTS[name].partition(":")
+    return checked_kind(name, getattr(importlib.import_module(module), kind))
+
+
+KINDS = {name: kind_named(name) for name in FAULTS}
+
+
+def kinds_for(message: type[Message], *, but: type[Message] | None = None) -> list[str]:
+    """Kinds that apply to such messages, but not to others: a new kind of the catalogue is tested with its like."""
+    return [n for n, kind in KINDS.items() if kind.applies_to(message) and not (but and kind.applies_to(but))]
+
+
+MESSAGE_KINDS = kinds_for(BodyPose)
+IMAGE_KINDS = kinds_for(RoverView, but=BodyPose)
+STEREO_KINDS = kinds_for(StereoFrame, but=RoverView)
+SIGNAL_KINDS = kinds_for(CombinationSignals, but=BodyPose)
 
 
 def fault(name: str, amount: tuple[float, ...] = (), *, start: float = 0.0, duration: float | None = None) -> Fault:
-    module, _, kind = FAULTS[name].partition(":")
-    part = checked_kind(name, getattr(importlib.import_module(module), kind))
-    return Fault(name=name, kind=part, amount=amount, start=start, duration=duration)
+    return Fault(name=name, kind=KINDS[name], amount=amount, start=start, duration=duration)
 
 
 def scene() -> GreyImage:
@@ -207,7 +224,7 @@ def test_a_knocked_camera_can_be_set_right_by_the_papers_homography(truth_of: Tr
     assert np.abs(message.right.astype(float) - SCENE)[10:-10, 10:-10].mean() > 5.0
 
 
-@pytest.mark.parametrize("kind", [*IMAGE_KINDS, "decalibration"])
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if issubclass(kind, ImageFault)])
 def test_faulty_images_come_without_the_colour_picture(truth_of: TruthOf, kind: str) -> None:
     """The picture for people would otherwise hide the fault."""
     (message,) = sent(truth_of, fault(kind), 1)
@@ -299,6 +316,80 @@ def test_faults_of_images_are_refused_where_there_are_none(kind: str) -> None:
         with_faults(ExactPose(0, 0.0), [fault(kind)], camera=None, unit=0, rng=generators(0))
 
 
+class CountingSignals:
+    """A combination's own sensors; the hitch angle grows by 0.1 rad every half second."""
+
+    def sample(self, truth: Time) -> CombinationSignals:
+        return CombinationSignals(
+            tick=truth.tick,
+            angles=np.zeros(1),
+            speed=5.0,
+            steer=0.0,
+            articulation=np.array([0.2e-3 * truth.tick]),
+            yaw_rates=np.array([0.2, 0.3]),
+            lateral_acceleration=0.0,
+        )
+
+
+def sound_and_faulty(name: str, amount: tuple[float, ...] = ()) -> tuple[list[CombinationSignals], ...]:
+    """Signals at 0, 0.5, … 2.5 s, sound and with a fault that is active at 1 s and 1.5 s."""
+    faults = [fault(name, amount, start=1.0, duration=1.0)]
+    faulty = with_faults(CountingSignals(), faults, camera=None, unit=UNIT, rng=generators(0))
+    times = [Time(500 * k) for k in range(6)]
+    samples = [[sensor.sample(time) for time in times] for sensor in (CountingSignals(), faulty)]
+    return tuple([one for one in of_one if one is not None] for of_one in samples)
+
+
+@pytest.mark.parametrize("kind", SIGNAL_KINDS)
+def test_a_fault_of_signals_acts_in_its_time(kind: str) -> None:
+    """Something differs while it is active, and nothing before and after."""
+    sound, faulty = ([astuple(signals) for signals in of_one] for of_one in sound_and_faulty(kind))
+    same = [all(map(np.array_equal, one, other)) for one, other in zip(sound, faulty, strict=True)]
+    assert same[:2] == same[4:] == [True, True]
+    assert not all(same[2:4])
+
+
+@pytest.mark.parametrize(
+    ("name", "amount", "read", "expected"),
+    [
+        ("articulation_offset", (9.0,), lambda s: s.articulation[0], [0.2 + math.radians(9), 0.3 + math.radians(9)]),
+        ("articulation_stuck", (), lambda s: s.articulation[0], [0.1, 0.1]),
+        ("gyro_bias", (-3.0,), lambda s: s.yaw_rates[1], [0.3 - math.radians(3)] * 2),
+        ("gyro_drift", (2.0,), lambda s: s.yaw_rates[1], [0.3, 0.3 + math.radians(1)]),
+        ("wheel_speed_dropout", (), lambda s: s.speed, [0.0, 0.0]),
+    ],
+)
+def test_a_fault_changes_its_signal_alone(
+    name: str, amount: tuple[float, ...], read: Callable[[CombinationSignals], float], expected: list[float]
+) -> None:
+    """By its amount; the tractor's gyro stays as it is."""
+    _, faulty = sound_and_faulty(name, amount)
+    assert [float(read(one)) for one in faulty[2:4]] == pytest.approx(expected)
+    assert all(one.yaw_rates[0] == 0.2 for one in faulty)
+
+
+@pytest.mark.parametrize("kind", SIGNAL_KINDS)
+def test_cameras_cannot_have_a_fault_of_signals(kind: str) -> None:
+    """One line says what it needs."""
+    with pytest.raises(ValueError, match=f"^faults: {kind} needs a combination's own sensors; .* sends StereoFrame$"):
+        stereo(fault(kind))
+
+
+def test_faults_of_a_scenario_act_on_the_signals_of_the_law() -> None:
+    """Same seed, same noise: only the faulty signals differ."""
+    sound, ill = law_signals(), law_signals("faults=articulation_offset:10; wheel_speed_dropout")
+    assert ill.articulation - sound.articulation == pytest.approx(math.radians(10.0))
+    assert (ill.speed, ill.steer) == (0.0, sound.steer)
+    assert np.array_equal(ill.yaw_rates, sound.yaw_rates)
+
+
+def law_signals(*settings: str) -> CombinationSignals:
+    """The first signals that the law of the last trailer receives."""
+    parts = assemble(load_scenario("roundabout", ("off_tracking=truth", *settings)), 1)
+    truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, parts.start_speed), 0)
+    return parts.trailers[-1].signals.sample(truth)
+
+
 class Flicker(ImageFault):
     """Images are white at random: a user's own kind."""
 
@@ -358,8 +449,9 @@ def test_the_message_of_a_sensor_is_read_from_its_annotation() -> None:
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_kind_describes_itself(name: str) -> None:
-    """Defaults lie within the limits, and the class says in one line what it does."""
-    kind = fault(name).kind
+    """Defaults lie within the limits, the class says in one line what it does, and some sensor can have it."""
+    kind = KINDS[name]
+    assert name in {*MESSAGE_KINDS, *IMAGE_KINDS, *STEREO_KINDS, *SIGNAL_KINDS}
     Fault(name=name, kind=kind, amount=defaults(kind))
     assert all(option.name and option.meaning for option in kind.options)
     assert kind.needs.startswith("a ")
@@ -380,7 +472,7 @@ def test_every_kind_describes_itself(name: str) -> None:
         ),
         ("decalibration", (0.0, 6.0, 0.0), 0.0, None, "decalibration: yaw = 6.0 deg must be between -5 and 5 deg"),
         ("blackout", (0.5,), 0.0, None, "blackout: .* must be no number"),
-        ("delay", (1.5,), 0.0, None, "delay = 1.5 captures must be between 1 and 50 captures, of type int"),
+        ("delay", (1.5,), 0.0, None, "delay = 1.5 must be a whole number between 1 and 50 captures"),
         ("freeze", (), -1.0, None, "start = -1.0 s"),
         ("freeze", (), 0.0, 0.0, "duration = 0.0 s"),
     ],

@@ -16,7 +16,6 @@ from typing import Final
 import numpy as np
 
 from scenarios.assembly.trailer_run import assemble
-from scenarios.loop.result import trailer_result
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_inputs import RunInputs
@@ -58,7 +57,7 @@ def main() -> int:
                 break
         rows = len(session.rows)
         session.outcome = session.outcome or "completed"
-        log = trailer_result(session, RunInputs()).log
+        log = session.result(RunInputs()).log
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         session.parts.close()
     grown = max(memory[WARM:], default=np.nan) / memory[min(WARM, len(memory)) - 1] - 1.0

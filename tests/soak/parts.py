@@ -121,11 +121,11 @@ def _runs(scenario: str, *keys: str) -> Callable[[Path], Any]:
 
     @contextmanager
     def opened(folder: Path) -> Iterator[Cycle]:
-        from scenarios.loop.runner import run_any
+        from scenarios.loop.runner import run
         from scenarios.options.scenario import load_any_scenario
 
         def cycle() -> None:
-            assert not run_any(load_any_scenario(scenario, list(keys)), 1).traceback
+            assert not run(load_any_scenario(scenario, list(keys)), 1).traceback
 
         yield cycle
 

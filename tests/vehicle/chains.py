@@ -56,4 +56,4 @@ def linear_tyre(stiffness: float, axle_load: float, **changes: float) -> LinearT
         "load_sensitivity": 0.0, "relaxation_length": 0.5, "damping": 0.01, "rolling_resistance": 0.0,
         "pneumatic_trail": 0.0,
     }  # fmt: skip
-    return LinearTyre(model="linear", **(numbers | changes))
+    return LinearTyre.model_validate({"model": "linear"} | numbers | changes)

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from offtrack.exchange.fmi_import.fmu_file import UNITS, Scale, fits
 from offtrack.exchange.fmi_import.mapping import Signal
-from scenarios.loop.demands import Demands, Numbers
+from scenarios.loop.bench import Demands, Numbers
 from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.user_file import FileType, read_bytes, shown
 

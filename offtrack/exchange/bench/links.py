@@ -1,4 +1,4 @@
-"""Links to a bench: opening of UDP and CAN links, signals that go out, and the UDP link."""
+"""A bench behind UDP and CAN links: the signals that go out, and the UDP link."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ import select
 import socket
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final, Protocol
 
-from offtrack.exchange.fmi_import.fmu_parts import driver_signals, law_signals
+from offtrack.exchange.fmi_import.fmu_parts import driver_inputs, driver_signals, law_signals
 from offtrack.exchange.fmi_import.mapping import Signal
-from scenarios.loop.demands import Demands, Exchange, Link, Numbers, RecordedDemands, driver_demands
-from scenarios.options.vehicle_and_driver import OutsideOptions
+from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
+from scenarios.loop.bench import Demands, Link, Numbers, Sensed
+from sensors.messages import EgoState
 from vehicle.foundation.user_file import reason
+
+if TYPE_CHECKING:
+    from scenarios.assembly.trailer_run import Assembly
 
 VERSION: Final = 1  # of the layout; the value of "offtrack" in every datagram
 _LARGEST: Final = 8_192  # datagram that is read [bytes]
@@ -121,15 +124,54 @@ def _own_host(address: tuple[str, int]) -> str:
         return str(probe.getsockname()[0])
 
 
+class BenchLink(Link, Protocol):
+    """A link that can be prepared for its signals, and closed."""
+
+    def prepare(self, signals: Sequence[Signal], parts: Sequence[Demands]) -> None:
+        """Learn which signals there are and which demands are taken.
+
+        Raises:
+            ValueError: one line, if the link can't carry the demands.
+        """
+
+    def close(self) -> None:
+        """Close the link; closing twice does no harm."""
+
+
+class LinkedBench:
+    """Signals of a combination for a bench, by the numbered names that FMUs use too."""
+
+    def __init__(self, links: Sequence[BenchLink]) -> None:
+        self.links = tuple(links)
+        self._station = 0.0  # of the guided point [m]
+
+    def prepare(self, parts: Assembly, trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
+        """Tell the links which signals there are and which demands are taken."""
+        self._course, self._speed = parts.course, parts.scenario.speed
+        signals = signals_of(trailers, len(parts.vehicle.units))
+        self._names = frozenset(signal.name for signal in signals)
+        for link in self.links:
+            link.prepare(signals, taken)
+
+    def signals(self, tick: int, ego: EgoState, sensed: Sequence[Sensed]) -> dict[str, float]:
+        """Signals [SI] by name; the sensors of the last trailer's law come before a driver's eyes."""
+        self._station, values = driver_inputs(self._course, self._speed, self._station, tick, ego)
+        for one in sensed:
+            ending = "" if one is sensed[-1] else f"_{one.trailer}"
+            inputs = {**estimate_values(tick, one.off_tracking, self._names), **reading_values(one.signals)}
+            values |= {f"{name}{ending}": value for name, value in inputs.items()}
+        return {name: float(value) for name, value in values.items() if name in self._names}
+
+
 @contextmanager
-def opened_links(udp: str | None, can: str | None) -> Iterator[list[Link]]:
-    """Open the links of ``--udp`` and ``--can``, and close them at the end.
+def opened_bench(udp: str | None, can: str | None) -> Iterator[LinkedBench | None]:
+    """Open the links of ``--udp`` and ``--can``, and close them at the end; None without any.
 
     Raises:
         ValueError: one line, if one can't be opened.
     """
     with ExitStack() as cleanup:
-        links: list[Link] = []
+        links: list[BenchLink] = []
         if udp is not None:
             links.append(UdpLink(udp))
             cleanup.callback(links[-1].close)
@@ -138,56 +180,7 @@ def opened_links(udp: str | None, can: str | None) -> Iterator[list[Link]]:
 
             links.append(CanLink(can))
             cleanup.callback(links[-1].close)
-        yield links
-
-
-def opened_exchange(
-    options: OutsideOptions,
-    links: Sequence[Link],
-    trailers: Sequence[Demands],
-    n_units: int,
-    *,
-    is_paced: bool,
-    is_driven: bool,
-) -> Exchange | None:
-    """The exchange of a run; None if nothing goes out or comes in.
-
-    Args:
-        options: of the scenario.
-        links: open ones.
-        trailers: demands of all watched trailers, front to rear; those without steered axles are empty.
-        n_units: number of units.
-        is_paced: the run keeps wall time.
-        is_driven: the run has a driver.
-
-    Raises:
-        ValueError: one line, if demands are asked for that nobody gives or takes.
-    """
-    parts = _taken(options, trailers, is_driven=is_driven)
-    if not parts and not links:
-        return None
-    record = None if options.record is None or not parts else RecordedDemands(Path(options.record), parts)
-    asked = f"outside.demands = {options.demands}"
-    if parts and record is None:
-        if not links:
-            raise ValueError(f"{asked}: needs --udp, --can, or outside.record of an earlier run")
-        if not is_paced and not options.wait:
-            raise ValueError(f"{asked}: needs --paced, or outside.wait, for else the loop does not wait for demands")
-    for link in links:
-        link.prepare(signals_of(trailers, n_units), parts if record is None else ())
-    return Exchange(options, parts, links, record)
-
-
-def _taken(options: OutsideOptions, trailers: Sequence[Demands], *, is_driven: bool) -> tuple[Demands, ...]:
-    steered = [trailer for trailer in trailers if trailer.numbers]
-    if options.demands in ("trailer", "both") and not steered:
-        raise ValueError(f"outside.demands = {options.demands}: the vehicle has no trailer with steered axles")
-    if options.demands in ("driver", "both") and not is_driven:
-        raise ValueError(f"outside.demands = {options.demands}: the motion is prescribed, nobody drives")
-    return (
-        *(steered if options.demands in ("trailer", "both") else ()),
-        *([driver_demands()] if options.demands in ("driver", "both") else ()),
-    )
+        yield LinkedBench(links) if links else None
 
 
 def signals_of(trailers: Sequence[Demands], n_units: int) -> list[Signal]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence
 from scenarios.assembly.adapters import outlines, vehicle_of
 from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import check_new_file, replacing
 from scenarios.results.log import Log
@@ -83,12 +83,18 @@ def write_mcap(
 def _drawn(log: Log, scenario: Path) -> tuple[list[_Body], list[_Line]]:
     """Bodies and paths of a run."""
     loaded = load_any_scenario(str(scenario))
-    if isinstance(loaded, RoverScenario):
-        rover = load_rover(loaded.vehicle)
-        reach, radius = np.abs(rover.wheel_places[:, :2]).max(axis=0), rover.radius
-        size = (2.0 * (float(reach[0]) + radius), 2.0 * float(reach[1]), radius)
-        return [_Body("rover", "", (0.0, 0.0, 1.5 * radius), size)], [_Line("path of the rover", _places(log), _PATH)]
-    units = outlines(vehicle_of(loaded))
+    return _DRAWN[loaded.vehicle_kind](log, loaded)
+
+
+def _drawn_rover(log: Log, scenario: RoverScenario) -> tuple[list[_Body], list[_Line]]:
+    rover = load_rover(scenario.vehicle)
+    reach, radius = np.abs(rover.wheel_places[:, :2]).max(axis=0), rover.radius
+    size = (2.0 * (float(reach[0]) + radius), 2.0 * float(reach[1]), radius)
+    return [_Body("rover", "", (0.0, 0.0, 1.5 * radius), size)], [_Line("path of the rover", _places(log), _PATH)]
+
+
+def _drawn_combination(log: Log, scenario: Scenario) -> tuple[list[_Body], list[_Line]]:
+    units = outlines(vehicle_of(scenario))
     bodies = [
         _Body(
             unit.name,
@@ -103,6 +109,12 @@ def _drawn(log: Log, scenario: Path) -> tuple[list[_Body], list[_Line]]:
         rearmost = min(units[-1].axles)
         lines.append(_Line("path of the last axle", _places(log, bodies[-1].suffix, rearmost), _FOLLOWED))
     return bodies, lines
+
+
+_DRAWN: Final[dict[str, Callable[[Log, Any], tuple[list[_Body], list[_Line]]]]] = {
+    "trailer": _drawn_combination,
+    "rover": _drawn_rover,
+}
 
 
 def _places(log: Log, suffix: str = "", ahead: float = 0.0) -> FloatArray:

@@ -35,8 +35,6 @@ from offtrack.exchange.recordings.mounting import read_rig
 from offtrack.exchange.recordings.stereo_reader import read_projections
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
 from scenarios.image_file import read_grey
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import check_new_file
 from scenarios.results.log import Log
@@ -122,7 +120,7 @@ def write_rosbag2(
     check_new_file(path)
     sequence = None if images is None else find_sequence(images, None)
     infos = None if sequence is None else camera_infos(sequence)
-    units = _units(log, scenario)
+    units = _units(log)
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     # the writer names the file in the folder after the folder, so the unfinished bag has its name already
@@ -144,11 +142,10 @@ def write_rosbag2(
     return path
 
 
-def _units(log: Log, scenario: Path) -> list[tuple[str, str]]:
-    """Name and ending of the signals of every body with a pose."""
-    if isinstance(load_any_scenario(str(scenario)), RoverScenario):
-        return [("rover", "")]
-    return [(name.removeprefix("psi_"), name.removeprefix("psi")) for name in log.names if name.startswith("psi_")]
+def _units(log: Log) -> list[tuple[str, str]]:
+    """Name and ending of the signals of every body with a pose; those of a rover have no ending."""
+    endings = [name.removeprefix("psi") for name in log.names if name == "psi" or name.startswith("psi_")]
+    return [(ending.removeprefix("_") or "rover", ending) for ending in endings]
 
 
 class _Bag:

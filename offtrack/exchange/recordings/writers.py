@@ -9,9 +9,10 @@ camera's pose on the trailer and the trailer's follow point. KITTI's projections
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
 import numpy as np
@@ -34,6 +35,10 @@ from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse
 from vehicle.rover.truth import RoverTruth
+
+if TYPE_CHECKING:
+    from scenarios.assembly.rover_run import RoverAssembly
+    from scenarios.assembly.trailer_run import Assembly
 
 
 class RecordingFolder:
@@ -176,3 +181,26 @@ class RoverRecordingWriter(RecordingFolder):
         self._append(READINGS, ",".join([time, *(f"{number:.9g}" for number in numbers)]))
         self._append(SLIP, f"{time},{math.degrees(truth.slip_angle):.9g}")
         self._count += 1
+
+
+def _of_trailer(directory: Path, parts: Assembly) -> RecordingWriter:
+    if parts.cameras is None:
+        raise ValueError("there is no camera to record")
+    last = parts.trailers[-1]
+    return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
+
+
+def _of_rover(directory: Path, parts: RoverAssembly) -> RoverRecordingWriter:
+    return RoverRecordingWriter(directory, parts.rig)
+
+
+_WRITERS: Final[dict[str, Callable[[Path, Any], RecordingFolder]]] = {"trailer": _of_trailer, "rover": _of_rover}
+
+
+def recording_in(directory: Path) -> Callable[[Any], Any]:
+    """What opens the recording of a run in a directory: call it with the assembled parts.
+
+    Raises:
+        ValueError: when it is called, one line, if the parts have no camera.
+    """
+    return lambda parts: _WRITERS[parts.scenario.vehicle_kind](directory, parts)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Final, NamedTuple
 
+from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.studies.campaigns.campaign import FAULTS, Campaign, by_text
 from offtrack.studies.campaigns.fault_entry import NONE, FaultEntry
 from offtrack.studies.campaigns.verdict import Limit, Requirements
 from offtrack.studies.case import Case, Settings
-from scenarios.assembly.adapters import course_of, vehicle_of
-from scenarios.assembly.rover_run import assemble_rover, rover_path
-from scenarios.assembly.trailer_run import assemble
-from scenarios.catalogue import FAULT, OFF_TRACKING, SENSOR, resolve
-from scenarios.options.perception import VisoOtOptions
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.catalogue import FAULT, resolve
+from scenarios.loop.runner import KINDS
+from scenarios.options.scenario import load_any_scenario
 
-_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOtOptions(), "estimator": {}, "sensor": None}
+_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOt.Parameters(), "estimator": {}, "sensor": None}
 
 
 def check_faults(campaign: Campaign) -> None:
@@ -47,34 +44,46 @@ def problem(scenario: str, settings: Iterable[str]) -> str:
     """Why a scenario can't have its faults; empty: it can. Cameras, which take seconds, are not opened."""
     settings = list(settings)
     loaded = load_any_scenario(scenario, settings)
-    if isinstance(loaded, Scenario) and (images := _images(loaded)) is not None:
+    kind_of_vehicle = KINDS[loaded.vehicle_kind]
+    if (images := kind_of_vehicle.images(loaded)) is not None:
         kinds = [resolve("kind", fault.kind, FAULT) for fault in loaded.faults]
         if all(hasattr(kind, "applies_to") and kind.applies_to(images) for kind in kinds):
             return ""
         loaded = loaded.model_copy(update=_WITHOUT_CAMERAS)
     try:
-        if isinstance(loaded, RoverScenario):
-            assemble_rover(loaded, 1).close()
-        else:
-            assemble(loaded, 1).close()
+        kind_of_vehicle.assemble(loaded, 1).close()
     except ValueError as error:
         return str(error)
     return ""
 
 
-def _images(scenario: Scenario) -> Any:
-    """Class of the images of a scenario's cameras; None: its sensor is no camera."""
-    sensor = scenario.sensor or resolve("off_tracking", scenario.off_tracking, OFF_TRACKING).sensor
-    return getattr(resolve("sensor", sensor, SENSOR), "sends", None)
+class _Default(NamedTuple):
+    """Default campaign of a kind of vehicle."""
+
+    law: str  # key that the campaign varies
+    laws: tuple[str, ...]  # its values
+    settings: Settings  # of all runs, unless the command gives them
+    requirements: Requirements
 
 
-_LAWS: Final = ("path_preview", "mpc", "virtual_driver")
-_COMPENSATIONS: Final = ("none", "heading", "crab")
 _ONSETS: Final = (0.4, 0.6)  # of the planned duration: on the way into a turn, and in it
 _DURATION: Final = 2.0  # of each fault [s]
 _FOLLOW: Final = 0.5  # limit of the follow point's deviation from the hitch's path [m]
 _CROSS: Final = 0.3  # limit of a rover's distance from its path [m]
-_QUICK: Final = ("off_tracking", "surrogate")
+_DEFAULTS: Final = {
+    "trailer": _Default(
+        law="trailer_steering",
+        laws=("path_preview", "mpc", "virtual_driver"),
+        settings=(("off_tracking", "surrogate"),),
+        requirements=Requirements(limits=(Limit("off_tracking.true_max_m", high=_FOLLOW),), detect=1.0, recover=5.0),
+    ),
+    "rover": _Default(
+        law="slip_compensation",
+        laws=("none", "heading", "crab"),
+        settings=(),
+        requirements=Requirements(limits=(Limit("slip.cross_track_max_m", high=_CROSS),)),
+    ),
+}  # by the ``vehicle_kind`` of a scenario
 
 
 def default_campaign(
@@ -89,35 +98,18 @@ def default_campaign(
     """
     texts = [f"{key}={value}" for key, value in settings]
     loaded = load_any_scenario(scenario, texts)
-    if isinstance(loaded, Scenario) and _QUICK[0] not in dict(settings):
-        settings = (_QUICK, *settings)
-    onsets = tuple(round(share * _planned(loaded), 1) for share in _ONSETS)
+    default, duration = _DEFAULTS[loaded.vehicle_kind], KINDS[loaded.vehicle_kind].duration(loaded)
+    settings = (*(setting for setting in default.settings if setting[0] not in dict(settings)), *settings)
+    onsets = tuple(round(share * duration, 1) for share in _ONSETS)
     kinds = [kind for kind in FAULT if not problem(scenario, [*map("=".join, settings), f"faults={kind}@1+1"])]
     entries = tuple(FaultEntry(kind=kind, onsets=onsets, durations=(_DURATION,)) for kind in kinds)
     of_text = by_text(f"scenario {scenario}", entries)
-    law, shipped = ("slip_compensation", _COMPENSATIONS) if isinstance(loaded, RoverScenario) else _STEERED
     return Campaign(
         scenario=scenario,
         fixed=settings,
-        axes={FAULTS: (NONE, *of_text), law: laws or shipped},
+        axes={FAULTS: (NONE, *of_text), default.law: laws or default.laws},
         seeds=seeds or (1, 2),
         entries=entries,
         of_text=of_text,
-        requirements=_requirements(loaded),
+        requirements=default.requirements,
     )
-
-
-_STEERED: Final = ("trailer_steering", _LAWS)
-
-
-def _planned(scenario: Scenario | RoverScenario) -> float:
-    """Time that the course takes at set speed [s]."""
-    if isinstance(scenario, RoverScenario):
-        return rover_path(scenario).length / scenario.speed
-    return course_of(scenario, vehicle_of(scenario)).length / scenario.speed
-
-
-def _requirements(scenario: Scenario | RoverScenario) -> Requirements:
-    if isinstance(scenario, RoverScenario):
-        return Requirements(limits=(Limit("slip.cross_track_max_m", high=_CROSS),))
-    return Requirements(limits=(Limit("off_tracking.true_max_m", high=_FOLLOW),), detect=1.0, recover=5.0)
