@@ -26,7 +26,7 @@ CONTROL = 20  # [ticks]
 
 
 def steered_axles(vehicle: Vehicle) -> int:
-    return sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    return vehicle.n_by_law
 
 
 def drive(

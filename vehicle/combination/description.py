@@ -207,6 +207,35 @@ class Vehicle(Frozen):
             return axles[0].x, axles[-1].x
         return 0.0, sum(axle.x for axle in axles) / len(axles)
 
+    @property
+    def n_by_law(self) -> int:
+        """Number of all axles that steering laws turn: they come last among the steered ones, front to rear."""
+        return sum(len(unit.steered_axles) for unit in self.units) - self.units[0].n_by_driver
+
+    def law_axles(self, unit: int) -> slice:
+        """Place of the axles of a unit that a law turns among all steered axles, front to rear."""
+        ahead = sum(len(one.steered_axles) for one in self.units[:unit])
+        first = ahead + (self.units[0].n_by_driver if unit == 0 else 0)
+        return slice(first, ahead + len(self.units[unit].steered_axles))
+
+    def led(self) -> Vehicle:
+        """The vehicle, if it tows nothing with the frame of its body at the middle of the foremost steered axle.
+
+        That point leads the body as a hitch leads a trailer: the axles behind it and the follow point have negative x.
+        """
+        if len(self.units) > 1:
+            return self
+        (unit,) = self.units
+        return self.model_copy(update={"units": (unit.shifted(unit.steered_axles[0].x),)})
+
+    def led_unit(self, unit: int) -> Unit:
+        """A unit as its steering law sees it: of a first unit without the axles that the driver turns, led at x = 0."""
+        whole = self.units[unit]
+        if unit > 0:
+            return whole
+        axles = tuple(axle for axle in whole.axles if axle.steered_by_law or not axle.steered)
+        return whole.model_copy(update={"axles": axles, "steering": whole.rear_steering or whole.steering})
+
     def in_wind(self) -> Vehicle:
         """The vehicle with inputs of the wind at each unit.
 
@@ -280,8 +309,13 @@ class Vehicle(Frozen):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"units: two have the name '{name}': each needs its own, which its signals carry")
-        if not tractor.steered_axles:
+        if not tractor.n_by_driver:
             raise ValueError("units.0: the tractor needs a steered axle")
+        by_law = [axle.steered_by_law for axle in tractor.steered_axles]
+        if by_law != sorted(by_law) or any(axle.steered_by_law for axle in tractor.axles if not axle.steered):
+            raise ValueError("units.0: axles with steered_by_law = true are steered ones behind those of the driver")
+        if any(len({tractor.axles[k].steered_by_law for k in one.axles}) > 1 for one in tractor.actuators):
+            raise ValueError("units.0: an actuator turns axles of the driver or axles of a law, not both")
         if not any(axle.driven for axle in tractor.axles):
             raise ValueError("units.0: the tractor needs a driven axle")
         if len(tractor.axles) < 2:
@@ -290,6 +324,8 @@ class Vehicle(Frozen):
             if unit.hitch_x is None:
                 raise ValueError(f"units.{k}: hitch_x [m] is missing, yet another unit follows")
         for k, unit in enumerate(towed, start=1):
+            if unit.rear_steering is not None or any(axle.steered_by_law for axle in unit.axles):
+                raise ValueError(f"units.{k}: laws turn all steered axles of a towed unit: leave out steered_by_law")
             if any(axle.x >= 0.0 for axle in unit.axles):
                 raise ValueError(f"units.{k}: axles of a towed unit lie behind its hitch: x must be below 0 m")
             if any(axle.driven for axle in unit.axles):

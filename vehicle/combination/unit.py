@@ -200,6 +200,7 @@ class Axle(Frozen):
     x: Position
     track: Breadth
     steered: bool
+    steered_by_law: bool = False  # of the first unit: a steering law turns it, not the driver
     driven: bool = False
     wheel_radius: float = quantity(
         ..., "m", 0.1, 2.1, why="the smallest trailer tyre has 0.1 m, the largest of dumpers 2.0 m"
@@ -290,7 +291,7 @@ class Unit(Frozen):
     hitch_x: Position | None = None  # hitch for the next unit
     hitch_height: float | None = quantity(None, "m", 0.1, 3.0, why="couplings are 0.3 m to 1.5 m above the ground")
     hitch_roll_share: Fraction = 0.0  # share of the roll moment that the unit in front takes through the hitch
-    follow_x: Position | None = None  # point of a towed unit that should retrace the hitch's path
+    follow_x: Position | None = None  # point that should retrace the path of the hitch, or of a first unit's front axle
     roll_gradient: Gradient | None = None  # body roll per lateral acceleration; None: follows from the suspensions
     pitch_gradient: Gradient  # body pitch per braking
     roll_axis_height: float = quantity(
@@ -303,6 +304,7 @@ class Unit(Frozen):
         ..., "-", 0.0, 2.0, above=True, why="0.1 to 0.5 on the road; above 1 a body no longer oscillates"
     )  # damping ratio of heave, pitch and roll
     steering: Steering | None = None
+    rear_steering: Steering | None = None  # of the axles ``steered_by_law``; None: as ``steering``
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
     load_sharing: LoadSharing | None = None  # None: the axles of a group share its load at once
@@ -310,6 +312,14 @@ class Unit(Frozen):
     coupling: Coupling | None = None  # of the front hitch, given with ``roll``; None: it transmits no roll moment
     side_wind: SideWind | None = None  # None: the wind does not act on the unit
     payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
+    origin_x: float = 0.0  # of the frame, ahead of that of the file, see ``Vehicle.led`` [m]
+
+    @field_validator("origin_x")
+    @classmethod
+    def _is_no_data(cls, given: float) -> float:
+        if given:
+            raise ValueError("is no data of a unit: leave it out")
+        return given
 
     @field_validator("name")
     @classmethod
@@ -344,6 +354,43 @@ class Unit(Frozen):
     def steered_axles(self) -> tuple[Axle, ...]:
         """The steered axles, front to rear."""
         return tuple(axle for axle in self.axles if axle.steered)
+
+    @property
+    def n_by_driver(self) -> int:
+        """Number of the steered axles of a first unit that its driver turns; they are the foremost ones."""
+        return sum(not axle.steered_by_law for axle in self.steered_axles)
+
+    @property
+    def driver_actuators(self) -> tuple[Actuator, ...]:
+        """The steering actuators of a first unit that follow its driver; the others follow a law."""
+        return tuple(one for one in self.actuators if not self.axles[one.axles[0]].steered_by_law)
+
+    @property
+    def wheelbase(self) -> float:
+        """Foremost steered axle of a first unit to the origin of its file, the centre of its rear axles [m]."""
+        return self.steered_axles[0].x + self.origin_x
+
+    def steering_of(self, axle: Axle) -> Steering | None:
+        """Data of the actuator that turns an axle."""
+        return self.rear_steering or self.steering if axle.steered_by_law else self.steering
+
+    def shifted(self, x: float) -> Unit:
+        """The unit with the origin of its frame moved forward by ``x`` [m]."""
+
+        def back(value: float | None) -> float | None:
+            return None if value is None else value - x
+
+        def axle(one: Axle) -> Axle:
+            return one.model_copy(update={"x": one.x - x, "ackermann_x": back(one.ackermann_x)})
+
+        positions = ("cg_x", "front_x", "rear_x", "hitch_x", "follow_x")
+        changes: dict[str, Any] = {name: back(getattr(self, name)) for name in positions}
+        changes |= {"axles": tuple(map(axle, self.axles)), "lifted_axles": tuple(map(axle, self.lifted_axles))}
+        if self.side_wind:
+            changes["side_wind"] = self.side_wind.model_copy(update={"x": self.side_wind.x - x})
+        if self.payload:
+            changes["payload"] = self.payload.model_copy(update={"cg_x": self.payload.cg_x - x})
+        return self.model_copy(update={**changes, "origin_x": self.origin_x + x})
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:
