@@ -382,7 +382,7 @@ def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
 
 
-def _print_section(console: PlainConsole, part: Section) -> None:
+def _print_section(console: PlainConsole, part: CheckSection) -> None:
     """Print the checks of a section and, below, the numbered sources."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)

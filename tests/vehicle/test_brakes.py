@@ -111,7 +111,7 @@ def test_brake_data_without_a_table_of_the_system_are_named(tractor_semitrailer:
         (
             "torque = { value = 40000.0",
             "torque = { value = -1.0",
-            "axle_brakes.steer.torque = -1.0 N m must be between",
+            "steer.torque = -1.0 N m must be between",
         ),
         ('distribution = "load"', 'distribution = "mass"', "brakes.distribution = 'mass'; known: load, pressure"),
         ('abs = "select_low"', 'abs = "high"', "axle_brakes.steer.abs = 'high'; known: wheel, select_low"),
