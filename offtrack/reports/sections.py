@@ -161,10 +161,6 @@ def _name(text: str) -> str:
     return Path(text).name if "/" in text else text
 
 
-OFF_TRACKING_TEXT: Final = (
-    "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known once the trailer "
-    "has driven its own length."
-)
 ERROR_TEXT: Final = (
     "About 95 % of the errors lie inside the band if the estimator states its standard deviation correctly."
 )

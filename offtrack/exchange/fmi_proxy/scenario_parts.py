@@ -143,7 +143,7 @@ class LaidGround:
         nominal = vehicle_of(scenario)
         course: Course = course_of(scenario, nominal)
         self.surface, _ = opened_ground(scenario, course, seed)
-        self.vehicle = in_wind_of(self.surface, plant_vehicle(scenario, nominal))
+        self.vehicle = in_wind_of(self.surface, plant_vehicle(scenario))
         self.under = GroundUnder(self.surface, self.vehicle)
         self.at_start = self.under.values(pose_of_all(self.vehicle, course.start))
 
@@ -229,7 +229,7 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         raise ValueError(f"off_tracking = {scenario.off_tracking}: is an FMU already")
     nominal = vehicle_of(scenario)
     course_of(scenario, nominal)  # a course that can't be is refused here, and not in another tool
-    vehicle, unit = plant_vehicle(scenario, nominal), watched_units(nominal, scenario)[-1] if unit is None else unit
+    vehicle, unit = plant_vehicle(scenario), watched_units(nominal)[-1] if unit is None else unit
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}

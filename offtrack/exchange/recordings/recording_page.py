@@ -36,7 +36,7 @@ from offtrack.reports.player.playback import (
 )
 from offtrack.reports.run_video import flow_photos
 from offtrack.reports.run_writer import finish_results, write_json
-from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, OFF_TRACKING_TEXT, number_cards, number_table
+from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal, write_log
 from scenarios.results.run_directory import appearing_at_once
@@ -316,7 +316,7 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
 def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
     yield Section("Playback", content=[Player(encoded(recording_playback(estimation, log)))])
     yield Section("Trajectory", _TRAJECTORY, [figures.plan_view(estimation)])
-    yield Section("Off-tracking", OFF_TRACKING_TEXT, [figures.off_tracking(log)])
+    yield Section("Off-tracking", _OFF_TRACKING, [figures.off_tracking(log)])
     if np.isfinite(log["off_tracking_poses"]).any():
         yield Section("Error against the recorded poses", ERROR_TEXT, [figures.error(log)])
     yield Section("Features and health", FEATURES_TEXT, [figures.features(log)])
@@ -335,6 +335,10 @@ _ASSUMED: Final = (
     "The recording does not state these values, and off-tracking depends on them. The option in brackets sets each."
 )
 _TRAJECTORY: Final = "Seen from above, in the trailer's frame at the first image. The dot marks the start."
+_OFF_TRACKING: Final = (
+    "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known once the trailer "
+    "has driven its own length."
+)
 _ROTATION: Final = "Change since the calibration, estimated while driving. The bands are ±2 stated standard deviations."
 
 
