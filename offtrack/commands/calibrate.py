@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import PlainConsole, check_number, one_line_errors, progress_bar, progress_display
+from offtrack.commands.console import PlainConsole, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from estimators.calibration.boards import BoardView, CameraCalibration, StereoFit
@@ -67,9 +67,10 @@ def calibrate(
     )
     from scenarios.results.atomic_files import check_new_file, replaced
     from sensors.camera.lens import RawStereoRig
+    from vehicle.foundation.quantity import check_number
 
     with one_line_errors():
-        check_number("--square", square, 1e-4, 10.0)
+        check_number("--square", square, 1e-4, 10.0, "m")
         checkerboard, X_SC = board_of(board, square), _mount(facing, position)
         left_paths, right_paths = photographs(images, right or [])
         target = out or Path("rig.toml" if right_paths else "camera.toml")
@@ -113,6 +114,7 @@ def _named(left: list[Path], right: list[Path]) -> dict[str, list[Path]]:
 def _mount(facing: Literal["rear", "left", "right", "down"], position: str | None) -> Any:
     """Pose X_SC (4, 4) of a camera without pitch and roll."""
     from sensors.camera.rig import StereoRig
+    from vehicle.foundation.quantity import check_number
 
     try:
         x, y, z = (float(part) for part in (position or "0,0,3").split(","))
@@ -121,7 +123,7 @@ def _mount(facing: Literal["rear", "left", "right", "down"], position: str | Non
             f"--position {position}: expected X,Y,Z in metres, for example --position=-14,0.25,3"
         ) from error
     for value in (x, y, z):
-        check_number("--position", value, -100.0, 100.0)
+        check_number("--position", value, -100.0, 100.0, "m")
     rig = StereoRig(facing=facing, width=1, height=1, hfov=1.0, x=x, y=y, z=z, baseline=1.0)
     X_SC = rig.calibration().X_SC.copy()
     X_SC[:3, 3] = x, y, z

@@ -16,7 +16,6 @@ from offtrack.commands.console import (
     INTERRUPTED,
     PlainConsole,
     Quiet,
-    check_number,
     lines,
     one_line_errors,
     progress_bar,
@@ -156,6 +155,7 @@ def off_tracking(
     from scenarios.catalogue import ODOMETRY, resolve
     from scenarios.options.scenario import estimator_options
     from scenarios.results.run_directory import results_directory
+    from vehicle.foundation.quantity import check_number
 
     with (
         one_line_errors(),
@@ -163,9 +163,9 @@ def off_tracking(
         ExitStack() as cleanup,
     ):
         chosen_topics = parsed_topics(topics)
-        check_number("--camera-x", camera_x, -100.0, 100.0)
-        check_number("--camera-y", camera_y, -10.0, 10.0)
-        check_number("--direction-std", direction_std, 0.0, 10.0)
+        check_number("--camera-x", camera_x, -100.0, 100.0, "m")
+        check_number("--camera-y", camera_y, -10.0, 10.0, "m")
+        check_number("--direction-std", direction_std, 0.0, 10.0, "deg")
         options = MountingOptions(
             follow_distance=follow_distance,
             facing=facing_named(facing) if facing else None,

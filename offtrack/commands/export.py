@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import Quiet, check_number, one_line_errors, progress_bar, progress_display
+from offtrack.commands.console import Quiet, one_line_errors, progress_bar, progress_display
 
 EXPORT_EXAMPLES = (
     "Examples: offtrack export runs/roundabout-1 --to csv   offtrack export runs/roundabout-1 --to mat   "
@@ -91,8 +91,10 @@ def draw(
 
     Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
     """
+    from vehicle.foundation.quantity import check_number
+
     with one_line_errors():
-        check_number("--every", every, *_EVERY)
+        check_number("--every", every, *_EVERY, "m")
         from offtrack.exchange.drawings import (
             drawing,
             driven_run,

@@ -18,7 +18,6 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     ScenarioName,
-    check_number,
     debugging,
     one_line_errors,
     progress_bar,
@@ -66,7 +65,10 @@ def run(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
     paced: Annotated[
-        bool, typer.Option("--paced", help="Keep wall time: every step begins when its time has come; misses are told.")
+        bool,
+        typer.Option(
+            "--paced", help="Keep wall time: each step begins when its time has come; late steps are reported."
+        ),
     ] = False,
     speed: Annotated[
         float | None,
@@ -111,6 +113,7 @@ def run(
     from scenarios.options.scenario import load_any_scenario
     from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
     from scenarios.results.run_inputs import changed_modules
+    from vehicle.foundation.quantity import check_number
 
     with one_line_errors(), ExitStack() as cleanup:
         check_number("--speed", speed, 0.01, 100.0)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from offtrack.commands.console import Quiet, check_number, one_line_errors, progress_bar, progress_display, remark
+from offtrack.commands.console import Quiet, one_line_errors, progress_bar, progress_display, remark
 from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _JOIN = ("join", "lease", "status", "where")  # options of commands that others 
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Timeout = Annotated[
     float | None,
-    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="any time"),
+    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit"),
 ]
 Scheduler = Annotated[
     str | None,
@@ -94,10 +94,12 @@ class StudyOptions:
         Raises:
             ValueError: one line.
         """
+        from vehicle.foundation.quantity import check_number
+
         check_number("--jobs", self.jobs, 1, MOST_JOBS)
-        check_number("--timeout", self.timeout, 1.0, 1e6)
-        check_number("--lease", self.lease, 1.0, 1e5)
-        check_number("--patience", self.patience, 1.0, 1e6)
+        check_number("--timeout", self.timeout, 1.0, 1e6, "s")
+        check_number("--lease", self.lease, 1.0, 1e5, "s")
+        check_number("--patience", self.patience, 1.0, 1e6, "s")
         if self.scheduler is not None and self.job_queue is not None:
             raise ValueError("--scheduler and --dask-jobqueue: choose one")
         if self.join and (self.scheduler or self.job_queue):

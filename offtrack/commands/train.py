@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import PlainConsole, Quiet, check_number, one_line_errors, progress_bar, progress_display
+from offtrack.commands.console import PlainConsole, Quiet, one_line_errors, progress_bar, progress_display
 from scenarios.processes import MOST_JOBS
 from scenarios.progress import postponed_interrupts
 
@@ -62,9 +62,11 @@ def train(
     trailer_steering=policy), learning_curve.parquet and .png, checkpoint.zip, and summary.json with the comparison on
     courses, frictions and speeds outside the training. Needs the extra rl.
     """
+    from vehicle.foundation.quantity import check_number
+
     with one_line_errors():
         check_number("--steps", steps, 1000, 1e12)
-        check_number("--minutes", minutes, 0.05, 1e6)
+        check_number("--minutes", minutes, 0.05, 1e6, "min")
         check_number("--envs", envs, 1, 100_000)
         check_number("--seed", seed, 0, 2**31)
         check_number("--episodes", episodes, 1, 10_000)

@@ -16,7 +16,6 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     ScenarioName,
-    check_number,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -122,6 +121,7 @@ def tune(
     from offtrack.studies.tuning_page import tuning_page
     from scenarios.processes import default_jobs
     from scenarios.results.atomic_files import replaced
+    from vehicle.foundation.quantity import check_number
 
     with one_line_errors():
         check_number("--trials", trials, 1, 100_000)

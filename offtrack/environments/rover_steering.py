@@ -60,7 +60,7 @@ from offtrack.environments.domain import narrowed
 from offtrack.environments.pictures import rover_picture, side_by_side
 from offtrack.environments.rewards import weighted
 from offtrack.environments.rover_observations import FEATURES, IMAGE_FEATURES, SLIP, SensedRover
-from offtrack.environments.rover_options import FIRM, LIMITS, RoverDomain, RoverMoment, RoverSteeringOptions
+from offtrack.environments.rover_options import FIRM, RoverDomain, RoverMoment, RoverSteeringOptions
 from offtrack.environments.sensed import ImageObservation
 from offtrack.reports.canvas import Picture
 from sensors.sand.trace_rig import nominal_rig
@@ -198,10 +198,8 @@ class RoverSteering:
     def _begun(
         self, rng: np.random.Generator, domain: RoverDomain, soil: str | None, *, open_sensors: bool
     ) -> _Episode:
-        uniform = rng.random(len(LIMITS) + 1)
-        ranges = np.array([getattr(domain, name) for name in LIMITS])
-        values = ranges[:, 0] + uniform[1:] * (ranges[:, 1] - ranges[:, 0])
-        cross_fall, grade, speed, curvature, sensor_error = values.tolist()
+        uniform = rng.random(6)
+        cross_fall, grade, speed, curvature, sensor_error = domain.values(uniform[1:]).tolist()
         number = int(uniform[0] * len(self._soils)) if soil is None else self._names.index(soil)
         terrain = Terrain(slope_x=grade, slope_y=cross_fall)
         plant = RoverPlant(self._rover, terrain, self._soils[number], self._options.engine)
