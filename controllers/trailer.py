@@ -12,7 +12,6 @@ from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
-from vehicle.option import Option
 
 
 class Linkage(NamedTuple):
@@ -122,7 +121,6 @@ class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
     """A steering law with its declarations; those of the catalogue inherit from it."""
 
     uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
-    options: ClassVar[tuple[Option, ...]] = ()
 
 
 class ActuationAware(Protocol[Memory]):

@@ -16,7 +16,6 @@ from estimators.estimates import Health, SlipAngle
 from sensors.messages import LaserFix, SlipReading
 from vehicle.clock import TICK
 from vehicle.frames import wrap
-from vehicle.option import Option
 
 _SPAN: Final = 4.0  # of fixes and headings for a direction of travel: 0.3 m of travel [s]
 _LEAST_DISTANCE: Final = 0.05  # a shorter one shows the tracker's noise, not a direction [m]
@@ -26,7 +25,6 @@ class ReferenceSlip:
     """Slip angle that an exact instrument reads."""
 
     sensor: ClassVar[str] = "slip_reading"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     @classmethod
     def of(cls, context: RoverContext) -> Self:

@@ -118,7 +118,7 @@ def off_tracking(
     ] = "viso_ot",
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Option of the estimator, such as estimator.smoothing=true."),
+        typer.Option("--set", metavar="KEY=VALUE", help="Option of the estimator, such as viso_ot.smoothing=true."),
     ] = None,
     vehicle: Annotated[
         str | None,
@@ -185,7 +185,7 @@ def off_tracking(
             estimator=estimator,
             self_calibration=self_calibration,
             vehicle=vehicle,
-            options=estimator_options(settings or ()),
+            options=estimator_options(settings or (), estimator),
         )
         if odometry is not None:
             chosen = chosen._replace(odometry=odometry)

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from offtrack.studies.case import MOST_CASES, Case, Outcome, Settings
 from offtrack.studies.sensitivity import Sensitivity
-from scenarios.options.base import Options
+from vehicle.foundation.quantity import Frozen
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
 
@@ -23,7 +23,7 @@ _LARGEST: Final = 1e12  # number of a distribution
 _CENTRAL: Final = 0.95  # share of an unbounded distribution that Morris' levels span
 
 
-class Sample(Options):
+class Sample(Frozen):
     """How many values are drawn, and how: the table ``sample`` of a study."""
 
     count: Annotated[int, Field(ge=2, le=MOST_CASES, strict=True)]
@@ -169,7 +169,7 @@ _NARROWEST: Final = 1e-4
 _WIDEST: Final = 0.5
 
 
-class Stop(Options):
+class Stop(Frozen):
     """When a point of a study has enough draws: the table ``stop`` of a study."""
 
     half_width: Annotated[float, Field(ge=_NARROWEST, lt=_WIDEST)]  # of each limit's interval (Clopper-Pearson)

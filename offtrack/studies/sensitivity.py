@@ -20,7 +20,7 @@ from pydantic import Field
 
 from offtrack.studies.case import MOST_CASES, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity
-from scenarios.options.base import Options
+from vehicle.foundation.quantity import Frozen
 from vehicle.frames import FloatArray
 
 CONFIDENCE: Final = 0.95
@@ -31,7 +31,7 @@ _LEAST: Final[Mapping[str, int]] = {"morris": 2, "sobol": 8}  # groups of runs t
 _RESAMPLES: Final = 1000  # of the bootstrap
 
 
-class Sensitivity(Options):
+class Sensitivity(Frozen):
     """Design of a sensitivity analysis: the table ``sensitivity`` of a study."""
 
     method: Literal["morris", "sobol"]

@@ -22,12 +22,12 @@ from offtrack.studies.case import Outcome, Settings, identities
 from offtrack.studies.identity import named_files, opened_files, watch_files
 from offtrack.studies.study import Study, settings_of, subject_of
 from offtrack.studies.trial_storage import JOURNAL, database, journal, without_warnings
-from scenarios.assembly.drivers_and_laws import law_options
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import digest
 from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.user_file import FileKind, read_bytes
+from vehicle.option import declared_options
 
 if TYPE_CHECKING:
     import optuna
@@ -310,7 +310,7 @@ def _beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 
 def defaults_of(law: Callable[..., object]) -> dict[str, float]:
     """Numeric parameters of a law's class with their defaults."""
-    defaults = {option.name: option.default for option in law_options(law)}
+    defaults = {option.name: option.default for option in declared_options(law, or_keywords=True)}
     return {
         name: float(default)
         for name, default in defaults.items()
@@ -324,7 +324,7 @@ def ranges_of(name: str, law: Callable[..., object], given: Sequence[str]) -> di
     Raises:
         ValueError: one line, for an unknown parameter, or if there is no range.
     """
-    options = law_options(law)
+    options = declared_options(law, or_keywords=True)
     known = [option.name for option in options]
     ranges = {key: _range(text, key) for key, text in settings_of(given, "--range")}
     for parameter in ranges:

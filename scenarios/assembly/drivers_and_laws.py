@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +26,7 @@ from scenarios.table_file import Column, open_table
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
-from vehicle.option import Option, Parameter, declared_options
+from vehicle.option import COMBINATION, Parameter, arguments
 
 _COLUMNS: Final = {  # with the factor to SI; the limits are beyond any lorry, wrong units exceed them
     "time_s": (Column("time_s", 86_400.0, "s"), 1.0),
@@ -161,14 +161,6 @@ def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Opene
     return replace(driver, driver=CheckedDriver(driver.driver, f"driver.kind = {kind}"))
 
 
-_COMBINATION: Final = "combination"  # keyword for the data sheet of the whole combination
-
-
-def law_options(law: Callable[..., object]) -> tuple[Option, ...]:
-    """Options of a law's class."""
-    return declared_options(law, skip=(_COMBINATION,))
-
-
 def law_uses_off_tracking(name: str) -> bool:
     """True if a law uses the estimated off-tracking, which is the default of its class."""
     return bool(getattr(resolve("trailer_steering", name, TRAILER_STEERING), "uses_off_tracking", True))
@@ -225,16 +217,11 @@ def _constructed_law(
     name: str, trailer: TrailerGeometry, combination: Combination, parameters: Mapping[str, Parameter]
 ) -> TrailerSteering[Any]:
     part = resolve("trailer_steering", name, TRAILER_STEERING)
-    options = {option.name: option for option in law_options(part)}
-    for key, value in parameters.items():
-        if key not in options:
-            raise ValueError(f"steering.{key}: {name} has no such parameter{nearest(key, options)}")
-        options[key].check(value, f"steering.{key}")
-    context = {_COMBINATION: combination} if _COMBINATION in inspect.signature(part).parameters else {}
+    given = arguments(part, parameters, "steering")
+    if COMBINATION in inspect.signature(part).parameters:
+        given[COMBINATION] = combination
     try:
-        law: TrailerSteering[Any] = constructed(
-            "trailer_steering", name, lambda: part(trailer, **context, **parameters)
-        )
+        law: TrailerSteering[Any] = constructed("trailer_steering", name, lambda: part(trailer, **given))
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
         raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error

@@ -14,6 +14,7 @@ from controllers.trailer import Combination, TrailerGeometry
 from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
+from estimators.off_tracking.viso_ot import VisoOt
 from scenarios.assembly.adapters import course_of, rig_schedule, trailer_geometry, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import (
     BrakeFaults,
@@ -30,7 +31,6 @@ from scenarios.assembly.mount import SIGNALS, Cameras, MountContext, OpenedSenso
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.courses import Course
-from scenarios.options.perception import VisoOtOptions
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
@@ -42,7 +42,7 @@ from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.foundation.own_parts import close_part
-from vehicle.option import Parameter, check_options
+from vehicle.option import Parameter, check_options, declared_options
 from vehicle.surface import Surface
 
 
@@ -93,7 +93,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     scenario = context.scenario
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     options = _estimator_options(scenario)
-    check_options(part.options, options, "estimator")
+    check_options(declared_options(part), options, "estimator")
     sensor = scenario.sensor if scenario.sensor is not None else part.sensor
     if hasattr(kind := resolve("sensor", sensor, SENSOR), "sends"):  # cameras take seconds to open
         check_receives(f"off_tracking = {scenario.off_tracking}", part, kind)
@@ -138,14 +138,14 @@ def _with_signals(sensing: Sensing, context: MountContext) -> Sensing:
 
 
 def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
-    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for all.
+    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for the others.
 
     Raises:
         ValueError: one line, if ``viso_ot.…`` is given to another estimator.
     """
     if scenario.off_tracking == "viso_ot":
-        return scenario.viso_ot.model_dump() | scenario.estimator
-    if scenario.viso_ot != VisoOtOptions():
+        return scenario.viso_ot.model_dump()
+    if scenario.viso_ot != VisoOt.Parameters():
         raise ValueError(f"viso_ot.* options apply only to off_tracking = viso_ot, not to {scenario.off_tracking}")
     return dict(scenario.estimator)
 

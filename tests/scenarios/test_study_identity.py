@@ -16,10 +16,10 @@ from offtrack.studies import identity
 from offtrack.studies.case import Case
 from offtrack.studies.pool import run_cases
 from offtrack.studies.study import settings_of
-from scenarios.options.base import tables_in
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.run_inputs import own_modules
+from vehicle.foundation.quantity import tables_in
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))
 LAW = """

@@ -14,18 +14,8 @@ from typing import Annotated, Any, Final, NamedTuple
 from pydantic import Field, field_validator, model_validator
 
 from vehicle.combination.unit import AxleBrake, Brakes, Unit, with_brakes
-from vehicle.foundation.parameter_file import (
-    Flag,
-    Frozen,
-    Lag,
-    ParameterLibrary,
-    checked,
-    nearest,
-    quantity,
-    read_toml,
-    sources,
-    without_sources,
-)
+from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, sources, without_sources
+from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
 
@@ -39,43 +29,43 @@ class Retarder(Frozen):
     If it does not act first, it does a part of the driven axles' own share of a brake demand, so that no force changes.
     """
 
-    max_force: Annotated[float, quantity("N", ge=100.0, le=1e6, why=_FORCE)]  # at the treads
-    max_power: Annotated[float, quantity("W", ge=1e3, le=5e6, why=_POWER)]  # at the wheels
-    full_speed: Annotated[  # below it the force falls to 0 with the speed
-        float, quantity("m/s", ge=0.1, le=20.0, why="an engine drags from walking pace on")
-    ]
-    acts_first: Flag = False  # it does all that it can, and the service brakes the rest; unstable on slippery ground
+    max_force: float = quantity(..., "N", 100.0, 1e6, why=_FORCE)  # at the treads
+    max_power: float = quantity(..., "W", 1e3, 5e6, why=_POWER)  # at the wheels
+    full_speed: float = quantity(
+        ..., "m/s", 0.1, 20.0, why="an engine drags from walking pace on"
+    )  # below it the force falls to 0 with the speed
+    acts_first: bool = False  # it does all that it can, and the service brakes the rest; unstable on slippery ground
 
 
 class Powertrain(Frozen):
     """Engine and gearbox as a force limit, a power limit (``Drive.max_power``) and a governor; continuous ratio."""
 
-    launch_force: Annotated[float, quantity("N", ge=100.0, le=1e6, why=_FORCE)]  # at the treads in the lowest gear
-    lowest_gear_speed: Annotated[  # of the rims at governed engine speed in the lowest gear
-        float, quantity("m/s", ge=0.3, le=20.0, why="a crawler gear has 0.3 m/s, a car's first gear 15 m/s")
-    ]
-    overspeed: Annotated[  # governed engine speed over that at which the gear in use is driven
-        float, quantity("-", ge=1.0, le=5.0, why="the governor is above the speed in use; gears span a factor of 2")
-    ]
-    top_speed: Annotated[  # of the rims in the highest gear at governed engine speed, or at a road speed limiter
-        float, quantity("m/s", ge=1.0, le=100.0, why="from a transporter's 4 km/h to 360 km/h")
-    ]
-    governor_band: Annotated[  # of the rims' speed, over which the torque falls to 0
-        float, quantity("m/s", ge=0.1, le=5.0, why="a governor takes a few percent of the engine's speed")
-    ]
-    traction_control: Flag = True
-    traction_slip: Annotated[float, quantity("-", ge=0.01, le=1.0, why="driven tyres have their peak at 0.05 to 0.3")]
-    traction_slip_speed: Annotated[  # added to it: for setting off
-        float, quantity("m/s", ge=0.1, le=5.0, why="walking pace at most")
-    ]
+    launch_force: float = quantity(..., "N", 100.0, 1e6, why=_FORCE)  # at the treads in the lowest gear
+    lowest_gear_speed: float = quantity(
+        ..., "m/s", 0.3, 20.0, why="a crawler gear has 0.3 m/s, a car's first gear 15 m/s"
+    )  # of the rims at governed engine speed in the lowest gear
+    overspeed: float = quantity(
+        ..., "-", 1.0, 5.0, why="the governor is above the speed in use; gears span a factor of 2"
+    )  # governed engine speed over that at which the gear in use is driven
+    top_speed: float = quantity(
+        ..., "m/s", 1.0, 100.0, why="from a transporter's 4 km/h to 360 km/h"
+    )  # of the rims in the highest gear at governed engine speed, or at a road speed limiter
+    governor_band: float = quantity(
+        ..., "m/s", 0.1, 5.0, why="a governor takes a few percent of the engine's speed"
+    )  # of the rims' speed, over which the torque falls to 0
+    traction_control: bool = True
+    traction_slip: float = quantity(..., "-", 0.01, 1.0, why="driven tyres have their peak at 0.05 to 0.3")
+    traction_slip_speed: float = quantity(
+        ..., "m/s", 0.1, 5.0, why="walking pace at most"
+    )  # added to it: for setting off
     retarder: Retarder | None = None
 
 
 class AirDrag(Frozen):
     """Drag of the air on the straight combination."""
 
-    drag_area: Annotated[float, quantity("m2", ge=0.1, le=30.0, why="drag coefficient times frontal area; cars 0.6 m2")]
-    density: Annotated[float, quantity("kg/m3", ge=0.5, le=1.6, why="from 8000 m of height to severe frost")]
+    drag_area: float = quantity(..., "m2", 0.1, 30.0, why="drag coefficient times frontal area; cars 0.6 m2")
+    density: float = quantity(..., "kg/m3", 0.5, 1.6, why="from 8000 m of height to severe frost")
 
 
 class Channel(NamedTuple):
@@ -158,20 +148,20 @@ GRAVITY: Final = 9.81  # [m/s2]
 
 _GRIP: Final = "tyres hold 1.5 times the weight at most, 15 m/s2"
 _LIGHTEST_TRACTOR: Final = 300.0  # [kg]
-_VEHICLES: Final = ParameterLibrary("vehicle", "parameters")
+_VEHICLES: Final = ParameterLibrary("vehicle", "parameters", "eu_tractor_semitrailer")
 
 
 class Drive(Frozen):
     """Limits and lag of driveline and brakes under a demanded acceleration."""
 
     lag: Lag  # first-order time constant of torque build-up
-    max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)]
-    max_power: Annotated[  # at the wheels
-        float, quantity("W", ge=1e3, le=5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW")
-    ]
-    max_deceleration: Annotated[  # demanded by a full brake application
-        float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)
-    ]
+    max_acceleration: float = quantity(..., "m/s2", 0.0, 15.0, above=True, why=_GRIP)
+    max_power: float = quantity(
+        ..., "W", 1e3, 5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW"
+    )  # at the wheels
+    max_deceleration: float = quantity(
+        ..., "m/s2", 0.0, 15.0, above=True, why=_GRIP
+    )  # demanded by a full brake application
 
 
 class Vehicle(Frozen):
@@ -184,9 +174,9 @@ class Vehicle(Frozen):
     air: AirDrag | None = None  # None: no drag of the air
     brakes: Brakes | None = None  # None: braking forces in proportion to static loads, without limit or ABS
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
-    exposed: Flag = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
-    has_torque_inputs: Flag = False  # see ``with_torque_inputs``
-    has_failing_brakes: Flag = False  # see ``with_failing_brakes``
+    exposed: bool = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
+    has_torque_inputs: bool = False  # see ``with_torque_inputs``
+    has_failing_brakes: bool = False  # see ``with_failing_brakes``
 
     @field_validator("has_torque_inputs", "has_failing_brakes")
     @classmethod
@@ -331,7 +321,9 @@ def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
     Raises:
         ValueError: one line naming file, key, value, limit and unit.
     """
-    return checked(Vehicle, with_brakes(_with_tyres(contents, file), list(_axles(contents)), file), file)
+    return checked(
+        Vehicle, with_brakes(_with_tyres(contents, file), list(_axles(contents)), file), file, usual=_VEHICLES.usual
+    )
 
 
 def vehicle_sources(name_or_path: str) -> dict[str, str]:
@@ -369,7 +361,7 @@ def _tyre(table: object, file: str, key: str, name: str = "") -> Tyre:
     model = table["model"]
     if model not in TYRES:
         raise ValueError(f"{file}: {key}.model = {model!r} is not a tyre law{nearest(str(model), TYRES)}")
-    return checked(TYRES[model], {"name": name, **table}, file, key)
+    return checked(TYRES[model], {"name": name, **table}, file, key, _VEHICLES.usual)
 
 
 def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

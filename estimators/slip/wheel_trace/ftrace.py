@@ -41,7 +41,6 @@ from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
-from vehicle.option import Option
 
 _SPAN: Final = 4.0  # of headings for the yaw rate: noise of 0.35 deg then gives 0.07 deg/s [s]; assumed
 _SHORTEST: Final = 2.0  # with a shorter span the compass noise is worse than no rate [s]
@@ -173,7 +172,6 @@ class FTrace:
     """Detector of the left rear wheel's trace; ``init`` and ``step`` are pure."""
 
     sensor: ClassVar[str] = "trace_camera"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, rig: TraceRig, breakpoints: Breakpoints = BREAKPOINTS) -> None:
         """A detector for a calibrated camera; ``breakpoints`` of the membership functions."""
