@@ -45,38 +45,12 @@ _LONGEST_INTERVAL: Final = 300  # over which the motion in an estimate is a mean
 _SIGMAS: Final = 3.0  # of an estimate's own standard deviation: no jump
 
 
-_GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
-_HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]
-_GAP = 0.3  # accepted at any speed: two missing frames [s]
-LIMITS: Final = {
-    "hold": (0.0, 1.5, "s"),
-    "fade_rate": (0.001, 1.0, "rad/s"),
-    "max_age": (0.1, 2.0, "s"),
-    "max_std": (0.01, 5.0, "m"),
-    "max_jump": (0.01, 10.0, "m"),
-    "recovery": (0.0, 10.0, "s"),
-}
+class Limits(NamedTuple):
+    """Largest accepted values of an estimate."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Degradation:
-    """Criteria for ignoring estimates, and the response.
-
-    Raises:
-        ValueError: if a value is outside its limits.
-    """
-
-    hold: float = 1.0  # use of the last good estimate, for a quarter of the follow distance at most [s]
-    fade_rate: float = 0.05  # initial rate of a handover; assumed: 3 deg/s end a turn within seconds [rad/s]
-    max_age: float = 0.6  # of an estimate on arrival: 2 m of travel at 10 km/h [s]
-    max_std: float = 0.8  # of a degraded estimate; command steer errs by 0.7 m RMS on a roundabout [m]
-    max_jump: float = 0.25  # deviation from the expected value [m]
-    recovery: float = 0.5  # for which estimates must be good before they are used again [s]
-    fallback: FallbackName = "dead_reckoning"
-
-    def __post_init__(self) -> None:
-        for name, (low, high, unit) in LIMITS.items():
-            Option(name, 0.0, "", unit, low, high).check(getattr(self, name), name)
+    age: float  # on arrival [s]
+    std: float  # of a degraded estimate [m]
+    jump: float  # deviation from the value predicted by the trailer's motion [m]
 
 
 class Travel(NamedTuple):
@@ -111,11 +85,11 @@ def motion_reference(estimate: OffTracking, before: OffTracking | None) -> Motio
     return MotionReference(estimate.tick, previous, *values)
 
 
-def usable(estimate: OffTracking, tick: int, criteria: Degradation) -> bool:
+def usable(estimate: OffTracking, tick: int, limits: Limits) -> bool:
     """True if the estimate is healthy enough and not too old."""
-    vague = estimate.health is Health.DEGRADED and estimate.std > criteria.max_std
+    vague = estimate.health is Health.DEGRADED and estimate.std > limits.std
     lost = estimate.health is Health.LOST or not math.isfinite(estimate.value)
-    return not (vague or lost) and estimate.age(tick) <= criteria.max_age
+    return not (vague or lost) and estimate.age(tick) <= limits.age
 
 
 def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, follow_distance: float) -> bool:
@@ -125,8 +99,8 @@ def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, fo
     return not (slower or turns or abs(travel.missing) > _MISSING * follow_distance)
 
 
-def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, largest: float) -> bool:
-    """True if the estimate deviates by more than ``largest`` [m] from the previous one, carried on by the motion.
+def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, limits: Limits) -> bool:
+    """True if the estimate deviates from the previous one, carried on by the trailer's motion.
 
     The path stands still while the follow point moves: in the trailer's frame a point of the path at (-L_f, e) has the
     lateral speed -v_y + r L_f, and the path, inclined by its tangent, passes at v_x - r e.
@@ -136,7 +110,46 @@ def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, la
     rate = estimate.yaw_rate * follow_distance - estimate.v_y
     rate += tangent * (estimate.v_x - estimate.yaw_rate * estimate.value)
     deviation = estimate.value - before.value - rate * interval
-    return abs(deviation) > largest + _SIGMAS * estimate.std
+    return abs(deviation) > limits.jump + _SIGMAS * estimate.std
+
+
+_GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
+_HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]
+_GAP = 0.3  # accepted at any speed: two missing frames [s]
+LIMITS: Final = {
+    "hold": (0.0, 1.5, "s"),
+    "fade_rate": (0.001, 1.0, "rad/s"),
+    "max_age": (0.1, 2.0, "s"),
+    "max_std": (0.01, 5.0, "m"),
+    "max_jump": (0.01, 10.0, "m"),
+    "recovery": (0.0, 10.0, "s"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Degradation:
+    """Criteria for ignoring estimates, and the response.
+
+    Raises:
+        ValueError: if a value is outside its limits.
+    """
+
+    hold: float = 1.0  # use of the last good estimate, for a quarter of the follow distance at most [s]
+    fade_rate: float = 0.05  # initial rate of a handover; assumed: 3 deg/s end a turn within seconds [rad/s]
+    max_age: float = 0.6  # of an estimate on arrival: 2 m of travel at 10 km/h [s]
+    max_std: float = 0.8  # of a degraded estimate; command steer errs by 0.7 m RMS on a roundabout [m]
+    max_jump: float = 0.25  # deviation from the expected value [m]
+    recovery: float = 0.5  # for which estimates must be good before they are used again [s]
+    fallback: FallbackName = "dead_reckoning"
+
+    def __post_init__(self) -> None:
+        for name, (low, high, unit) in LIMITS.items():
+            Option(name, 0.0, "", unit, low, high).check(getattr(self, name), name)
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of a single estimate."""
+        return Limits(self.max_age, self.max_std, self.max_jump)
 
 
 class GuardMemory(NamedTuple):
@@ -247,11 +260,11 @@ class EstimateGuard:
         d, length = self._degradation, self._trailer.follow_distance
         travel = moved_on(memory.travel, estimate, motion, length)
         memory = memory._replace(travel=travel)
-        if not (usable(estimate, tick, d) and motion_agrees(estimate, travel, motion, length)):
+        if not (usable(estimate, tick, d.limits) and motion_agrees(estimate, travel, motion, length)):
             return memory._replace(sound_since=None)
         before = memory.sound
         comparable = before is not None and (estimate.tick - before.tick) * TICK <= d.hold
-        if before is not None and comparable and jumps(before, estimate, length, d.max_jump):
+        if before is not None and comparable and jumps(before, estimate, length, d.limits):
             return memory._replace(sound=estimate, sound_since=None, trusted=False)
         since = tick if memory.sound_since is None else memory.sound_since
         memory = memory._replace(sound=estimate, sound_since=since)
