@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers.trailer_steering.actuators import AxleGrip, GripMemory
-from controllers.trailer_steering.kinematics import TractorMotion, hitch_motion
+from controllers.trailer_steering.kinematics import TractorMotion
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals
 from vehicle.combination.description import GRAVITY
@@ -51,9 +51,7 @@ def turning(friction: float, sound: float) -> CombinationSignals:
 
 def travel(read: CombinationSignals) -> FloatArray:
     """Directions in which the axles travel [rad]."""
-    slip = TractorMotion(COMBINATION).slip(read)
-    speed = TractorMotion(COMBINATION).speed(read, slip)
-    motion = hitch_motion(COMBINATION, replace(read, speed=speed), speed * slip)
+    motion = TractorMotion(COMBINATION).of_hitch(read)
     x = np.array([axle.x for axle in TRAILER.axles])
     return np.arctan((motion.v_y + x * motion.yaw_rate) / motion.v_x)
 

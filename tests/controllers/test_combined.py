@@ -13,10 +13,10 @@ from controllers.trailer_steering.lqr import Combined, Lqr
 from controllers.trailer_steering.path_preview import PathPreview
 from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
 from controllers.trailer_steering.virtual_driver import VirtualDriver
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import OffTracking
 from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
-from tests.trailers import COMBINATION
+from tests.trailers import COMBINATION, estimate
 from tests.trailers import signals as readings
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -38,22 +38,11 @@ def signals(tick: int, speed: float) -> CombinationSignals:
     )
 
 
-def estimate(tick: int, speed: float) -> OffTracking:
+def beside(tick: int, speed: float) -> OffTracking:
     """The path 0.2 m to the left of the follow point, and inclined."""
     x = -np.linspace(0.0, 16.0, 40)
-    return OffTracking(
-        tick=tick,
-        value=0.2,
-        std=0.01,
-        health=Health.OK,
-        path=np.column_stack([x, -0.2 * x / TRAILER.follow_distance]),
-        hitch_direction=0.01,
-        hitch_direction_rate=0.0,
-        path_tangent=0.01,
-        v_x=speed,
-        v_y=0.0,
-        yaw_rate=0.0,
-    )
+    path = np.column_stack([x, -0.2 * x / TRAILER.follow_distance])
+    return estimate(tick, value=0.2, path=path, hitch_direction=0.01, path_tangent=0.01, v_x=speed)
 
 
 def commands(law: TrailerSteering[Any], speeds: FloatArray, *, estimates: bool = False) -> FloatArray:
@@ -61,7 +50,7 @@ def commands(law: TrailerSteering[Any], speeds: FloatArray, *, estimates: bool =
     memory, angles = law.init(), []
     for k, speed in enumerate(speeds.tolist()):
         tick = 20 * k
-        newest = estimate(100 * (tick // 100 - 1), speed) if estimates and tick >= 100 else None
+        newest = beside(100 * (tick // 100 - 1), speed) if estimates and tick >= 100 else None
         memory, command = law.step(memory, tick, newest, signals(tick, speed))
         angles.append(command.angles)
     return np.array(angles)

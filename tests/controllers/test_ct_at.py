@@ -28,6 +28,7 @@ def test_without_slip_the_follow_point_keeps_to_the_path(drive: Any) -> None:
     assert run.worst < 0.10
 
 
+@pytest.mark.slow
 def test_slip_leaves_a_steady_error_that_the_heading_can_not_show(drive: Any) -> None:
     """Straight on a cross-fall, axles slipping by s turn the rear by s L_f/x_c beside what was asked for.
 
@@ -46,6 +47,7 @@ def test_slip_leaves_a_steady_error_that_the_heading_can_not_show(drive: Any) ->
     assert run.off_tracking[-1] == pytest.approx(-slip * 14.0 * (14.0 / x_c) / gain, rel=0.01)  # tangents for angles
 
 
+@pytest.mark.slow
 def test_the_reference_trailer_brings_the_rear_back_after_saturation(drive: Any) -> None:
     """Axles that get no farther than 12 deg lose the path in the circle; heading alone would not find it again."""
     short = replace(TRAILER, max_steer=math.radians(12.0))
@@ -55,11 +57,3 @@ def test_the_reference_trailer_brings_the_rear_back_after_saturation(drive: Any)
     assert with_reference.worst > 0.3  # it was saturated
     assert abs(with_reference.off_tracking[-1]) < 0.05
     assert abs(without.off_tracking[-1]) > 0.3
-
-
-def test_left_and_right_are_steered_alike(drive: Any) -> None:
-    """Mirror symmetry of the whole loop."""
-    law = CtAt(TRAILER, combination=COMBINATION)
-    left = drive(ROUNDABOUT, TRAILER, law, until=20.0)
-    right = drive(roundabout(front_x=5.2, width=2.55, direction="right"), TRAILER, law, until=20.0)
-    np.testing.assert_allclose(right.steer, -left.steer, atol=1e-6)  # roundings, as the loop forgets them

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +14,8 @@ from offtrack.studies.standards.lane_change import lane_change
 from offtrack.studies.standards.yaw_stability import pulse
 from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
+from tests.trailers import estimate
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
@@ -36,33 +37,14 @@ def signals(
     tick: int, *, speed: float = 24.0, steer: float = 0.0, yaw_rate: float = 0.0, articulation: float = 0.0
 ) -> CombinationSignals:
     """All units at one yaw rate."""
-    return CombinationSignals(
-        tick=tick,
-        angles=np.zeros(2),
-        speed=speed,
-        steer=steer,
-        articulation=np.array([articulation]),
-        yaw_rates=np.full(2, yaw_rate),
-        lateral_acceleration=0.0,
-    )
+    gamma, yaw_rates = np.array([articulation]), np.full(2, yaw_rate)
+    return readings(tick, speed=speed, steer=steer, articulation=gamma, yaw_rates=yaw_rates)
 
 
 def beside(tick: int, offset: float, health: Health = Health.OK) -> OffTracking:
     """Straight travel along a path that runs to the hitch from ``offset`` [m] beside the follow point."""
     x = -np.linspace(0.0, 16.0, 40)
-    return OffTracking(
-        tick=tick,
-        value=offset,
-        std=0.01,
-        health=health,
-        path=np.column_stack([x, -offset * x / 14.0]),
-        hitch_direction=0.0,
-        hitch_direction_rate=0.0,
-        path_tangent=0.0,
-        v_x=24.0,
-        v_y=0.0,
-        yaw_rate=0.0,
-    )
+    return estimate(tick, value=offset, health=health, path=np.column_stack([x, -offset * x / 14.0]), v_x=24.0)
 
 
 @pytest.mark.parametrize("kmh", [50.0, 70.0, 88.0, 110.0])
@@ -92,6 +74,7 @@ def closed_loop_of_path(speed: float) -> FloatArray:
     return closed_loop(COMBINATION, TRAILER, UNSTEERED, speed)[-nodes:, -nodes:]
 
 
+@pytest.mark.slow
 def test_lane_change_and_pulse_are_calmer_by_a_third() -> None:
     """ISO 14791 at 88 km/h: rearward amplification and transient off-tracking 30 % below the unsteered trailer's.
 
@@ -139,8 +122,8 @@ def test_a_path_to_the_left_turns_the_rear_to_the_left_and_a_lost_one_does_nothi
     assert not lost.angles.any()
 
 
-def test_commands_keep_to_rate_and_angle_and_flip_with_the_side() -> None:
-    """However wild the readings: 20 deg/s and 30 deg, mirrored to the last digits."""
+def test_commands_keep_to_rate_and_angle() -> None:
+    """However wild the readings: 20 deg/s and 30 deg. Mirrored readings give mirrored commands."""
     law, commands = Lqr(TRAILER, combination=COMBINATION), []
     for side in (1.0, -1.0):
         memory, angles = law.init(), []
@@ -153,19 +136,6 @@ def test_commands_keep_to_rate_and_angle_and_flip_with_the_side() -> None:
     assert np.abs(commands[0]).max() <= TRAILER.max_steer
     assert np.abs(np.diff(commands[0], axis=0)).max() <= TRAILER.max_steer_rate * 0.02 + 1e-12
     np.testing.assert_allclose(commands[1], -commands[0], atol=1e-9)  # rounding
-
-
-def test_linked_axles_turn_in_their_ratio() -> None:
-    """One demand for the actuator, its axles by their ratios."""
-    grouped = load_vehicle("uk_longer_semitrailer_grouped")
-    trailer = trailer_geometry(grouped, 1)
-    law = Lqr(trailer, combination=Combination(grouped, 1))
-    memory = law.init()
-    for tick in range(0, 400, 20):
-        memory, command = law.step(memory, tick, None, replace(signals(tick, steer=0.02), angles=np.zeros(2)))
-    ratios = np.array(trailer.steer_ratios)
-    np.testing.assert_allclose(command.angles / ratios, command.angles[0] / ratios[0], rtol=1e-12)
-    assert command.angles.any()
 
 
 def test_the_law_fades_in_over_a_band_of_speeds() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from controllers.trailer_steering.mpc.observer import (
 from controllers.trailer_steering.mpc.planning import denser, hitch_course, path_now, reference, with_estimate
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
+from tests.trailers import estimate
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, Pose2
 
@@ -70,38 +73,13 @@ def test_a_path_too_short_for_the_follow_point_asks_for_nothing() -> None:
 
 
 def signals(tick: int, *, lead: float, own: float, articulation: float = 0.0) -> CombinationSignals:
-    return CombinationSignals(
-        tick=tick,
-        angles=np.zeros(2),
-        speed=SPEED,
-        steer=0.0,
-        articulation=np.array([articulation]),
-        yaw_rates=np.array([lead, own]),
-        lateral_acceleration=0.0,
-    )
+    return readings(tick, speed=SPEED, articulation=np.array([articulation]), yaw_rates=np.array([lead, own]))
 
 
-def estimate(
-    tick: int,
-    *,
-    direction: float = 0.0,
-    yaw_rate: float = 0.0,
-    path: FloatArray | None = None,
-    health: Health = Health.OK,
-) -> OffTracking:
-    return OffTracking(
-        tick=tick,
-        value=0.0,
-        std=0.01,
-        health=health,
-        path=np.column_stack([-np.arange(0.0, 16.0, 0.28), np.zeros(58)]) if path is None else path,
-        hitch_direction=direction,
-        hitch_direction_rate=0.0,
-        path_tangent=0.0,
-        v_x=SPEED * math.cos(direction),
-        v_y=SPEED * math.sin(direction),
-        yaw_rate=yaw_rate,
-    )
+def travelling(tick: int, direction: float = 0.0, **changes: Any) -> OffTracking:
+    """An estimate with the hitch's travel in this direction [rad]."""
+    v_x, v_y = SPEED * math.cos(direction), SPEED * math.sin(direction)
+    return estimate(tick, hitch_direction=direction, v_x=v_x, v_y=v_y, **changes)
 
 
 def test_the_hitch_is_reckoned_along_its_circle() -> None:
@@ -126,7 +104,7 @@ def test_a_slide_of_the_unit_ahead_shows_in_the_estimates_alone() -> None:
         memory = observer.with_signals(memory, signals(tick, lead=0.0, own=0.0))
         if tick % 100 == 0 and tick > 0:
             seen_tick = tick - 100
-            memory = observer.corrected(memory, estimate(seen_tick, direction=2e-4 * (seen_tick - 50)), 0.1)
+            memory = observer.corrected(memory, travelling(seen_tick, direction=2e-4 * (seen_tick - 50)), 0.1)
     assert memory.now.hitch_direction == pytest.approx(0.4, abs=0.04)
     assert memory.uncertainty > 0.0
 
@@ -138,7 +116,7 @@ def test_the_gyros_bias_is_learnt_from_the_estimates() -> None:
     for tick in range(0, 20001, 20):
         memory = observer.with_signals(memory, signals(tick, lead=0.0, own=bias))
         if tick % 100 == 0 and tick > 0:
-            memory = observer.corrected(memory, estimate(tick - 100), 0.1)
+            memory = observer.corrected(memory, travelling(tick - 100), 0.1)
     assert memory.bias == pytest.approx(bias, rel=0.05)
 
 
@@ -148,9 +126,9 @@ def test_the_first_estimate_after_a_gap_teaches_nothing_but_the_path() -> None:
     for tick in range(0, 4001, 20):
         memory = observer.with_signals(memory, signals(tick, lead=0.0, own=1e-4 * tick))
         if tick % 100 == 0 and 0 < tick <= 1000:
-            memory = observer.corrected(memory, estimate(tick - 100), 0.1)
+            memory = observer.corrected(memory, travelling(tick - 100), 0.1)
     assert memory.uncertainty > 0.04  # 0.02 rad/s for 2.5 s
-    after = observer.corrected(memory, estimate(3900), 3.0)
+    after = observer.corrected(memory, travelling(3900), 3.0)
     assert (after.bias, after.slide, after.speed_scale) == (memory.bias, memory.slide, memory.speed_scale)
     np.testing.assert_array_equal(after.records, memory.records)
 
@@ -201,7 +179,7 @@ SHORT = np.array([[0.0, 0.0], [-0.28, 0.0], [-0.56, 0.0]])
 
 def test_a_straight_trailer_is_assumed_to_start_on_its_path() -> None:
     """While the path is shorter than the trailer, the axis at its beginning continues it to the rear."""
-    lost = estimate(200, path=SHORT, health=Health.LOST)
+    lost = travelling(200, path=SHORT, health=Health.LOST)
     begun = with_estimate(None, lost, FOLLOW)
     assert begun is not None
     assert not begun.complete
@@ -209,13 +187,13 @@ def test_a_straight_trailer_is_assumed_to_start_on_its_path() -> None:
     assert so_far is not None
     assert so_far[:, 0].min() < -FOLLOW
     assert not so_far[:, 1].any()
-    turned = with_estimate(None, estimate(200, path=SHORT, health=Health.LOST, direction=0.3), FOLLOW)
+    turned = with_estimate(None, travelling(200, path=SHORT, health=Health.LOST, direction=0.3), FOLLOW)
     assert turned is not None
     assert path_now(turned, Reckoned(Pose2(0.0, 0.0, 0.0), np.empty((0, 2))), FOLLOW) is None
 
 
 def test_a_whole_path_without_health_is_not_used() -> None:
     """There the odometry failed, and its path is a guess."""
-    first = with_estimate(None, estimate(100), FOLLOW)
-    assert with_estimate(first, estimate(200, health=Health.LOST), FOLLOW) is first
-    assert with_estimate(None, estimate(200, health=Health.LOST), FOLLOW) is None
+    first = with_estimate(None, travelling(100), FOLLOW)
+    assert with_estimate(first, travelling(200, health=Health.LOST), FOLLOW) is first
+    assert with_estimate(None, travelling(200, health=Health.LOST), FOLLOW) is None

@@ -9,9 +9,9 @@ import pytest
 
 from controllers.equations import settle
 from controllers.trailer_steering.kinematics import AxleGroup, Predictor, SteerHistory, angles_at, recorded
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import OffTracking
 from tests.trailers import TWO_OF_THREE as TRAILER
-from tests.trailers import signals
+from tests.trailers import estimate, signals
 from vehicle.frames import FloatArray
 
 AXLES = AxleGroup.of(TRAILER)
@@ -19,15 +19,10 @@ PREDICTOR = Predictor(TRAILER, AXLES)
 
 
 def seen(*, direction: float, direction_rate: float, speed: float, yaw_rate: float) -> OffTracking:
-    return OffTracking(
-        tick=1000,
-        value=0.0,
-        std=0.01,
-        health=Health.OK,
-        path=np.zeros((2, 2)),
+    return estimate(
+        1000,
         hitch_direction=direction,
         hitch_direction_rate=direction_rate,
-        path_tangent=0.0,
         v_x=speed * math.cos(direction),
         v_y=speed * math.sin(direction),
         yaw_rate=yaw_rate,

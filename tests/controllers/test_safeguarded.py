@@ -22,7 +22,7 @@ from controllers.trailer_steering.safeguarded import Safeguarded, SafeguardedCom
 from controllers.trailer_steering.signal_laws import CommandSteer
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from tests.trailers import COMBINATION, signals
+from tests.trailers import COMBINATION, estimate, signals
 from tests.trailers import TWO_OF_THREE as TRAILER
 from vehicle.frames import FloatArray
 
@@ -31,7 +31,6 @@ PERIOD, CAMERA = 20, 100  # of steps and estimates [ticks]
 RATE = TRAILER.max_steer_rate
 WANTED = 0.2  # angle of the law by any estimate that it gets [rad]
 COMMAND_STEER = Degradation(fallback="command_steer")  # the signals here are those of no real motion
-PATH = np.column_stack([-np.linspace(0.0, 16.0, 60), np.zeros(60)])
 
 
 class Believes:
@@ -47,24 +46,6 @@ class Believes:
         if off_tracking is None or off_tracking.health is Health.LOST:
             return memory, SteerCommand(angles=np.zeros(2))
         return (*memory, off_tracking.tick), SteerCommand(angles=np.full(2, math.copysign(WANTED, off_tracking.value)))
-
-
-def estimate(tick: int, **changes: Any) -> OffTracking:
-    """Straight travel, the path 0.1 m to the left."""
-    seen = OffTracking(
-        tick=tick,
-        value=0.1,
-        std=0.01,
-        health=Health.OK,
-        path=PATH,
-        hitch_direction=0.0,
-        hitch_direction_rate=0.0,
-        path_tangent=0.0,
-        v_x=SPEED,
-        v_y=0.0,
-        yaw_rate=0.0,
-    )
-    return replace(seen, **changes)
 
 
 Faulty = Callable[[OffTracking], OffTracking | None]  # None: it does not arrive
@@ -88,7 +69,10 @@ def drive(
     speed: Callable[[int], float] = lambda tick: SPEED,  # of the wheels [m/s]
     law: type[Believes] = Believes,
 ) -> Drive:
-    """A drive on a line with sound actuators, and an estimate of 0.1 s ago every 0.1 s."""
+    """A drive on a line with sound actuators, and an estimate of 0.1 s ago every 0.1 s.
+
+    The path lies 0.1 m to the left.
+    """
     safeguarded = Safeguarded(law(), "believes", TRAILER, COMBINATION, degradation)
     angle = articulation if math.isfinite(articulation) else 0.0
     motion = {"v_x": speed(0) * math.cos(angle), "v_y": speed(0) * math.sin(angle)}  # of the hitch
@@ -96,7 +80,7 @@ def drive(
     ticks = np.arange(0, until, PERIOD)
     for tick in ticks.tolist():
         if tick % CAMERA == 0 and tick:
-            newest = faulty(estimate(tick - CAMERA, **motion)) or newest
+            newest = faulty(estimate(tick - CAMERA, value=0.1, **motion)) or newest
         read = signals(tick, articulation=np.array([articulation]), speed=speed(tick), angles=angles)
         memory, command = safeguarded.step(memory, tick, newest, read)
         angles = settle(angles, command.angles, PERIOD * 1e-3, lag=TRAILER.actuator_lag, max_rate=RATE)
@@ -214,7 +198,7 @@ def test_a_jump_that_stays_is_believed_after_a_while() -> None:
 
 def test_a_slow_change_is_no_jump() -> None:
     """A path that comes nearer as the trailer turns to it is what the motion says; 0.3 rad make 0.084 m a frame."""
-    turned = estimate(0, path_tangent=0.3)
+    turned = estimate(0, value=0.1, path_tangent=0.3)
     nearing = within(
         0, 99999, lambda seen: replace(turned, tick=seen.tick, value=0.1 + 0.3093 * SPEED * seen.tick * 1e-3)
     )
