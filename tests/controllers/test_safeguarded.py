@@ -1,4 +1,4 @@
-"""Safeguards around a steering law: bad estimates and signals, reversing, failed actuators, wrong output."""
+"""Safeguards around a steering law: bad estimates and signals, reversing, failed actuators, wrong output; fallback."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from controllers.checked import LawError
 from controllers.equations import settle
 from controllers.trailer import Actuation, SteerCommand
-from controllers.trailer_steering.fallback import FallbackName
+from controllers.trailer_steering.fallback import Fallback, FallbackName
 from controllers.trailer_steering.guard import Degradation
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.safeguarded import Safeguarded, SafeguardedCommand
@@ -24,6 +24,7 @@ from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, estimate, signals
 from tests.trailers import TWO_OF_THREE as TRAILER
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 SPEED = 2.8  # [m/s]
@@ -508,3 +509,48 @@ def test_a_good_command_passes_unchanged_and_the_law_is_closed() -> None:
     assert stub.closed == [True]
     none = Safeguarded(Stub(angles(), []), "none", unsteered, COMBINATION, Degradation())
     assert none.step(none.init(), 1200, None, signals(1200, angles=np.empty(0)))[1].angles.shape == (0,)
+
+
+# Fallback
+
+
+STUCK_AT = 4000  # [ticks]
+
+
+def in_turn(tick: int, articulation: float | None = None) -> CombinationSignals:
+    """A turn that begins after 2 s and grows smoothly; the articulation changes by the difference of the yaw rates."""
+    since = max(0.0, tick * TICK - 2.0)
+    gamma = 0.15 * (1.0 - math.cos(0.6 * since)) if articulation is None else articulation
+    rates = [0.15 * 0.6 * math.sin(0.6 * since), 0.0]
+    return signals(tick, speed=2.8, articulation=np.array([gamma]), yaw_rates=np.array(rates))
+
+
+def fallen_back(stuck: bool) -> tuple[FloatArray, FloatArray]:
+    """Angles of dead reckoning and of command steer at the end of 7 s, the last five of them in the turn."""
+    fallback, alone = (
+        Fallback(TRAILER, combination=COMBINATION, name=name) for name in ("dead_reckoning", "command_steer")
+    )
+    memory, last = fallback.init(), np.zeros(2)
+    for tick in range(0, 7000, 20):
+        read = in_turn(tick, 0.1 if stuck and tick >= STUCK_AT else None)
+        memory = fallback.observed(memory, tick, None, read)
+        memory, last = fallback.steered(memory, tick, read, last)
+    return last, alone.steered(alone.init(), 7000, read, last)[1]
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_sensors_that_contradict_each_other_leave_command_steer(stuck: bool) -> None:
+    """An articulation that stays while two gyros differ by 3 deg/s: the path can not be reckoned, but steered by it."""
+    reckoned, command_steer = fallen_back(stuck)
+    assert (np.abs(reckoned - command_steer).max() < 1e-6) == stuck
+
+
+def test_command_steer_is_the_law_of_that_name() -> None:
+    """At manoeuvring speed, and without its limit of rate, which the guard has."""
+    fallback = Fallback(TRAILER, combination=COMBINATION, name="command_steer")
+    law, read = CommandSteer(TRAILER, combination=COMBINATION), signals(0, speed=2.8, articulation=np.array([0.2]))
+    memory = law.init()
+    for tick in range(0, 3000, 20):
+        memory, command = law.step(memory, tick, None, read)
+    _, angles = fallback.steered(fallback.init(), 0, read, np.zeros(2))
+    np.testing.assert_allclose(angles, command.angles, atol=1e-12)

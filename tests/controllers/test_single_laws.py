@@ -1,4 +1,4 @@
-"""Claims that hold for every law that follows the path, without its safeguards."""
+"""Claims that hold for several laws, without their safeguards."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from tests.trailers import ALL_STEERED, COMBINATION, TWO_OF_THREE, estimate, sig
 from vehicle.frames import FloatArray
 
 X = -np.linspace(0.0, 16.0, 60)
-SPEEDS = {"path_preview": 2.8, "virtual_driver": 2.8, "mpc": 2.8, "lqr": 24.0}  # at which they steer [m/s]
-every_law = pytest.mark.parametrize("name", SPEEDS)
+by_estimates = pytest.mark.parametrize("name", ["path_preview", "virtual_driver", "mpc"])
 
 
 def constructed(name: str, trailer: TrailerGeometry) -> Any:
@@ -30,7 +29,7 @@ def commands(name: str, trailer: TrailerGeometry, offset: float, *, stands_from:
     law, path = constructed(name, trailer), np.column_stack([X, -offset * X / 14.0])
     memory, angles, found, newest = law.init(), np.zeros(sum(trailer.steered)), [], None
     for tick in range(0, 1200, 20):
-        speed = SPEEDS[name] if tick < stands_from else 0.0
+        speed = 2.8 if tick < stands_from else 0.0
         if tick % 100 == 0 and tick:
             newest = estimate(tick - 100, value=offset, path=path, v_x=speed)
         memory, command = law.step(memory, tick, newest, signals(tick, angles=angles, speed=speed))
@@ -39,7 +38,7 @@ def commands(name: str, trailer: TrailerGeometry, offset: float, *, stands_from:
     return np.array(found)
 
 
-@every_law
+@by_estimates
 def test_a_path_to_the_left_turns_the_rear_to_the_left(name: str) -> None:
     """All axles push to the left: steered left, for those of a common centre the farther back the more."""
     angles = commands(name, ALL_STEERED if name == "path_preview" else TWO_OF_THREE, 0.2)[20]
@@ -48,7 +47,7 @@ def test_a_path_to_the_left_turns_the_rear_to_the_left(name: str) -> None:
         assert (np.diff(angles) > 0.0).all()
 
 
-@every_law
+@by_estimates
 def test_linked_axles_keep_their_ratio_within_the_actuators_limits(name: str) -> None:
     """Two axles on one actuator, the second at 1.4 of its angle: rate and angle are the actuator's."""
     linked = replace(TWO_OF_THREE, linkages=(Linkage((0, 1), (1.0, 1.4)),))
@@ -58,7 +57,7 @@ def test_linked_axles_keep_their_ratio_within_the_actuators_limits(name: str) ->
     assert np.abs(np.diff(angles[:, 0])).max() <= linked.max_steer_rate * 0.02 * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("name", ["path_preview", "virtual_driver", "mpc"])
+@by_estimates
 def test_the_axles_stay_where_they_are_at_standstill(name: str) -> None:
     """Turning the wheels on the spot would only wear them; one step may pass before the standstill is known."""
     angles = commands(name, TWO_OF_THREE, 0.2, stands_from=600)
