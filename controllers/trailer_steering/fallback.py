@@ -29,8 +29,8 @@ from controllers.trailer_steering.kinematics import (
     straight_behind,
     target_on,
 )
+from controllers.trailer_steering.path_laws import PathLawMemory, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CommandSteerMemory
-from controllers.trailer_steering.virtual_driver import VirtualDriver, VirtualDriverMemory
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals
@@ -64,7 +64,7 @@ class ReckonedDriverMemory(NamedTuple):
     path: ReckonedPath
     learnt: Learnt
     estimate: OffTracking | None  # newest one
-    driver: VirtualDriverMemory
+    driver: PathLawMemory
 
 
 class ReckonedDriver:

@@ -11,9 +11,8 @@ import pytest
 
 from controllers.trailer import Combination, TrailerSteering
 from controllers.trailer_steering.lqr import KMH, Combined, Lqr, Weights, closed_loop, path_nodes, plant
-from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
-from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from offtrack.studies.standards.lane_change import lane_change
 from offtrack.studies.standards.yaw_stability import pulse

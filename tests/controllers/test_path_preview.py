@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from controllers.trailer import SteerCommand, TrailerGeometry
-from controllers.trailer_steering.path_preview import PathPreview, PathPreviewMemory
+from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview
 from controllers.trailer_steering.signal_laws import Unsteered
 from estimators.estimates import Health, OffTracking
 from scenarios.courses import figure_of_eight, roundabout, straight
@@ -72,8 +72,8 @@ class BelievesEstimatesFresh(PathPreview):
         super().__init__(replace(trailer, actuator_lag=0.0))
 
     def step(
-        self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[PathPreviewMemory, SteerCommand]:
+        self, memory: PathLawMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[PathLawMemory, SteerCommand]:
         return super().step(memory, tick, off_tracking and replace(off_tracking, tick=tick), signals)
 
 
@@ -130,7 +130,7 @@ def beside(tick: int, *, offset: float = 0.0, **changes: Any) -> OffTracking:
     return estimate(tick, value=offset, path=PATH + np.array([0.0, offset]), **changes)
 
 
-def steps(law: PathPreview, until: int, seen: Any, memory: PathPreviewMemory | None = None, start: int = 0) -> Any:
+def steps(law: PathPreview, until: int, seen: Any, memory: PathLawMemory | None = None, start: int = 0) -> Any:
     """Memory after, and commands (n, axles) of the steps in between; ``seen(tick)`` is what has arrived by then."""
     memory = law.init() if memory is None else memory
     angles, commands = np.array(memory.demand), []

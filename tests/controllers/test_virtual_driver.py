@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer_steering.virtual_driver import VirtualDriver
+from controllers.trailer_steering.path_laws import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from scenarios.courses import roundabout, straight
 from sensors.messages import CombinationSignals
