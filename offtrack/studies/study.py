@@ -13,8 +13,7 @@ import tomli_w
 from pydantic import Field, ValidationError
 
 from offtrack.studies.case import Case, Outcome, Settings, cases_of, identities, is_word, parameters_beside
-from offtrack.studies.draws import Draws, Sample, Stop, read_draws
-from offtrack.studies.sensitivity import Sensitivity
+from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, read_draws
 from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
