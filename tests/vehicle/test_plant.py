@@ -333,7 +333,7 @@ def test_axles_of_a_group_turn_by_what_they_ask_on_average(longer_semitrailer: V
         for axle in trailer.axles
     ]
     grouped = trailer.model_copy(update={"axles": tuple(axles)})
-    plant = Plant(longer_semitrailer.model_copy(update={"units": (tractor, grouped)}), DRY, "interpreted")
+    plant = Plant(longer_semitrailer.model_copy(update={"units": (tractor, grouped)}), DRY)
     state = plant.step(plant.initial_state(ORIGIN, 2.0), VehicleCommand(0.1, 0.0, (0.06, 0.05)), 3000)
     actuator = 0.5 * (0.06 / 1.0 + 0.05 / 0.5)
     steer = plant.observe(state, 3000).steer  # after 3 s: ten times the actuators' lag and more

@@ -17,7 +17,6 @@ from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.layout import wheels
 from vehicle.combination.longitudinal import startability
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
@@ -34,8 +33,7 @@ class Run(NamedTuple):
 
 
 def driven(vehicle: Vehicle, surface: Surface, speed: float, demand: float, seconds: float, gear: float = 1.0) -> Run:
-    engine: Engine = "interpreted" if seconds < 10.0 else "auto"  # a short drive costs less than compiling
-    plant, layout = Plant(vehicle, surface, engine), wheels(vehicle)
+    plant, layout = Plant(vehicle, surface), wheels(vehicle)
     radii = np.array([wheel.axle.wheel_radius for wheel in layout if wheel.axle.driven])
     turning = [k for k, wheel in enumerate(layout) if wheel.axle.driven]
     state, rows = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), []

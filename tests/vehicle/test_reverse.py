@@ -59,7 +59,7 @@ def test_a_vehicle_alike_at_both_ends_goes_backward_as_the_turned_one_goes_forwa
     """
     vehicle = between_equal_axles()
     middle = vehicle.units[0].cg_x
-    plant = Plant(vehicle, Surface(friction=0.5), "interpreted")
+    plant = Plant(vehicle, Surface(friction=0.5))
     ends = {}
     for way in (+1.0, -1.0):
         state = plant.initial_state(ORIGIN, way * 8.0)
