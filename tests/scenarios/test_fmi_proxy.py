@@ -447,7 +447,7 @@ ROVER = "is a rover's: its camera sees the sand that its own wheels have just sh
         ([*PREVIEW, "rigid_truck"], "no axle of a trailer is steered"),
         ([*PREVIEW, VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
         ([*PREVIEW, VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
-        ([*PREVIEW, VEHICLE, "--set", "steering.gian=3"], "has no such parameter"),
+        ([*PREVIEW, VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'; did you mean 'gain'?"),
         ([*PREVIEW, VEHICLE, "-o", "law.zip"], "must end in .fmu"),
         *(([command, "rover-craters"], ROVER) for command in ("sensor", "driver", "ground", "system")),
     ],
