@@ -35,7 +35,7 @@ from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
 from sensors.faults.fault import with_faults
-from sensors.faults.signal_kinds import SignalFault
+from sensors.faults.message_kinds import SignalFault
 from sensors.instruments.combination import CombinationSensors, TrailerViewSensor
 from sensors.messages import Message, Sensor, StereoFrame, check_receives
 from vehicle.clock import Schedule

@@ -215,11 +215,11 @@ FAULTS: Final = {
     "glare": "sensors.faults.image_kinds:Glare",
     "gain": "sensors.faults.image_kinds:Gain",
     "blackout": "sensors.faults.image_kinds:Blackout",
-    "articulation_offset": "sensors.faults.signal_kinds:ArticulationOffset",
-    "articulation_stuck": "sensors.faults.signal_kinds:ArticulationStuck",
-    "gyro_bias": "sensors.faults.signal_kinds:GyroBias",
-    "gyro_drift": "sensors.faults.signal_kinds:GyroDrift",
-    "wheel_speed_dropout": "sensors.faults.signal_kinds:WheelSpeedDropout",
+    "articulation_offset": "sensors.faults.message_kinds:ArticulationOffset",
+    "articulation_stuck": "sensors.faults.message_kinds:ArticulationStuck",
+    "gyro_bias": "sensors.faults.message_kinds:GyroBias",
+    "gyro_drift": "sensors.faults.message_kinds:GyroDrift",
+    "wheel_speed_dropout": "sensors.faults.message_kinds:WheelSpeedDropout",
 }
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage, NearnessImage
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from sensors.render.pair import PairRenderer
 
 __all__ = ["RendererUnavailableError", "StereoRenderer", "check_renderer"]
-
-OutputT = TypeVar("OutputT")
 
 
 class RendererUnavailableError(RuntimeError):
@@ -57,8 +56,10 @@ class StereoRenderer:
 
     def __init__(self, world: World, calibration: StereoCalibration) -> None:
         self._calibration = calibration
-        self._pair: PairRenderer | None = _opened(world, calibration)
-        self._name = self._pair.name
+        with _opengl() as renderers:
+            pair: PairRenderer = renderers.PairRenderer(world, calibration)
+        self._pair: PairRenderer | None = pair
+        self.name = pair.name  # and version of the OpenGL renderer
 
     def on(self, calibration: StereoCalibration) -> StereoRenderer:
         """Renderer for another rig of equal pinholes in the same world; it shares this one's OpenGL objects.
@@ -80,11 +81,6 @@ class StereoRenderer:
     def calibration(self) -> StereoCalibration:
         """Calibration of the rendered cameras."""
         return self._calibration
-
-    @property
-    def name(self) -> str:
-        """Name and version of the OpenGL renderer."""
-        return self._name
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
@@ -148,40 +144,20 @@ def check_renderer() -> None:
     Raises:
         RendererUnavailableError: if that fails.
     """
-
-    def open_and_close() -> None:
-        from sensors.render.context import open_context
-
-        open_context().close()
-
-    _in_opengl(open_and_close)
+    with _opengl() as renderers:
+        renderers.open_context().close()
 
 
-def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:
-    """Renderer on a new context.
-
-    Raises:
-        RendererUnavailableError: if anything fails in OpenGL.
-    """
-
-    def open_pair() -> PairRenderer:
-        from sensors.render.pair import PairRenderer
-
-        return PairRenderer.open(world, calibration)
-
-    return _in_opengl(open_pair)
-
-
-def _in_opengl(work: Callable[[], OutputT]) -> OutputT:
+@contextmanager
+def _opengl() -> Iterator[Any]:
+    """Module of the OpenGL renderer, whose errors become ``RendererUnavailableError``."""
     os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
     os.environ["PYGLET_HEADLESS"] = "true"
     try:
-        from OpenGL.error import Error as OpenGlError
-
-        import sensors.render.pair  # noqa: F401
+        from sensors.render import pair
     except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load
         raise RendererUnavailableError(error) from error
     try:
-        return work()
-    except (OSError, OpenGlError, RuntimeError) as error:  # no device, a refused call, a shader that does not compile
+        yield pair
+    except pair.FAILURES as error:  # no device, a refused call, a shader that does not compile
         raise RendererUnavailableError(error) from error

@@ -16,20 +16,18 @@ from hypothesis import strategies as st
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.wheel_trace.ftrace import (
     BREAKPOINTS,
+    STEEPEST,
     FTrace,
+    GroundLines,
     Heading,
     Pointing,
-    body_slip,
-    mean_steer,
-    rate_of_turn,
-)
-from estimators.slip.wheel_trace.lines import (
-    STEEPEST,
-    GroundLines,
     TraceEdges,
+    body_slip,
     canny_thresholds,
     confidence,
     ground_mask,
+    mean_steer,
+    rate_of_turn,
     strongest_lines,
     upright,
 )

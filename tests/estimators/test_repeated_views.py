@@ -7,7 +7,7 @@ import pytest
 
 from estimators.estimates import Health, SlipAngle
 from estimators.odometry.repeated_frames import NewViews, NewViewsMemory
-from estimators.slip.reference_slip import ReferenceSlip
+from estimators.slip.rover_odometry import ReferenceSlip
 from sensors.messages import GreyImage, RoverView, SlipReading
 
 RADIUS = 0.1  # [m]
