@@ -172,6 +172,13 @@ class Drive:
         """A frame of the same moment without any light."""
         return replace(frame, left=np.zeros_like(frame.left), right=np.zeros_like(frame.right))
 
+    @staticmethod
+    def dirty(frame: StereoFrame) -> StereoFrame:
+        """The frame with dirt over most of both lenses."""
+        left, right = np.full_like(frame.left, 90), np.full_like(frame.right, 90)
+        left[:, 500:800], right[:, 460:800] = frame.left[:, 500:800], frame.right[:, 460:800]
+        return replace(frame, left=left, right=right)
+
 
 def stereo_drive(calibration: StereoCalibration) -> Drive:
     """46 frames at 10 Hz."""
