@@ -48,13 +48,8 @@ class Rectifier:
         R_ClC = _common_axes(raw)
         cameras = ((raw.left, R_ClC), (raw.right, raw.X_ClCr[:3, :3].T @ R_ClC))
         self._raw = raw
-        self._calibration = _calibration(raw, R_ClC, cameras)
-        self._maps = [_map(self._calibration, camera, R) for camera, R in cameras]
-
-    @property
-    def calibration(self) -> StereoCalibration:
-        """Calibration of the rectified pair."""
-        return self._calibration
+        self.calibration = _calibration(raw, R_ClC, cameras)  # of the rectified pair
+        self._maps = [_map(self.calibration, camera, R) for camera, R in cameras]
 
     def step(self, frame: StereoFrame) -> StereoFrame:
         """Rectified pair of a raw one.

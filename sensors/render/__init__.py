@@ -55,7 +55,7 @@ class StereoRenderer:
     """
 
     def __init__(self, world: World, calibration: StereoCalibration) -> None:
-        self._calibration = calibration
+        self.calibration = calibration
         with _opengl() as renderers:
             pair: PairRenderer = renderers.PairRenderer(world, calibration)
         self._pair: PairRenderer | None = pair
@@ -67,24 +67,19 @@ class StereoRenderer:
         Raises:
             ValueError: if the pinholes differ.
         """
-        if _pinhole(calibration) != _pinhole(self._calibration):
+        if _pinhole(calibration) != _pinhole(self.calibration):
             raise ValueError("only rigs of equal pinhole cameras can share a renderer")
         shared = copy(self)
-        shared._calibration = calibration
+        shared.calibration = calibration
         return shared
 
     def __deepcopy__(self, _: object) -> StereoRenderer:
         """The same renderer: OpenGL's objects cannot be copied, and every picture is drawn anew."""
         return self
 
-    @property
-    def calibration(self) -> StereoCalibration:
-        """Calibration of the rendered cameras."""
-        return self._calibration
-
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
-        return self.render_from(*self._cameras(X_WB))
+        return self.render_from(*self.cameras(X_WB))
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right image, RGB, of two such cameras at any poses (4, 4)."""
@@ -102,20 +97,21 @@ class StereoRenderer:
         left, right = self._live().read_nearness()
         return left, right
 
-    def render_depth(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Left and right depth image (height, width) [m] of cameras carried by a body at X_WB (4, 4).
+    def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Depth images (height, width) [m] of two such cameras anywhere in the world (4, 4).
 
         The depth of a pixel is the z coordinate, in the camera's frame C, of the point that its centre shows; it is
         infinite in the sky. It is exact to the resolution of a 32-bit depth buffer: 0.2 mm at 30 m.
         """
-        return self.render_depth_from(*self._cameras(X_WB))
-
-    def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Depth images as of ``render_depth``, of two such cameras anywhere in the world (4, 4)."""
         pair = self._live()
         pair.draw(X_WC1, X_WC2)
         first, second = pair.read_depth()
         return first, second
+
+    def cameras(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Poses X_WC (4, 4) of the left and the right camera, carried by a body at X_WB (4, 4)."""
+        X_WCl = X_WB @ self.calibration.X_SC
+        return X_WCl, X_WCl @ self.calibration.X_ClCr
 
     def close(self) -> None:
         """Release the OpenGL context; closing twice does no harm."""
@@ -127,11 +123,6 @@ class StereoRenderer:
         if self._pair is None:
             raise ValueError("this StereoRenderer is closed: open a new one")
         return self._pair
-
-    def _cameras(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Poses X_WC of the left and the right camera."""
-        X_WCl = X_WB @ self._calibration.X_SC
-        return X_WCl, X_WCl @ self._calibration.X_ClCr
 
 
 def _pinhole(c: StereoCalibration) -> tuple[float, ...]:
