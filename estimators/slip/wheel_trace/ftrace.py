@@ -319,11 +319,6 @@ def rate_of_turn(headings: Sequence[Heading]) -> float:
     return float(away @ psi / (away @ away))
 
 
-def forward_speed(view: RoverView, wheel_radius: float) -> float:
-    """Speed of the body along its x axis by the encoders, without slip [m/s]."""
-    return wheel_radius * float(np.mean(view.wheel_speeds * np.cos(view.steer)))
-
-
 def body_slip(wheel_slip: float, steer: float, speed: float, rate: float, behind: float) -> float:
     """Slip angle beta [rad] of a body whose rear axle lies ``behind`` its centre of mass [m] (Reina 2008, eq. 2).
 
@@ -424,7 +419,7 @@ class FTrace:
         d, theta, offset = result.candidates.ground[result.best].tolist()
         reference = TraceReference((rho, phi), (d, theta))
         steer = self._mean_steer(memory)
-        speed = forward_speed(view, self._rig.wheel_radius)
+        speed = self._rig.wheel_radius * float(np.mean(view.wheel_speeds * np.cos(view.steer)))  # without slip [m/s]
         estimate = SlipAngle(
             tick=view.tick,
             value=body_slip(theta - steer, steer, speed, rate_of_turn(headings), -self._rig.wheel[0]),
