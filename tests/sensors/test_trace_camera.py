@@ -138,6 +138,7 @@ def test_trace_in_the_image_is_on_the_true_line(sand: SandWorld, rig: TraceRig, 
     assert abs(np.mean(offsets)) < 6.0
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_image_to_the_last_bit(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
     """Sand, pebbles, rocks, sun, noise and compression all come from the generators."""
 
@@ -164,6 +165,7 @@ def test_rover_casts_its_shadow_away_from_the_sun(rover: Rover, truths: list[Rov
     assert share[0, 1] > 0.99
 
 
+@pytest.mark.slow
 def test_nothing_casts_a_shadow_under_clouds(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
     """The image does not depend on the position of the hidden sun; without clouds it does."""
     behind = Sun(azimuth=math.radians(-20.0), elevation=math.radians(40.0))  # would cast the rover's shadow into view
