@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.rover_driver import RoverDriverLike
-from controllers.trailer import Actuation, Memory, SteerCommand, TrailerSteering, told_actuation
-from estimators.estimates import OffTracking
+from controllers.trailer import Memory, SteerCommand
 from estimators.slip.rover_odometry import RoverPose
-from sensors.messages import CombinationSignals, EgoState
+from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.foundation.own_parts import close_part, defined_at, raised_at
 from vehicle.foundation.plant_like import EndedError
@@ -25,47 +23,6 @@ Command = TypeVar("Command", SteerCommand, DriverCommand, RoverCommand)
 
 class LawError(ValueError):
     """Misbehaviour of a controller: one line with its name, the tick and the wrong value."""
-
-
-class CheckedLaw(Generic[Memory]):
-    """A trailer steering law whose every step is checked."""
-
-    def __init__(self, law: TrailerSteering[Memory], name: str, n_steered: int) -> None:
-        """Check a law, which messages call ``name``, for a trailer with ``n_steered`` steered axles."""
-        self.law, self._name, self._n_steered = law, name, n_steered
-
-    def init(self) -> Memory:
-        """Memory before the first step."""
-        return self.law.init()
-
-    def actuated(self, memory: Memory, actuation: Actuation) -> Memory:
-        """Memory of the law that has been told what its actuators do."""
-        return told_actuation(self.law, memory, actuation)
-
-    def step(
-        self, memory: Memory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[Memory, SteerCommand]:
-        """Step of the law.
-
-        Raises:
-            LawError: if the law raises an exception, or returns anything but ``n_steered`` finite angles.
-        """
-        law, name = self.law, self._name
-        result = _called(name, tick, law, lambda: law.step(memory, tick, off_tracking, signals), SteerCommand)
-        angles: object = result[1].angles  # of a user's law: of any type
-        if not isinstance(angles, np.ndarray) or not np.issubdtype(angles.dtype, np.number):
-            raise misbehaviour(name, tick, f"returned the angles {angles!r}, not an array of numbers", law)
-        if angles.shape != (self._n_steered,):
-            count = f"{angles.size} angles" if angles.ndim == 1 else f"angles of shape {angles.shape}"
-            axles = "1 steered axle" if self._n_steered == 1 else f"{self._n_steered} steered axles"
-            raise misbehaviour(name, tick, f"returned {count}, the trailer has {axles}", law)
-        if not np.isfinite(angles).all():
-            raise misbehaviour(name, tick, f"returned the angles {angles.tolist()} rad", law)
-        return result
-
-    def close(self) -> None:
-        """Close the law."""
-        close_part(self.law)
 
 
 class CheckedDriver(Generic[Memory]):
@@ -85,7 +42,7 @@ class CheckedDriver(Generic[Memory]):
         Raises:
             LawError: if the driver raises an exception, or returns anything but finite numbers.
         """
-        result = _called(self._name, tick, self.driver, lambda: self.driver.step(memory, tick, ego), DriverCommand)
+        result = checked_step(self.driver, self._name, DriverCommand, tick, memory, tick, ego)
         _check_numbers(self._name, tick, self.driver, result[1]._asdict())
         return result
 
@@ -112,7 +69,7 @@ class CheckedRoverDriver(Generic[Memory]):
             LawError: if the driver raises an exception, or returns anything but a finite number for every wheel.
         """
         driver = self.driver
-        result = _called(self._name, pose.tick, driver, lambda: driver.step(memory, pose), RoverCommand)
+        result = checked_step(driver, self._name, RoverCommand, pose.tick, memory, pose)
         for field, values in result[1]._asdict().items():
             if not isinstance(values, tuple) or len(values) != self._n_wheels:
                 event = f"returned {field} = {values!r}, the rover has {self._n_wheels} wheels"
@@ -125,12 +82,16 @@ class CheckedRoverDriver(Generic[Memory]):
         close_part(self.driver)
 
 
-def _called(
-    name: str, tick: int, part: object, step: Callable[[], tuple[Memory, Command]], kind: type[Command]
+def checked_step(
+    part: Any, name: str, kind: type[Command], tick: int, memory: Memory, *inputs: object
 ) -> tuple[Memory, Command]:
-    """Result of a step; a user's code may raise or return anything."""
+    """Result of ``part.step(memory, *inputs)`` at a tick; a user's code may raise or return anything.
+
+    Raises:
+        LawError: if the part, which messages call ``name``, raises an exception, or returns no command of this kind.
+    """
     try:
-        result: object = step()
+        result: object = part.step(memory, *inputs)
     except EndedError:
         raise
     except Exception as error:
@@ -138,6 +99,22 @@ def _called(
     if not (isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], kind)):
         raise misbehaviour(name, tick, f"returned {result!r}, not (memory, {kind.__name__})", part)
     return result
+
+
+def check_angles(law: object, name: str, tick: int, angles: object, n_steered: int) -> None:
+    """Refuse angles of a law, which messages call ``name``, that are not an array of finite numbers.
+
+    Raises:
+        LawError: if they are not ``n_steered`` finite numbers.
+    """
+    if not isinstance(angles, np.ndarray) or not np.issubdtype(angles.dtype, np.number):
+        raise misbehaviour(name, tick, f"returned the angles {angles!r}, not an array of numbers", law)
+    if angles.shape != (n_steered,):
+        count = f"{angles.size} angles" if angles.ndim == 1 else f"angles of shape {angles.shape}"
+        axles = "1 steered axle" if n_steered == 1 else f"{n_steered} steered axles"
+        raise misbehaviour(name, tick, f"returned {count}, the trailer has {axles}", law)
+    if not np.isfinite(angles).all():
+        raise misbehaviour(name, tick, f"returned the angles {angles.tolist()} rad", law)
 
 
 def _check_numbers(name: str, tick: int, part: object, values: dict[str, object]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
+from typing import Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2
-from vehicle.option import Option
 
 PERIOD: Final = law.PERIOD  # the driver's step [s]
 _COMFORTABLE: Final = 0.7  # planned braking and speeding up: half of the limit, which leaves room to control [m/s2]
@@ -81,11 +80,6 @@ class PreviewDriver(Driver[DriverMemory]):
     Raises:
         ValueError: if the speed or the gain is not positive.
     """
-
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("gain", law.GAIN, "turn towards the path per lateral error", "rad/m", 0.01, 5.0),
-        Option("max_lateral_acceleration", None, "limit in turns", "m/s2", 0.1, 10.0, default_text="none"),
-    )
 
     def __init__(
         self,

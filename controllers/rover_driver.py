@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
+from typing import Final, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
 
 from controllers.path import Path
 from estimators.context import RoverGeometry
 from estimators.slip.rover_odometry import RoverPose
 from vehicle.clock import TICK
 from vehicle.frames import limited_angle, wrap
-from vehicle.option import Option, Parameter, check_options, option_values
+from vehicle.option import Parameter, PartParameters, quantity
 from vehicle.rover.command import RoverCommand
 
 Compensation = Literal["none", "heading", "crab"]
@@ -53,8 +53,6 @@ class RoverDriverLike(Protocol[Memory]):
 class RoverDriverPart(RoverDriverLike[Memory], Protocol[Memory]):
     """A rover driver with its declarations; the class is what the catalogue holds."""
 
-    options: ClassVar[tuple[Option, ...]]
-
     @classmethod
     def of(cls, context: RoverDriverContext) -> Self:
         """Driver for one run.
@@ -76,15 +74,17 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
     """Keeps R's origin on a path at a set speed.
 
     Raises:
-        ValueError: if the speed is not positive or above that of the wheels, if crab is demanded of wheels that are not
-            steered, or if an option is outside its limits.
+        ValueError: if the speed is not positive or above that of the wheels, or if crab is demanded of wheels that are
+            not steered.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (
-        # The default is a rover's length.
-        Option("approach", 0.5, "distance in which a lateral error falls to 1/e", "m", 0.05, 10.0, tune=(0.2, 2.0)),
-        Option("heading_gain", 0.8, "yaw rate per heading error", "1/s", 0.05, 10.0, tune=(0.2, 3.0)),
-    )
+    class Parameters(PartParameters):
+        """Gains of the path follower."""
+
+        approach: float = quantity(  # the default is a rover's length
+            0.5, "m", 0.05, 10.0, "distance in which a lateral error falls to 1/e", tune=(0.2, 2.0)
+        )
+        heading_gain: float = quantity(0.8, "1/s", 0.05, 10.0, "yaw rate per heading error", tune=(0.2, 3.0))
 
     def __init__(
         self,
@@ -93,11 +93,10 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
         speed: float,
         *,
         compensation: Compensation = "none",
-        approach: float = 0.5,
-        heading_gain: float = 0.8,
+        parameters: Parameters | None = None,
     ) -> None:
-        """For the set ``speed`` of the wheels [m/s], which slip reduces; ``options`` describes the parameters."""
-        check_options(self.options, {"approach": approach, "heading_gain": heading_gain})
+        """For the set ``speed`` of the wheels [m/s], which slip reduces."""
+        given = parameters or self.Parameters()
         if compensation not in get_args(Compensation):
             raise ValueError(f"slip_compensation = {compensation} must be one of {', '.join(get_args(Compensation))}")
         if compensation == "crab" and min(rover.max_steer) <= 0.0:
@@ -111,20 +110,18 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
         self._wheels = rover.places().tolist()
         fixed = [x for (x, _), most in zip(self._wheels, rover.max_steer, strict=True) if most <= 0.0]
         self._fixed_x = sum(fixed) / len(fixed) if fixed else 0.0  # mean position of the wheels without steering [m]
-        self._approach, self._heading_gain = approach, heading_gain
+        self._approach, self._heading_gain = given.approach, given.heading_gain
         self._heading, self._crab = compensation == "heading", compensation == "crab"
 
     @classmethod
     def of(cls, context: RoverDriverContext) -> Self:
         """Driver for one run."""
-        values = option_values(cls.options, context.options, "driving")
         return cls(
             context.rover,
             context.path,
             context.speed,
             compensation=context.compensation,
-            approach=float(values["approach"]),
-            heading_gain=float(values["heading_gain"]),
+            parameters=cls.Parameters.of(context.options, "driving"),
         )
 
     def init(self) -> RoverDriverMemory:

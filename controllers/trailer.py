@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar, cast
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
-from vehicle.option import Option
 
 
 class Linkage(NamedTuple):
@@ -122,22 +121,14 @@ class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
     """A steering law with its declarations; those of the catalogue inherit from it."""
 
     uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
-    options: ClassVar[tuple[Option, ...]] = ()
 
 
 class ActuationAware(Protocol[Memory]):
-    """A steering law that is told what its actuators do."""
+    """A steering law that receives the state of its actuators before every step but the first."""
 
     def actuated(self, memory: Memory, actuation: Actuation) -> Memory:
-        """Memory before a step, with the state of the actuators."""
+        """Memory with the state of the actuators."""
         ...
-
-
-def told_actuation(law: TrailerSteering[Memory], memory: Memory, actuation: Actuation) -> Memory:
-    """Memory of a law that has been told what its actuators do; as it was, if the law has no use for that."""
-    if not hasattr(law, "actuated"):
-        return memory
-    return cast("ActuationAware[Memory]", law).actuated(memory, actuation)
 
 
 def no_axle_answers(actuation: Actuation | None) -> bool:

@@ -14,7 +14,7 @@ from sensors.messages import StereoFrame
 from sensors.sand.trace_rig import TraceRig
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
-from vehicle.option import Option, Parameter
+from vehicle.option import Parameter
 from vehicle.rover.command import WheelPlace
 
 Memory = TypeVar("Memory")
@@ -148,7 +148,6 @@ class OffTrackingEstimator(OffTrackingSource, Protocol):
     """Class of off-tracking estimators, as the catalogue holds them."""
 
     sensor: ClassVar[str]  # name in the catalogue of sensors, or the import path of one's own
-    options: ClassVar[tuple[Option, ...]]
 
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
@@ -163,7 +162,6 @@ class SlipEstimator(Estimator[Any, Any, SlipAngle], Protocol):
     """Class of slip estimators, as the catalogue holds them; every message gets an estimate, LOST without a trace."""
 
     sensor: ClassVar[str]  # "trace_camera" or "slip_reading"
-    options: ClassVar[tuple[Option, ...]]
 
     @classmethod
     def of(cls, context: RoverContext) -> Self:

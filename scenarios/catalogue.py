@@ -76,7 +76,7 @@ OFF_TRACKING: Final = Catalogue(
         "ground_watching_single": "estimators.off_tracking.ground_watching:SingleGroundWatching",
     },
     methods=("of", "init", "step"),
-    declares=("sensor", "options"),
+    declares=("sensor",),
     fmu="off_tracking",
 )
 SLIP_ESTIMATOR: Final = Catalogue(
@@ -86,7 +86,7 @@ SLIP_ESTIMATOR: Final = Catalogue(
         "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
     },
     methods=("of", "init", "step"),
-    declares=("sensor", "options"),
+    declares=("sensor",),
 )
 SENSOR: Final = Catalogue(
     {
@@ -188,7 +188,7 @@ def _check_class(key: str, name: str, part: object, methods: tuple[str, ...], de
     lacks += [f"the declaration '{declared}'" for declared in declares if not hasattr(part, declared)]
     if lacks:
         raise ValueError(f"{key} = {name}: the class lacks {', '.join(lacks)} (see docs/own-parts.md)")
-    options = getattr(part, "options", ()) if "options" in declares else ()
+    options = getattr(part, "options", ()) if declares else ()
     if not isinstance(options, tuple | list) or not all(isinstance(option, Option) for option in options):
         raise ValueError(f"{key} = {name}: 'options' must be a tuple of vehicle.option.Option")
 

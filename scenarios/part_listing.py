@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import inspect
-import math
-import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
+from typing import Any, Final, get_args, get_origin
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from scenarios import catalogue
-from scenarios.options.base import tables_in
 from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.quantity import tables_in
 from vehicle.option import Option, declared_options
 from vehicle.rover.description import load_rover, load_soil, rover_names, soil_names
 
@@ -26,6 +23,14 @@ Kind = Callable[[str], Iterator["Part"]]  # lists the parts of the kind of that 
 _PARAMETERS_OF: Final[Mapping[str, tuple[str, ...]]] = {  # keys of the parts that own these parameter tables
     "steering": ("trailer_steering",),
     "estimator": ("off_tracking", "slip_estimator"),
+}
+_TYPES: Final[Mapping[type[object], str]] = {
+    bool: "true, false",
+    str: "text",
+    int: "whole number",
+    float: "number",
+    dict: "table",
+    tuple: "list",
 }
 
 
@@ -83,7 +88,7 @@ def _keys_of(model: type[BaseModel], values: BaseModel | None = None, prefix: st
         if name in _PARAMETERS_OF and values is not None:
             yield from _parameters(name, values)
         elif not tables or is_list:
-            yield _key(prefix + name, field, value)
+            yield _key(Option.of(prefix + name, field), value)
         if name == "plant":
             yield Key(
                 name=f"{prefix}plant.units.UNIT.NUMBER",
@@ -99,49 +104,25 @@ def _keys_of(model: type[BaseModel], values: BaseModel | None = None, prefix: st
 def _parameters(table: str, values: BaseModel) -> Iterator[Key]:
     """Parameters of the part that a scenario names, as ``table.name``."""
     key = next(key for key in _PARAMETERS_OF[table] if hasattr(values, key))
+    if getattr(values, key) == "viso_ot":  # its parameters are the table of that name
+        return
     given = getattr(values, table)
     names = catalogue.SLIP_ESTIMATOR if key == "slip_estimator" else getattr(catalogue, key.upper())
-    for option in declared_options(catalogue.resolve(key, getattr(values, key), names), ("combination",)):
-        parameter = _parameter(option)
-        value = _text(given[option.name]) if option.name in given else parameter.default
-        yield replace(parameter, name=f"{table}.{option.name}", default=value)
+    for option in declared_options(catalogue.resolve(key, getattr(values, key), names), or_keywords=True):
+        yield replace(_key(option, given.get(option.name)), name=f"{table}.{option.name}")
 
 
-def _key(name: str, field: FieldInfo, value: object) -> Key:
-    default = field.get_default(call_default_factory=True) if value is None else value
-    extra = field.json_schema_extra
+def _key(option: Option, value: object = None) -> Key:
+    """The listed form of a key, with its default or the value that a scenario has."""
+    default = option.default_text or _text(option.default) if value is None else _text(value)
+    ranges = option.range if option.kind is not tuple else ""
     return Key(
-        name=name,
-        default="required" if field.is_required() and value is None else _text(default),
-        unit=str(extra["unit"]) if isinstance(extra, dict) else "-",
-        range=_range(field),
-        meaning=field.description or "",
+        name=option.name,
+        default=default,
+        unit=option.unit,
+        range=", ".join(option.choices) or ranges or _TYPES.get(option.kind, ""),
+        meaning=option.meaning,
     )
-
-
-def _range(field: FieldInfo) -> str:
-    limits = {type(item).__name__: item for item in field.metadata}
-    if "Le" in limits and ("Ge" in limits or "Gt" in limits):
-        low = f"{limits['Ge'].ge:g}" if "Ge" in limits else f"above {limits['Gt'].gt:g}"
-        return f"{low} .. {limits['Le'].le:g}"
-    choices = _choices(field.annotation)
-    return ", ".join(choices) if choices else _type_name(field.annotation)
-
-
-def _choices(annotation: object) -> list[str]:
-    if get_origin(annotation) is Literal:
-        return [str(choice) for choice in get_args(annotation)]
-    return []
-
-
-def _type_name(annotation: object) -> str:
-    if get_origin(annotation) is Annotated:
-        return _type_name(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, types.UnionType):
-        return _type_name(next(part for part in get_args(annotation) if part is not types.NoneType))
-    names = {bool: "true, false", str: "text", int: "whole number", float: "number", dict: "table", tuple: "list"}
-    origin = get_origin(annotation) or annotation
-    return names.get(origin, "") if isinstance(origin, type) else ""
 
 
 def _text(value: object) -> str:
@@ -164,8 +145,12 @@ def _of_catalogue(table: catalogue.Catalogue) -> Kind:
     def listed(kind: str) -> Iterator[Part]:
         for name in table:
             part = catalogue.resolve(kind, name, table)
-            options = declared_options(part) if isinstance(getattr(part, "options", None), tuple) else ()
-            yield Part(kind=kind, name=name, meaning=_first_line(part), parameters=tuple(map(_parameter, options)))
+            yield Part(
+                kind=kind,
+                name=name,
+                meaning=_first_line(part),
+                parameters=tuple(map(_key, declared_options(part))),
+            )
 
     return listed
 
@@ -174,18 +159,10 @@ def _first_line(part: object) -> str:
     return (inspect.getdoc(part) or "").partition("\n")[0]
 
 
-def _parameter(option: Option) -> Key:
-    low, high = option.low, option.high
-    limits = f"{low:g} .. {high:g}" if math.isfinite(low) and math.isfinite(high) else option.limits
-    default = option.default_text or _text(option.default)
-    choices = ", ".join(option.choices) or limits or _type_name(option.kind)
-    return Key(name=option.name, default=default, unit=option.unit, range=choices, meaning=option.meaning)
-
-
 def _courses(tables: tuple[type[BaseModel], ...]) -> Kind:
     def listed(kind: str) -> Iterator[Part]:
         for table in tables:
-            (name,) = _choices(table.model_fields["kind"].annotation)
+            (name,) = get_args(table.model_fields["kind"].annotation)
             parameters = tuple(key for key in _keys_of(table) if key.name != "kind")
             yield Part(kind=kind, name=name, meaning=_first_line(table), parameters=parameters)
 

@@ -16,7 +16,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, as_completed, wait
 from contextlib import contextmanager, suppress
-from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from vehicle.engine.compiler import silence, warn_if_interpreted
@@ -49,25 +48,17 @@ def as_finished(
             yield futures[future], future.result()
 
 
-class _End(Enum):
-    """Mark of an iterator's end."""
-
-    END = 0
-
-
-_END: Final = _End.END
-
-
 class WorkerDiedError(Exception):
     """A worker process died with a task, or took too long; one line that says how."""
 
 
 def each_in_a_worker(
     work: Callable[..., OutputT],
-    tasks: Mapping[str, Sequence[object]] | Iterator[tuple[str, Sequence[object]] | None],
+    tasks: Mapping[str, Sequence[object]],
     *,
     jobs: int,
     timeout: float | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> Generator[tuple[str, OutputT | BaseException], None, None]:
     """Key of each task with its output, or with the exception that ended it, in order of completion.
 
@@ -76,47 +67,35 @@ def each_in_a_worker(
 
     Args:
         work: function of a task's arguments.
-        tasks: arguments by key; or an iterator of keys with arguments, which is asked when a process is free, and
-            gives None while there is nothing to do yet.
+        tasks: arguments by key.
         jobs: number of processes.
         timeout: longest time of a task [s]; None: any.
+        meanwhile: called twice a second while tasks are running.
     """
-    source = iter(tasks.items()) if isinstance(tasks, Mapping) else tasks
-    again, deaths, exhausted = deque[tuple[str, Sequence[object]]](), Counter[str](), False
+    waiting, deaths = deque(tasks.items()), Counter[str]()
     pools: list[ProcessPoolExecutor] = []
     running: dict[Future[OutputT], tuple[str, Sequence[object], ProcessPoolExecutor, float]] = {}
+    looks = timeout is not None or meanwhile is not None
     try:
-        while True:
-            idle = False
-            while not idle and (again or not exhausted) and (pools or len(running) < jobs):
-                task = again.popleft() if again else next(source, _END)
-                if isinstance(task, _End):
-                    exhausted = True
-                elif task is None:
-                    idle = True
-                else:
-                    pool = pools.pop() if pools else _lone_worker(jobs)
-                    try:
-                        future = pool.submit(_tidied, work, *task[1])
-                    except BrokenExecutor:  # its process died while it had nothing to do
-                        pool.shutdown(kill_workers=True)
-                        again.appendleft(task)
-                        continue
-                    running[future] = (*task, pool, time.monotonic())
-            if not running and not idle:
-                return
-            looking = idle or timeout is not None
-            if not running:
-                time.sleep(_LOOK)
-            done = wait(running, timeout=_LOOK if looking else None, return_when=FIRST_COMPLETED).done
-            for future in done:
+        while waiting or running:
+            while waiting and (pools or len(running) < jobs):
+                key, arguments = waiting.popleft()
+                pool = pools.pop() if pools else _pool(1, together=jobs)
+                try:
+                    future = pool.submit(_tidied, work, *arguments)
+                except BrokenExecutor:  # its process died while it had nothing to do
+                    pool.shutdown(kill_workers=True)
+                    waiting.appendleft((key, arguments))
+                    continue
+                running[future] = (key, arguments, pool, time.monotonic())
+            for future in wait(running, timeout=_LOOK if looks else None, return_when=FIRST_COMPLETED).done:
                 key, arguments, pool, _ = running.pop(future)
                 error = future.exception()
                 if isinstance(error, BrokenExecutor):
                     pool.shutdown(kill_workers=True)
                     deaths[key] += 1
                     if deaths[key] < _TRIES:
-                        again.append((key, arguments))
+                        waiting.append((key, arguments))
                         continue
                     error = WorkerDiedError(f"its process died twice, at last by {_death(error)}")
                 else:
@@ -127,6 +106,8 @@ def each_in_a_worker(
                     del running[future]
                     pool.shutdown(kill_workers=True)
                     yield key, WorkerDiedError(f"took longer than {timeout:g} s")
+            if meanwhile is not None:
+                meanwhile()
     except BaseException:
         for _, _, pool, _ in running.values():
             pool.shutdown(kill_workers=True)
@@ -186,7 +167,7 @@ class SpareWorkers:
         with self._lock:
             if self._ended:
                 raise WorkerDiedError("its process was stopped")
-            pool = self._free.pop() if self._free else _lone_worker(2, idle=_IDLE)
+            pool = self._free.pop() if self._free else _pool(1, together=2, idle=_IDLE)
             self._busy.append(pool)
         return pool
 
@@ -200,13 +181,14 @@ class SpareWorkers:
             pool.shutdown(kill_workers=True)
 
 
-def _lone_worker(jobs: int, *, idle: float | None = None) -> ProcessPoolExecutor:
-    """A pool of one process, which ends after an ``idle`` time [s] until the next task; None: it stays."""
+def _pool(count: int, *, together: int, idle: float | None = None) -> ProcessPoolExecutor:
+    """A pool of processes, which end after an ``idle`` time [s] without a task; ``together`` work at the same time."""
     from loky import ProcessPoolExecutor
 
     warn_if_interpreted()
-    environment = {"LP_NUM_THREADS": "1"} if jobs > 1 else {}
-    return ProcessPoolExecutor(1, timeout=idle, initializer=_begin, initargs=(os.getpid(),), env=environment)
+    # Several processes use the cores better than the threads of the renderer in each of them.
+    environment = {"LP_NUM_THREADS": "1"} if together > 1 else {}
+    return ProcessPoolExecutor(count, timeout=idle, initializer=_begin, initargs=(os.getpid(),), env=environment)
 
 
 def _death(error: BaseException | None) -> str:
@@ -226,12 +208,7 @@ def workers(count: int) -> Iterator[ProcessPoolExecutor]:
     Raises:
         ChildProcessError: one line, if the result of a worker that was killed is asked for.
     """
-    from loky import ProcessPoolExecutor
-
-    warn_if_interpreted()
-    # Several processes use the cores better than the threads of the renderer in each of them.
-    environment = {"LP_NUM_THREADS": "1"} if count > 1 else {}
-    pool = ProcessPoolExecutor(max(1, count), initializer=_begin, initargs=(os.getpid(),), env=environment)
+    pool = _pool(max(1, count), together=count)
     try:
         yield pool
     except BaseException as error:

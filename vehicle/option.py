@@ -1,66 +1,57 @@
-"""Declared parameters of a replaceable part: default, unit, limits and meaning."""
+"""Parameters of a replaceable part: a table of them, or options that the part declares.
+
+A part of one's own declares ``options``, a tuple of `Option`, and takes their values by keyword. A part of the
+repository has a nested class ``Parameters``, a table whose fields carry default, unit, limits, tuning range and
+meaning; its constructor takes the table as ``parameters``. The two forms meet in `declared_options` and `arguments`.
+"""
 
 from __future__ import annotations
 
 import inspect
-import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Self
+
+from pydantic import ValidationError
 
 from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.quantity import Frozen, Option, Parameter, complaint, option, quantity
 from vehicle.foundation.user_file import shown
 
-Parameter: TypeAlias = bool | int | float | str
+COMBINATION: Final = "combination"  # keyword of a law's constructor for the data sheet of the whole combination
+__all__ = [
+    "COMBINATION",
+    "Option",
+    "Parameter",
+    "PartParameters",
+    "arguments",
+    "check_options",
+    "declared_options",
+    "option",
+    "option_values",
+    "quantity",
+]
 
 
-@dataclass(frozen=True, slots=True)
-class Option:
-    """One parameter of a replaceable part, such as a steering law or an estimator."""
+class PartParameters(Frozen):
+    """Base of the parameters of a part."""
 
-    name: str
-    default: Parameter | None  # None: required, or derived by the part; ``default_text`` says which
-    meaning: str  # one line
-    unit: str = "-"
-    low: float = -math.inf
-    high: float = math.inf
-    tune: tuple[float, float] | None = None  # range that `offtrack tune` searches; None: not tuned
-    choices: tuple[str, ...] = ()  # of a text; none: any text
-    type_without_default: type[object] = float
-    default_text: str = ""
-
-    @property
-    def kind(self) -> type[object]:
-        """Type of the values; a float accepts an integer."""
-        return self.type_without_default if self.default is None else type(self.default)
-
-    @property
-    def limits(self) -> str:
-        """Limits with their unit, for messages and help: ``between 0 and 2 rad/m``; empty without limits."""
-        unit = "" if self.unit == "-" else f" {self.unit}"
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            return f"between {self.low:g} and {self.high:g}{unit}"
-        if math.isfinite(self.low):
-            return f"at least {self.low:g}{unit}"
-        return f"at most {self.high:g}{unit}" if math.isfinite(self.high) else ""
-
-    def check(self, value: Parameter, key: str) -> None:
-        """Check type, choices and limits of a value.
+    @classmethod
+    def of(cls, given: Mapping[str, object], prefix: str = "") -> Self:
+        """The parameters with the given values, and defaults for the others.
 
         Raises:
-            ValueError: one line with key, value, limits and unit.
+            ValueError: one line that names ``prefix.name`` of the first unknown parameter, or of the first wrong value
+                with its limits and unit.
         """
-        unit = "" if self.unit == "-" else f" {self.unit}"
-        accepted = (int, float) if self.kind is float else self.kind
-        if not isinstance(value, accepted) or (isinstance(value, bool) and self.kind in (int, float)):
-            kind = f"of type {self.kind.__name__}" if self.kind is not float or not self.limits else ""
-            rule = ", ".join(filter(None, (self.limits, kind)))
-            raise ValueError(f"{key} = {shown(repr(value))}{unit} must be {rule}")
-        if isinstance(value, str):
-            if self.choices and value not in self.choices:
-                raise ValueError(f"{key} = '{shown(value)}'{nearest(value, self.choices)}")
-        elif not (self.low <= value <= self.high and -math.inf < value < math.inf):  # whole numbers exceed floats
-            raise ValueError(f"{key} = {shown(str(value))}{unit} must be {self.limits or 'finite'}")
+        try:
+            return cls.model_validate(dict(given))
+        except ValidationError as error:
+            raise ValueError(complaint(cls, error, prefix)) from None
+
+    @classmethod
+    def option(cls, name: str) -> Option:
+        """The declaration of one parameter."""
+        return Option.of(name, cls.model_fields[name])
 
 
 def check_options(options: Sequence[Option], given: Mapping[str, Parameter], prefix: str = "") -> None:
@@ -78,7 +69,7 @@ def check_options(options: Sequence[Option], given: Mapping[str, Parameter], pre
     for name, value in given.items():
         key = f"{prefix}.{name}" if prefix else name
         if name not in known:
-            raise ValueError(f"unknown option '{shown(key)}'{nearest(name, tuple(known))}")
+            raise ValueError(f"unknown key '{shown(key)}'{nearest(name, tuple(known))}")
         known[name].check(value, key)
 
 
@@ -93,20 +84,40 @@ def option_values(options: Sequence[Option], given: Mapping[str, Parameter], pre
     return {**defaults, **given}
 
 
-def declared_options(part: Callable[..., object], skip: Collection[str] = ()) -> tuple[Option, ...]:
-    """Options of a part's class: its ``options``, or else what its constructor's signature shows.
+def declared_options(part: Callable[..., object], *, or_keywords: bool = False) -> tuple[Option, ...]:
+    """Options of a part's class, by its ``options`` or its ``Parameters``.
 
-    Args:
-        part: class, constructed with one positional argument and keywords.
-        skip: keywords that are no options.
+    With ``or_keywords`` the keywords of the constructor are the options of a class that declares none.
     """
-    declared = getattr(part, "options", None)
-    if isinstance(declared, tuple) and all(isinstance(option, Option) for option in declared):
-        return declared
+    declared, table = getattr(part, "options", None), _table(part)
+    if isinstance(declared, tuple | list):
+        return tuple(declared)
+    if table is not None:
+        return tuple(map(table.option, table.model_fields))
+    if not or_keywords or hasattr(part, "of"):  # ``of`` reads options from its context
+        return ()
     keywords = [
         p for p in inspect.signature(part).parameters.values() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
     ]
-    return tuple(_undeclared(keyword) for keyword in keywords[1:] if keyword.name not in skip)
+    return tuple(_undeclared(keyword) for keyword in keywords[1:] if keyword.name != COMBINATION)
+
+
+def arguments(part: Callable[..., object], given: Mapping[str, Parameter], prefix: str) -> dict[str, Any]:
+    """Keyword arguments that a part is constructed by, from values of its options, which are checked.
+
+    Raises:
+        ValueError: as `check_options`.
+    """
+    table = _table(part)
+    if table is not None and "parameters" in inspect.signature(part).parameters:
+        return {"parameters": table.of(given, prefix)}
+    check_options(declared_options(part, or_keywords=True), given, prefix)
+    return dict(given)
+
+
+def _table(part: object) -> type[PartParameters] | None:
+    table = getattr(part, "Parameters", None)
+    return table if inspect.isclass(table) and issubclass(table, PartParameters) else None
 
 
 def _undeclared(keyword: inspect.Parameter) -> Option:

@@ -7,34 +7,29 @@ rate: the lag, and when a demand arrives. Such errors last as long as the lag, s
 Lorden's bound the mean time between false alarms is then at least ``exp(threshold)`` lags ("Procedures for reacting to
 a change in distribution", Annals of Mathematical Statistics 1971), which gives the threshold.
 
-After an alarm the kinds of ``actuator_faults`` are compared since the shift began, as long as the fault lasts. It is
-over when a sound actuator explains the last quarter of a second, and the one at fault does not.
+After an alarm the kinds of faults are compared since the shift began, as long as the fault lasts. It is over
+when a sound actuator explains the last quarter of a second, and the one at fault does not.
 
 Each hypothesis is the model of a sound actuator with other numbers: it moves to ``gain * demand + offset`` with the
 known lag, at a rate limit of its own, some time after the demand was sent. All start from the measured angle at the
 beginning of a window. The likeliest explains it; a free number has to gain more than noise would give it (Akaike's
 criterion).
 
-The law says which angles it wants. The monitor (``actuator_monitor``) compares demands with measured angles, and finds
-actuators at fault. While there are any, other demands are sent:
+While there are faults, other demands are sent than those that are wanted:
 
 - where an axle stands beside its demand, the measured offset is subtracted;
 - where an axle does not answer, or slowly, the others take over the steer moment that it lacks or has too much, as far
-  as its tyres do not slide; none is steered beyond the slip at which its own side force is largest (``axle_grip``);
+  as its tyres do not slide; none is steered beyond the slip at which its own side force is largest (`AxleGrip`);
 - an axle that does not answer gets the demand of the others, so that it joins them when it answers again.
 
-A law may ask to be told what the actuators do (`controllers.trailer.ActuationAware`). Where all axles stand still,
-nothing can be taken over: the path is then that of a trailer with fixed axles.
+Where no axle moves, nothing can be taken over: the path is then that of a trailer with fixed axles.
 
 About the hitch the side forces of the tyres balance the inertia of the trailer, which the accelerometer above its axles
 measures. The tyres' laws give the forces of the measured slip for a given friction; a Kalman filter finds the friction
 that explains them (``controllers.trailer_steering.mpc.observer``). It is only known where tyres slide enough for it to
-matter, and until then the benefit of the doubt is given: one standard deviation more.
+matter; until then the higher value is assumed, one standard deviation more.
 
 The largest side force is reached at a slip in proportion to the friction. Beyond it an axle only brakes.
-
-The laws steer the follow point onto the path of the hitch; in reverse the follow point leads. Real steered trailer
-axles are centred and locked in reverse by the signal of the reversing lights.
 """
 
 from __future__ import annotations
@@ -42,30 +37,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.equations import settle
-from controllers.trailer import (
-    Actuation,
-    Combination,
-    SteerCommand,
-    TrailerGeometry,
-    TrailerSteering,
-    told_actuation,
-)
+from controllers.trailer import Actuation, Combination, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, TractorMotion, hitch_motion, reachable
 from controllers.trailer_steering.mpc.observer import FrictionMemory, updated
-from estimators.estimates import OffTracking
 from estimators.off_tracking.parity import STEER_NOISE
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.roll import roll_gradients
-from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 from vehicle.tyres import Planar
 
@@ -384,12 +370,12 @@ class AxleGrip:
     def __init__(self, combination: Combination) -> None:
         """For the signals of the combination's steered trailer."""
         vehicle = combination.vehicle
-        unit = vehicle.units[combination.unit]
+        unit = vehicle.led_unit(combination.unit)
         self._combination, self._tractor = combination, TractorMotion(combination)
         self._tyres = [axle.tyre for axle in unit.axles]
         self._x = np.array([axle.x for axle in unit.axles])
         self._steered = np.array([axle.steered for axle in unit.axles])
-        self._loads = np.array(static_axle_loads(vehicle)[combination.unit])
+        self._loads = np.array(static_axle_loads(vehicle)[combination.unit])[-len(unit.axles) :]
         self._share = self._x * self._loads / float(self._x @ self._loads)  # of the moment about the hitch [-]
         self._lean = 1.0 + GRAVITY * roll_gradients(vehicle)[combination.unit]
         self._stiffness = float(self._forces(np.full(len(self._x), 1e-3), 1.0) @ self._share) / 1e-3
@@ -449,21 +435,19 @@ _SLIDING: Final = 0.03
 class SupervisionMemory(NamedTuple):
     """State between two steps."""
 
-    law: Any  # memory of the law
-    tick: int | None  # of the last step; None before the first
-    sent: tuple[float, ...]  # last demands [rad]
-    differs: bool  # True if they were not what the law wanted
     monitor: ActuatorMemory
+    sent: tuple[float, ...]  # last demands [rad]
+    differs: bool  # True if they were not the wanted ones
     grip: GripMemory  # of the axles, while there is a fault
     at_grip: NDArray[np.bool_]  # (n_steered,) True for axles that could not be steered as far as wanted
 
 
-class Supervised:
-    """A law whose demands are sent to actuators that may not do what they are told."""
+class ActuatorSupervision:
+    """Demands for actuators that may not follow them."""
 
-    def __init__(self, law: TrailerSteering[Any], trailer: TrailerGeometry, combination: Combination) -> None:
-        """Supervise the actuators of a trailer with steered axles, under a ``law``."""
-        self.law, self._trailer = law, trailer
+    def __init__(self, trailer: TrailerGeometry, combination: Combination) -> None:
+        """For a trailer with steered axles."""
+        self._trailer = trailer
         self._monitor, self._axles = ActuatorMonitor(trailer), AxleGroup.of(trailer)
         self._grip = AxleGrip(combination)
         self._all = np.ones(len(trailer.steered_distances), dtype=bool)
@@ -471,40 +455,34 @@ class Supervised:
     def init(self) -> SupervisionMemory:
         """Memory of a new run: all actuators sound, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return SupervisionMemory(self.law.init(), None, straight, False, self._monitor.init(), GripMemory(), ~self._all)
+        return SupervisionMemory(self._monitor.init(), straight, False, GripMemory(), ~self._all)
 
-    def step(
-        self, memory: SupervisionMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[SupervisionMemory, SteerCommand]:
-        """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        monitor = self._monitor.measured(memory.monitor, signals.tick, self._trailer.actuator_angles(signals.angles))
-        inner = memory.law
-        if memory.tick is not None:
-            inner = told_actuation(self.law, inner, self._actuation(memory, monitor, signals.angles))
-        inner, command = self.law.step(inner, tick, off_tracking, signals)
-        wanted, differs, grip, at_grip = command.angles, False, GripMemory(), ~self._all
-        if memory.differs or monitor.at_fault:
-            grip = self._grip.measured(memory.grip, signals, elapsed)
-            target, at_grip = self._allocated(monitor, grip, wanted, signals.angles)
-            demand = reachable(self._trailer, np.array(memory.sent), target, elapsed)
-            differs = not np.array_equal(demand, wanted)
-            command = SteerCommand(angles=demand)
-        monitor = self._monitor.sent(monitor, self._trailer.actuator_angles(command.angles))
-        sent = tuple(command.angles.tolist())
-        return SupervisionMemory(inner, tick, sent, differs, monitor, grip, at_grip), command
+    def measured(self, memory: SupervisionMemory, signals: CombinationSignals) -> SupervisionMemory:
+        """Memory with new readings of the steer angles."""
+        angles = self._trailer.actuator_angles(signals.angles)
+        return memory._replace(monitor=self._monitor.measured(memory.monitor, signals.tick, angles))
 
-    def close(self) -> None:
-        """Close the law."""
-        close_part(self.law)
-
-    def _actuation(self, memory: SupervisionMemory, monitor: ActuatorMemory, angles: FloatArray) -> Actuation:
-        sent = np.array(memory.sent)
+    def actuation(self, memory: SupervisionMemory, angles: FloatArray) -> Actuation:
+        """State of the actuators, with the axles at ``angles`` (n_steered,) [rad]."""
+        sent, monitor = np.array(memory.sent), memory.monitor
         if not monitor.at_fault:
             return Actuation(goal=sent, able=self._all)
         able = self._of_axles(self._monitor.max_rates(monitor) > 0.0)
         goal = np.where(able | ~able.any(), sent + self._trailer.axle_angles(monitor.offsets), angles)
         return Actuation(goal=goal, able=able, at_grip=memory.at_grip)
+
+    def sent(
+        self, memory: SupervisionMemory, wanted: FloatArray, signals: CombinationSignals, elapsed: float
+    ) -> tuple[SupervisionMemory, FloatArray]:
+        """Memory and demands (n_steered,) [rad] for the ``wanted`` angles, ``elapsed`` [s] after those before."""
+        monitor, demand, grip, at_grip = memory.monitor, wanted, GripMemory(), ~self._all
+        if memory.differs or monitor.at_fault:
+            grip = self._grip.measured(memory.grip, signals, elapsed)
+            target, at_grip = self._allocated(monitor, grip, wanted, signals.angles)
+            demand = reachable(self._trailer, np.array(memory.sent), target, elapsed)
+        differs = not np.array_equal(demand, wanted)
+        monitor = self._monitor.sent(monitor, self._trailer.actuator_angles(demand))
+        return SupervisionMemory(monitor, tuple(demand.tolist()), differs, grip, at_grip), demand
 
     def _allocated(
         self, monitor: ActuatorMemory, grip: GripMemory, wanted: FloatArray, angles: FloatArray
@@ -532,54 +510,3 @@ class Supervised:
         for is_in, group in zip(actuators, self._trailer.groups, strict=True):
             mask[list(group)] = is_in
         return mask
-
-
-def actuator_findings(memory: object) -> tuple[ActuatorFinding, ...]:
-    """Changes of what is known of the actuators, by the memory of a supervised law."""
-    return memory.monitor.findings if isinstance(memory, SupervisionMemory) else ()
-
-
-_BACKWARD: Final = -0.25  # below the 0.1 m/s at which a stopped combination rocks on its tyres [m/s]
-_FORWARD: Final = 0.25  # [m/s]
-
-
-class ReverseLockMemory(NamedTuple):
-    """State between two steps."""
-
-    law: Any  # memory of the law
-    tick: int | None  # of the last step; None before the first
-    locked: bool
-    demand: tuple[float, ...]  # last command [rad]
-
-
-class ReverseLock:
-    """A law that steers forwards only and starts with a new memory after reversing."""
-
-    def __init__(self, law: TrailerSteering[Any], trailer: TrailerGeometry) -> None:
-        """Lock a ``law`` for a trailer with steered axles."""
-        self.law, self._trailer = law, trailer
-
-    def init(self) -> ReverseLockMemory:
-        """Memory of a new run, wheels straight."""
-        return ReverseLockMemory(self.law.init(), None, False, (0.0,) * len(self._trailer.steered_distances))
-
-    def actuated(self, memory: ReverseLockMemory, actuation: Actuation) -> ReverseLockMemory:
-        """Memory with the law told what its actuators do."""
-        return memory._replace(law=told_actuation(self.law, memory.law, actuation))
-
-    def step(
-        self, memory: ReverseLockMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[ReverseLockMemory, SteerCommand]:
-        """New memory and command at ``tick``; in reverse the wheels return to straight at the actuators' rate."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        locked = signals.speed < (_FORWARD if memory.locked else _BACKWARD)
-        if locked:
-            straight = np.zeros(len(memory.demand))
-            command = SteerCommand(angles=reachable(self._trailer, np.array(memory.demand), straight, elapsed))
-            return ReverseLockMemory(memory.law, tick, True, tuple(command.angles.tolist())), command
-        law, command = self.law.step(self.law.init() if memory.locked else memory.law, tick, off_tracking, signals)
-        return ReverseLockMemory(law, tick, False, tuple(command.angles.tolist())), command
-
-    def close(self) -> None:
-        """Close the law."""
-        close_part(self.law)

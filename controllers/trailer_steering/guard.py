@@ -19,27 +19,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import (
-    Actuation,
-    Combination,
-    SteerCommand,
-    TrailerGeometry,
-    TrailerSteering,
-    told_actuation,
-)
-from controllers.trailer_steering.actuators import ReverseLockMemory, SupervisionMemory
+from controllers.trailer import Combination, TrailerGeometry
 from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
 from controllers.trailer_steering.kinematics import HitchMotion, hitch_motion, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import MotionReference
-from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
+from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
@@ -164,7 +155,7 @@ class Degradation:
 class GuardMemory(NamedTuple):
     """State of the guard between two steps."""
 
-    law: Any  # memory of the law
+    monitor: MonitorMemory  # of the signals
     fallback: FallbackMemory
     tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
@@ -175,31 +166,28 @@ class GuardMemory(NamedTuple):
     good_at: int  # its arrival, or the time when the first one was due [ticks]
     rolled: float  # distance without a first good estimate [m]
     trusted: bool  # True if sound estimates are used
-    steers: bool  # True: the law steers; False: the fallback
+    law_steers: bool  # False: the fallback steers
     changed_at: int  # last handover [ticks]
     difference: tuple[float, ...]  # remaining difference between the two demands at that handover [rad]
-    monitor: MonitorMemory  # of the signals
 
 
-class Guarded:
-    """A steering law that receives good estimates only; without any the fallback steers."""
+class EstimateGuard:
+    """Guard of one trailer's law: checks signals and estimates, and chooses between law and fallback."""
 
-    def __init__(
-        self, law: TrailerSteering[Any], trailer: TrailerGeometry, combination: Combination, degradation: Degradation
-    ) -> None:
-        """Guard a ``law`` for a trailer with steered axles."""
-        self.law = law
+    def __init__(self, trailer: TrailerGeometry, combination: Combination, degradation: Degradation) -> None:
+        """For a trailer with steered axles."""
         self._trailer, self._combination, self._degradation = trailer, combination, degradation
         self._monitor = SignalMonitor(combination.vehicle, combination.unit, trailer.axle_distances)
         self._fallback = Fallback(trailer, combination=combination, name=degradation.fallback)
 
     def init(self) -> GuardMemory:
         """Memory without any estimate, wheels straight."""
+        straight = (0.0,) * len(self._trailer.steered_distances)
         return GuardMemory(
-            law=self.law.init(),
+            monitor=self._monitor.init(),
             fallback=self._fallback.init(),
             tick=None,
-            demand=(0.0,) * len(self._trailer.steered_distances),
+            demand=straight,
             travel=Travel(),
             sound=None,
             sound_since=None,
@@ -207,54 +195,67 @@ class Guarded:
             good_at=0,
             rolled=0.0,
             trusted=True,
-            steers=True,
+            law_steers=True,
             changed_at=-1,
-            difference=(0.0,) * len(self._trailer.steered_distances),
-            monitor=self._monitor.init(),
+            difference=straight,
         )
 
-    def actuated(self, memory: GuardMemory, actuation: Actuation) -> GuardMemory:
-        """Memory with the law told what its actuators do."""
-        return memory._replace(law=told_actuation(self.law, memory.law, actuation))
-
-    def step(
-        self, memory: GuardMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[GuardMemory, SteerCommand]:
-        """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        newest = memory.travel.newest
-        is_new = off_tracking is not None and (newest is None or off_tracking.tick > newest.tick)
-        memory = self._monitored(memory, off_tracking if is_new else None, signals)
-        signals = self._monitor.corrected(memory.monitor, signals)
-        motion = hitch_motion(self._combination, signals)
-        if off_tracking is not None and is_new:
-            memory = self._checked(memory, tick, off_tracking, motion)
-        memory = self._with_handover(memory, tick, motion, elapsed)
-        law, command = self.law.step(memory.law, tick, _for_law(memory, off_tracking), signals)
-        fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
-        target = command.angles
-        if not memory.steers:
-            fallback, target = self._fallback.steered(fallback, tick, signals, np.array(memory.demand))
-        memory = self._steered(memory, tick, target, elapsed)
-        return memory._replace(law=law, fallback=fallback, tick=tick), SteerCommand(angles=np.array(memory.demand))
-
-    def close(self) -> None:
-        """Close the law."""
-        close_part(self.law)
-
-    def _monitored(self, memory: GuardMemory, estimate: OffTracking | None, signals: CombinationSignals) -> GuardMemory:
-        """Memory with the signals compared with each other, and with a new estimate that they have no part in."""
-        before = memory.monitor
+    def signals_checked(
+        self, memory: GuardMemory, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[GuardMemory, CombinationSignals]:
+        """Memory and corrected signals, compared with each other and with the motion in a new estimate."""
+        before, newest = memory.monitor, memory.travel.newest
         monitor = self._monitor.received(before, signals)
-        reference = None if estimate is None else motion_reference(estimate, memory.travel.newest)
-        if reference is not None:
-            monitor = self._monitor.compared(monitor, reference)
-        travel = memory.travel
-        if monitor.distrusted != before.distrusted:
-            travel = travel._replace(missing=0.0)  # it was counted by signals that are believed no more
-        return memory._replace(monitor=monitor, travel=travel)
+        if off_tracking is not None and _is_new(memory, off_tracking):
+            reference = motion_reference(off_tracking, newest)
+            if reference is not None:
+                monitor = self._monitor.compared(monitor, reference)
+        memory = memory._replace(monitor=monitor)
+        if monitor.distrusted != before.distrusted:  # distance counted by signals that are no longer trusted
+            memory = memory._replace(travel=Travel(newest))
+        return memory, self._monitor.corrected(monitor, signals)
 
-    def _checked(self, memory: GuardMemory, tick: int, estimate: OffTracking, motion: HitchMotion) -> GuardMemory:
+    def estimate_judged(
+        self, memory: GuardMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[GuardMemory, OffTracking | None]:
+        """Memory after the choice between law and fallback, and the estimate for the law.
+
+        The law gets the newest good estimate, or the newest one marked as lost. While the fallback steers, the law gets
+        sound estimates before it takes over, so that what it measures is not old.
+        """
+        motion = hitch_motion(self._combination, signals)
+        if off_tracking is not None and _is_new(memory, off_tracking):
+            memory = self._with_estimate(memory, tick, off_tracking, motion)
+        memory = self._with_handover(memory, tick, motion)
+        if memory.law_steers and memory.good is not None:
+            return memory, memory.good
+        if not memory.law_steers and memory.sound_since is not None:
+            return memory, memory.sound
+        return memory, None if off_tracking is None else replace(off_tracking, health=Health.LOST)
+
+    def steered(
+        self, memory: GuardMemory, tick: int, wanted: FloatArray, signals: CombinationSignals
+    ) -> tuple[GuardMemory, FloatArray]:
+        """Memory and angles (n_steered,) [rad]: those ``wanted`` by the law, or those of the fallback.
+
+        The remaining difference of the last handover is added.
+        """
+        elapsed = _elapsed(memory, tick)
+        last, difference = np.array(memory.demand), np.array(memory.difference)
+        fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
+        if not memory.law_steers:
+            fallback, wanted = self._fallback.steered(fallback, tick, signals, last)
+        if tick == memory.changed_at:
+            difference = last - wanted
+        elif difference.any():
+            growth = 1.0 + (tick - memory.changed_at) * TICK / _GROWTH_TIME
+            reduction = self._degradation.fade_rate * growth * elapsed
+            difference -= np.clip(difference, -reduction, reduction)
+        demand = reachable(self._trailer, last, wanted + difference, elapsed)
+        memory = memory._replace(fallback=fallback, tick=tick)
+        return memory._replace(demand=tuple(demand.tolist()), difference=tuple(difference.tolist())), demand
+
+    def _with_estimate(self, memory: GuardMemory, tick: int, estimate: OffTracking, motion: HitchMotion) -> GuardMemory:
         """Memory with a new estimate, which is good if it and those before it are plausible."""
         d, length = self._degradation, self._trailer.follow_distance
         travel = moved_on(memory.travel, estimate, motion, length)
@@ -268,61 +269,33 @@ class Guarded:
         since = tick if memory.sound_since is None else memory.sound_since
         memory = memory._replace(sound=estimate, sound_since=since)
         if not memory.trusted and (tick - since) * TICK >= d.recovery:
-            memory = memory._replace(trusted=True, steers=True, changed_at=tick)
+            memory = memory._replace(trusted=True, law_steers=True, changed_at=tick)
         return memory._replace(good=estimate, good_at=tick) if memory.trusted else memory
 
-    def _with_handover(self, memory: GuardMemory, tick: int, motion: HitchMotion, elapsed: float) -> GuardMemory:
+    def _with_handover(self, memory: GuardMemory, tick: int, motion: HitchMotion) -> GuardMemory:
         """Memory after a handover to the fallback, if the last good estimate is out of date.
 
         The first estimate is due when the path reaches back to the follow point.
         """
-        if not memory.steers:
+        if not memory.law_steers:
             return memory
+        hold, length = self._degradation.hold, self._trailer.follow_distance
         if memory.good is None:
-            rolled = memory.rolled + abs(motion.v_x) * elapsed
-            due = memory.good_at if rolled > self._trailer.follow_distance else tick
-            memory = memory._replace(rolled=rolled, good_at=due)
-            if (tick - due) * TICK <= self._degradation.hold + _GAP:
-                return memory
-            return memory._replace(steers=False, trusted=False, sound_since=None, changed_at=tick)
-        held, limit = (tick - memory.good_at) * TICK, _HOLD_DISTANCE * self._trailer.follow_distance
-        if held <= self._degradation.hold and (held <= _GAP or held * abs(motion.v_x) <= limit):
+            rolled = memory.rolled + abs(motion.v_x) * _elapsed(memory, tick)
+            memory = memory._replace(rolled=rolled, good_at=memory.good_at if rolled > length else tick)
+            is_recent = (tick - memory.good_at) * TICK <= hold + _GAP
+        else:
+            held = (tick - memory.good_at) * TICK
+            is_recent = held <= hold and (held <= _GAP or held * abs(motion.v_x) <= _HOLD_DISTANCE * length)
+        if is_recent:
             return memory
-        return memory._replace(steers=False, trusted=False, sound_since=None, changed_at=tick)
-
-    def _steered(self, memory: GuardMemory, tick: int, target: FloatArray, elapsed: float) -> GuardMemory:
-        """Memory with a new demand: the target plus the remaining difference of the last handover."""
-        last, difference = np.array(memory.demand), np.array(memory.difference)
-        if tick == memory.changed_at:
-            difference = last - target
-        elif difference.any():
-            growth = 1.0 + (tick - memory.changed_at) * TICK / _GROWTH_TIME
-            reduction = self._degradation.fade_rate * growth * elapsed
-            difference -= np.clip(difference, -reduction, reduction)
-        demand = reachable(self._trailer, last, target + difference, elapsed)
-        return memory._replace(demand=tuple(demand.tolist()), difference=tuple(difference.tolist()))
+        return memory._replace(law_steers=False, trusted=False, sound_since=None, changed_at=tick)
 
 
-def guard_memory(memory: object) -> GuardMemory | None:
-    """Memory of the guard in that of a law with all its layers; None if it has no guard."""
-    while isinstance(memory, SupervisionMemory | ReverseLockMemory):
-        memory = memory.law
-    return memory if isinstance(memory, GuardMemory) else None
+def _elapsed(memory: GuardMemory, tick: int) -> float:
+    """Time since the last step [s]."""
+    return 0.0 if memory.tick is None else (tick - memory.tick) * TICK
 
 
-def signal_findings(memory: object) -> tuple[Finding, ...]:
-    """Signals that the guard of a law has found at fault, by the memory of the law with all its layers."""
-    guard = guard_memory(memory)
-    return () if guard is None else guard.monitor.findings
-
-
-def _for_law(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:
-    """Estimate for the law: the newest good one, or the newest one marked as lost.
-
-    While the fallback steers, the law sees sound estimates before it takes over, so that what it measures is not old.
-    """
-    if memory.steers and memory.good is not None:
-        return memory.good
-    if not memory.steers and memory.sound_since is not None:
-        return memory.sound
-    return newest if newest is None else replace(newest, health=Health.LOST)
+def _is_new(memory: GuardMemory, estimate: OffTracking) -> bool:
+    return memory.travel.newest is None or estimate.tick > memory.travel.newest.tick

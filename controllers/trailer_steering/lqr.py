@@ -29,9 +29,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import model_validator
 from scipy.linalg import expm
 
 from controllers.driver import PERIOD
@@ -39,6 +40,7 @@ from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerG
 from controllers.trailer_steering.kinematics import (
     ReckonedPath,
     check_steered,
+    check_towed,
     corrected,
     hitch_motion,
     moved,
@@ -53,7 +55,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, option, quantity
 
 KMH: Final = 1.0 / 3.6  # [m/s]
 SPEEDS: Final = tuple(KMH * kmh for kmh in range(20, 131, 10))  # of the designs; gains are linear in between [m/s]
@@ -224,43 +226,40 @@ class LqrMemory(NamedTuple):
 class Lqr(SteeringLaw[LqrMemory]):
     """One angle for all steered axles of the trailer, by state feedback."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("off_tracking_weight", 0.04, "weight of the off-tracking", "rad2/m2", 0.0, 10.0),
-        Option("acceleration_weight", 0.03, "weight of the trailer's lateral acceleration", "rad2 s4/m2", 0.0, 10.0),
-        Option("from_speed_kmh", 45.0, "speed below which the axles are straight", "km/h", 20.0, 120.0),
-        Option("full_speed_kmh", 70.0, "speed from which on the law has full authority", "km/h", 20.0, 130.0),
-    )
+    class Parameters(PartParameters):
+        """Weights of the cost, and the band of speeds in which the law fades in."""
+
+        off_tracking_weight: float = quantity(0.04, "rad2/m2", 0.0, 10.0, "weight of the off-tracking")
+        acceleration_weight: float = quantity(
+            0.03, "rad2 s4/m2", 0.0, 10.0, "weight of the trailer's lateral acceleration"
+        )
+        from_speed_kmh: float = quantity(45.0, "km/h", 20.0, 120.0, "speed below which the axles are straight")
+        full_speed_kmh: float = quantity(70.0, "km/h", 20.0, 130.0, "speed from which on the law has full authority")
+
+        @model_validator(mode="after")
+        def _rises(self) -> Self:
+            low, high = self.from_speed_kmh, self.full_speed_kmh
+            if not low < high:
+                raise ValueError(f"full_speed_kmh = {high} km/h must exceed from_speed_kmh = {low}")
+            return self
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        off_tracking_weight: float = 0.04,
-        acceleration_weight: float = 0.03,
-        from_speed_kmh: float = 45.0,
-        full_speed_kmh: float = 70.0,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer; ``options`` describes the parameters.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
         check_steered("lqr", trailer)
-        given = {
-            "off_tracking_weight": off_tracking_weight,
-            "acceleration_weight": acceleration_weight,
-            "from_speed_kmh": from_speed_kmh,
-            "full_speed_kmh": full_speed_kmh,
-        }
-        check_options(self.options, given)
-        if not from_speed_kmh < full_speed_kmh:
-            raise ValueError(f"full_speed_kmh = {full_speed_kmh} km/h must exceed from_speed_kmh = {from_speed_kmh}")
+        check_towed("lqr", combination)
+        given = parameters or self.Parameters()
         self._trailer, self._combination = trailer, combination
-        self._band = KMH * from_speed_kmh, KMH * full_speed_kmh
+        self._band = KMH * given.from_speed_kmh, KMH * given.full_speed_kmh
         self._ratios = np.array(trailer.steer_ratios)
         self._nodes = path_nodes(trailer.follow_distance)
-        self._gains = schedule(combination, trailer, Weights(off_tracking_weight, acceleration_weight))
+        weights = Weights(given.off_tracking_weight, given.acceleration_weight)
+        self._gains = schedule(combination, trailer, weights)
 
     def init(self) -> LqrMemory:
         """Straight road behind, wheels straight."""
@@ -314,15 +313,13 @@ class Lqr(SteeringLaw[LqrMemory]):
         return max(-limit, min(limit, max(last - reach, min(last + reach, wanted))))
 
 
-_LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
+LowSpeed = Literal["command_steer", "ct_at", "path_preview", "virtual_driver"]
+_LOW_SPEED: Final[dict[LowSpeed, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
     "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
     "ct_at": lambda trailer, combination: CtAt(trailer, combination=combination),
     "path_preview": lambda trailer, combination: PathPreview(trailer),
     "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
 }
-_LOW_SPEED_OPTION: Final = Option(
-    "low_speed", "path_preview", "name of the law at low speed", choices=tuple(_LOW_SPEED)
-)
 
 # assumed, between the speed of a tight turn and that of a road; the low-speed laws oscillate at 50 km/h [m/s].
 _FULL_UP_TO, _NONE_FROM = 25.0 * KMH, 45.0 * KMH
@@ -340,35 +337,23 @@ class CombinedMemory(NamedTuple):
 class Combined(SteeringLaw[CombinedMemory]):
     """Sum of a low-speed law and the LQR, each in its range of speeds."""
 
-    options: ClassVar[tuple[Option, ...]] = (_LOW_SPEED_OPTION, *Lqr.options)
+    class Parameters(Lqr.Parameters):
+        """Name of the law at low speed, and the parameters of the LQR."""
+
+        low_speed: LowSpeed = option("name of the law at low speed", "path_preview")
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        low_speed: str = "path_preview",
-        from_speed_kmh: float = 45.0,
-        full_speed_kmh: float = 70.0,
-        off_tracking_weight: float = 0.04,
-        acceleration_weight: float = 0.03,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer; ``low_speed`` is a law's name, the other parameters are those of `Lqr`.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, a law is unknown, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
-        _LOW_SPEED_OPTION.check(low_speed, "low_speed")
+        given = parameters or self.Parameters()
         self._trailer = trailer
-        self._high = Lqr(
-            trailer,
-            combination=combination,
-            off_tracking_weight=off_tracking_weight,
-            acceleration_weight=acceleration_weight,
-            from_speed_kmh=from_speed_kmh,
-            full_speed_kmh=full_speed_kmh,
-        )
-        self._low = _LOW_SPEED[low_speed](trailer, combination)
+        self._high = Lqr(trailer, combination=combination, parameters=given)
+        self._low = _LOW_SPEED[given.low_speed](trailer, combination)
 
     def init(self) -> CombinedMemory:
         """Wheels straight."""

@@ -17,7 +17,7 @@ rolling kinematics, are as slow as the age of the estimate: the law fades to str
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, quantity
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
@@ -79,39 +79,30 @@ class PathPreviewMemory(NamedTuple):
 class PathPreview(SteeringLaw[PathPreviewMemory]):
     """Axle angles that bring the follow point onto the path of the hitch and keep it there."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("gain", 0.77, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
-        Option("integral", 0.06, "turn per offset and metre travelled", "rad/m2", 0.0, 0.5, tune=(0.0, 0.12)),
+    class Parameters(PartParameters):
+        """Parameters; the defaults come from `offtrack tune`, whose study is in scenarios/data/tuning/path_preview."""
+
+        gain: float = quantity(0.77, "rad/m", 0.0, 2.0, "turn of the follow point per offset", tune=(0.15, 1.5))
+        integral: float = quantity(0.06, "rad/m2", 0.0, 0.5, "turn per offset and metre travelled", tune=(0.0, 0.12))
         # 1/(4.6 g): cornering stiffness of a truck tyre over its load
-        Option("compliance", 0.022, "axle slip per lateral acceleration", "rad s2/m", 0.0, 0.1, tune=(0.005, 0.06)),
-        Option("slip_distance", 0.6, "low-pass of the remaining slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
-    )
+        compliance: float = quantity(
+            0.022, "rad s2/m", 0.0, 0.1, "axle slip per lateral acceleration", tune=(0.005, 0.06)
+        )
+        slip_distance: float = quantity(0.6, "m", 0.1, 100.0, "low-pass of the remaining slip", tune=(0.4, 6.0))
 
-    def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        gain: float = 0.77,
-        integral: float = 0.06,
-        compliance: float = 0.022,
-        slip_distance: float = 0.6,
-    ) -> None:
-        """A controller for the trailer; ``options`` describes the parameters.
-
-        The defaults come from `offtrack tune`; its study is in scenarios/data/tuning/path_preview.
+    def __init__(self, trailer: TrailerGeometry, *, parameters: Parameters | None = None) -> None:
+        """A controller for the trailer.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
         check_steered("path_preview", trailer)
-        self._trailer = trailer
-        given = {"gain": gain, "integral": integral, "compliance": compliance, "slip_distance": slip_distance}
-        check_options(self.options, given)
+        self._trailer, given = trailer, parameters or self.Parameters()
         self._axles = AxleGroup.of(trailer)
         pace = min(1.0, self._axles.centre / _LONG) ** 2
-        self._gain, self._crossover, self._integral = gain, pace * _CROSSOVER, pace * integral
+        self._gain, self._crossover, self._integral = given.gain, pace * _CROSSOVER, pace * given.integral
         calm = 1.0 if len(self._axles.fixed) else _UNDAMPED
-        self._compliance, self._slip_distance = pace * compliance, calm * slip_distance / pace
+        self._compliance, self._slip_distance = pace * given.compliance, calm * given.slip_distance / pace
         self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> PathPreviewMemory:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from vehicle.foundation.data_file import read_arrays
 from vehicle.foundation.polyline import arc_length
 from vehicle.foundation.user_file import FileType, shown
 from vehicle.frames import FloatArray
-from vehicle.option import Option
+from vehicle.option import PartParameters, option
 
 NETWORK_FILE: Final = FileType("a trained network", 16_000_000)
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
@@ -131,23 +131,19 @@ class PolicyMemory(NamedTuple):
 class Policy(SteeringLaw[PolicyMemory]):
     """Angles from a trained network."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option(
-            "path",
-            None,
-            "file of the network, or the name of a shipped one",
-            default_text="required",
-            type_without_default=str,
-        ),
-    )
+    class Parameters(PartParameters):
+        """The network."""
 
-    def __init__(self, trailer: TrailerGeometry, *, combination: Combination, path: str) -> None:
-        """``path`` of the network's file, or the name of a shipped one.
+        path: str = option("file of the network, or the name of a shipped one")
+
+    def __init__(self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters) -> None:
+        """A controller for the trailer of a ``combination``.
 
         Raises:
             ValueError: one line, if the trailer has no steered axle, or the network has other inputs or outputs.
         """
         check_steered("policy", trailer)
+        path = parameters.path
         self._trailer, self._network = trailer, load_network(network_file(path))
         names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
         if self._network.features != names:

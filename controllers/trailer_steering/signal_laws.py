@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -56,13 +56,10 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, quantity
 
 _CREEP = 0.2  # below this speed the direction of travel is sensor noise, and the axles keep their angles [m/s]
 _SHORTEST, _LONGEST = 0.1, 2.0  # of the follow distance; a shorter one needs more steer than any axle has
-_RIGID_LENGTH: Final = Option(
-    "rigid_length", None, "hitch to the emulated rigid axle", "m", 0.1, 40.0, default_text="half the follow distance"
-)
 
 
 class CommandSteerMemory(NamedTuple):
@@ -76,20 +73,27 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
     """Steer angles as a function of the articulation; the off-tracking is not used."""
 
     uses_off_tracking: ClassVar[bool] = False
-    options: ClassVar[tuple[Option, ...]] = (_RIGID_LENGTH,)
+
+    class Parameters(PartParameters):
+        """Geometry of the emulated trailer."""
+
+        rigid_length: float | None = quantity(
+            None, "m", 0.1, 40.0, "hitch to the emulated rigid axle", default_text="half the follow distance"
+        )
 
     def __init__(
-        self, trailer: TrailerGeometry, *, combination: Combination, rigid_length: float | None = None
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """``rigid_length`` is L', from the hitch to the emulated axle [m]; by default half the follow distance.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
             ValueError: if the trailer has no steered axle, or the length is outside 0.1 to 2 follow distances.
         """
         check_steered("command_steer", trailer)
-        length = 0.5 * trailer.follow_distance if rigid_length is None else rigid_length
+        given = (parameters or self.Parameters()).rigid_length
+        length = 0.5 * trailer.follow_distance if given is None else given
         low, high = _SHORTEST * trailer.follow_distance, _LONGEST * trailer.follow_distance
-        replace(_RIGID_LENGTH, low=low, high=high).check(length, "rigid_length")
+        replace(self.Parameters.option("rigid_length"), low=low, high=high).check(length, "rigid_length")
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
         self._beyond = trailer.follow_distance / length - 1.0  # distance of the follow point behind L', over L'
@@ -144,35 +148,27 @@ class CtAtMemory(NamedTuple):
 class CtAt(SteeringLaw[CtAtMemory]):
     """Steer angles that match the trailer's heading to the path of its hitch; the off-tracking is not used."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("heading_gain", 1.5, "turn of the follow point per heading error", "-", 0.0, 5.0),
-        Option(
-            "preview", None, "preview time of the required heading", "s", 0.0, 1.0, default_text="the actuators' lag"
-        ),
-    )
+    class Parameters(PartParameters):
+        """Gain against the reference trailer, and preview against the actuators' lag."""
+
+        heading_gain: float = quantity(1.5, "-", 0.0, 5.0, "turn of the follow point per heading error")
+        preview: float | None = quantity(
+            None, "s", 0.0, 1.0, "preview time of the required heading", default_text="the actuators' lag"
+        )
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        heading_gain: float = 1.5,
-        preview: float | None = None,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer.
-
-        Args:
-            trailer: to be steered.
-            combination: data sheet of the whole combination.
-            heading_gain: turn of the follow point per heading error against the reference trailer [-]; 0: none.
-            preview: time ahead at which the heading is read from the path, against the actuators' lag [s].
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle, or its actuators are too slow for the preview.
         """
         check_steered("ct_at", trailer)
-        self._gain, self._preview = heading_gain, trailer.actuator_lag if preview is None else preview
-        check_options(self.options, {"heading_gain": self._gain, "preview": self._preview})
+        given = parameters or self.Parameters()
+        self._gain = given.heading_gain
+        self._preview = trailer.actuator_lag if given.preview is None else given.preview
+        self.Parameters.option("preview").check(self._preview, "preview")
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
 

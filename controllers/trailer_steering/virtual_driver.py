@@ -28,7 +28,7 @@ measured one.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, quantity
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
@@ -82,32 +82,24 @@ class VirtualDriverMemory(NamedTuple):
 class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
     """PID with preview on the off-tracking, as by a driver at the rear."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("preview", 1.5, "distance at which the driver aims for the path", "m", 0.2, 6.0, tune=(0.8, 4.0)),
-        Option("gain", 1.0, "proportional part; 1: straight at that point", "-", 0.0, 5.0),
-        Option("integral", 0.06, "turn per error and metre travelled", "rad/m2", 0.0, 0.5, tune=(0.0, 0.15)),
-        Option("derivative", 1.0, "share of the axles' drift that is steered against", "-", 0.0, 1.0),
-    )
+    class Parameters(PartParameters):
+        """Gains of the driver."""
 
-    def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        preview: float = 1.5,
-        gain: float = 1.0,
-        integral: float = 0.06,
-        derivative: float = 1.0,
-    ) -> None:
-        """A controller for the trailer; ``options`` describes the parameters.
+        preview: float = quantity(1.5, "m", 0.2, 6.0, "distance at which the driver aims for the path", tune=(0.8, 4.0))
+        gain: float = quantity(1.0, "-", 0.0, 5.0, "proportional part; 1: straight at that point")
+        integral: float = quantity(0.06, "rad/m2", 0.0, 0.5, "turn per error and metre travelled", tune=(0.0, 0.15))
+        derivative: float = quantity(1.0, "-", 0.0, 1.0, "share of the axles' drift that is steered against")
+
+    def __init__(self, trailer: TrailerGeometry, *, parameters: Parameters | None = None) -> None:
+        """A controller for the trailer.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
         check_steered("virtual_driver", trailer)
-        given = {"preview": preview, "gain": gain, "integral": integral, "derivative": derivative}
-        check_options(self.options, given)
+        given = parameters or self.Parameters()
         self._trailer, self._axles = trailer, AxleGroup.of(trailer)
-        self._gain, self._integral, self._derivative = gain / preview, integral, derivative
+        self._gain, self._integral, self._derivative = given.gain / given.preview, given.integral, given.derivative
         self._x_c = self._axles.second_moment / self._axles.first_moment
         self._predictor = Predictor(trailer, self._axles)
 

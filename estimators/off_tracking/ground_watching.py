@@ -37,7 +37,6 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray, inverse
-from vehicle.option import Option
 
 _STILL = 5e-4  # below it the trailer stands: views are kept, so that noise does not accumulate [m]
 _LONGEST_SPAN = 500  # longest loss; after it the views no longer overlap [ticks]
@@ -81,7 +80,6 @@ class GroundWatching:
     """Off-tracking from two downward cameras under the trailer."""
 
     sensor: ClassVar[str] = "ground_cameras"
-    options: ClassVar[tuple[Option, ...]] = ()
     _single = False
 
     def __init__(self, calibration: StereoCalibration, follow_distance: float) -> None:

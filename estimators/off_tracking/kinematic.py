@@ -24,7 +24,6 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import Pose2, rotation_zyx, transform
-from vehicle.option import Option
 
 _PUBLISHED = 100  # output period, as of a camera [ticks]
 _LONGEST_GAP = 500  # longest gap between signals; after it the path restarts [ticks]
@@ -57,7 +56,6 @@ class KinematicOffTracking:
     """Off-tracking of one trailer, assuming no slip at the tractor's rear axle."""
 
     sensor: ClassVar[str] = "combination_signals"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, vehicle: Vehicle, unit: int, follow_distance: float) -> None:
         """For the ``unit`` of a vehicle whose follow point is ``follow_distance`` [m] behind its hitch.

@@ -11,7 +11,6 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from sensors.messages import BodyPose, GnssIns
 from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
-from vehicle.option import Option
 
 
 class ReferenceMemory(NamedTuple):
@@ -25,7 +24,6 @@ class ReferenceOffTracking:
     """Off-tracking from the poses of a reference unit; the unit's own errors are not included in ``std``."""
 
     sensor: ClassVar[str] = "reference_pose"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, follow_distance: float, *, path_height: float = 0.0) -> None:
         """For a follow point ``follow_distance`` [m] behind the hitch, and paths at ``path_height`` [m] in the body.

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar, Generic, NamedTuple, Self
+from typing import ClassVar, Generic, Literal, NamedTuple, Self
 
 from estimators.context import Memory, Odometry, TrailerContext
 from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
@@ -22,7 +22,7 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame, TrailerView, stereo_frame
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, raised
-from vehicle.option import Option, option_values
+from vehicle.option import PartParameters, option, quantity
 
 
 class Towed(NamedTuple):
@@ -44,23 +44,18 @@ class VisoOt(Generic[Memory]):
     """VISO-OT: off-tracking from stereo frames by odometry, change to the trailer frame, and a path buffer."""
 
     sensor: ClassVar[str] = "stereo_camera"
-    options: ClassVar[tuple[Option, ...]] = (
-        Option(name="smoothing", default=False, meaning="Kalman filter on the motions that fill the path buffer"),
-        Option(
-            name="reversing_distance",
-            default=REVERSING,
-            unit="m",
-            low=0.0,
-            high=200.0,
-            meaning="path kept behind the follow point for a trailer that reverses",
-        ),
-        Option(
-            name="fusion",
-            default="signals",
-            choices=("signals", "none"),
-            meaning="bridge outages of the cameras, and check their motions, by the combination's own sensors",
-        ),
-    )
+
+    class Parameters(PartParameters):
+        """The buffer, and the use of signals."""
+
+        smoothing: bool = option("Smooth the motions in the buffer with a Kalman filter.", False)
+        reversing_distance: float = quantity(
+            REVERSING, "m", 0.0, 200.0, "Distance of reversing for which the path is kept."
+        )
+        fusion: Literal["signals", "none"] = option(
+            "Bridge outages of the cameras, and check them, by the combination's own sensors; none: cameras alone.",
+            "signals",
+        )
 
     def __init__(
         self,
@@ -68,9 +63,7 @@ class VisoOt(Generic[Memory]):
         follow_distance: float,
         odometry: Odometry[Memory],
         *,
-        reversing_distance: float = REVERSING,
-        smoothing: bool = False,
-        fusion: str = "signals",
+        parameters: Parameters | None = None,
         path_height: float = 0.0,
         direction_std: float = 0.0,
         towed: Towed | None = None,
@@ -78,37 +71,35 @@ class VisoOt(Generic[Memory]):
         """For the rig of ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
         Paths are those of points at ``path_height`` [m] in the body. At the height of its roll axis a body does not
-        move to the side as it rolls. ``smoothing`` and ``reversing_distance`` [m] are those of `OffTrackingBuffer`.
-        The direction of the left camera in the body is known to ``direction_std`` [rad], 1 sigma: an error turns the
-        path about the hitch. ``fusion = "signals"`` needs to know the trailer as ``towed`` unit of a vehicle; without
-        it, and with "none", the cameras are used alone.
+        move to the side as it rolls. The direction of the left camera in the body is known to ``direction_std`` [rad],
+        1 sigma: an error turns the path about the hitch. Fusion of signals needs to know the trailer as ``towed`` unit
+        of a vehicle; without it the cameras are used alone.
 
         Raises:
-            ValueError: if ``follow_distance`` is not positive, ``reversing_distance`` negative, or ``towed`` is no
-                towed unit.
+            ValueError: if ``follow_distance`` is not positive, or ``towed`` is no towed unit.
         """
+        given = parameters or self.Parameters()
         self._X_SC = raised(-path_height) @ calibration.X_SC
         self._odometry = odometry
         self._direction_std = direction_std * follow_distance  # [m]
-        self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
+        self._buffer = OffTrackingBuffer(
+            follow_distance, reversing_distance=given.reversing_distance, smoothing=given.smoothing
+        )
         self._fusion: SignalFusion | None = None
-        if fusion == "signals" and towed is not None:
+        if given.fusion == "signals" and towed is not None:
             self._fusion = SignalFusion(towed.vehicle, towed.unit, follow_distance, self._buffer)
         self.fuses_signals = self._fusion is not None
 
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
         """Estimator with the context's cameras, odometry and options."""
-        values = option_values(cls.options, context.options, "estimator")
         return cls(
             context.stereo(),
             context.follow_distance,
             context.stereo_odometry(),
-            reversing_distance=float(values["reversing_distance"]),
-            smoothing=bool(values["smoothing"]),
-            fusion=str(values["fusion"]),
+            parameters=cls.Parameters.of(context.options, "estimator"),
             path_height=context.roll_axis_height,
-            towed=Towed(context.vehicle, context.unit),
+            towed=Towed(context.vehicle, context.unit) if context.unit > 0 else None,
         )
 
     def init(self) -> VisoOtMemory[Memory]:

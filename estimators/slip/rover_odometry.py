@@ -23,7 +23,6 @@ from estimators.estimates import Health, SlipAngle
 from sensors.messages import LaserFix, RoverReadings, SlipReading
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
-from vehicle.option import Option
 
 _HEADING_TIME: Final = 2.0  # time constant of the correction of the heading by the compass [s]
 # Time constant of the drift angle that the driver compensates. Slopes change over some seconds, and a single slip angle
@@ -258,7 +257,6 @@ class ReferenceSlip:
     """Slip angle that an exact instrument reads."""
 
     sensor: ClassVar[str] = "slip_reading"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     @classmethod
     def of(cls, context: RoverContext) -> Self:

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from offtrack.commands.console import BAD_INPUT, CHECK_FAILED, PlainConsole, one_line_errors
-from offtrack.commands.study_options import StudyOptions, takes_study_options
-from offtrack.commands.study_status import print_status
-
-if TYPE_CHECKING:
-    from offtrack.studies.campaigns.campaign import Campaign
-    from offtrack.studies.campaigns.failures import Cell, Search, Times
-    from offtrack.studies.campaigns.run_campaign import Results
+from offtrack.commands.study import StudyOptions, takes_study_options
+from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
+from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_text
+from offtrack.studies.campaigns.default_campaign import default_campaign
+from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, unaccepted
+from offtrack.studies.campaigns.run_campaign import Results, results_json, run_campaign
+from offtrack.studies.case import listed, seeds_of
+from offtrack.studies.study import settings_of
+from scenarios.options.scenario import scenario_names
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import shown
 
 EXAMPLES = (
     "Examples: offtrack campaign --list   offtrack campaign roundabout --set course.turn_deg=90   "
     "offtrack campaign roundabout-low-friction --controllers path_preview,mpc --seeds 1-4   "
-    "offtrack campaign trailer-steering-faults   offtrack campaign trailer-steering-faults --status   "
+    "offtrack campaign trailer-steering-faults   "
     'Example of a CAMPAIGN.toml:   scenario = "roundabout"   seeds = [1, 2]   [set]   off_tracking = "surrogate"   '
     '[vary]   trailer_steering = ["path_preview", "mpc"]   surface.friction = [0.8, 0.3]   '
     '[[fault]]   kind = "gyro_bias"   amounts = [1, 5]   onsets = [6, 9]   durations = [2, "end"]   '
@@ -65,9 +69,6 @@ def campaign(
     runs, and the smallest fault that fails. Finished runs are saved at once: repeat the command to continue. The exit
     code is 1 if a probability may be larger than [accept] allows.
     """
-    from offtrack.studies.campaigns.failures import unaccepted
-    from offtrack.studies.campaigns.run_campaign import results_json, run_campaign
-
     with one_line_errors():
         if listed or target is None:
             _list(as_json=options.as_json)
@@ -75,9 +76,6 @@ def campaign(
         chosen = _campaign(target, settings or [], seeds, controllers)
         title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
         directory = options.directory(title)
-        if options.status:
-            print_status(chosen, directory, as_json=options.as_json)
-            return
         with options.opened(title) as run_options:
             found = run_campaign(title, chosen, directory, run_options)
     broken = unaccepted(chosen, found.cells)
@@ -90,13 +88,6 @@ def campaign(
 
 
 def _campaign(target: str, settings: list[str], seeds: str | None, controllers: str | None) -> Campaign:
-    from offtrack.studies.campaigns.campaign import campaign_names, campaign_path, load_campaign, with_changes
-    from offtrack.studies.campaigns.default_campaign import default_campaign
-    from offtrack.studies.case import listed, seeds_of
-    from offtrack.studies.study import settings_of
-    from scenarios.options.scenario import scenario_names
-    from vehicle.foundation.parameter_file import nearest
-    from vehicle.foundation.user_file import shown
 
     changes, chosen = settings_of(settings, "--set"), None if seeds is None else seeds_of(seeds)
     laws = None if controllers is None else listed(controllers, "--controllers")
@@ -112,7 +103,6 @@ def _campaign(target: str, settings: list[str], seeds: str | None, controllers: 
 
 
 def _list(*, as_json: bool) -> None:
-    from offtrack.studies.campaigns.campaign import campaign_names, campaign_path, load_campaign
 
     paths = {name: path for name in campaign_names() if (path := campaign_path(name))}
     loaded = {name: load_campaign(path) for name, path in paths.items()}
@@ -127,7 +117,6 @@ def _list(*, as_json: bool) -> None:
 
 
 def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
-    from offtrack.studies.campaigns.failures import totals
 
     console = PlainConsole()
     console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
@@ -185,8 +174,6 @@ def _field(cell: Cell, *, full: bool) -> str:
 
 def _times(cells: list[Cell]) -> Table:
     """Times of each fault over all laws and further axes."""
-    from offtrack.studies.campaigns.failures import Times
-
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("fault", no_wrap=True)
     for heading in ("detected: median", "worst", "never", "recovered: median", "worst", "never"):
@@ -199,7 +186,6 @@ def _times(cells: list[Cell]) -> Table:
 
 
 def _time_texts(times: Times) -> list[str]:
-    from offtrack.studies.campaigns.campaign_page import time_text
 
     if not times.known:
         return ["-", "-", "-"]
@@ -207,7 +193,6 @@ def _time_texts(times: Times) -> list[str]:
 
 
 def _thresholds(searches: tuple[Search, ...]) -> Table:
-    from offtrack.studies.campaigns.campaign_page import found_text, note_of
 
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in ("bisected", "law", "", "seed", "smallest that fails", ""):

@@ -1,20 +1,93 @@
-"""The `offtrack` command with its subcommands."""
+"""The `offtrack` command with its subcommands, whose modules are imported when they are called."""
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import sys
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from offtrack.commands import calibrate, campaign, estimate, export, fmu, run, study, train, tune, validate, vehicle
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, lines
 from scenarios.progress import TERMINATED, interrupt_on_termination, terminated
 
+
+class Entry(NamedTuple):
+    """A command: where it is, and the line that `offtrack --help` shows of it."""
+
+    module: str  # below offtrack.commands
+    help: str
+    examples: str = ""  # name of the module's text at the end of the command's help
+    function: str = ""  # empty: named as the command, or a group of commands, ``app``
+
+
+_COMMANDS: Final = {
+    "scenarios": Entry("run", "List all scenarios, or show one in full."),
+    "parts": Entry("run", "List the replaceable parts with their parameters and ranges.", "PARTS_EXAMPLES"),
+    "keys": Entry("run", "List every key of a scenario with its value and meaning.", "KEYS_EXAMPLES"),
+    "run": Entry("run", "Run a scenario in the closed loop and write its report.", "RUN_EXAMPLES"),
+    "vehicle": Entry("assess", "Check a vehicle or rover file, and draw its data sheet.", "VEHICLE_EXAMPLES"),
+    "assess": Entry("assess", "Drive a vehicle through standard manoeuvres.", "ASSESS_EXAMPLES"),
+    "view": Entry("exchange", "Lay finished runs over each other in one page.", "VIEW_EXAMPLES"),
+    "draw": Entry("exchange", "Draw the swept path of a finished run for CAD or GIS.", "DRAW_EXAMPLES"),
+    "export": Entry("exchange", "Write the signals of a finished run for other tools.", "EXPORT_EXAMPLES"),
+    "validate": Entry("assess", "Compare the vehicle model with theory and published tables."),
+    "calibrate": Entry("estimate", "Calibrate cameras with photographs of a checkerboard.", "CALIBRATE_EXAMPLES"),
+    "compare": Entry("study", "Compare steering laws, or finished runs, in a table.", "COMPARE_EXAMPLES"),
+    "sweep": Entry("study", "Run every combination of a study's values with every seed.", "SWEEP_EXAMPLES"),
+    "campaign": Entry("campaign", "Run a fault campaign: how often a loop fails requirements.", "EXAMPLES"),
+    "tune": Entry("train", "Tune the parameters of a steering law or rover driver.", "TUNE_EXAMPLES"),
+    "train": Entry("train", "Train a trailer steering policy with PPO.", "TRAIN_EXAMPLES"),
+    "convert-policy": Entry("train", "Convert a model of stable-baselines3.", "CONVERT_EXAMPLES", "convert_policy"),
+    "reproduce": Entry("assess", "Reproduce a paper's table or figure.", "REPRODUCE_EXAMPLES"),
+    "fit-surrogate": Entry("train", "Fit a surrogate of a camera estimator.", "FIT_EXAMPLES", "fit_surrogate"),
+    "estimate": Entry("estimate", "Run estimators on recorded images.", function="app"),
+    "fmu": Entry("exchange", "Co-simulation with other tools by FMI.", function="app"),
+}
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands by name; looking one up imports its module."""
+
+    def __getitem__(self, name: str) -> Any:
+        entry = _COMMANDS[name]
+        module = importlib.import_module(f"offtrack.commands.{entry.module}")
+        if entry.function == "app":
+            return typer.main.get_command(module.app)
+        command = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        epilog = lines(getattr(module, entry.examples)) if entry.examples else None
+        command.command(name=name, epilog=epilog)(getattr(module, entry.function or name))
+        return typer.main.get_command(command)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_COMMANDS)
+
+    def __len__(self) -> int:
+        return len(_COMMANDS)
+
+
+class _Group(OneLineGroup):
+    """Commands of a table; a list of them imports none."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands: Any = _Commands()
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of the commands."""
+        return list(_COMMANDS)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a line for each command."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.help) for name, entry in _COMMANDS.items()])
+
+
 app = typer.Typer(
     name="offtrack",
-    cls=OneLineGroup,
+    cls=_Group,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -44,29 +117,6 @@ def _offtrack(
     ] = False,
 ) -> None:
     """Closed-loop co-simulation of slipping vehicles with camera-based steering."""
-
-
-app.command()(run.scenarios)
-app.command(epilog=lines(run.PARTS_EXAMPLES))(run.parts)
-app.command(epilog=lines(run.KEYS_EXAMPLES))(run.keys)
-app.command(epilog=lines(run.RUN_EXAMPLES))(run.run)
-app.command(epilog=lines(vehicle.VEHICLE_EXAMPLES))(vehicle.vehicle)
-app.command(epilog=lines(vehicle.ASSESS_EXAMPLES))(vehicle.assess)
-app.command(epilog=lines(export.VIEW_EXAMPLES))(export.view)
-app.command(epilog=lines(export.DRAW_EXAMPLES))(export.draw)
-app.command(epilog=lines(export.EXPORT_EXAMPLES))(export.export)
-app.command()(validate.validate)
-app.command(epilog=lines(calibrate.EXAMPLES))(calibrate.calibrate)
-app.command(epilog=lines(study.COMPARE_EXAMPLES))(study.compare)
-app.command(epilog=lines(study.SWEEP_EXAMPLES))(study.sweep)
-app.command(epilog=lines(campaign.EXAMPLES))(campaign.campaign)
-app.command(epilog=lines(tune.EXAMPLES))(tune.tune)
-app.command(epilog=lines(train.TRAIN_EXAMPLES))(train.train)
-app.command(name="convert-policy", epilog=lines(train.CONVERT_EXAMPLES))(train.convert_policy)
-app.command(epilog=lines(validate.REPRODUCE_EXAMPLES))(validate.reproduce)
-app.command(name="fit-surrogate", epilog=lines(train.FIT_EXAMPLES))(train.fit_surrogate)
-app.add_typer(estimate.app, name="estimate")
-app.add_typer(fmu.app, name="fmu")
 
 
 def main() -> None:

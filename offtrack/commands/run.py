@@ -6,7 +6,7 @@ import json
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.syntax import Syntax
@@ -25,11 +25,18 @@ from offtrack.commands.console import (
     progress_display,
     remark,
 )
+from offtrack.exchange.bench.links import opened_bench
+from offtrack.exchange.recordings.writers import recording_in
+from offtrack.reports.run_writer import write_run
+from offtrack.reports.watching import Watcher, watched
+from scenarios import part_listing
+from scenarios.loop import runner
+from scenarios.loop.timing import Pacer
+from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.part_listing import Key
 from scenarios.progress import postponed_interrupts
-
-if TYPE_CHECKING:
-    from scenarios.part_listing import Key
-
+from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
+from scenarios.results.run_inputs import changed_modules
 
 RUN_EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -103,15 +110,6 @@ def run(
     If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
     --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
     """
-    from offtrack.exchange.bench.links import opened_bench
-    from offtrack.exchange.recordings.writers import recording_in
-    from offtrack.reports.run_writer import write_run
-    from scenarios.loop import runner
-    from scenarios.loop.timing import Pacer
-    from scenarios.options.scenario import load_any_scenario
-    from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
-    from scenarios.results.run_inputs import changed_modules
-
     with one_line_errors(), ExitStack() as cleanup:
         check_number("--speed", speed, 0.01, 100.0)
         if speed is not None and not paced:
@@ -126,8 +124,6 @@ def run(
             check_apart(directory, record)
         watcher = None
         if watch:
-            from offtrack.reports.watching import Watcher, watched
-
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
@@ -194,8 +190,6 @@ def scenarios(
     ] = None,
 ) -> None:
     """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
-    from scenarios.options.scenario import load_any_scenario, scenario_names
-
     with one_line_errors():
         if name is None:
             table = Table(box=None, show_header=False, pad_edge=False)
@@ -222,8 +216,6 @@ def parts(
 
     Choose a part with --set KEY=NAME, or your own with --set KEY=package.module:Name.
     """
-    from scenarios import part_listing
-
     with one_line_errors():
         matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
         if as_json:
@@ -251,8 +243,6 @@ def keys(
 
     Change a key with --set KEY=VALUE. A key that ends with [] belongs to a list of tables.
     """
-    from scenarios import part_listing
-
     with one_line_errors():
         matches = [key for key in part_listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
         if as_json:

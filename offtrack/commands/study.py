@@ -1,25 +1,175 @@
-"""`offtrack compare` and `offtrack sweep`: make grids of runs, print their tables and write their reports."""
+"""`offtrack compare` and `offtrack sweep`: make grids of runs; and the options that commands of studies share."""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import CHECK_FAILED, PlainConsole, one_line_errors
-from offtrack.commands.study_options import StudyOptions, takes_study_options
-from offtrack.commands.study_status import print_status
+from offtrack.commands.console import (
+    CHECK_FAILED,
+    PlainConsole,
+    Quiet,
+    check_number,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
+from offtrack.studies.case import Outcome, Settings, listed, parameters_beside, seeds_of
+from offtrack.studies.draws import Sensitivity, analysed, analysis_json
+from offtrack.studies.pool import Executor, RunOptions
+from offtrack.studies.run_study import compare_runs, run_study
+from offtrack.studies.study import TRAILER, Study, load_study, settings_of, subject_of
+from offtrack.studies.study_page import HEADINGS, remarks
+from offtrack.studies.table import Row, shown_quantities, text_of
+from scenarios.catalogue import resolve
+from scenarios.processes import MOST_JOBS, default_jobs
 
-if TYPE_CHECKING:
-    from offtrack.studies.case import Outcome, Settings
-    from offtrack.studies.sensitivity import Sensitivity
-    from offtrack.studies.study import Study
-    from offtrack.studies.table import Row
+Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
+Timeout = Annotated[
+    float | None,
+    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit"),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Make the runs on the Dask cluster with this scheduler, such as tcp://host:8786, or a scheduler file.",
+        show_default=False,
+    ),
+]
+JobQueue = Annotated[
+    Path | None,
+    typer.Option(
+        "--dask-jobqueue",
+        metavar="FILE.yaml",
+        help="Make the runs in --jobs jobs of a queue (SLURM, PBS, …), as a configuration file of dask-jobqueue says.",
+        show_default=False,
+    ),
+]
+Patience = Annotated[
+    float, typer.Option(help="Time without any worker of Dask after which the rest of the runs is given up [s].")
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")]
+Where = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions:
+    """Options of a command that makes the runs of a study; :func:`takes_study_options` gives them to a command."""
+
+    jobs: Jobs = None
+    timeout: Timeout = None
+    scheduler: Scheduler = None
+    job_queue: JobQueue = None
+    patience: Patience = 60.0
+    where: Where = None
+    out: Out = None
+    quiet: Quiet = False
+    as_json: AsJson = False
+
+    def check(self) -> None:
+        """Refuse numbers beyond their limits, and options that do not go together.
+
+        Raises:
+            ValueError: one line.
+        """
+        check_number("--jobs", self.jobs, 1, MOST_JOBS)
+        check_number("--timeout", self.timeout, 1.0, 1e6)
+        check_number("--patience", self.patience, 1.0, 1e6)
+        if self.scheduler is not None and self.job_queue is not None:
+            raise ValueError("--scheduler and --dask-jobqueue: choose one")
+        if self.scheduler is not None and self.jobs is not None:
+            raise ValueError("--jobs: leave it out with --scheduler: workers make as many runs as they have threads")
+        if self.job_queue is not None and self.jobs is None:
+            raise ValueError("--dask-jobqueue: needs --jobs, the number of jobs")
+
+    def directory(self, title: str) -> Path:
+        """Directory of the study."""
+        return self.out or Path("runs") / title
+
+    @contextmanager
+    def opened(self, title: str) -> Iterator[RunOptions]:
+        """How to make the runs, with a progress bar of this title; a cluster is connected meanwhile.
+
+        Raises:
+            ValueError: one line, for a value of ``--where`` that is none, or a cluster that does not answer.
+        """
+        again, jobs = settings_of(self.where or [], "--where"), self.jobs or default_jobs()
+        with progress_display(shown=not (self.quiet or self.as_json)) as bar, self._executor(jobs) as executor:
+            yield RunOptions(
+                jobs=jobs,
+                timeout=self.timeout,
+                executor=executor,
+                again=again,
+                progress=progress_bar(bar, title),
+                remark=remark,
+            )
+
+    @contextmanager
+    def _executor(self, jobs: int) -> Iterator[Executor | None]:
+        """Executor of the cluster; None without one."""
+        if self.scheduler is None and self.job_queue is None:
+            yield None
+            return
+        from offtrack.studies.cluster_executor import DaskExecutor, connected, queued
+
+        if self.scheduler is not None:
+            open_client = partial(connected, self.scheduler)
+        else:
+            assert self.job_queue is not None
+            open_client = partial(queued, self.job_queue, jobs)
+        waits, timeout = self.job_queue is not None, self.timeout
+        with DaskExecutor(open_client, waits=waits, timeout=timeout, patience=self.patience, remark=remark) as executor:
+            yield executor
+
+
+def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with every field of `StudyOptions` as an option, in place of its last parameter, ``options``.
+
+    Wrong options end in one line.
+    """
+    signature = inspect.signature(command, eval_str=True)
+    *own, _ = signature.parameters.values()
+    hints = get_type_hints(StudyOptions, include_extras=True)
+    fields = dataclasses.fields(StudyOptions)
+    parameters = [*own, *map(partial(_parameter, hints), fields)]
+
+    @functools.wraps(command)
+    def expanded(**values: Any) -> None:
+        options = StudyOptions(**{field.name: values.pop(field.name) for field in fields})
+        with one_line_errors():
+            options.check()
+        command(**values, options=options)
+
+    del expanded.__wrapped__  # its signature is not this one's
+    expanded.__annotations__ = {one.name: one.annotation for one in parameters}
+    # read by inspect.signature, and so by typer; typeshed does not know it
+    expanded.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return expanded
+
+
+def _parameter(hints: dict[str, Any], field: dataclasses.Field[Any]) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(field.name, kind, default=field.default, annotation=hints[field.name])
 
 
 TextColumn = tuple[str, list[str]]  # heading and cells
@@ -38,8 +188,6 @@ def plain(row: Row) -> dict[str, object]:
 
 def print_rows(rows: Sequence[Row], directory: Path) -> None:
     """Print a table of a study's points with their numbers, as many as the terminal is wide."""
-    from offtrack.studies.table import shown_quantities, text_of
-
     quantities = shown_quantities(rows)
     varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
     columns = [(key.rpartition(".")[2], [dict(row.axes)[key] for row in rows]) for key in varied]
@@ -77,19 +225,16 @@ def least_width(heading: str, cells: Sequence[str]) -> int:
 
 def sensitivity_of(design: Sensitivity, outcomes: Sequence[Outcome]) -> dict[Settings, dict[str, Any]]:
     """The entry ``sensitivity`` of each point's row in JSON."""
-    from offtrack.studies.sensitivity import analysed, plain
-
     points: dict[Settings, dict[str, Any]] = {}
     for analysis in analysed(design, outcomes):
-        points.setdefault(analysis.axes, {"sensitivity": []})["sensitivity"].append(plain(analysis, design.method))
+        points.setdefault(analysis.axes, {"sensitivity": []})["sensitivity"].append(
+            analysis_json(analysis, design.method)
+        )
     return points
 
 
 def print_sensitivity(design: Sensitivity, outcomes: Sequence[Outcome]) -> None:
     """Print a table for each point: a row for each quantity and key."""
-    from offtrack.studies.sensitivity import analysed
-    from offtrack.studies.study_page import HEADINGS, remarks
-
     first, second = HEADINGS[design.method]
     console, analyses = PlainConsole(), analysed(design, outcomes)
     for axes in dict.fromkeys(analysis.axes for analysis in analyses):
@@ -129,7 +274,7 @@ SWEEP_EXAMPLES = (
 _LONGEST_NAME = 100  # of a directory
 
 
-@partial(takes_study_options, joined=False)
+@takes_study_options
 def compare(
     targets: Annotated[
         list[str],
@@ -170,10 +315,6 @@ def compare(
     Finished runs are saved at once: repeat the command to continue an interrupted study. A law that does not use the
     off-tracking runs with the first source only.
     """
-    from offtrack.studies.case import listed, parameters_beside, seeds_of
-    from offtrack.studies.study import TRAILER, Study, settings_of, subject_of
-    from scenarios.catalogue import resolve
-
     if len(targets) > 1 or Path(targets[0]).is_dir():
         _compare_runs([Path(target) for target in targets], options)
         return
@@ -207,22 +348,16 @@ def sweep(
 ) -> None:
     """Run every combination of a study's values with every seed, and print a table.
 
-    Finished runs are saved at once: repeat the command to continue an interrupted study. With --join any number of
-    commands share the work, for example one on each machine of a cluster (sbatch --array) in one shared folder.
+    Finished runs are saved at once: repeat the command to continue an interrupted study. --scheduler and
+    --dask-jobqueue make the runs on the machines of a Dask cluster or of a job queue.
     """
-    from offtrack.studies.study import load_study
-
     title = f"sweep-{study_file.stem}"
     with one_line_errors():
         study = load_study(study_file)
-        if options.status:
-            print_status(study, options.directory(title), as_json=options.as_json)
-            return
     _run_study(title, study, options)
 
 
 def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
-    from offtrack.studies.study_page import compare_runs
 
     with one_line_errors():
         if len(runs) < 2:
@@ -241,8 +376,6 @@ def _short(scenario: str) -> str:
 
 def _run_study(title: str, study: Study, options: StudyOptions) -> None:
     """Run the study, write its directory and print its table."""
-    from offtrack.studies.run_study import run_study
-
     directory = options.directory(title)
     with one_line_errors(), options.opened(title) as run_options:
         outcomes, rows = run_study(title, study, directory, run_options)

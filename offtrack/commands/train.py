@@ -1,4 +1,4 @@
-"""`offtrack train`, `convert-policy` and `fit-surrogate`: train policies, and fit the errors of camera estimators."""
+"""`offtrack tune`, `train`, `convert-policy` and `fit-surrogate`: parameters, policies and error models from runs."""
 
 from __future__ import annotations
 
@@ -9,18 +9,54 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import PlainConsole, Quiet, check_number, one_line_errors, progress_bar, progress_display
-from scenarios.processes import MOST_JOBS
+from controllers.trailer_steering.policy import load_network, save_network
+from offtrack.commands.console import (
+    PlainConsole,
+    Quiet,
+    ScenarioName,
+    check_number,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
+from offtrack.environments import registry
+from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
+from offtrack.environments.training.evaluation import described, evaluate
+from offtrack.environments.training.training_directory import (
+    ENVIRONMENT,
+    Plan,
+    Scores,
+    check_directory,
+    keep_network,
+    keep_summary,
+    opened_directory,
+    summary,
+)
+from offtrack.studies.pool import RunOptions, run_cases
+from offtrack.studies.run_study import CELLS, check_study_directory, opened_study
+from offtrack.studies.study import subject_of
+from offtrack.studies.tuning import (
+    Trial,
+    Tuning,
+    chosen,
+    description,
+    objective_means,
+    tuning_of,
+    with_parameters,
+    write_result,
+)
+from offtrack.studies.tuning_page import tuning_page
+from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
-
-if TYPE_CHECKING:
-    from offtrack.environments.training.training_directory import Scores
-
+from scenarios.results.atomic_files import check_new_file, replaced, replacing
+from vehicle.combination.description import load_vehicle
+from vehicle.foundation.user_file import FileKind, read_text
 
 TRAIN_EXAMPLES = (
     "Examples: offtrack train   offtrack train --observation truth --steps 4000000 --out runs/quick   Then: "
@@ -74,18 +110,7 @@ def train(
             raise ValueError(f"--observation {observation}: must be surrogate or truth")
         import torch
 
-        from controllers.trailer_steering.policy import load_network
-        from offtrack.environments import registry
-        from offtrack.environments.training.evaluation import evaluate
         from offtrack.environments.training.learner import Budget, learn
-        from offtrack.environments.training.training_directory import (
-            check_directory,
-            keep_network,
-            keep_summary,
-            opened_directory,
-            summary,
-        )
-        from offtrack.environments.training.training_plan import ENVIRONMENT, Plan
 
         torch.set_num_threads(threads or os.cpu_count() or 1)
         plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
@@ -99,7 +124,7 @@ def train(
                 network = keep_network(learned.network, directory)
             scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
             command = shlex.join(["offtrack", *sys.argv[1:]])
-            result = summary(plan, learned.curve, scores, command)
+            result = summary(plan, learned.curve, scores, described(), command)
             keep_summary(result, learned.curve, scores, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
@@ -130,10 +155,7 @@ def convert_policy(
     """
     with one_line_errors():
         _check_extra()
-        from controllers.trailer_steering.policy import save_network
-        from offtrack.environments.training.saved_model import saved_network
-        from scenarios.results.atomic_files import check_new_file, replacing
-        from vehicle.combination.description import load_vehicle
+        from offtrack.environments.training.learner import saved_network
 
         written = out or model.with_suffix(".npz")
         check_new_file(written)
@@ -185,9 +207,6 @@ def fit_surrogate(
 
     Environments with observation=surrogate use it to train without cameras.
     """
-    from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
-    from scenarios.results.atomic_files import check_new_file, replaced
-
     with one_line_errors():
         if out is not None:
             check_new_file(out)
@@ -202,3 +221,154 @@ def fit_surrogate(
             typer.echo(f"{len(runs)} runs, {frames} frames")
             for name, value in asdict(parameters).items():
                 typer.echo(f"  {name:16s} {value:.4g}")
+
+
+TUNE_EXAMPLES = (
+    "Examples: offtrack tune roundabout --controller path_preview --trials 40   "
+    "offtrack tune rover-slope --set slip_estimator=truth --trials 10   "
+    "offtrack tune roundabout-low-friction --controller path_preview --trials 100 "
+    "--objectives off_tracking.true_rms_m,steer.max_rate_deg_s --vary surface.friction=0.8,0.2 "
+    "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview/tuned.toml"
+)
+_FILE = "tuning.toml"  # identifies the task of a directory
+
+
+def tune(
+    scenario: ScenarioName,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="Trailer steering law or rover driver, or package.module:Name.", show_default="path_preview; path"
+        ),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="Total number of finished trials, including earlier ones.")] = 40,
+    objectives: Annotated[
+        str | None,
+        typer.Option(
+            help="Comma-separated summary metrics to minimise.",
+            show_default="true_rms_m and true_max_m of off_tracking; slip.cross_track_rms_m",
+        ),
+    ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--range",
+            metavar="NAME=LOW:HIGH",
+            help="Parameter to tune, with its range; by default those that the law declares. May be repeated.",
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a key of the scenario in all runs, e.g. off_tracking=truth. May be repeated.",
+        ),
+    ] = None,
+    vary: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE,…", help="Axis of the grid of tuning runs. May be repeated.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds of the tuning runs.")] = "101,102",
+    judge_vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE,…", help="Axis of the grid of judging runs. May be repeated.", show_default="as --vary"
+        ),
+    ] = None,
+    judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging runs.")] = "1-3",
+    jobs: Annotated[int | None, typer.Option(help="Number of parallel trials.", show_default="one per core")] = None,
+    seed: Annotated[int, typer.Option(help="Random seed of the search.")] = 1,
+    storage: Annotated[
+        str | None,
+        typer.Option(
+            envvar="OFFTRACK_STORAGE",
+            metavar="URL",
+            help="Keep the trials in a database that machines share, postgresql://USER@HOST/DATABASE, in place of the "
+            "journal. The same command on each machine, with its own --out, works on the same trials.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only the result, as JSON.")] = False,
+) -> None:
+    """Tune the parameters of a trailer steering law or rover driver on some runs, and judge them on others.
+
+    Finished trials are saved at once: repeat the command to continue an interrupted search. Writes tuned.toml (a
+    scenario to run), journal.log (without --storage), trials.csv, and report.html with the trade-off between the
+    objectives.
+    """
+    with one_line_errors():
+        check_number("--trials", trials, 1, 100_000)
+        check_number("--jobs", jobs, 1, MOST_JOBS)
+        check_number("--seed", seed, 0, 2**31)
+        if importlib.util.find_spec("optuna") is None:
+            raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
+        from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
+
+        subject = subject_of(scenario)
+        controller = controller or subject.part
+        sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
+        names = objectives or ",".join(subject.objectives)
+        tuning = tuning_of(scenario, controller, names, ranges or [], settings or [], sets)
+        directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+        if not (directory / JOURNAL).is_file():
+            check_study_directory(directory, _FILE)
+        if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != description(tuning):
+            raise ValueError(
+                f"{directory / _FILE} belongs to another tuning task: choose another --out, or the same options"
+            )
+        if storage is not None:
+            database(storage)  # refuses one that does not answer
+            tuning = in_database(tuning, storage)
+        unusable = former(tuning, directory)
+        with opened_study(directory, _FILE, description(tuning)):
+            if unusable:
+                remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
+            workers = jobs or default_jobs()
+            with progress_display(shown=not (quiet or as_json)) as bar:
+                progress = progress_bar(bar, f"tune {controller}")
+                results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+                progress(trials, trials)
+                best, compared = chosen(results), {}
+                candidates = {"defaults": {}, "tuned": best.parameters}
+                comparing = progress_bar(bar, "compare")
+                for done, (name, parameters) in enumerate(candidates.items()):
+                    comparing(done, len(candidates))
+                    cases = with_parameters(tuning.judged_on, parameters).cases()
+                    outcomes = run_cases(cases, directory / CELLS, RunOptions(jobs=workers, remark=remark))
+                    compared[name] = objective_means(tuning.objectives, outcomes)
+                comparing(len(candidates), len(candidates))
+            write_result(tuning, finished(tuning, directory), best, directory)
+            replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
+    if as_json:
+        typer.echo(json.dumps(_plain(tuning, best, compared), indent=2))
+    elif not quiet:
+        _print_tuning(tuning, best, compared, directory)
+
+
+def _plain(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]]) -> dict[str, Any]:
+    return {
+        "law": tuning.law,
+        "parameters": dict(best.parameters),
+        "tuned_on": dict(zip(tuning.objectives, best.values, strict=True)),
+        "judged": {name: dict(zip(tuning.objectives, values, strict=True)) for name, values in compared.items()},
+    }
+
+
+def _print_tuning(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]], directory: Path) -> None:
+    table = Table(title=f"{tuning.law} on the judging runs", title_justify="left")
+    table.add_column("")
+    for name in tuning.objectives:
+        table.add_column(name, justify="right")
+    for name, values in compared.items():
+        table.add_row(name, *(f"{value:.4g}" for value in values))
+    console = PlainConsole()
+    console.print(table)
+    for name, value in best.parameters.items():
+        console.print(f"{subject_of(tuning.tuned_on.scenario).parameters}.{name} = {value:.4g}")
+    console.print(f"Run it: offtrack run {directory / 'tuned.toml'}", soft_wrap=True)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

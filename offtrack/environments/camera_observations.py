@@ -19,10 +19,8 @@ from gymnasium import spaces
 
 from controllers.trailer_steering.policy import AHEAD, estimate_features, signal_features
 from offtrack.environments.core import Observation, observation_space, within
-from offtrack.environments.hitch_paths import PathOffset
-from offtrack.environments.observations import EpisodeStart, features, own_features
-from offtrack.environments.pictures import stereo_view
-from offtrack.environments.sensed import ImageObservation, SensedChannel
+from offtrack.environments.observations import EpisodeStart, PathOffset, features, own_features
+from offtrack.environments.pictures import ImageObservation, SensedChannel, stereo_view
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import check_schedule, rig_schedule, trailer_geometry
 from scenarios.assembly.applied_faults import refuse_loop_faults

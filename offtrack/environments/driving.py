@@ -42,8 +42,8 @@ from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
 from offtrack.environments.core import CHECKED, Feature, Info, Observation, Result, observation_space, within
-from offtrack.environments.domain import N_DRAWN, Circumstances, Domain, Variation, narrowed
 from offtrack.environments.pictures import TopView, axle_angles
+from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain, Variation, narrowed
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import outlines
 from scenarios.courses import straight
@@ -64,7 +64,7 @@ class SlippingTyreFleet:
     def __init__(self, vehicle: Vehicle, n: int, engine: Engine) -> None:
         """All equal to ``vehicle``."""
         self._fleet, self._variation = PlantBatch(vehicle, n, engine), Variation(vehicle)
-        self._straight = np.zeros((n, sum(len(unit.steered_axles) for unit in vehicle.units[1:])))
+        self._straight = np.zeros((n, vehicle.n_by_law))
         self._speed = np.zeros(n)
 
     def place(self, lanes: Lanes, drawn: Circumstances) -> BatchMotion:

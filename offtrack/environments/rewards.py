@@ -1,11 +1,13 @@
-"""Rewards, endings and running metrics of trailer episodes, as functions of ground truth at one step.
+"""Circumstances that episodes draw, with the vehicle varied by them; rewards, endings and running metrics.
 
-``weighted`` sums them: a mapping from part to weight, which may hold your own functions.
+Rewards and endings of trailer episodes are functions of ground truth at a moment.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import numbers
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -14,6 +16,9 @@ from numpy.typing import NDArray
 
 from offtrack.environments.core import Info
 from scenarios.loop.referee import FOLDED, LIFTED
+from vehicle.combination.description import Vehicle
+from vehicle.combination.functions import symbolic_twin
+from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
 
 
@@ -157,3 +162,137 @@ class RunningMetrics:
             "steer_max_deg": np.degrees(self._steer),
             "steer_max_rate_deg_s": np.degrees(self._rate),
         }
+
+
+_HUGE = 1e300
+Range = tuple[float, float]  # lower and upper bound of a uniform distribution
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Domain:
+    """Ranges of an episode's circumstances.
+
+    Raises:
+        ValueError: if a range is empty or exceeds its limits.
+    """
+
+    friction: Range = (0.2, 0.9)  # of tyre and ground: gritted ice to dry asphalt [-]
+    cross_fall: Range = (-0.025, 0.05)  # + falls away from a roundabout's centre, or to the right [-]
+    speed: Range = (1.4, 5.6)  # set speed: 5 to 20 km/h; lower if a turn needs more friction [m/s]
+    load: Range = (0.4, 1.0)  # mass of the trailer, relative to its file [-]
+    length: Range = (0.85, 1.05)  # of the trailer, relative to its file [-]
+    actuator_lag: Range = (0.7, 1.5)  # of the trailer's steering, relative to its file [-]
+    sensor_error: Range = (0.5, 1.5)  # of surrogate and encoders, relative to the nominal error [-]
+
+    def __post_init__(self) -> None:
+        drawn_within(self, _LIMITS)
+
+    def drawn(self, uniform: FloatArray) -> Circumstances:
+        """Circumstances of k episodes from uniform numbers (k, 7) within 0 .. 1, one column per field."""
+        ranges = np.array([getattr(self, field.name) for field in fields(self)])
+        values = ranges[:, 0] + uniform * (ranges[:, 1] - ranges[:, 0])
+        return Circumstances(*values.T)
+
+
+class Circumstances(NamedTuple):
+    """Circumstances of k episodes, (k,) each; fields as in ``Domain``."""
+
+    friction: FloatArray
+    cross_fall: FloatArray
+    speed: FloatArray
+    load: FloatArray
+    length: FloatArray
+    actuator_lag: FloatArray
+    sensor_error: FloatArray
+
+
+N_DRAWN = len(Circumstances._fields)
+_LIMITS = {
+    "friction": (0.05, 1.5),
+    "cross_fall": (-0.2, 0.2),
+    "speed": (0.5, 35.0),
+    "load": (0.1, 2.0),
+    "length": (0.5, 1.5),
+    "actuator_lag": (0.1, 10.0),
+    "sensor_error": (0.0, 10.0),
+}
+
+
+D = TypeVar("D")
+
+
+def drawn_within(domain: Any, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse ranges that exceed their limits.
+
+    Raises:
+        ValueError: if one does.
+    """
+    for name, (least, most) in limits.items():
+        bounds = getattr(domain, name)
+        low, high = _range(name, bounds if isinstance(bounds, Sequence) else None)
+        if not least <= low <= high <= most:
+            raise ValueError(f"{name} = {low:g} .. {high:g} must be a range within {least:g} .. {most:g}")
+
+
+def narrowed(domain: D, options: Mapping[str, Any], others: tuple[str, ...] = ()) -> D:
+    """The domain with some ranges replaced by a number or two bounds; ``others`` are further valid options.
+
+    Raises:
+        ValueError: if an option is unknown, or a value exceeds its limits.
+    """
+    known = [field.name for field in fields(domain)]  # type: ignore[arg-type]  # every domain is a dataclass
+    for name in options:
+        if name not in known:
+            raise ValueError(f"unknown reset option '{name:.80}'{nearest(name, (*known, *others))}")
+    ranges = {name: _range(name, value) for name, value in options.items()}
+    changed: D = replace(domain, **ranges)  # type: ignore[type-var]  # likewise
+    return changed
+
+
+def _range(name: str, value: Any) -> Range:
+    bounds = value if isinstance(value, Sequence) and len(value) == 2 else (value, value)
+    if not all(isinstance(bound, numbers.Real) and not isinstance(bound, bool) for bound in bounds):
+        raise ValueError(f"option {name} = {value!r:.80} must be a number or two bounds")
+    low, high = (float(min(max(bound, -_HUGE), _HUGE)) for bound in bounds)  # a whole number may exceed all floats
+    return low, high
+
+
+class Variation:
+    """Varied numbers of a vehicle: axles move with the trailer's end and keep their spacing."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """For the vehicle's last unit."""
+        twin = symbolic_twin(vehicle)
+        last = f"units.{len(vehicle.units) - 1}."
+        index = {str(twin.symbols[k]): k for k in range(twin.symbols.numel())}
+        self._nominal = twin.values
+        self._mass, self._inertia = index[last + "mass"], index[last + "yaw_inertia"]
+        self._roll = [index[name] for name in (last + "roll.inertia",) if name in index]
+        self._lag = [index[name] for name in (last + "steering.lag",) if name in index]
+        self._cg = index[last + "cg_x"]
+        trailer = vehicle.units[-1]
+        axles = range(len(trailer.axles))
+        moved = [f"{last}axles.{k}.{name}" for k in axles for name in ("x", "ackermann_x")]
+        self._moved = [index[name] for name in (*moved, last + "follow_x", last + "rear_x") if name in index]
+        follow = trailer.follow_x or trailer.rear_x
+        self._follow = -follow
+        self._centre = -sum(axle.x for axle in trailer.axles) / len(trailer.axles)
+
+    def follow_distance(self, drawn: Circumstances) -> FloatArray:
+        """Hitch to follow point, (k,) [m]."""
+        return self._follow * drawn.length
+
+    def numbers(self, drawn: Circumstances) -> FloatArray:
+        """Numbers (k, n_numbers) of these vehicles.
+
+        The load keeps its relative position between hitch and axles, and so its distribution.
+        """
+        rows = np.tile(self._nominal, (len(drawn.load), 1))
+        longer = (drawn.length - 1.0) * self._follow
+        rows[:, self._moved] -= longer[:, None]
+        rows[:, self._cg] *= 1.0 + longer / self._centre
+        rows[:, self._mass] *= drawn.load
+        rows[:, self._inertia] *= drawn.load * drawn.length**2
+        rows[:, self._roll] *= drawn.load[:, None]
+        rows[:, self._lag] *= drawn.actuator_lag[:, None]
+        return rows

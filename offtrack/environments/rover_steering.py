@@ -56,12 +56,19 @@ from numpy.typing import NDArray
 from controllers.path import Path, arc, line
 from offtrack.environments import rover_options
 from offtrack.environments.core import Info, Lanes, Observation, Result, observation_space, within
-from offtrack.environments.domain import narrowed
-from offtrack.environments.pictures import rover_picture, side_by_side
-from offtrack.environments.rewards import weighted
-from offtrack.environments.rover_observations import FEATURES, IMAGE_FEATURES, SLIP, SensedRover
-from offtrack.environments.rover_options import FIRM, LIMITS, RoverDomain, RoverMoment, RoverSteeringOptions
-from offtrack.environments.sensed import ImageObservation
+from offtrack.environments.pictures import ImageObservation, rover_picture, side_by_side
+from offtrack.environments.rewards import narrowed, weighted
+from offtrack.environments.rover_options import (
+    FEATURES,
+    FIRM,
+    IMAGE_FEATURES,
+    LIMITS,
+    SLIP,
+    RoverDomain,
+    RoverMoment,
+    RoverSteeringOptions,
+    SensedRover,
+)
 from offtrack.reports.canvas import Picture
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.clock import TICK

@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from offtrack.environments import registry
 from offtrack.environments.core import Observation
-from offtrack.environments.vector import CoreVectorEnv
+from offtrack.environments.registry import CoreVectorEnv
 from offtrack.reports.canvas import Picture
 
 Indices = int | Iterable[int] | None

@@ -72,12 +72,17 @@ from controllers.driver import PERIOD
 from offtrack.environments import rewards
 from offtrack.environments.camera_observations import CameraObservations
 from offtrack.environments.core import CHECKED, Info, Lanes, Observation, Result, is_whole
-from offtrack.environments.domain import N_DRAWN, Domain, Variation, narrowed
 from offtrack.environments.drivers import Drivers, Tracks
-from offtrack.environments.hitch_paths import HitchPaths, PathOffset
-from offtrack.environments.observations import EpisodeStart, ObservationKind, ObservationSource, TrueOrSurrogate
+from offtrack.environments.observations import (
+    EpisodeStart,
+    HitchPaths,
+    ObservationKind,
+    ObservationSource,
+    PathOffset,
+    TrueOrSurrogate,
+)
 from offtrack.environments.pictures import TopView, axle_angles, side_by_side
-from offtrack.environments.rewards import Ending, Moment, Reward, RunningMetrics
+from offtrack.environments.rewards import N_DRAWN, Domain, Ending, Moment, Reward, RunningMetrics, Variation, narrowed
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import course_of, outlines, tractor_geometry
 from scenarios.assembly.surrogate import SurrogateParameters, load_surrogate

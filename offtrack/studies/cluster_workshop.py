@@ -29,8 +29,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import tomli_w
 from distributed import WorkerPlugin, get_worker
 
-from offtrack.studies.case import Case, identities
-from offtrack.studies.identity import installed
+from offtrack.studies.case import Case, identities, installed
 from offtrack.studies.pool import is_saved, run_case
 from scenarios.loop.runner import KINDS
 from scenarios.processes import SpareWorkers

@@ -14,11 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from offtrack.studies.case import Case, Made, Outcome, Settings, identities, made
-from offtrack.studies.identity import named_files, opened_files, watch_files
+from offtrack.studies.case import (
+    Case,
+    Made,
+    Outcome,
+    Settings,
+    identities,
+    made,
+    named_files,
+    opened_files,
+    watch_files,
+)
+from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import digest, replacing
+from scenarios.results.log import write_log
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _MADE = "made"  # key of the provenance
@@ -50,23 +61,25 @@ class Pool:
         return each_in_a_worker(run_case, tasks, jobs=jobs, timeout=self.timeout)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """How the runs of a study are made."""
+
+    jobs: int  # worker processes
+    timeout: float | None = None  # longest time of a run, which fails then [s]; None: any
+    executor: Executor | None = None  # makes the runs elsewhere; None: worker processes here
+    again: Settings = ()  # runs whose axes have these values are made again
+    progress: Progress = no_progress  # of the runs
+    remark: Callable[[str], None] = lambda line: None  # receives a line on every damaged run, which is made again
+
+
 def run_cases(
-    cases: Sequence[Case],
-    cells: Path,
-    *,
-    jobs: int,
-    known: Sequence[str] | None = None,
-    timeout: float | None = None,
-    executor: Executor | None = None,
-    progress: Progress = no_progress,
-    remark: Callable[[str], None] = lambda line: None,
+    cases: Sequence[Case], cells: Path, options: RunOptions, *, known: Sequence[str] | None = None
 ) -> list[Outcome]:
     """Run all cases that are not saved in the folder ``cells``, and return the outcomes in their order.
 
     ``known`` are the identities of the cases; None: they are computed. An interrupt keeps the finished runs. A run
-    whose process dies is tried once more; one that takes longer than ``timeout`` [s], or dies twice, fails.
-    ``executor`` makes the runs; None: ``jobs`` processes do. ``remark`` receives a line on every damaged
-    file, whose run is repeated.
+    whose process dies is tried once more; one that takes longer than the time limit, or dies twice, fails.
 
     Raises:
         ValueError: one line, for the first invalid scenario, before any run.
@@ -74,18 +87,17 @@ def run_cases(
     """
     names = identities(cases) if known is None else known
     cells.mkdir(parents=True, exist_ok=True)
-    missing = {
-        identity: case for identity, case in zip(names, cases, strict=True) if not is_saved(cells, identity, remark)
-    }
+    missing = {name: case for name, case in zip(names, cases, strict=True) if not is_saved(cells, name, options.remark)}
     done, failed = len(cases) - len(missing), dict[str, str]()
-    progress(done, len(cases), "from an earlier run" if done else "")
-    with closing((executor or Pool(jobs=jobs, timeout=timeout)).made(missing, cells)) as results:
-        for identity, result in results:
+    options.progress(done, len(cases), "from an earlier run" if done else "")
+    executor = options.executor or Pool(jobs=options.jobs, timeout=options.timeout)
+    with closing(executor.made(missing, cells)) as results:
+        for name, result in results:
             if problem := problem_of(result):
-                failed[identity] = problem
+                failed[name] = problem
             done += 1
-            progress(done, len(cases), missing[identity].title)
-    return [outcome_of(case, cells, identity, failed) for identity, case in zip(names, cases, strict=True)]
+            options.progress(done, len(cases), missing[name].title)
+    return [outcome_of(case, cells, name, failed) for name, case in zip(names, cases, strict=True)]
 
 
 def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
@@ -97,9 +109,6 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     Raises:
         ValueError: one line, if a file that it depends on has changed meanwhile.
     """
-    from scenarios.loop.runner import run
-    from scenarios.results.log import write_log
-
     watch_files()
     begin = time.monotonic()
     scenario = case.resolved()
@@ -165,16 +174,3 @@ def problem_of(result: str | BaseException) -> str:
         return result
     kind = "" if isinstance(result, WorkerDiedError) else f"{type(result).__name__}: "
     return f"failed: {kind}{result}".splitlines()[0]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunOptions:
-    """How the runs of a study are made."""
-
-    jobs: int  # worker processes
-    timeout: float | None = None  # longest time of a run, which fails then [s]; None: any
-    join: float | None = None  # [s] without a sign of life after which a run of another command is taken over
-    executor: Executor | None = None  # makes the runs elsewhere
-    again: Settings = ()  # runs whose axes have these values are made again
-    progress: Progress = no_progress  # of the runs
-    remark: Callable[[str], None] = lambda line: None  # receives a line on every damaged run, which is made again

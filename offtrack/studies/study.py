@@ -13,14 +13,13 @@ import tomli_w
 from pydantic import Field, ValidationError
 
 from offtrack.studies.case import Case, Outcome, Settings, cases_of, identities, is_word, parameters_beside
-from offtrack.studies.draws import Draws, Sample, Stop, read_draws
-from offtrack.studies.sensitivity import Sensitivity
+from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, read_draws
 from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
-from scenarios.options.base import Options
 from scenarios.options.scenario import load_any_scenario
 from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
+from vehicle.foundation.quantity import Frozen
 from vehicle.foundation.user_file import FileType, shown
 
 STUDY_FILE: Final = FileType("a study file", 2_000_000)
@@ -131,7 +130,7 @@ class Study:
         return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary, **more})
 
 
-class _File(Options):
+class _File(Frozen):
     scenario: str
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     set: dict[str, Any] = Field(default_factory=dict)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -29,15 +28,12 @@ from offtrack.reports.player.encoding import encoded
 from offtrack.reports.plots import ESTIMATED, TRUE, drawn
 from offtrack.reports.sections import scenario_facts
 from offtrack.studies import study_figures as figures
-from offtrack.studies.case import RUN, Case, FinishedCase, Outcome, machines
-from offtrack.studies.files import check_study_directory, opened_study
-from offtrack.studies.run_pages import explorer, played_together
-from offtrack.studies.sensitivity import CONFIDENCE, MEASURES, Analysis, Sensitivity, analysed
+from offtrack.studies.case import Case, Outcome, machines
+from offtrack.studies.draws import CONFIDENCE, MEASURES, Analysis, Sensitivity, analysed
 from offtrack.studies.study import Study
-from offtrack.studies.table import Quantity, Row, exceeding, rows_of, shown_quantities, spreads, table_csv, text_of
-from scenarios.results.atomic_files import replaced
+from offtrack.studies.study_figures import explorer, played_together
+from offtrack.studies.table import Quantity, Row, exceeding, shown_quantities, spreads, text_of
 from scenarios.results.run_summary import versions
-from vehicle.foundation.user_file import FileKind, read_text
 
 HEADINGS: Final = {"morris": ("μ*", "σ"), "sobol": ("first order", "total")}
 _MOST_NAMED: Final = 40  # runs that were left out
@@ -325,29 +321,6 @@ def _table(rows: Sequence[Row]) -> Table:
     return Table(columns, lines)
 
 
-_FILE: Final = "runs.json"
-
-
-def compare_runs(directories: Sequence[Path], out: Path) -> list[Row]:
-    """Write the table and the report of finished runs; return the rows.
-
-    Raises:
-        ValueError: one line, if a directory holds no finished run, or ``out`` holds something else.
-    """
-    check_study_directory(out, _FILE)
-    names = names_of_runs(directories)
-    outcomes = [_outcome(directory, name) for directory, name in zip(directories, names, strict=True)]
-    kinds = {"slip" in outcome.numbers for outcome in outcomes}
-    if len(kinds) > 1:
-        raise ValueError("runs of trailers and of rovers can't be compared with each other")
-    rows = rows_of(outcomes)
-    page = finished_runs_page(outcomes, rows, [page_link(directory, out) for directory in directories])
-    with opened_study(out, _FILE, json.dumps([str(directory.absolute()) for directory in directories], indent=2)):
-        replaced(out / "table.csv", table_csv(rows))
-        replaced(out / "report.html", page)
-    return rows
-
-
 def page_link(directory: Path, folder: Path) -> str:
     """Address of a run's own page from a folder; empty if there is none."""
     report = directory / "report.html"
@@ -367,17 +340,3 @@ def names_of_runs(directories: Sequence[Path]) -> list[str]:
     while len({path.parts[-count:] for path in paths}) < len(paths):
         count += 1
     return [os.path.join(*path.parts[-count:]) for path in paths]
-
-
-def _outcome(directory: Path, name: str) -> Outcome:
-    for file in ("summary.json", "scenario.toml", "signals.parquet"):
-        if not (directory / file).is_file():
-            raise ValueError(f"{directory}: is no finished run: it has no {file}")
-    try:
-        numbers: Any = json.loads(read_text(directory / "summary.json", FileKind.RECORD))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
-    if not isinstance(numbers, dict) or "outcome" not in numbers:
-        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
-    case = FinishedCase(scenario=str(directory / "scenario.toml"), fixed=(), axes=((RUN, name),), seed=0)
-    return Outcome(case=case, numbers=numbers, signals=directory / "signals.parquet")

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from controllers.checked import CheckedDriver, CheckedLaw
+from controllers.checked import CheckedDriver
 from controllers.driver import DriverLike, DriverTrace, PreviewDriver, TraceDriver
 from controllers.reversing_law import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.actuators import ReverseLock, Supervised
-from controllers.trailer_steering.guard import Degradation, Guarded, guard_memory
+from controllers.trailer_steering.guard import Degradation
+from controllers.trailer_steering.safeguarded import Safeguarded
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
 from scenarios.courses import Course
@@ -26,7 +26,7 @@ from scenarios.table_file import Column, open_table
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.parameter_file import nearest
 from vehicle.frames import FloatArray
-from vehicle.option import Option, Parameter, declared_options
+from vehicle.option import COMBINATION, Parameter, arguments
 
 _COLUMNS: Final = {  # with the factor to SI; the limits are beyond any lorry, wrong units exceed them
     "time_s": (Column("time_s", 86_400.0, "s"), 1.0),
@@ -161,14 +161,6 @@ def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Opene
     return replace(driver, driver=CheckedDriver(driver.driver, f"driver.kind = {kind}"))
 
 
-_COMBINATION: Final = "combination"  # keyword for the data sheet of the whole combination
-
-
-def law_options(law: Callable[..., object]) -> tuple[Option, ...]:
-    """Options of a law's class."""
-    return declared_options(law, skip=(_COMBINATION,))
-
-
 def law_uses_off_tracking(name: str) -> bool:
     """True if a law uses the estimated off-tracking, which is the default of its class."""
     return bool(getattr(resolve("trailer_steering", name, TRAILER_STEERING), "uses_off_tracking", True))
@@ -194,50 +186,43 @@ def trailer_law(
     combination: Combination,
     parameters: Mapping[str, Parameter],
     degradation: Degradation | None = None,
-) -> TrailerSteering[Any]:
-    """Construct a trailer's law by its name in the catalogue or as ``package.module:Name``.
+) -> Safeguarded:
+    """Construct a trailer's law, with all safeguards, by its name in the catalogue or as ``package.module:Name``.
 
-    Every step is checked. The law is guarded against bad estimates, by default as `Degradation` says, unless its
-    class has ``uses_off_tracking = False``; in reverse the axles are locked straight. The actuators are supervised.
+    It is guarded against bad estimates, by default as `Degradation` says, unless its class has
+    ``uses_off_tracking = False``.
 
     Raises:
         ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
             be constructed.
     """
-    law: TrailerSteering[Any] = bare_law(name, trailer, combination, parameters)
-    if not trailer.steered_distances:
-        return law
-    if law_uses_off_tracking(name):
-        law = Guarded(law, trailer, combination, degradation or Degradation())
-    return Supervised(ReverseLock(law, trailer), trailer, combination)
-
-
-def fallback_steers(memory: object) -> bool:
-    """True while the fallback steers in place of a law, by the memory of what `trailer_law` has constructed."""
-    guard = guard_memory(memory)
-    return guard is not None and not guard.steers
+    law = _constructed_law(name, trailer, combination, parameters)
+    guard = (degradation or Degradation()) if law_uses_off_tracking(name) else None
+    return Safeguarded(law, f"trailer_steering = {name}", trailer, combination, guard)
 
 
 def bare_law(
     name: str, trailer: TrailerGeometry, combination: Combination, parameters: Mapping[str, Parameter]
-) -> TrailerSteering[Any]:
-    """The same without guard and lock: a law whose every step is checked.
+) -> Safeguarded:
+    """The same without any safeguard but the check of its output.
 
     Raises:
         ValueError: one line, as `trailer_law`.
     """
+    law = _constructed_law(name, trailer, combination, parameters)
+    return Safeguarded(law, f"trailer_steering = {name}", trailer, combination, checks_only=True)
+
+
+def _constructed_law(
+    name: str, trailer: TrailerGeometry, combination: Combination, parameters: Mapping[str, Parameter]
+) -> TrailerSteering[Any]:
     part = resolve("trailer_steering", name, TRAILER_STEERING)
-    options = {option.name: option for option in law_options(part)}
-    for key, value in parameters.items():
-        if key not in options:
-            raise ValueError(f"steering.{key}: {name} has no such parameter{nearest(key, options)}")
-        options[key].check(value, f"steering.{key}")
-    context = {_COMBINATION: combination} if _COMBINATION in inspect.signature(part).parameters else {}
+    given = arguments(part, parameters, "steering")
+    if COMBINATION in inspect.signature(part).parameters:
+        given[COMBINATION] = combination
     try:
-        law: TrailerSteering[Any] = constructed(
-            "trailer_steering", name, lambda: part(trailer, **context, **parameters)
-        )
+        law: TrailerSteering[Any] = constructed("trailer_steering", name, lambda: part(trailer, **given))
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
         raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error
-    return CheckedLaw(law, f"trailer_steering = {name}", len(trailer.steered_distances))
+    return law

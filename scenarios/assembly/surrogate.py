@@ -27,7 +27,6 @@ from vehicle.clock import TICK
 from vehicle.foundation.parameter_file import read_toml, without_sources
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
-from vehicle.option import Option
 
 _FRAMES = 600  # of random numbers per vehicle: a minute; a longer episode repeats them
 
@@ -205,7 +204,6 @@ class SurrogateOffTracking:
     """Off-tracking from exact poses, with the errors and losses of ``surrogate.SurrogateParameters`` on it."""
 
     sensor: ClassVar[str] = "reference_pose"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(
         self, follow_distance: float, rng: np.random.Generator, parameters: SurrogateParameters | None = None

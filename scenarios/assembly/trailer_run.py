@@ -10,10 +10,11 @@ from typing import Any, cast
 import numpy as np
 
 from controllers.driver import DriverTrace
-from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.signal_laws import Unsteered
+from controllers.trailer import Combination, TrailerGeometry
+from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
+from estimators.off_tracking.viso_ot import VisoOt
 from scenarios.assembly.adapters import course_of, rig_schedule, trailer_geometry, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import (
     BrakeFaults,
@@ -30,7 +31,6 @@ from scenarios.assembly.mount import SIGNALS, Cameras, MountContext, OpenedSenso
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.courses import Course
-from scenarios.options.perception import VisoOtOptions
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
@@ -42,7 +42,7 @@ from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.foundation.own_parts import close_part
-from vehicle.option import Parameter, check_options
+from vehicle.option import Parameter, check_options, declared_options
 from vehicle.surface import Surface
 
 
@@ -93,7 +93,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     scenario = context.scenario
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     options = _estimator_options(scenario)
-    check_options(part.options, options, "estimator")
+    check_options(declared_options(part), options, "estimator")
     sensor = scenario.sensor if scenario.sensor is not None else part.sensor
     if hasattr(kind := resolve("sensor", sensor, SENSOR), "sends"):  # cameras take seconds to open
         check_receives(f"off_tracking = {scenario.off_tracking}", part, kind)
@@ -138,14 +138,14 @@ def _with_signals(sensing: Sensing, context: MountContext) -> Sensing:
 
 
 def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
-    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for all.
+    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for the others.
 
     Raises:
         ValueError: one line, if ``viso_ot.…`` is given to another estimator.
     """
     if scenario.off_tracking == "viso_ot":
-        return scenario.viso_ot.model_dump() | scenario.estimator
-    if scenario.viso_ot != VisoOtOptions():
+        return scenario.viso_ot.model_dump()
+    if scenario.viso_ot != VisoOt.Parameters():
         raise ValueError(f"viso_ot.* options apply only to off_tracking = viso_ot, not to {scenario.off_tracking}")
     return dict(scenario.estimator)
 
@@ -177,7 +177,7 @@ class WatchedTrailer:
     geometry: TrailerGeometry
     path_height: float  # of the points that off-tracking is about, in its body [m]
     steers_ahead: int  # number of steered axles ahead of its own, which come first in ``Truth.steer``
-    law: TrailerSteering[Any]
+    law: Safeguarded
     signals: CombinationSensors
     sensing: Sensing
     faults: TrailerFaults = field(default_factory=TrailerFaults)
@@ -269,12 +269,12 @@ def _assembled(
     """The parts of a run; ``opened`` closes those that are there when a later one is refused."""
     nominal = vehicle_of(scenario)
     kind = plant_kind(scenario)
-    simulated = with_failing_brakes(scenario, plant_vehicle(scenario, nominal), kind)
-    units = watched_units(nominal, scenario)
+    simulated = with_failing_brakes(scenario, plant_vehicle(scenario), kind)
+    units = watched_units(nominal)
     course = course_of(scenario, nominal)
     surface, remarks = opened_ground(scenario, course, seed)
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
-    laws: dict[int, TrailerSteering[Any]] = {}
+    laws: dict[int, Safeguarded] = {}
     for unit, geometry in geometries.items():
         laws[unit] = _law(scenario, nominal, unit, geometry)
         opened.callback(close_part, laws[unit])
@@ -328,7 +328,7 @@ def _assembled(
                 name=nominal.units[unit].name,
                 geometry=geometries[unit],
                 path_height=nominal.units[unit].roll_axis_height,
-                steers_ahead=sum(len(ahead.steered_axles) for ahead in nominal.units[:unit]),
+                steers_ahead=nominal.law_axles(unit).start,
                 law=laws[unit],
                 signals=mounts[unit].signals,
                 sensing=sensing[unit],
@@ -354,11 +354,11 @@ def trailer_stream(seed: int, vehicle: Vehicle, unit: int, name: str) -> np.rand
     return stream(seed, name if is_last else f"{name} of {vehicle.units[unit].name}")
 
 
-def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> TrailerSteering[Any]:
-    """The scenario's law for one trailer; `Unsteered` for a trailer without steered axles behind steered ones."""
+def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> Safeguarded:
+    """The scenario's law for one trailer; ``none`` for a trailer without steered axles behind steered ones."""
     steered_ahead = any(ahead.steered_axles for ahead in vehicle.units[1:unit])
-    if steered_ahead and not any(trailer.steered):
-        return Unsteered(trailer)
     combination, degradation = Combination(vehicle, unit), scenario.degradation.degradation()
+    if steered_ahead and not any(trailer.steered):
+        return trailer_law("none", trailer, combination, {})
     parameters = steering_parameters(scenario)
     return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)

@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 from pydantic import BeforeValidator, Field
 
 from scenarios import courses
-from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.options.base import FullPath
 from scenarios.roads.fitted_path import Fit, stretch
 from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.opendrive.route import Edges, Request, lane_points
 from scenarios.roads.path_file import PathPoints, read_path
 from scenarios.roads.road_course import Guided, road_course
 from vehicle.combination.unit import Unit
+from vehicle.foundation.quantity import Frozen, option, quantity
 
 _TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]
 _SHORTEST: Final = 10.0  # path of a combination [m]
 
 
-class CourseOptions(Options):
+class CourseOptions(Frozen):
     """Base class of all courses; choose your own with ``course.kind = package.module:Name``."""
 
     kind: str = option("Kind of the course (see offtrack parts course) or package.module:Name.")
@@ -168,7 +169,7 @@ class StraightOptions(CourseOptions):
         return courses.straight(front_x=tractor.steered_axles[0].x, length=self.length)
 
 
-class TurnTable(Options):
+class TurnTable(Frozen):
     """A turn and the straight after it."""
 
     direction: Literal["left", "right"] = option("Direction of the turn.")

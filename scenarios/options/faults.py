@@ -18,9 +18,9 @@ from pydantic import BeforeValidator, model_validator
 
 from scenarios.catalogue import FAULT, resolve
 from scenarios.loop_faults.fault import LoopFault, is_loop_kind
-from scenarios.options.base import Options, option, quantity
 from sensors.faults.fault import Fault, checked_kind, defaults
 from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.quantity import Frozen, option, quantity
 from vehicle.foundation.user_file import shown
 
 _NAMES = "|".join(FAULT)
@@ -34,7 +34,7 @@ def _numbers(amount: Any) -> Any:
     return (amount,) if isinstance(amount, int | float) else tuple(amount) if isinstance(amount, list) else amount
 
 
-class FaultOptions(Options):
+class FaultOptions(Frozen):
     """One fault."""
 
     kind: str = option("Fault kind (see offtrack parts fault) or package.module:Name.")

@@ -1,4 +1,4 @@
-"""Options of the cameras, the rendered world, VISO-OT, and the combination's own sensors."""
+"""Options of the cameras, the rendered world, and the combination's own sensors."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from estimators.off_tracking.buffer import REVERSING
-from scenarios.options.base import Options, option, quantity
 from sensors.camera.lens import UNDISTORTED, Distortion
+from vehicle.foundation.quantity import Frozen, option, quantity
 
 _Angle = Annotated[float, Field(ge=-5.0, le=5.0)]
 _Angles = tuple[_Angle, _Angle, _Angle]  # roll about the optical axis, yaw about the camera's y (down), pitch about x
@@ -19,7 +18,7 @@ def _angles(meaning: str) -> _Angles:
     return straight
 
 
-class RigOptions(Options):
+class RigOptions(Frozen):
     """The stereo cameras on the trailer (de Saxe & Cebon 2018, section 3.1), without imperfections by default."""
 
     facing: Literal["rear", "left", "right", "down"] = option("Direction in which the cameras look.", "rear")
@@ -57,7 +56,7 @@ class RigOptions(Options):
     glare: float = quantity(0.0, "-", 0.0, 5.0, "Glare of the sun on the lenses; 1 is a dusty lens.")
 
 
-class WorldOptions(Options):
+class WorldOptions(Frozen):
     """Scenery along the road, and the light."""
 
     scenery_density: float = quantity(1.0, "-", 0.0, 2.0, "Density of the scenery; 1 is the reference, 0 bare ground.")
@@ -75,7 +74,7 @@ class WorldOptions(Options):
     grain: bool = option("Fields of grain all around.", False)
 
 
-class GroundRigOptions(Options):
+class GroundRigOptions(Frozen):
     """Two equal cameras under the trailer that look straight down; rate, latency and noise are those of ``rig``."""
 
     width: int = quantity(480, "px", 160, 2048, "Image width, along the trailer.")
@@ -88,23 +87,10 @@ class GroundRigOptions(Options):
     rear: float = quantity(0.5, "m", -5.0, 5.0, "Distance of the rear camera ahead of the follow point.")
 
 
-class VisoOtOptions(Options):
-    """The buffer of ``off_tracking = "viso_ot"``, and its use of signals."""
-
-    smoothing: bool = option("Smooth the motions in the buffer with a Kalman filter.", False)
-    reversing_distance: float = quantity(
-        REVERSING, "m", 0.0, 200.0, "Distance of reversing for which the path is kept."
-    )
-    fusion: Literal["signals", "none"] = option(
-        "Bridge outages of the cameras, and check them, by the combination's own sensors; none: cameras alone.",
-        "signals",
-    )
-
-
 SteerGroups = Literal["vehicle", "single", "common_centre"]
 
 
-class SignalOptions(Options):
+class SignalOptions(Frozen):
     """Speed sensor, angle sensors, gyros and accelerometer, for steering laws and no-slip estimators."""
 
     noise: float = quantity(

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 from pydantic import Field
 
 from controllers.path import Path, Segment, arc, line
-from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.options.base import FullPath
 from scenarios.roads.fitted_path import Fit, fitted_path
 from scenarios.roads.path_file import read_path
+from vehicle.foundation.quantity import Frozen, option, quantity
 from vehicle.frames import Pose2
 
 _START: Final = Pose2(0.0, 0.0, 0.0)
@@ -21,7 +22,7 @@ _LONGEST: Final = 200.0  # as of the straight [m]
 _TIGHTEST: Final = 1.0 - 1e-2  # radius, as of the arc, less what a fit may be tighter [m]
 
 
-class RoverCourseOptions(Options):
+class RoverCourseOptions(Frozen):
     """Base class of all courses; choose your own with ``course.kind = package.module:Name``."""
 
     kind: str = option("Kind of the path (see offtrack parts rover_course) or package.module:Name.")

@@ -6,15 +6,15 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.options.base import FullPath, ScenarioTable
 from scenarios.options.faults import Faults
 from scenarios.options.rover_course import RoverCourseTable
-from vehicle.option import Parameter
+from vehicle.foundation.quantity import Frozen, Parameter, option, quantity
 
 Compensation = Literal["none", "heading", "crab"]
 
 
-class MoundOptions(Options):
+class MoundOptions(Frozen):
     """A round mound, or with a negative height a crater."""
 
     x: float = quantity(0.0, "m", -1e3, 1e3, "Position of its centre in W.")
@@ -23,7 +23,7 @@ class MoundOptions(Options):
     height: float = quantity(0.1, "m", -5.0, 5.0, "Height of the top; negative: a crater.")
 
 
-class RoverSurfaceOptions(Options):
+class RoverSurfaceOptions(Frozen):
     """The ground: slopes, mounds and soil."""
 
     soil: str = option("Soil by name (see offtrack parts soil) or TOML file; none: hard ground.", "toyoura_sand")
@@ -41,7 +41,7 @@ class RoverSurfaceOptions(Options):
     height_map_y: float = quantity(0.0, "m", -1e4, 1e4, "Position of its first row in W.")
 
 
-class SandOptions(Options):
+class SandOptions(Frozen):
     """Look of the ground, and the light."""
 
     terrain: str = option("Look of the sand: uniform, ripples, pebbles and others (see docs/rover.md).", "uniform")
@@ -53,7 +53,7 @@ class SandOptions(Options):
     )
 
 
-class TraceRigOptions(Options):
+class TraceRigOptions(Frozen):
     """The camera behind the left rear wheel, mounted as in the paper (Reina 2008, section II)."""
 
     rate_hz: float = quantity(5.0, "Hz", 1.0, 20.0, "Frame rate.")
@@ -66,7 +66,7 @@ class TraceRigOptions(Options):
     )
 
 
-class RoverSignalOptions(Options):
+class RoverSignalOptions(Frozen):
     """Encoders, compass and laser tracker."""
 
     noise: float = quantity(
@@ -74,7 +74,7 @@ class RoverSignalOptions(Options):
     )
 
 
-class RoverScenario(Options):
+class RoverScenario(ScenarioTable):
     """One closed-loop run of a rover."""
 
     vehicle_kind: ClassVar[str] = "rover"  # key of the tables of kinds

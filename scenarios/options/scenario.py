@@ -8,14 +8,14 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, TypeVar, get_args
+from typing import Any, ClassVar, Final, Literal, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, Field, ValidationError, create_model, field_validator, model_validator
 
 from controllers.trailer_steering.policy import shipped_networks
+from estimators.off_tracking.viso_ot import VisoOt
 from scenarios.catalogue import Catalogue, resolve
-from scenarios.options.base import Options, PartName, option, quantity, tables_in
+from scenarios.options.base import PartName, ScenarioTable
 from scenarios.options.course import CourseOptions, CourseTable
 from scenarios.options.faults import Faults
 from scenarios.options.perception import (
@@ -23,12 +23,11 @@ from scenarios.options.perception import (
     RigOptions,
     SignalOptions,
     SteerGroups,
-    VisoOtOptions,
     WorldOptions,
 )
 from scenarios.options.rover_course import RoverCourseOptions
 from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.surroundings import PATCHES, SurfaceOptions, TrafficOptions, TrafficTable, WindOptions
+from scenarios.options.surroundings import SurfaceOptions, TrafficOptions, TrafficTable, WindOptions
 from scenarios.options.vehicle_and_driver import (
     BrakeOptions,
     DegradationOptions,
@@ -39,29 +38,18 @@ from scenarios.options.vehicle_and_driver import (
 )
 from scenarios.results.run_inputs import with_neighbours
 from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
+from vehicle.foundation.quantity import Frozen, Parameter, complaint, option, quantity, tables_in
 from vehicle.foundation.user_file import MAX_NESTING, FileKind, full_path, shown
 
-_WANTED: Final = {  # by types of errors of pydantic
-    "tuple_type": "must be a list",
-    "model_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "dict_type": "must be a table",
-    "bool_type": "must be true or false",
-    "string_type": "must be a text",
-    "int_type": "must be a whole number",
-    "float_type": "must be a number",
-    "string_pattern_mismatch": "must consist of letters, digits, dots, _ and -",
-}
 _COURSE_KIND: Final = "course.kind"
 _MAX_KEY: Final = 200  # characters
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")  # also bytes that are not UTF-8
 _BARE_POINT: Final = re.compile(r"(?P<sign>[+-]?)(?=\.?\d)(?P<whole>\d*)\.(?P<rest>\d*)")  # TOML wants digits around it
 _NAMED: Final = ("driver", "traffic")  # tables that the name of their kind may stand for
 Table = dict[str, Any]  # parsed TOML; only this module uses it
-Parameter = bool | int | float | str
 
 
-class PolicyOptions(Options):
+class PolicyOptions(Frozen):
     """The trained network of ``trailer_steering=policy``."""
 
     path: str | None = option(
@@ -76,7 +64,7 @@ class PolicyOptions(Options):
         return full_path(path)  # the resolved scenario runs from any folder
 
 
-class Scenario(Options):
+class Scenario(ScenarioTable):
     """One closed-loop run of a combination."""
 
     vehicle_kind: ClassVar[str] = "trailer"  # key of the tables of kinds
@@ -114,7 +102,9 @@ class Scenario(Options):
         None,
     )
     sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
-    viso_ot: VisoOtOptions = VisoOtOptions()
+    viso_ot: VisoOt.Parameters = (
+        VisoOt.Parameters()
+    )  # of ``off_tracking = "viso_ot"``; ``estimator`` has those of others
     odometry: str = option("Stereo odometry (see offtrack parts odometry) or package.module:Name.", "keyframe")
     steer_groups: SteerGroups = option(
         "Grouping of steered trailer axles: as in the vehicle file, one common angle, or an actuator for each axle.",
@@ -131,6 +121,13 @@ class Scenario(Options):
     degradation: DegradationOptions = DegradationOptions()  # handling of bad estimates
     outside: OutsideOptions = OutsideOptions()  # demands of a controller on a bench
     reference_unit: bool = option("Carry a GNSS-aided reference unit, to judge estimates as in field tests.", True)
+
+    @model_validator(mode="after")
+    def _names_parameters_once(self) -> Scenario:
+        if self.off_tracking == "viso_ot" and self.estimator:
+            name = next(iter(self.estimator))
+            raise ValueError(f"estimator.{name}: the key is viso_ot.{name}, as off_tracking = viso_ot")
+        return self
 
     @property
     def speed(self) -> float:
@@ -214,8 +211,8 @@ def _read(name_or_path: str) -> Table:
     return with_neighbours(read_toml(Path(name_or_path), FileKind.SCENARIO), Path(name_or_path).parent)
 
 
-def estimator_options(settings: Sequence[str]) -> dict[str, Parameter]:
-    """Options of an estimator from settings ``estimator.NAME=VALUE``, by name.
+def estimator_options(settings: Sequence[str], estimator: str) -> dict[str, Parameter]:
+    """Options of an estimator from settings, by name: ``viso_ot.NAME=VALUE``, or ``estimator.NAME=VALUE`` of others.
 
     Raises:
         ValueError: one line, if a setting has another form.
@@ -223,10 +220,11 @@ def estimator_options(settings: Sequence[str]) -> dict[str, Parameter]:
     table: Table = {}
     for setting in settings:
         _apply(table, setting)
+    part = "viso_ot" if estimator == "viso_ot" else "estimator"
     for key, value in table.items():
-        if key != "estimator" or not isinstance(value, dict):
-            raise ValueError(f"--set {shown(key)}: expected estimator.NAME=VALUE, for example estimator.smoothing=true")
-    options: dict[str, Parameter] = table.get("estimator", {})
+        if key != part or not isinstance(value, dict):
+            raise ValueError(f"--set {shown(key)}: expected {part}.NAME=VALUE, for example {part}.smoothing=true")
+    options: dict[str, Parameter] = table.get(part, {})
     return options
 
 
@@ -274,41 +272,15 @@ def _validated(model: type[AnyScenario], table: Table, source: str) -> AnyScenar
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        raise ValueError(f"scenario {source}: {_complaint(model, error.errors(include_url=False)[0])}") from None
+        known = tuple(_known_keys(model))
+        raise ValueError(f"scenario {source}: {complaint(model, error, known=known)}") from None
 
 
-def _complaint(model: type[AnyScenario], first: ErrorDetails) -> str:
-    """One line about the first error: key, value, limit, unit, or the nearest known key."""
-    tables: tuple[type[BaseModel], ...] = (*tables_in(model.model_fields["course"].annotation), *PATCHES)
-    kinds = [kind for options in tables for kind in get_args(options.model_fields["kind"].annotation)]
-    parts = [str(part) for part in first["loc"] if part not in kinds]
-    is_parameter = first["type"].endswith("_type") and parts[-1] == "bool"  # the first of several types
-    parts = parts[:-1] if is_parameter else parts
-    key, known = ".".join(parts), ".".join(part for part in parts if not part.isdigit())
-    units = dict(_known_keys(model))
-    if first["type"] == "union_tag_invalid":
-        return f"{key}.kind = '{shown(first['ctx']['tag'])}'{nearest(first['ctx']['tag'], kinds)}"
-    if first["type"] == "union_tag_not_found":
-        return f"{key}.kind is missing"
-    if first["type"] == "extra_forbidden":
-        hint = nearest(known, units)
-        return f"unknown key '{shown(key)}'{hint}{'' if hint.endswith('?') else '; offtrack keys lists all'}"
-    if first["type"] == "missing":
-        return f"{key} is missing"
-    if first["type"] == "value_error":
-        return f"{key}: {first['ctx']['error']}"
-    limit = _WANTED.get(first["type"], first["msg"].replace("Input should be", "must be"))
-    if is_parameter:
-        limit = "must be a finite number, true, false or text"
-    unit = f" [{units[known]}]" if units.get(known, "-") != "-" else ""
-    return f"{key} = {shown(repr(first['input']))} {limit}{unit}"
-
-
-def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted name and unit of every key."""
-    for name, info in model.model_fields.items():
-        for table in tables_in(info.annotation):
+def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Dotted name of every key."""
+    for name, field in model.model_fields.items():
+        tables = tables_in(field.annotation)
+        for table in tables:
             yield from _known_keys(table, f"{prefix}{name}.")
-        if not tables_in(info.annotation):
-            extra = info.json_schema_extra
-            yield prefix + name, str(extra["unit"]) if isinstance(extra, dict) else "-"
+        if not tables:
+            yield prefix + name

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.options.base import FullPath
+from vehicle.foundation.quantity import Frozen, option, quantity
 from vehicle.surface import Beyond
 
 
-class _PatchOptions(Options):
-    x: float = Field(json_schema_extra={"unit": "m"}, description="Position of its centre in W.")
-    y: float = Field(json_schema_extra={"unit": "m"}, description="Position of its centre in W.")
-    friction: float = Field(ge=0.05, le=1.5, description="Friction on the patch.")
+class _PatchOptions(Frozen):
+    x: float = quantity(..., "m", -math.inf, math.inf, "Position of its centre in W.")
+    y: float = quantity(..., "m", -math.inf, math.inf, "Position of its centre in W.")
+    friction: float = quantity(..., "-", 0.05, 1.5, "Friction on the patch.")
     edge: float = quantity(0.0, "m", 0.0, 20.0, "Width of the transition across its outline.")
 
 
@@ -21,23 +23,22 @@ class CircleOptions(_PatchOptions):
     """A round patch with its own friction."""
 
     kind: Literal["circle"] = option("Kind of the patch.")
-    radius: float = Field(ge=0.05, le=500.0, json_schema_extra={"unit": "m"}, description="Radius.")
+    radius: float = quantity(..., "m", 0.05, 500.0, "Radius.")
 
 
 class RectangleOptions(_PatchOptions):
     """A rectangular patch with its own friction."""
 
     kind: Literal["rectangle"] = option("Kind of the patch.")
-    length: float = Field(ge=0.1, le=5000.0, json_schema_extra={"unit": "m"}, description="Length.")
-    width: float = Field(ge=0.1, le=1000.0, json_schema_extra={"unit": "m"}, description="Width.")
+    length: float = quantity(..., "m", 0.1, 5000.0, "Length.")
+    width: float = quantity(..., "m", 0.1, 1000.0, "Width.")
     heading_deg: float = quantity(0.0, "deg", -360.0, 360.0, "Direction of its length from W's x, + left.")
 
 
-PATCHES = (CircleOptions, RectangleOptions)
 PatchTable = Annotated[CircleOptions | RectangleOptions, Field(discriminator="kind")]
 
 
-class SurfaceOptions(Options):
+class SurfaceOptions(Frozen):
     """The ground; see vehicle.surface. From bottom to top: friction of both sides, image, patches."""
 
     friction: float = quantity(0.8, "-", 0.05, 1.5, "Friction of the ground.")
@@ -71,7 +72,7 @@ class SurfaceOptions(Options):
     reformed_flow: float = quantity(0.0, "-", 0.0, 1.0, "Speed of the re-formed ground, as a share of the vehicle's.")
 
 
-class WindOptions(Options):
+class WindOptions(Frozen):
     """A gust along W's y on a stretch of W's x axis; none at a speed of 0. The vehicle file needs ``side_wind``."""
 
     speed: float = quantity(0.0, "m/s", -60.0, 60.0, "Speed of the gust, + towards W's +y, to the left at the start.")
@@ -80,7 +81,7 @@ class WindOptions(Options):
     edge: float = quantity(5.0, "m", 0.1, 1e3, "Length over which it grows and falls.")
 
 
-class TrafficOptions(Options):
+class TrafficOptions(Frozen):
     """Vehicles that move around the trailer in its cameras' view."""
 
     kind: Literal["none", "following", "overtaking", "crossing", "mixed"] = option(

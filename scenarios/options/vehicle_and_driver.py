@@ -8,11 +8,12 @@ from pydantic import BeforeValidator, ConfigDict, Field
 
 from controllers.trailer_steering.fallback import FallbackName
 from controllers.trailer_steering.guard import LIMITS, Degradation
-from scenarios.options.base import FullPath, Options, PartName, option, quantity
+from scenarios.options.base import FullPath, PartName
 from vehicle.combination.variants import NamedChanges
+from vehicle.foundation.quantity import Frozen, option, quantity
 
 
-class StopTable(Options):
+class StopTable(Frozen):
     """A stop on the course, with reversing if asked for."""
 
     station: float = quantity(
@@ -22,7 +23,7 @@ class StopTable(Options):
     back: float = quantity(0.0, "m", 0.0, 100.0, "Distance that the driver reverses before continuing.")
 
 
-class DriverOptions(Options):
+class DriverOptions(Frozen):
     """The driver: follows the course at set speed or below a lateral limit, or repeats a recorded drive."""
 
     kind: PartName | None = option(
@@ -63,7 +64,7 @@ def _limited(name: str, meaning: str) -> Any:
     return quantity(getattr(_DEFAULT, name), unit, low, high, meaning)
 
 
-class DegradationOptions(Options):
+class DegradationOptions(Frozen):
     """Limits of usable estimates, and the fallback law."""
 
     hold: float = _limited(
@@ -83,7 +84,7 @@ class DegradationOptions(Options):
         return Degradation(**self.model_dump())
 
 
-class OutsideOptions(Options):
+class OutsideOptions(Frozen):
     """Demands from outside by ``--udp`` or ``--can``; the scenario's own law or driver stands in where they fail."""
 
     demands: Literal["none", "trailer", "driver", "both"] = option(
@@ -115,7 +116,7 @@ class PlantOptions(NamedChanges):
         return {name: value for name, value in values.items() if name not in fields or value != fields[name].default}
 
 
-class BrakeOptions(Options):
+class BrakeOptions(Frozen):
     """Electronic systems of brakes and drive; those not given are as in the vehicle file."""
 
     abs: bool | None = option("Anti-lock braking; not given: as in the vehicle file.", None)

@@ -46,41 +46,30 @@ def replaced(path: Path, text: str) -> None:
 
 
 def unfinished_files(folder: Path) -> list[Path]:
-    """Unfinished files in a folder; if this process is its sole user, killed processes have left them."""
+    """Unfinished files in a folder; if only this process uses it, killed processes have left them."""
     return [path for path in folder.iterdir() if _UNFINISHED.fullmatch(path.name) and path.is_file()]
 
 
 @contextmanager
-def sole_user(folder: Path) -> Iterator[None]:
+def user_of(folder: Path) -> Iterator[None]:
     """Lock a folder; the lock ends with this process at the latest.
-
-    Raises:
-        ValueError: one line, if another process has locked it.
-    """
-    with user_of(folder, shared=False):
-        yield
-
-
-@contextmanager
-def user_of(folder: Path, *, shared: bool) -> Iterator[None]:
-    """Lock a folder alone, or ``shared`` with others that share it; the lock ends with this process at the latest.
 
     Raises:
         ValueError: one line, if another process has locked it.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        if not locked(descriptor, shared=shared):
+        if not locked(descriptor):
             raise ValueError(f"directory {folder}: another process works in it; wait, or choose another")
         yield
     finally:
         os.close(descriptor)
 
 
-def locked(descriptor: int, *, shared: bool = False) -> bool:
+def locked(descriptor: int) -> bool:
     """Lock an open file or folder until it is closed; False if another process has locked it."""
     try:
-        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True

@@ -15,7 +15,8 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from vehicle.foundation.parameter_file import checked, read_toml, without_sources
+from vehicle.foundation.parameter_file import read_toml, without_sources
+from vehicle.foundation.quantity import checked
 from vehicle.foundation.user_file import MAX_PIXELS, FileKind
 from vehicle.frames import FloatArray
 

@@ -26,7 +26,7 @@ from vehicle.rover.description import load_rover, rover_names
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 DOCUMENTS: Final = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("[a-z]*/README.md")])
-ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
 MOST_WORDS: Final = 1300  # in the README; all of it counts: text, tables, code and the addresses of links
 
 FENCE: Final = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -3,7 +3,8 @@
     python tests/baselines/fingerprints.py write before.json
     python tests/baselines/fingerprints.py compare before.json
 
-Every shipped scenario runs with exact off-tracking or slip, some also with cameras. One vehicle is assessed, and one
+Every shipped scenario runs with exact off-tracking or slip, some also with cameras. Vehicles are described and one is
+assessed, recordings are estimated, a study and exports are made, keys and parts are listed, and one
 environment of each kind runs for some steps. All use the command or gymnasium's registry, so tables of different
 versions can be compared even if modules have moved. Hashes depend on the processor and OpenGL: compare only tables of
 the same machine.
@@ -67,6 +68,11 @@ def cases() -> dict[str, Callable[[Path], Fingerprint]]:
         table[title] = _run_case(name, settings, options)
     table[f"assess {_ASSESSED}"] = _assess_case
     table["environments"] = _environments_case
+    table["listings"] = _listings_case
+    table["vehicle sheets"] = _sheets_case
+    table["recordings"] = _recordings_case
+    table["study"] = _study_case
+    table["exports"] = _exports_case
     return table
 
 
@@ -121,7 +127,7 @@ def _command(*arguments: str) -> str:
     # One thread per process: the processes share the cores, and sums keep their order.
     single_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", "from offtrack.commands.cli import main; main()", *arguments],
+        [sys.executable, "-m", "offtrack", *arguments],
         capture_output=True,
         text=True,
         env=os.environ | single_thread | {"COLUMNS": "400"},
@@ -160,6 +166,57 @@ def _environments_case(folder: Path) -> Fingerprint:
     return dict(json.loads(_run_python(_ROLLOUT)))
 
 
+def _listings_case(folder: Path) -> Fingerprint:
+    """Keys with units, ranges and defaults, and parts."""
+    del folder
+    listed = {f"keys {name}": _command("keys", name, "--json") for name in _scenario_names()}
+    return {name: _text_hash(text) for name, text in {**listed, "parts": _command("parts", "--json")}.items()}
+
+
+def _sheets_case(folder: Path) -> Fingerprint:
+    del folder
+    names = [file.stem for kind in ("parameters", "rovers") for file in sorted(Path("vehicle", kind).glob("*.toml"))]
+    return {name: _text_hash(_command("vehicle", name, "--json")) for name in names}
+
+
+def _recordings_case(folder: Path) -> Fingerprint:
+    """Estimators on the images of a trailer and of a rover."""
+    hashes: Fingerprint = {}
+    for name, length, what in (
+        ("constant-slip", "course.length=15", "off-tracking"),
+        ("rover-slope", "course.length=3", "slip"),
+    ):
+        images = folder / f"{name} images"
+        _command(
+            "run", name, "--quiet", "--no-video", "--set", length, "--record", str(images), "--out", str(folder / name)
+        )
+        out = folder / f"{name} estimated"
+        _command("estimate", what, str(images), "--quiet", "--no-video", "--out", str(out))
+        hashes |= _numbers(json.loads((out / "summary.json").read_text(encoding="utf-8")), name)
+    return hashes
+
+
+def _study_case(folder: Path) -> Fingerprint:
+    """Table of a sweep."""
+    short = ["--set", "off_tracking=truth", "--set", "course.turn_deg=30", "--jobs", "1", "--quiet"]
+    laws = ["--vary", "trailer_steering=command_steer,path_preview", "--seeds", "2"]
+    _command("sweep", "roundabout", *laws, *short, "--out", str(folder / "sweep"))
+    return {file.name: _text_hash(file.read_text()) for file in sorted((folder / "sweep").glob("table*.csv"))}
+
+
+def _exports_case(folder: Path) -> Fingerprint:
+    """Formats without a time of writing."""
+    run = folder / "run"
+    _command("run", "turn-90", "--quiet", "--no-video", "--set", "off_tracking=truth", "--out", str(run))
+    _command("export", str(run), "--to", "csv")
+    _command("draw", str(run), "--to", "geojson")
+    return {file.name: _text_hash(file.read_text()) for file in sorted([*run.glob("*.csv"), *run.glob("*.geojson")])}
+
+
+def _text_hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def _run_python(code: str) -> str:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ)
     if done.returncode:
@@ -170,7 +227,7 @@ def _run_python(code: str) -> str:
 _ROLLOUT = """
 import hashlib, json
 import gymnasium, numpy as np
-import offtrack.environments.registry
+import offtrack
 def rollout(name, steps, **options):
     env = gymnasium.make(name, **options)
     digest = hashlib.sha256()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from offtrack.studies.case import Case
-from offtrack.studies.pool import run_cases
+from offtrack.studies.pool import RunOptions, run_cases
 from scenarios.loop.runner import run
 
 _FIXED: Final = (  # 11 s simulated: the shorter a run, the more the machinery counts
@@ -58,7 +58,7 @@ def _own_seconds() -> float:
 def _study(count: int, jobs: int, cells: Path) -> tuple[float, float]:
     """Wall time and processor time of a run in a study [s]."""
     begin, before = time.monotonic(), _seconds()
-    outcomes = run_cases(_cases(count), cells, jobs=jobs)
+    outcomes = run_cases(_cases(count), cells, RunOptions(jobs=jobs))
     wall = time.monotonic() - begin
     if not all(outcome.completed for outcome in outcomes):
         raise RuntimeError("a run is not completed")

@@ -80,27 +80,21 @@ def test_at_speed_it_is_the_lqr() -> None:
 def test_at_walking_pace_it_is_the_low_speed_law(low_speed: str) -> None:
     """The LQR is silent there; the sum is the low-speed law's command, to the last bit."""
     speeds = np.full(100, 3.0)
-    combined = commands(Combined(TRAILER, combination=COMBINATION, low_speed=low_speed), speeds, estimates=True)
+    law = Combined(TRAILER, combination=COMBINATION, parameters=Combined.Parameters.of({"low_speed": low_speed}))
+    combined = commands(law, speeds, estimates=True)
     assert np.abs(combined).max() > 1e-3  # every law steers here
     np.testing.assert_array_equal(combined, commands(ALONE[low_speed](), speeds, estimates=True))
 
 
 def test_every_low_speed_law_is_compared() -> None:
     """The choices that the law declares."""
-    (option,) = (option for option in Combined.options if option.name == "low_speed")
-    assert set(option.choices) == set(ALONE)
+    assert set(Combined.Parameters.option("low_speed").choices) == set(ALONE)
 
 
 def test_speeding_up_and_slowing_down_is_seamless() -> None:
     """Through the band of speeds where hands change: within the rate limit, no step where the band begins or ends."""
     ramp = np.linspace(3.0, 16.0, 200)
-    law = Combined(TRAILER, combination=COMBINATION, low_speed="command_steer")
+    law = Combined(TRAILER, combination=COMBINATION, parameters=Combined.Parameters(low_speed="command_steer"))
     angles = commands(law, np.concatenate([ramp, ramp[::-1]]))
     steps = np.abs(np.diff(angles, axis=0)).max(axis=1)
     assert steps.max() < 0.9 * TRAILER.max_steer_rate * 20 * TICK  # a step would be caught by the rate limit, at it
-
-
-def test_an_unknown_low_speed_law_is_refused() -> None:
-    """With the nearest name."""
-    with pytest.raises(ValueError, match=r"path_preveiw.*path_preview"):
-        Combined(TRAILER, combination=COMBINATION, low_speed="path_preveiw")

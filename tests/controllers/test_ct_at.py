@@ -37,7 +37,7 @@ def test_slip_leaves_a_steady_error_that_the_heading_can_not_show(drive: Any) ->
     run = drive(
         straight(front_x=5.2, length=160.0),
         TRAILER,
-        CtAt(TRAILER, combination=COMBINATION, heading_gain=gain),
+        CtAt(TRAILER, combination=COMBINATION, parameters=CtAt.Parameters(heading_gain=gain)),
         slip=lambda lateral_acceleration: slip,
     )
     assert abs(run.off_tracking[-1]) > 0.1  # the known weakness of the scheme
@@ -51,7 +51,7 @@ def test_the_reference_trailer_brings_the_rear_back_after_saturation(drive: Any)
     short = replace(TRAILER, max_steer=math.radians(12.0))
     course = roundabout(front_x=5.2, width=2.55, turn=0.25 * math.tau, exit=75.0)
     with_reference = drive(course, short, CtAt(short, combination=COMBINATION))
-    without = drive(course, short, CtAt(short, combination=COMBINATION, heading_gain=0.0))
+    without = drive(course, short, CtAt(short, combination=COMBINATION, parameters=CtAt.Parameters(heading_gain=0.0)))
     assert with_reference.worst > 0.3  # it was saturated
     assert abs(with_reference.off_tracking[-1]) < 0.05
     assert abs(without.off_tracking[-1]) > 0.3
@@ -63,10 +63,3 @@ def test_left_and_right_are_steered_alike(drive: Any) -> None:
     left = drive(ROUNDABOUT, TRAILER, law, until=20.0)
     right = drive(roundabout(front_x=5.2, width=2.55, direction="right"), TRAILER, law, until=20.0)
     np.testing.assert_allclose(right.steer, -left.steer, atol=1e-6)  # roundings, as the loop forgets them
-
-
-@pytest.mark.parametrize(("name", "value"), [("heading_gain", -1.0), ("preview", 2.0)])
-def test_a_parameter_outside_its_limits_is_refused(name: str, value: float) -> None:
-    """By name, value and limits."""
-    with pytest.raises(ValueError, match=rf"{name} = {value} .*must be between"):
-        CtAt(TRAILER, combination=COMBINATION, **{name: value})

@@ -168,14 +168,7 @@ def test_linked_axles_turn_in_their_ratio() -> None:
     assert command.angles.any()
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"off_tracking_weight": -1.0}, "off_tracking_weight = -1.0 rad2/m2 must be between"),
-        ({"from_speed_kmh": 60.0, "full_speed_kmh": 50.0}, "full_speed_kmh = 50.0 km/h must exceed"),
-    ],
-)
-def test_parameters_outside_their_limits_are_refused(parameters: dict[str, float], message: str) -> None:
-    """By name, value, limits and unit."""
-    with pytest.raises(ValueError, match=message):
-        Lqr(TRAILER, combination=COMBINATION, **parameters)
+def test_the_law_fades_in_over_a_band_of_speeds() -> None:
+    """From a lower speed to a higher one."""
+    with pytest.raises(ValueError, match=r"full_speed_kmh = 50.0 km/h must exceed"):
+        Lqr.Parameters.of({"from_speed_kmh": 60.0, "full_speed_kmh": 50.0})

@@ -126,7 +126,11 @@ def test_a_network_that_does_not_fit_is_refused_in_one_line(tmp_path: Path, wron
     """When the run is put together."""
     save_network(wrong, tmp_path / "wrong.npz")
     with pytest.raises(ValueError, match=words):
-        Policy(trailer_geometry(VEHICLE, 1), combination=Combination(VEHICLE, 1), path=str(tmp_path / "wrong.npz"))
+        Policy(
+            trailer_geometry(VEHICLE, 1),
+            combination=Combination(VEHICLE, 1),
+            parameters=Policy.Parameters(path=str(tmp_path / "wrong.npz")),
+        )
 
 
 def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 import tomli_w
+from annotated_types import MinLen
 from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from scenarios import catalogue, part_listing
-from scenarios.options.base import tables_in
 from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
 from scenarios.options.rover_scenario import RoverScenario
@@ -22,6 +24,7 @@ from tests.fuzz.case import Case
 from tests.fuzz.files import settings
 from tests.fuzz.mutations import ODD_NUMBERS
 from vehicle.combination.description import vehicle_names
+from vehicle.foundation.quantity import tables_in
 from vehicle.option import Option, declared_options
 from vehicle.rover.description import rover_names, soil_names
 
@@ -72,45 +75,28 @@ def _value(model: type[BaseModel], name: str, field: FieldInfo) -> st.SearchStra
     names = _NAMES.get((model, name)) or _NAMES_ANYWHERE.get(name)
     if names and field.annotation is not None and get_origin(field.annotation) is not Literal:
         return st.sampled_from(names)
-    return _of_type(
-        field.annotation, {type(limit).__name__: limit for limit in field.metadata}, field.description or ""
-    )
+    return _of_type(field.annotation, Option.of(name, field), field)
 
 
-def _of_type(annotation: Any, limits: Mapping[str, Any], meaning: str) -> st.SearchStrategy[str]:
+def _of_type(annotation: Any, option: Option, field: FieldInfo | None = None) -> st.SearchStrategy[str]:
     origin = get_origin(annotation)
     if origin is Annotated:
-        inner, *extras = get_args(annotation)
-        more = [limit for extra in extras for limit in getattr(extra, "metadata", [extra])]
-        return _of_type(inner, {**limits, **{type(limit).__name__: limit for limit in more}}, meaning)
+        return _of_type(get_args(annotation)[0], option)
     if origin in (Union, types.UnionType):
-        return st.one_of(
-            *(_of_type(part, limits, meaning) for part in get_args(annotation) if part is not types.NoneType)
-        )
+        return st.one_of(*(_of_type(part, option) for part in get_args(annotation) if part is not types.NoneType))
     if origin is Literal:
         return st.sampled_from([str(choice) for choice in get_args(annotation)])
     if origin is tuple:
         parts = get_args(annotation)
         if parts[-1] is Ellipsis:
-            least = limits["MinLen"].min_length if "MinLen" in limits else 0
-            return st.lists(_of_type(parts[0], {}, meaning), min_size=least, max_size=3).map(_list)
-        return st.tuples(*(_of_type(part, limits, meaning) for part in parts)).map(_list)
-    if annotation is bool:
-        return st.sampled_from(["true", "false"])
-    if annotation is int or annotation is float:
-        return _number(annotation, limits)
+            least = next((limit.min_length for limit in field.metadata if isinstance(limit, MinLen)), 0) if field else 0
+            return st.lists(_of_type(parts[0], option), min_size=least, max_size=3).map(_list)
+        return st.tuples(*(_of_type(part, option) for part in parts)).map(_list)
+    if annotation in (bool, int, float):
+        return _option(replace(option, default=None, type_without_default=annotation))
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return _inline(annotation)
     return st.sampled_from(_TEXTS)
-
-
-def _number(kind: type, limits: Mapping[str, Any]) -> st.SearchStrategy[str]:
-    low = next((getattr(limits[name], name.lower()) for name in ("Ge", "Gt") if name in limits), -1e3)
-    high = next((getattr(limits[name], name.lower()) for name in ("Le", "Lt") if name in limits), 1e3)
-    if kind is int:
-        return st.integers(int(low), int(high)).map(str)
-    near = st.floats(low, low + 0.1 * (high - low)) | st.floats(low, high) | st.sampled_from([float(low), float(high)])
-    return near.map(repr)
 
 
 def _list(values: Any) -> str:
@@ -174,7 +160,7 @@ def _parameters(chosen: dict[str, str]) -> st.SearchStrategy[list[str]]:
             if chosen.get(key) in getattr(catalogue, names):
                 part = catalogue.resolve(key, chosen[key], getattr(catalogue, names))
                 options = {
-                    f"{table}.{option.name}": _option(option) for option in declared_options(part, ("combination",))
+                    f"{table}.{option.name}": _option(option) for option in declared_options(part, or_keywords=True)
                 }
                 tables.append(st.fixed_dictionaries({}, optional=options))
     return st.tuples(*tables).map(lambda drawn: [f"{key}={value}" for one in drawn for key, value in one.items()])
@@ -185,8 +171,12 @@ def _option(option: Option) -> st.SearchStrategy[str]:
         return st.sampled_from(option.choices)
     if option.kind is bool:
         return st.sampled_from(["true", "false"])
-    low, high = max(option.low, -1e3), min(option.high, 1e3)
-    return (st.integers(int(low), int(high)).map(str)) if option.kind is int else st.floats(low, high).map(repr)
+    low = option.low if math.isfinite(option.low) else -1e3
+    high = option.high if math.isfinite(option.high) else 1e3
+    if option.kind is int:
+        return st.integers(int(low), int(high)).map(str)
+    near = st.floats(low, low + 0.1 * (high - low)) | st.floats(low, high) | st.sampled_from([float(low), float(high)])
+    return near.map(repr)
 
 
 _OF_TRAILERS, _OF_ROVERS = _keys(Scenario), _keys(RoverScenario)

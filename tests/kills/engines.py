@@ -1,4 +1,4 @@
-"""Studies whose processes are killed again and again: ``python -m tests.kills.engines [--only pool,join,dask]``.
+"""Studies whose processes are killed again and again: ``python -m tests.kills.engines [--only pool,dask]``.
 
 Killed commands and workers are started anew, as a cluster would do. In the end every run must be there, the tables must
 be those of an undisturbed study, and no more runs may have been begun than there are, and one for each kill.
@@ -44,7 +44,6 @@ class Counted(Unsteered):
         os.close(descriptor)
 """
 _SWEEP: Final = ["sweep", "study.toml", "--out", "out"]
-_LEASE: Final = "3"  # [s]
 
 
 class Disturbed(NamedTuple):
@@ -76,28 +75,6 @@ def _pool(folder: Path) -> Iterator[Disturbed]:
         return bool(workers)
 
     yield Disturbed(is_made, kill)
-
-
-@contextmanager
-def _join(folder: Path) -> Iterator[Disturbed]:
-    """Three commands in one folder, which are killed with their workers."""
-    sweep = [*_SWEEP, "--join", "--lease", _LEASE, "--jobs", "1"]
-    running = [start(sweep, folder) for _ in range(3)]
-
-    def kill(rng: random.Random) -> bool:
-        victim = rng.randrange(len(running))
-        if running[victim].poll() is not None:
-            return False
-        os.killpg(running[victim].pid, signal.SIGKILL)
-        running[victim].communicate()
-        running[victim] = start(sweep, folder)
-        return True
-
-    yield Disturbed(lambda: any(process.poll() is not None for process in running), kill)
-    for process in running:
-        said = process.communicate(timeout=PATIENCE)[1]
-        if process.returncode != 0:
-            raise RuntimeError(f"a command ended with {process.returncode}: {said.strip()[-500:]}")
 
 
 @contextmanager
@@ -133,7 +110,7 @@ def _dask(folder: Path) -> Iterator[Disturbed]:
             _end_group(process)
 
 
-ENGINES: Final = {"pool": _pool, "join": _join, "dask": _dask}
+ENGINES: Final = {"pool": _pool, "dask": _dask}
 
 
 def disturbed(engine: str, folder: Path, pauses: tuple[float, float], rng: random.Random) -> tuple[int, float]:
@@ -190,8 +167,6 @@ def _problems(folder: Path, expected: str, kills: int) -> Iterator[str]:
         yield f"{cells} runs are saved"
     if (begun := len((folder / _STARTS).read_bytes())) > _RUNS + kills:
         yield f"{begun - _RUNS} runs were begun twice"
-    for name in ("claims", "failed"):
-        yield from (f"{path.name} is left" for path in (out / name).glob("*"))
     yield from (f"{path.name} is left" for path in out.rglob(".*.unfinished"))
 
 

@@ -20,7 +20,7 @@ import pytest
 
 pytest.importorskip("psycopg")
 
-from offtrack.studies.trial_storage import database
+from offtrack.studies.trials import database
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 USER: Final = "postgres"  # PostgreSQL does not run as root

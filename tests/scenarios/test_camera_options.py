@@ -78,10 +78,10 @@ def test_several_faults_survive_being_written_down() -> None:
         ("faults=dropout:much", "faults.0.amount.0 = 'much' must be a number"),
         ("faults=dropout@soon", "faults.0.start = 'soon' must be a number"),
         ('faults=[{kind = "dropout", amuont = 1}]', "unknown key 'faults.0.amuont'; did you mean 'faults.amount'"),
-        ("rig.misrotation_deg=[9, 0, 0]", r"rig.misrotation_deg.0 = 9 must be less than or equal to 5 \[deg\]"),
+        ("rig.misrotation_deg=[9, 0, 0]", r"rig.misrotation_deg.0 = 9 deg must be between -5 and 5 deg"),
         ("rig.misrotation_deg=[0, 0]", "rig.misrotation_deg"),
-        ("rig.exposure=manual", "rig.exposure = 'manual' must be 'fixed' or 'auto'"),
-        ("world.sun_elevation_deg=1", r"world.sun_elevation_deg = 1 must be greater than or equal to 3 \[deg\]"),
+        ("rig.exposure=manual", "rig.exposure = 'manual'; known: fixed, auto"),
+        ("world.sun_elevation_deg=1", r"world.sun_elevation_deg = 1 deg must be between 3 and"),
     ],
 )
 def test_what_can_not_be_is_one_clear_line(setting: str, complaint: str) -> None:
@@ -216,7 +216,7 @@ def test_traffic_is_named_shortly_or_in_a_table(settings: tuple[str, ...]) -> No
 
 def test_unknown_traffic_is_refused() -> None:
     """In one line that says what there is."""
-    with pytest.raises(ValueError, match=r"traffic\.kind = 'jam' must be 'none', 'following', 'overtaking'"):
+    with pytest.raises(ValueError, match=r"traffic\.kind = 'jam'; known: none, following, overtaking"):
         scenario("traffic=jam")
 
 

@@ -90,8 +90,6 @@ def test_a_campaign_is_run_judged_and_reported_and_its_runs_are_used_again(
     (_, stuck) = pq.read_table(out / "runs.parquet").to_pylist()
     assert (stuck["fault"], stuck["verdict"]) == ("actuator_stuck", "failed")
     assert stuck["reasons"].startswith("steer.max_deg = ")
-    status = invoked(str(file), "--out", str(out), "--status", "--json")
-    assert (json.loads(status.stdout)["finished"], json.loads(status.stdout)["waiting"]) == (2, 0)
 
 
 QUICK = """scenario = "lane-change"
@@ -118,38 +116,35 @@ only.trailer_steering = "none"
 """
 
 
-def test_commands_that_join_a_campaign_share_its_runs_and_those_of_its_bisection(
+def test_an_interrupted_campaign_and_its_bisection_are_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One is interrupted after two runs; the next makes the others. What --where names is made again, also there."""
+    """It is interrupted after two runs; the next command makes the others. What --where names is made again."""
     (tmp_path / "quick.toml").write_text(QUICK, encoding="utf-8")
     command = (str(tmp_path / "quick.toml"), "--jobs", "1", "--json", "--out")
     made, most = list[str](), [2]
 
     def each_here(work: Any, tasks: Any, **_: object) -> Iterator[tuple[str, str]]:
-        for name, arguments in tasks.items() if isinstance(tasks, dict) else tasks:
+        for name, arguments in tasks.items():
             if len(made) == most[0]:
                 raise KeyboardInterrupt
             made.append(name)
             yield name, work(*arguments)
 
-    for module in ("join", "pool"):
-        monkeypatch.setattr(f"offtrack.studies.{module}.each_in_a_worker", each_here)
-    joined = tmp_path / "joined"
-    assert invoked(*command, str(joined), "--join").exit_code == 130
-    status = json.loads(invoked(*command, str(joined), "--status").stdout)
-    assert (status["runs"], status["finished"], status["waiting"]) == (4, 2, 2)
+    monkeypatch.setattr("offtrack.studies.pool.each_in_a_worker", each_here)
+    out = tmp_path / "out"
+    assert invoked(*command, str(out)).exit_code == 130
+    assert len([*(out / "cells").glob("*.json")]) == 2
     most[0] = 100
-    ended = invoked(*command, str(joined), "--join")
+    ended = invoked(*command, str(out))
     assert ended.exit_code == 0, ended.output
     assert len(made) == len(set(made)) == 6  # four runs, and both ends of the bisection
-    assert not [*(joined / "claims").iterdir()]
-    again = invoked(*command, str(joined), "--join", "--where", "trailer_steering=none")
+    again = invoked(*command, str(out), "--where", "trailer_steering=none")
     assert len(made) == 6 + 4
     assert json.loads(again.stdout) == json.loads(ended.stdout)
-    alone = invoked(*command, str(tmp_path / "alone"))
-    assert json.loads(alone.stdout) == json.loads(ended.stdout)
-    assert invoked(*command, str(joined), "--where", "trailer_steering=mpc").exit_code == 2
+    whole = invoked(*command, str(tmp_path / "whole"))
+    assert json.loads(whole.stdout) == json.loads(ended.stdout)
+    assert invoked(*command, str(out), "--where", "trailer_steering=mpc").exit_code == 2
 
 
 def test_a_fault_that_a_scenario_cannot_have_is_refused_before_any_run(tmp_path: Path) -> None:

@@ -24,8 +24,7 @@ from offtrack.studies.campaigns.failures import (
 from offtrack.studies.campaigns.fault_entry import FaultTime
 from offtrack.studies.campaigns.verdict import END_OF_RUN, Judgement, Limit, judged, response
 from offtrack.studies.case import Case, Outcome
-from offtrack.studies.draws import Stop, made_in_batches, spared
-from offtrack.studies.status import Status
+from offtrack.studies.draws import Stop, made_in_batches
 from scenarios.results.log import Log, Signal, write_log
 from vehicle.frames import FloatArray
 
@@ -283,7 +282,7 @@ def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tm
     assert [(search.finding, search.exceptions) for search in always] == [("always fails", (1.0,))] * 2
 
 
-def test_draws_that_a_stop_rule_spares_are_not_waiting() -> None:
+def test_a_stop_rule_leaves_out_draws_of_a_known_point() -> None:
     """A point without a failure is known after 40 of 100 draws; one with half of them failing needs all."""
     cases = [
         Case(scenario="x", fixed=(), axes=(("law", law),), seed=1, drawn=(("k", str(k)),))
@@ -302,10 +301,5 @@ def test_draws_that_a_stop_rule_spares_are_not_waiting() -> None:
         return [Exceeding(sum(not one.completed for one in runs), len(runs)).interval()]
 
     stop = Stop(half_width=0.05, batch=20)
-    done = {k: outcomes[k] for k in [*range(40), *range(100, 140)]}
-    assert spared(cases, intervals, stop, done) == set(range(40, 100))
-    assert spared(cases, intervals, stop, {k: outcomes[k] for k in range(39)}) == set()
     kept = made_in_batches(cases, intervals, stop, lambda batch: [outcomes[k] for k in batch])
-    assert len(kept) == 140
-    now = Status(runs=200, finished=80, failed=(), running=(), mean_seconds=None, machines=(), spared=60)
-    assert now.waiting == 60
+    assert [one.case for one in kept] == [*cases[:40], *cases[100:]]

@@ -19,11 +19,10 @@ from typer.testing import CliRunner
 pytest.importorskip("distributed")
 
 from offtrack.commands.cli import app
-from offtrack.studies.case import Case
+from offtrack.studies.case import Case, installed
 from offtrack.studies.cluster_executor import DaskExecutor, connected, job_queue
 from offtrack.studies.cluster_workshop import Workshop, difference, packed, renders
-from offtrack.studies.identity import installed
-from offtrack.studies.pool import run_cases
+from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.study import load_study
 from scenarios.processes import SpareWorkers, WorkerDiedError
 from tests.in_process import make_runs_here
@@ -78,8 +77,8 @@ def test_runs_on_a_cluster_are_those_of_the_pool(
     make_runs_here(monkeypatch)  # of the pool: those of the cluster are in processes of their own
     connect = partial(connected, scheduler.scheduler_address)
     with DaskExecutor(connect, timeout=600.0, patience=0.5, waits=False, remark=print) as executor:
-        made = run_cases(cases, cells, jobs=1, executor=executor)
-        expected = run_cases(cases, tmp_path / "here", jobs=1)
+        made = run_cases(cases, cells, RunOptions(jobs=1, executor=executor))
+        expected = run_cases(cases, tmp_path / "here", RunOptions(jobs=1))
         for one, other in zip(made, expected, strict=True):
             assert one.number("off_tracking.true_rms_m") == other.number("off_tracking.true_rms_m")
             assert one.signals is not None
@@ -87,18 +86,18 @@ def test_runs_on_a_cluster_are_those_of_the_pool(
             assert one.signals.read_bytes() == other.signals.read_bytes()
         files = {path: path.stat().st_mtime_ns for path in cells.iterdir()}
         next(cells.glob("*.json")).unlink()
-        run_cases(cases, cells, jobs=1, executor=executor)
+        run_cases(cases, cells, RunOptions(jobs=1, executor=executor))
         assert sum(path.stat().st_mtime_ns == before for path, before in files.items()) == 2
         scheduler.scale(0)
         while scheduler.scheduler_info["workers"]:
             time.sleep(0.05)
-        (lost, _) = run_cases(cases, tmp_path / "lost", jobs=1, executor=executor)
+        (lost, _) = run_cases(cases, tmp_path / "lost", RunOptions(jobs=1, executor=executor))
         assert str(lost.numbers["outcome"]) == "failed: no worker was left in the Dask cluster for 0.5 s"
     with (
         DaskExecutor(connect, timeout=None, patience=0.5, waits=False, remark=print) as executor,
         pytest.raises(ValueError, match="has no worker"),
     ):
-        run_cases(cases, tmp_path / "none", jobs=1, executor=executor)
+        run_cases(cases, tmp_path / "none", RunOptions(jobs=1, executor=executor))
 
 
 def test_a_worker_without_the_files_gets_them_and_returns_the_run(
@@ -116,7 +115,7 @@ def test_a_worker_without_the_files_gets_them_and_returns_the_run(
     keys = {"course.length": "20", "off_tracking": "truth", "vehicle": "uk_longer_semitrailer.toml"}
     keys["trailer_steering"] = "laws.mine:Mine"
     case = Case(scenario="cambered-road", fixed=tuple(keys.items()), axes=(), seed=1)
-    (expected,) = run_cases([case], tmp_path / "here", jobs=1)
+    (expected,) = run_cases([case], tmp_path / "here", RunOptions(jobs=1))
     shipment, (order,) = packed({case.identity(): case})
     assert {Path(name).name for name in shipment.contents} == {"mine.py", "gains.py", "uk_longer_semitrailer.toml"}
     home.rename(tmp_path / "away")  # a machine that has none of it
@@ -184,7 +183,6 @@ def test_wrong_options_and_queues_are_one_line(study: Path, tmp_path: Path) -> N
     out = ("--out", tmp_path / "out", "--quiet")
     for arguments, line in (
         (("--scheduler", "nowhere"), "expected an address such as tcp://host:8786"),
-        (("--scheduler", "tcp://h:1", "--join"), "choose one"),
         (("--scheduler", "tcp://h:1", "--dask-jobqueue", "q.yaml"), "choose one"),
         (("--scheduler", "tcp://h:1", "--jobs", "2"), "leave it out"),
         (("--dask-jobqueue", "q.yaml"), "needs --jobs"),

@@ -13,8 +13,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from offtrack.commands.export import draw as draw_command
-from offtrack.commands.vehicle import assess as assess_command
+from offtrack.commands.assess import assess as assess_command
+from offtrack.commands.exchange import draw as draw_command
 from offtrack.exchange import drawings
 from offtrack.exchange.drawings import DrivenPath, drawing, geojson, unit_layer, write_drawing
 from offtrack.studies.standards.assessment import Assessment

@@ -12,9 +12,9 @@ from gymnasium.utils.env_checker import check_env
 
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.camera_observations import CameraObservations
-from offtrack.environments.domain import Domain, Variation
-from offtrack.environments.sensed import reduced, reduced_shape
-from offtrack.environments.vector import CoreVectorEnv
+from offtrack.environments.pictures import reduced, reduced_shape
+from offtrack.environments.registry import CoreVectorEnv
+from offtrack.environments.rewards import Domain, Variation
 from scenarios.assembly.mount import built_world
 from scenarios.courses import straight
 from scenarios.options.scenario import Scenario, load_scenario

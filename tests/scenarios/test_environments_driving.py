@@ -13,8 +13,8 @@ from controllers.driver import PreviewDriver
 from controllers.path import Path, line
 from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from controllers.tractor import TractorGeometry
-from offtrack.environments.domain import N_DRAWN, Circumstances, Domain
 from offtrack.environments.driving import SlippingTyreFleet
+from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain
 from sensors.messages import EgoState
 from vehicle.clock import to_ticks
 from vehicle.combination.description import load_vehicle

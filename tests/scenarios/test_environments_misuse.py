@@ -13,9 +13,8 @@ import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 import offtrack  # noqa: F401  # registers the environments
-from offtrack.environments.domain import Domain
 from offtrack.environments.registry import CORES, single, vector
-from offtrack.environments.rewards import Moment, follow_error
+from offtrack.environments.rewards import Domain, Moment, follow_error
 
 TRAILER, DRIVING, ROVER = CORES
 NAN, INF = float("nan"), float("inf")

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 import offtrack.environments.registry
 from offtrack.environments.core import Features, Observation
+from offtrack.environments.registry import CoreVectorEnv
 from offtrack.environments.rewards import Moment
-from offtrack.environments.vector import CoreVectorEnv
 
 TRAILER, DRIVING, ROVER = (f"offtrack/{name}" for name in offtrack.environments.registry.CORES)
 EVERY: list[tuple[str, dict[str, Any]]] = [

@@ -10,8 +10,8 @@ import pytest
 
 import offtrack.environments.registry
 from offtrack.environments.core import Observation
+from offtrack.environments.registry import CoreVectorEnv
 from offtrack.environments.rewards import Moment
-from offtrack.environments.vector import CoreVectorEnv
 
 TRAILER = "offtrack/TrailerSteering-v0"
 

@@ -20,7 +20,7 @@ from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.env_checker import check_env
 
 from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
-from offtrack.environments.training.saved_model import saved_network
+from offtrack.environments.training.learner import saved_network
 from vehicle.combination.description import load_vehicle
 
 pytestmark = pytest.mark.slow

@@ -12,10 +12,8 @@ import pytest
 import offtrack.environments.registry
 from controllers.driver import PERIOD, PreviewDriver
 from offtrack.environments import rewards
-from offtrack.environments.domain import N_DRAWN, Domain, Variation, narrowed
-from offtrack.environments.hitch_paths import HitchPaths
-from offtrack.environments.observations import Encoders
-from offtrack.environments.rewards import Moment
+from offtrack.environments.observations import Encoders, HitchPaths
+from offtrack.environments.rewards import N_DRAWN, Domain, Moment, Variation, narrowed
 from offtrack.environments.trailer_steering import named_course
 from scenarios.assembly.adapters import course_of, tractor_geometry
 from scenarios.options.scenario import load_scenario

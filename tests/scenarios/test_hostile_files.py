@@ -13,8 +13,7 @@ import pytest
 
 from controllers.trailer_steering.policy import load_network
 from offtrack.environments.surrogate_fit import run_errors
-from offtrack.environments.training.training_directory import check_directory, read_curve
-from offtrack.environments.training.training_plan import Plan
+from offtrack.environments.training.training_directory import Plan, check_directory, read_curve
 from offtrack.exchange.recordings.calibration_files import board_of, views_of
 from offtrack.exchange.recordings.mounting import read_rig
 from offtrack.exchange.recordings.rover_recording import load_rig, open_rover_recording

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from offtrack.environments.core import Features, Observation
-from offtrack.environments.hitch_paths import HitchPaths
+from offtrack.environments.observations import HitchPaths
 from offtrack.environments.registry import vector
-from offtrack.environments.training.law_pilot import LawPilot
+from offtrack.environments.training.evaluation import LawPilot
 from scenarios.assembly.surrogate import SurrogateParameters
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from controllers.driver import DriverCommand
-from controllers.trailer import SteerCommand
+from controllers.trailer import Combination, SteerCommand
+from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.estimates import OffTracking
 from scenarios.assembly.drivers_and_laws import OpenedDriver
 from scenarios.assembly.trailer_run import assemble
@@ -69,7 +70,10 @@ def test_news_is_as_old_as_the_latency_says(rate_hz: float, latency: float) -> N
     scenario = load_scenario("roundabout", (*SHORT, f"rig.rate_hz={rate_hz}", f"rig.latency={latency}"))
     parts = assemble(scenario, seed=1)
     witness = Witness()
-    session = TrailerSession(replace(parts, trailers=(replace(parts.trailers[-1], law=witness),)))
+    trailer = parts.trailers[-1]
+    combination = Combination(parts.vehicle, trailer.unit)
+    law = Safeguarded(witness, "witness", trailer.geometry, combination, checks_only=True)
+    session = TrailerSession(replace(parts, trailers=(replace(trailer, law=law),)))
     while session.outcome is None:
         session.advance()
     session.close()

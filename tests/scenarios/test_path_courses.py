@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from controllers.path import Path as DrivenPath
 from controllers.path import Segment, arc, line
-from offtrack.studies.identity import content
+from offtrack.studies.case import content
 from offtrack.studies.validation.no_slip_limit import poses_along, rolling_chain
 from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.courses import Course

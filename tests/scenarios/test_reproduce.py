@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
-from offtrack.commands.validate import reproduce
+from offtrack.commands.assess import reproduce
 from offtrack.studies.reproduce import reproduction, trace_sets
 from offtrack.studies.reproduce.reina2008_figures import PUBLISHED
 from offtrack.studies.reproduce.reina2008_table3 import SETS

@@ -190,7 +190,7 @@ def test_a_recording_that_does_not_fit_is_one_line(
         (["surface.soil=none"], "hard ground (surface.soil = none) shows no wheel trace"),
         (["surface.soil=toyota_sand"], "toyoura_sand"),
         (["world.terrain=rippels"], "ripples"),
-        (["speed_kmh=5"], "speed_kmh = 5 must be less than or equal to 1.08 [km/h]"),
+        (["speed_kmh=5"], "speed_kmh = 5 km/h must be between 0.05 and 1.08 km/h"),
         (["rig.latency=0.03"], "rig.latency = 0.03 s must be a multiple of 0.05 s"),
         (["slip_compensatoin=none"], "unknown key 'slip_compensatoin'; did you mean 'slip_compensation'?"),
         (["course.lenght=3"], "unknown key 'course.lenght'; did you mean 'course.length'?"),

@@ -15,7 +15,7 @@ pytest.importorskip("SALib")
 
 from offtrack.commands.cli import app
 from offtrack.studies.case import Outcome
-from offtrack.studies.sensitivity import NOT_COMPLETED, Analysis, Sensitivity, analysed
+from offtrack.studies.draws import NOT_COMPLETED, Analysis, Sensitivity, analysed
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.study_page import sensitivity_csv, sensitivity_sections
 

@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from offtrack.commands.vehicle import assess as assess_command
+from offtrack.commands.assess import assess as assess_command
 from offtrack.studies.standards.assessment import DRIVES, MANOEUVRES, Assessment, AssessmentMatrix, assess, loaded
 from offtrack.studies.standards.assessment_report import BY_NAME, assessment_page, matrix_table
 from offtrack.studies.standards.comparison import CRITERIA, judged

@@ -9,6 +9,8 @@ import os
 import sys
 from pathlib import Path
 
+import pyarrow.csv
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
@@ -16,8 +18,8 @@ import offtrack
 from offtrack.commands.cli import app
 from offtrack.commands.study import fitting, least_width
 from offtrack.studies.case import Case, Outcome, listed, seeds_of
-from offtrack.studies.files import check_study_directory, opened_study, study_text
-from offtrack.studies.pool import run_cases
+from offtrack.studies.pool import RunOptions, run_cases
+from offtrack.studies.run_study import check_study_directory, opened_study, study_text
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.table import rows_of, table_csv
 from scenarios.results.atomic_files import digest
@@ -63,7 +65,7 @@ def test_finished_runs_are_kept_and_not_made_again(tmp_path: Path) -> None:
     """A summary in the folder stands for its run: its numbers are taken, and only the others are made."""
     cases = study(speed_kmh=("60",)).cases()
     saved(tmp_path, cases[0], "from before")
-    outcomes = run_cases(cases, tmp_path, jobs=1)
+    outcomes = run_cases(cases, tmp_path, RunOptions(jobs=1))
     assert [outcome.numbers["outcome"] for outcome in outcomes] == ["from before", "completed"]
     assert (tmp_path / f"{cases[1].identity()}.parquet").is_file()
     assert not list(tmp_path.glob(".*"))
@@ -79,7 +81,7 @@ def test_damaged_runs_are_named_and_made_again(tmp_path: Path) -> None:
     files[2] = files[2].with_suffix(".parquet")
     files[2].write_bytes(b"sig")
     lines: list[str] = []
-    outcomes = run_cases(cases, tmp_path, jobs=1, remark=lines.append)
+    outcomes = run_cases(cases, tmp_path, RunOptions(jobs=1, remark=lines.append))
     assert lines == [f"{file} is damaged: its run is repeated" for file in files[:3]]
     assert [outcome.numbers["outcome"] for outcome in outcomes] == [*["completed"] * 3, "from before"]
 
@@ -123,12 +125,37 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
         patch.chdir(tmp_path)
         patch.setattr("sys.path", list(sys.path))  # the catalogue adds the working directory
         cases = study(trailer_steering=("broken:Broken",)).cases()[:1]
-        (outcome,) = run_cases(cases, tmp_path / "cells", jobs=1)
+        (outcome,) = run_cases(cases, tmp_path / "cells", RunOptions(jobs=1))
     assert str(outcome.numbers["outcome"]).endswith(
         "at tick 0 (0 s) it raised RuntimeError: no idea (broken.py, line 4)"
     )
     assert str(outcome.numbers["outcome"]).startswith("failed: ")
     assert not list((tmp_path / "cells").glob("*.json"))
+
+
+@pytest.mark.usefixtures("runs_here")
+def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path) -> None:
+    """Host, processor, engine and duration are in both tables; --where names a value of an axis."""
+    (tmp_path / "study.toml").write_text(study(speed_kmh=("50", "60")).to_toml())
+    out = tmp_path / "out"
+
+    def swept(*arguments: str, code: int = 0) -> str:
+        command = ["sweep", str(tmp_path / "study.toml"), "--jobs", "1", "--out", str(out), "--quiet", *arguments]
+        answer = CliRunner().invoke(app, command)
+        assert answer.exit_code == code, answer.output
+        return answer.output
+
+    swept()
+    runs = pq.read_table(out / "runs.parquet").to_pylist()
+    assert [(row["speed_kmh"], row["seed"]) for row in runs] == [
+        (speed, seed) for speed in ("50", "60") for seed in (1, 2)
+    ]
+    assert all(row["host"] and row["cpu"] and row["seconds"] > 0.0 and row["engine"] for row in runs)
+    assert len(pyarrow.csv.read_csv(out / "runs.csv")) == 4
+    times = {path: path.stat().st_mtime_ns for path in (out / "cells").glob("*.json")}
+    swept("--where", "speed_kmh=60")
+    assert sum(path.stat().st_mtime_ns != time for path, time in times.items()) == 2
+    assert "no run of the study has these values" in swept("--where", "speed_kmh=7", code=2)
 
 
 def test_that_the_model_is_interpreted_is_said_once(
@@ -137,7 +164,7 @@ def test_that_the_model_is_interpreted_is_said_once(
     """By the command, not by each of its processes."""
     monkeypatch.setenv("OFFTRACK_COMPILER", "none")
     warn_once.cache_clear()
-    outcomes = run_cases(study(speed_kmh=("60",)).cases(), tmp_path, jobs=2)
+    outcomes = run_cases(study(speed_kmh=("60",)).cases(), tmp_path, RunOptions(jobs=2))
     assert [outcome.numbers["outcome"] for outcome in outcomes] == ["completed", "completed"]
     assert len([message for message in caplog.messages if "vehicle models are interpreted" in message]) == 1
     assert "interpreted" not in capfd.readouterr().err

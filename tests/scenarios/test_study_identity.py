@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from offtrack.studies import identity
+from offtrack.studies import case as identity
 from offtrack.studies.case import Case
-from offtrack.studies.pool import run_cases
+from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.study import settings_of
-from scenarios.options.base import tables_in
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.run_inputs import own_modules
+from vehicle.foundation.quantity import tables_in
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))
 LAW = """
@@ -165,7 +165,7 @@ def test_files_that_a_law_opens_by_itself_count_too(
         with (here / "my.toml").open("a") as file_of_scenario:
             file_of_scenario.write("# a comment changes no number\n")
         before = {file: file.stat().st_mtime_ns for file in here.glob("cells/*")}
-        (outcome,) = run_cases([case], here / "cells", jobs=1)
+        (outcome,) = run_cases([case], here / "cells", RunOptions(jobs=1))
         steer.append(outcome.number("steer.max_deg"))
         kept = before and before == {file: file.stat().st_mtime_ns for file in here.glob("cells/*")}
         assert bool(kept) == (len(steer) == 2)

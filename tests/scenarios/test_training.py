@@ -18,18 +18,21 @@ from typer.testing import CliRunner
 
 from controllers.trailer_steering.policy import Network, load_network
 from offtrack.commands.cli import app
-from offtrack.environments.domain import Domain
+from offtrack.environments.rewards import Domain
 from offtrack.environments.training import evaluation
 from offtrack.environments.training.evaluation import CONDITIONS, Condition, scored
 from offtrack.environments.training.training_directory import (
+    COURSES,
+    DOMAIN,
+    Plan,
     Point,
     check_directory,
     draw_curve,
+    normalisation,
     opened_directory,
     read_curve,
     write_curve,
 )
-from offtrack.environments.training.training_plan import COURSES, DOMAIN, Plan, normalisation
 from scenarios.progress import no_progress
 
 needs_extra = pytest.mark.skipif(

@@ -13,8 +13,8 @@ pytest.importorskip("sqlalchemy")
 
 from offtrack.commands.cli import app
 from offtrack.studies.study import Study
-from offtrack.studies.trial_storage import database, hidden
-from offtrack.studies.tuning import Range, Tuning, finished, in_database, resume, work
+from offtrack.studies.trials import database, finished, hidden, in_database, resume, work
+from offtrack.studies.tuning import Range, Tuning
 
 SHORT = {"course.turn_deg": "30", "course.entry": "20", "course.exit": "5", "speed_kmh": "20", "off_tracking": "truth"}
 

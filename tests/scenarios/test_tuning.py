@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.studies.study import Study
-from offtrack.studies.tuning import Range, Trial, Tuning, chosen, finished, former, pareto, resume
+from offtrack.studies.trials import finished, former, resume
+from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto
 from scenarios.options.scenario import load_scenario
 from scenarios.results.atomic_files import digest
 

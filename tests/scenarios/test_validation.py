@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from controllers.path import Path as Course
 from controllers.path import arc, line
-from offtrack.commands.validate import validate
+from offtrack.commands.assess import validate
 from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
 from offtrack.studies.validation.check import Check, Plot, Section, Series, Task, number, tally
 from offtrack.studies.validation.integration import OtherStepPlant

@@ -18,7 +18,7 @@ from matplotlib.patches import Circle, Polygon
 from PIL import Image
 from typer.testing import CliRunner, Result
 
-from offtrack.commands.vehicle import vehicle
+from offtrack.commands.assess import vehicle
 from offtrack.reports.vehicle_sheet import rover_sheet as rover_views
 from offtrack.reports.vehicle_sheet.combination_views import CombinationDrawing, plan_view, side_view
 from offtrack.reports.vehicle_sheet.library import open_sheet

@@ -472,7 +472,7 @@ def test_every_kind_describes_itself(name: str) -> None:
         ),
         ("decalibration", (0.0, 6.0, 0.0), 0.0, None, "decalibration: yaw = 6.0 deg must be between -5 and 5 deg"),
         ("blackout", (0.5,), 0.0, None, "blackout: .* must be no number"),
-        ("delay", (1.5,), 0.0, None, "delay = 1.5 captures must be between 1 and 50 captures, of type int"),
+        ("delay", (1.5,), 0.0, None, "delay = 1.5 must be a whole number between 1 and 50 captures"),
         ("freeze", (), -1.0, None, "start = -1.0 s"),
         ("freeze", (), 0.0, 0.0, "duration = 0.0 s"),
     ],

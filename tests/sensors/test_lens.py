@@ -105,7 +105,7 @@ def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("was", "instead", "complaint"),
     [
-        ("fx = 563.0\n", "", r"rig.toml: key 'left.fx' \[px\] is missing"),
+        ("fx = 563.0\n", "", r"rig.toml: keys are missing: 'left.fx' \[px\], 'right.fx' \[px\]"),
         ("distortion = [-0.2, ", "distortion = [", r"rig.toml: .*left.distortion"),
         ("[left]", "[lift]", "rig.toml: key 'left' is missing"),
         ("width = 1344", "width = 0", "rig.toml: image of 0x391 px"),

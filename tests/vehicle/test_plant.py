@@ -30,7 +30,7 @@ ENGINES: tuple[Engine, ...] = ("interpreted", "compiled") if compiler() else ("i
 
 
 def steered_axles(vehicle: Vehicle) -> int:
-    return sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    return vehicle.n_by_law
 
 
 def drive(

@@ -33,20 +33,23 @@ def changed(vehicle: Vehicle, changes: dict[str, Any]) -> Vehicle:
 
 
 REFUSED = [
-    ({"units.0.mass": 8.0}, "units.0.mass = 8.0 must be greater than or equal to 100 [kg]: a unit weighs 100 kg"),
+    ({"units.0.mass": 8.0}, "units.0.mass = 8.0 kg must be between 100 and 200000 kg: a unit weighs 100 kg"),
     ({"units.0.mass": 150.0}, "units.0.mass = 150 must be at least 300 kg, the lightest motor vehicle on four wheels"),
-    ({"units.1.mass": 32e6}, "units.1.mass = 32000000.0 must be less than or equal to 200000 [kg]"),
-    ({"units.1.yaw_inertia": 4.5}, "units.1.yaw_inertia = 4.5 must be greater than or equal to 10 [kg m2]: 10 is"),
-    ({"drive.max_power": 350.0}, "drive.max_power = 350.0 must be greater than or equal to 1000 [W]: 1 kW moves"),
-    ({"drive.max_deceleration": 60.0}, "drive.max_deceleration = 60.0 must be less than or equal to 15 [m/s2]: tyres"),
-    ({"units.0.width": 255.0}, "units.0.width = 255.0 must be less than or equal to 8 [m]: road vehicles are"),
-    ({"units.0.cg_height": 0.001}, "units.0.cg_height = 0.001 must be greater than or equal to 0.1 [m]"),
-    ({"units.0.hitch_height": 11.5}, "units.0.hitch_height = 11.5 must be less than or equal to 3 [m]: couplings"),
-    ({"units.0.roll_gradient": 0.4}, "units.0.roll_gradient = 0.4 must be less than or equal to 0.05 [rad/(m/s2)]"),
-    ({"units.0.heave_frequency": 0.05}, "units.0.heave_frequency = 0.05 must be greater than or equal to 0.2 [Hz]"),
-    ({"units.0.axles.0.wheel_radius": 5.0}, "units.0.axles.0.wheel_radius = 5.0 must be less than or equal to 2.1 [m]"),
-    ({"units.0.axles.0.wheel_inertia": 1e-3}, "wheel_inertia = 0.001 must be greater than or equal to 0.05 [kg m2]"),
-    ({"units.0.axles.0.track": 0.02}, "units.0.axles.0.track = 0.02 must be greater than or equal to 0.5 [m]"),
+    ({"units.1.mass": 32e6}, "units.1.mass = 32000000.0 kg must be between 100 and 200000 kg"),
+    ({"units.1.yaw_inertia": 4.5}, "units.1.yaw_inertia = 4.5 kg m2 must be between 10 and 1e+07 kg m2: 10 is"),
+    ({"drive.max_power": 350.0}, "drive.max_power = 350.0 W must be between 1000 and 5e+06 W: 1 kW moves"),
+    ({"drive.max_deceleration": 60.0}, "drive.max_deceleration = 60.0 m/s2 must be above 0 and at most 15 m/s2: tyres"),
+    ({"units.0.width": 255.0}, "units.0.width = 255.0 m must be between 0.5 and 8 m: road vehicles are"),
+    ({"units.0.cg_height": 0.001}, "units.0.cg_height = 0.001 m must be between 0.1 and"),
+    ({"units.0.hitch_height": 11.5}, "units.0.hitch_height = 11.5 m must be between 0.1 and 3 m: couplings"),
+    (
+        {"units.0.roll_gradient": 0.4},
+        "units.0.roll_gradient = 0.4 rad/(m/s2) must be between 1e-05 and 0.05",
+    ),
+    ({"units.0.heave_frequency": 0.05}, "units.0.heave_frequency = 0.05 Hz must be between 0.2 and"),
+    ({"units.0.axles.0.wheel_radius": 5.0}, "units.0.axles.0.wheel_radius = 5.0 m must be between 0.1 and 2.1 m"),
+    ({"units.0.axles.0.wheel_inertia": 1e-3}, "wheel_inertia = 0.001 kg m2 must be between 0.05 and"),
+    ({"units.0.axles.0.track": 0.02}, "units.0.axles.0.track = 0.02 m must be between 0.5 and"),
 ]
 
 
@@ -65,7 +68,7 @@ def test_a_tyre_loaded_in_kilograms_is_refused(tmp_path: Path) -> None:
     text = (PARAMETERS / "eu_tractor_semitrailer.toml").read_text(encoding="utf-8")
     path = tmp_path / "mine.toml"
     path.write_text(text.replace("value = 34830.0", "value = 3.55"), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"tyres\.steer\.nominal_load = 3\.55 must be .* 300 \[N\]: .* not kg"):
+    with pytest.raises(ValueError, match=r"tyres\.steer\.nominal_load = 3\.55 N must be between 300 and .* not kg"):
         load_vehicle(str(path))
 
 

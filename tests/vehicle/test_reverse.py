@@ -152,7 +152,7 @@ def test_a_pushed_trailer_turns_away_as_its_tractrix_does(tractor_semitrailer: V
 def test_a_batch_reverses_as_single_plants_do(name: str, engine: Engine, request: pytest.FixtureRequest) -> None:
     """Each lane in a gear of its own, as the plant of that gear; only rounding is between the back ends."""
     vehicle: Vehicle = request.getfixturevalue(name)
-    n_steered = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    n_steered = vehicle.n_by_law
     gears = np.array([1.0, -1.0, -1.0])
     batch, speeds = PlantBatch(vehicle, 3, engine), np.array([2.0, 0.0, -2.0])
     level = BatchGround(np.full(3, 0.8), np.zeros(3), np.full((3, 2), math.nan))

@@ -70,8 +70,8 @@ def test_a_misspelt_rover_is_pointed_to_the_nearest() -> None:
 @pytest.mark.parametrize(
     ("key", "line", "complaint"),
     [
-        ("mass", "mass = -1.0", r"mass = -1.0 must be greater than 0 \[kg\]"),
-        ("tread", "tread = 0.0", r"tread = 0.0 must be greater than 0 \[m\]"),
+        ("mass", "mass = -1.0", r"mass = -1.0 kg must be above 0 and at most"),
+        ("tread", "tread = 0.0", r"tread = 0.0 m must be above 0 and at most"),
         ("tread", "", r"key 'tread' \[m\] is missing"),
         ("tread", "tred = 0.55", r"unknown key 'tred'; did you mean 'tread'\?"),
         ("cg_x", "cg_x = 0.4", r"cg_x = 0.4 m must lie between the wheels: within 0.3 m"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ frictions = st.floats(0.05, 1.2)
 speeds = st.floats(-25.0, 25.0)
 
 NOMINAL = 35e3  # [N]
-CARCASS = {
+CARCASS: Any = {
     "nominal_load": NOMINAL,
     "relaxation_length": 0.5,
     "damping": 0.04,
@@ -27,7 +28,7 @@ CARCASS = {
     "pneumatic_trail": 0.05,
 }
 DAMPED = 0.04  # of a carcass [s]
-STIFFNESS = {"cornering_stiffness": 5.948, "longitudinal_stiffness": 17.7, "load_sensitivity": 0.074}
+STIFFNESS: Any = {"cornering_stiffness": 5.948, "longitudinal_stiffness": 17.7, "load_sensitivity": 0.074}
 # Project Chrono, TMeasy GuessTruck80Par, at nominal load and at twice of it.
 TRUCK_TMEASY = TmeasyTyre(
     model="tmeasy",

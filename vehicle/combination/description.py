@@ -14,18 +14,8 @@ from typing import Annotated, Any, Final, NamedTuple
 from pydantic import Field, field_validator, model_validator
 
 from vehicle.combination.unit import AxleBrake, Brakes, Unit, with_brakes
-from vehicle.foundation.parameter_file import (
-    Flag,
-    Frozen,
-    Lag,
-    ParameterLibrary,
-    checked,
-    nearest,
-    quantity,
-    read_toml,
-    sources,
-    without_sources,
-)
+from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, sources, without_sources
+from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
 
@@ -39,43 +29,43 @@ class Retarder(Frozen):
     If it does not act first, it does a part of the driven axles' own share of a brake demand, so that no force changes.
     """
 
-    max_force: Annotated[float, quantity("N", ge=100.0, le=1e6, why=_FORCE)]  # at the treads
-    max_power: Annotated[float, quantity("W", ge=1e3, le=5e6, why=_POWER)]  # at the wheels
-    full_speed: Annotated[  # below it the force falls to 0 with the speed
-        float, quantity("m/s", ge=0.1, le=20.0, why="an engine drags from walking pace on")
-    ]
-    acts_first: Flag = False  # it does all that it can, and the service brakes the rest; unstable on slippery ground
+    max_force: float = quantity(..., "N", 100.0, 1e6, why=_FORCE)  # at the treads
+    max_power: float = quantity(..., "W", 1e3, 5e6, why=_POWER)  # at the wheels
+    full_speed: float = quantity(
+        ..., "m/s", 0.1, 20.0, why="an engine drags from walking pace on"
+    )  # below it the force falls to 0 with the speed
+    acts_first: bool = False  # it does all that it can, and the service brakes the rest; unstable on slippery ground
 
 
 class Powertrain(Frozen):
     """Engine and gearbox as a force limit, a power limit (``Drive.max_power``) and a governor; continuous ratio."""
 
-    launch_force: Annotated[float, quantity("N", ge=100.0, le=1e6, why=_FORCE)]  # at the treads in the lowest gear
-    lowest_gear_speed: Annotated[  # of the rims at governed engine speed in the lowest gear
-        float, quantity("m/s", ge=0.3, le=20.0, why="a crawler gear has 0.3 m/s, a car's first gear 15 m/s")
-    ]
-    overspeed: Annotated[  # governed engine speed over that at which the gear in use is driven
-        float, quantity("-", ge=1.0, le=5.0, why="the governor is above the speed in use; gears span a factor of 2")
-    ]
-    top_speed: Annotated[  # of the rims in the highest gear at governed engine speed, or at a road speed limiter
-        float, quantity("m/s", ge=1.0, le=100.0, why="from a transporter's 4 km/h to 360 km/h")
-    ]
-    governor_band: Annotated[  # of the rims' speed, over which the torque falls to 0
-        float, quantity("m/s", ge=0.1, le=5.0, why="a governor takes a few percent of the engine's speed")
-    ]
-    traction_control: Flag = True
-    traction_slip: Annotated[float, quantity("-", ge=0.01, le=1.0, why="driven tyres have their peak at 0.05 to 0.3")]
-    traction_slip_speed: Annotated[  # added to it: for setting off
-        float, quantity("m/s", ge=0.1, le=5.0, why="walking pace at most")
-    ]
+    launch_force: float = quantity(..., "N", 100.0, 1e6, why=_FORCE)  # at the treads in the lowest gear
+    lowest_gear_speed: float = quantity(
+        ..., "m/s", 0.3, 20.0, why="a crawler gear has 0.3 m/s, a car's first gear 15 m/s"
+    )  # of the rims at governed engine speed in the lowest gear
+    overspeed: float = quantity(
+        ..., "-", 1.0, 5.0, why="the governor is above the speed in use; gears span a factor of 2"
+    )  # governed engine speed over that at which the gear in use is driven
+    top_speed: float = quantity(
+        ..., "m/s", 1.0, 100.0, why="from a transporter's 4 km/h to 360 km/h"
+    )  # of the rims in the highest gear at governed engine speed, or at a road speed limiter
+    governor_band: float = quantity(
+        ..., "m/s", 0.1, 5.0, why="a governor takes a few percent of the engine's speed"
+    )  # of the rims' speed, over which the torque falls to 0
+    traction_control: bool = True
+    traction_slip: float = quantity(..., "-", 0.01, 1.0, why="driven tyres have their peak at 0.05 to 0.3")
+    traction_slip_speed: float = quantity(
+        ..., "m/s", 0.1, 5.0, why="walking pace at most"
+    )  # added to it: for setting off
     retarder: Retarder | None = None
 
 
 class AirDrag(Frozen):
     """Drag of the air on the straight combination."""
 
-    drag_area: Annotated[float, quantity("m2", ge=0.1, le=30.0, why="drag coefficient times frontal area; cars 0.6 m2")]
-    density: Annotated[float, quantity("kg/m3", ge=0.5, le=1.6, why="from 8000 m of height to severe frost")]
+    drag_area: float = quantity(..., "m2", 0.1, 30.0, why="drag coefficient times frontal area; cars 0.6 m2")
+    density: float = quantity(..., "kg/m3", 0.5, 1.6, why="from 8000 m of height to severe frost")
 
 
 class Channel(NamedTuple):
@@ -158,20 +148,20 @@ GRAVITY: Final = 9.81  # [m/s2]
 
 _GRIP: Final = "tyres hold 1.5 times the weight at most, 15 m/s2"
 _LIGHTEST_TRACTOR: Final = 300.0  # [kg]
-_VEHICLES: Final = ParameterLibrary("vehicle", "parameters")
+_VEHICLES: Final = ParameterLibrary("vehicle", "parameters", "eu_tractor_semitrailer")
 
 
 class Drive(Frozen):
     """Limits and lag of driveline and brakes under a demanded acceleration."""
 
     lag: Lag  # first-order time constant of torque build-up
-    max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)]
-    max_power: Annotated[  # at the wheels
-        float, quantity("W", ge=1e3, le=5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW")
-    ]
-    max_deceleration: Annotated[  # demanded by a full brake application
-        float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)
-    ]
+    max_acceleration: float = quantity(..., "m/s2", 0.0, 15.0, above=True, why=_GRIP)
+    max_power: float = quantity(
+        ..., "W", 1e3, 5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW"
+    )  # at the wheels
+    max_deceleration: float = quantity(
+        ..., "m/s2", 0.0, 15.0, above=True, why=_GRIP
+    )  # demanded by a full brake application
 
 
 class Vehicle(Frozen):
@@ -184,9 +174,9 @@ class Vehicle(Frozen):
     air: AirDrag | None = None  # None: no drag of the air
     brakes: Brakes | None = None  # None: braking forces in proportion to static loads, without limit or ABS
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
-    exposed: Flag = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
-    has_torque_inputs: Flag = False  # see ``with_torque_inputs``
-    has_failing_brakes: Flag = False  # see ``with_failing_brakes``
+    exposed: bool = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
+    has_torque_inputs: bool = False  # see ``with_torque_inputs``
+    has_failing_brakes: bool = False  # see ``with_failing_brakes``
 
     @field_validator("has_torque_inputs", "has_failing_brakes")
     @classmethod
@@ -216,6 +206,35 @@ class Vehicle(Frozen):
         if unit == 0:
             return axles[0].x, axles[-1].x
         return 0.0, sum(axle.x for axle in axles) / len(axles)
+
+    @property
+    def n_by_law(self) -> int:
+        """Number of all axles that steering laws turn: they come last among the steered ones, front to rear."""
+        return sum(len(unit.steered_axles) for unit in self.units) - self.units[0].n_by_driver
+
+    def law_axles(self, unit: int) -> slice:
+        """Place of the axles of a unit that a law turns among all steered axles, front to rear."""
+        ahead = sum(len(one.steered_axles) for one in self.units[:unit])
+        first = ahead + (self.units[0].n_by_driver if unit == 0 else 0)
+        return slice(first, ahead + len(self.units[unit].steered_axles))
+
+    def led(self) -> Vehicle:
+        """The vehicle, if it tows nothing with the frame of its body at the middle of the foremost steered axle.
+
+        That point leads the body as a hitch leads a trailer: the axles behind it and the follow point have negative x.
+        """
+        if len(self.units) > 1:
+            return self
+        (unit,) = self.units
+        return self.model_copy(update={"units": (unit.shifted(unit.steered_axles[0].x),)})
+
+    def led_unit(self, unit: int) -> Unit:
+        """A unit as its steering law sees it: of a first unit without the axles that the driver turns, led at x = 0."""
+        whole = self.units[unit]
+        if unit > 0:
+            return whole
+        axles = tuple(axle for axle in whole.axles if axle.steered_by_law or not axle.steered)
+        return whole.model_copy(update={"axles": axles, "steering": whole.rear_steering or whole.steering})
 
     def in_wind(self) -> Vehicle:
         """The vehicle with inputs of the wind at each unit.
@@ -290,8 +309,13 @@ class Vehicle(Frozen):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"units: two have the name '{name}': each needs its own, which its signals carry")
-        if not tractor.steered_axles:
+        if not tractor.n_by_driver:
             raise ValueError("units.0: the tractor needs a steered axle")
+        by_law = [axle.steered_by_law for axle in tractor.steered_axles]
+        if by_law != sorted(by_law) or any(axle.steered_by_law for axle in tractor.axles if not axle.steered):
+            raise ValueError("units.0: axles with steered_by_law = true are steered ones behind those of the driver")
+        if any(len({tractor.axles[k].steered_by_law for k in one.axles}) > 1 for one in tractor.actuators):
+            raise ValueError("units.0: an actuator turns axles of the driver or axles of a law, not both")
         if not any(axle.driven for axle in tractor.axles):
             raise ValueError("units.0: the tractor needs a driven axle")
         if len(tractor.axles) < 2:
@@ -300,6 +324,8 @@ class Vehicle(Frozen):
             if unit.hitch_x is None:
                 raise ValueError(f"units.{k}: hitch_x [m] is missing, yet another unit follows")
         for k, unit in enumerate(towed, start=1):
+            if unit.rear_steering is not None or any(axle.steered_by_law for axle in unit.axles):
+                raise ValueError(f"units.{k}: laws turn all steered axles of a towed unit: leave out steered_by_law")
             if any(axle.x >= 0.0 for axle in unit.axles):
                 raise ValueError(f"units.{k}: axles of a towed unit lie behind its hitch: x must be below 0 m")
             if any(axle.driven for axle in unit.axles):
@@ -331,7 +357,9 @@ def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
     Raises:
         ValueError: one line naming file, key, value, limit and unit.
     """
-    return checked(Vehicle, with_brakes(_with_tyres(contents, file), list(_axles(contents)), file), file)
+    return checked(
+        Vehicle, with_brakes(_with_tyres(contents, file), list(_axles(contents)), file), file, usual=_VEHICLES.usual
+    )
 
 
 def vehicle_sources(name_or_path: str) -> dict[str, str]:
@@ -369,7 +397,7 @@ def _tyre(table: object, file: str, key: str, name: str = "") -> Tyre:
     model = table["model"]
     if model not in TYRES:
         raise ValueError(f"{file}: {key}.model = {model!r} is not a tyre law{nearest(str(model), TYRES)}")
-    return checked(TYRES[model], {"name": name, **table}, file, key)
+    return checked(TYRES[model], {"name": name, **table}, file, key, _VEHICLES.usual)
 
 
 def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -166,7 +166,12 @@ class Chain(NamedTuple):
 
 def steering_actuators(vehicle: Vehicle) -> tuple[Steering, ...]:
     """The data of every steering actuator, front to rear."""
-    return tuple(unit.steering for unit in vehicle.units for _ in unit.actuators if unit.steering is not None)
+    return tuple(
+        steering
+        for unit in vehicle.units
+        for actuator in unit.actuators
+        if (steering := unit.steering_of(unit.axles[actuator.axles[0]])) is not None
+    )
 
 
 def turned_axles(vehicle: Vehicle) -> tuple[tuple[tuple[int, float], ...], ...]:
@@ -263,7 +268,7 @@ class CommandInputs(NamedTuple, Generic[V]):
 
     steer: V  # of the tractor's foremost steered axle; linked axles follow by their ratio [rad]
     acceleration: V  # above 0 drives the way the gear does, below 0 brakes [m/s2]
-    trailer_steer: V  # of every steered trailer axle, front to rear [rad]
+    trailer_steer: V  # of every axle that a law turns, front to rear [rad]
     gear: V  # +1 forward, -1 backward
     drive_torque: V  # (n_axles,) of a further drive on each axle, + forward [N m]; () without ``has_torque_inputs``
     brake_torque: V  # (n_axles,) of a further brake on each axle, not below 0 [N m]; () as above
@@ -282,8 +287,8 @@ class GroundInputs(NamedTuple, Generic[V]):
 
 def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
     """Length of every part of the vector."""
-    n_trailer, of_chain = sum(len(unit.steered_axles) for unit in vehicle.units[1:]), input_sizes(vehicle)
-    return CommandInputs(1, 1, n_trailer, 1, of_chain.drive_torque, of_chain.brake_torque, of_chain.brake_share)
+    of_chain = input_sizes(vehicle)
+    return CommandInputs(1, 1, vehicle.n_by_law, 1, of_chain.drive_torque, of_chain.brake_torque, of_chain.brake_share)
 
 
 def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
@@ -300,16 +305,16 @@ def slices(sizes: Iterable[int]) -> list[slice]:
 def chain_input(vehicle: Vehicle, command: CommandInputs[ca.SX], ground: GroundInputs[ca.SX]) -> Input[ca.SX]:
     """Input of the chain.
 
-    The tractor's actuators turn their first axles by the driver's demand; every trailer actuator takes the mean of the
+    The driver's actuators turn their first axles by the driver's demand; every actuator of a law takes the mean of the
     demands of its axles.
     """
     tractor = vehicle.units[0]
-    trailer_demands = dict(enumerate(ca.vertsplit(command.trailer_steer), start=len(tractor.steered_axles)))
+    trailer_demands = dict(enumerate(ca.vertsplit(command.trailer_steer), start=tractor.n_by_driver))
     actuator_demands = [
-        *(command.steer / actuator.ratios[0] for actuator in tractor.actuators),
+        *(command.steer / actuator.ratios[0] for actuator in tractor.driver_actuators),
         *(
             sum(trailer_demands[axle] / ratio for axle, ratio in turned) / len(turned)
-            for turned in turned_axles(vehicle)[len(tractor.actuators) :]
+            for turned in turned_axles(vehicle)[len(tractor.driver_actuators) :]
         ),
     ]
     gravity_x, gravity_y = gravity_along(ground.slope_x, ground.slope_y)

@@ -307,7 +307,7 @@ def _steering_directions(vehicle: Vehicle, *, actuators: bool) -> FloatArray:
     start = sum(sizes[: sizes._fields.index("steer")])
     directions = np.eye(sum(sizes))[:, start : start + sizes.steer]
     tractor = [
-        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].actuators
+        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].driver_actuators
     ]  # their first axles turn by the demand
     return np.column_stack([directions[:, : len(tractor)] @ tractor, directions[:, len(tractor) :]])
 

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
-from vehicle.foundation.parameter_file import (
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.quantity import (
     Breadth,
-    Flag,
     Fraction,
     Frequency,
     Frozen,
@@ -26,7 +26,6 @@ from vehicle.foundation.parameter_file import (
     Mass,
     Position,
     checked,
-    nearest,
     quantity,
 )
 from vehicle.foundation.user_file import shown
@@ -38,17 +37,17 @@ Distribution = Literal["load", "pressure"]
 
 _TORQUE: Final = "10 N m is a hand cart's brake, 5e5 a dumper's"
 
-AirLag = Annotated[float, quantity("s", ge=0.01, le=2.0, why="no brake answers within 10 ms or after 2 s")]
+AirLag = Annotated[float, quantity(..., "s", 0.01, 2.0, why="no brake answers within 10 ms or after 2 s")]
 
 
 class AxleBrake(Frozen):
     """Service brake of an axle with two equal wheels."""
 
-    torque: Annotated[float, quantity("N m", ge=10.0, le=5e5, why=_TORQUE)]  # of both wheels at full pressure
+    torque: float = quantity(..., "N m", 10.0, 5e5, why=_TORQUE)  # of both wheels at full pressure
     lag: AirLag  # first-order time constant of the pressure in the chambers
-    fill_rate: Annotated[
-        float, quantity("1/s", ge=0.1, le=50.0, why="pressure builds up in 0.02 s to 10 s")
-    ]  # at most, of the pressure over the full one
+    fill_rate: float = quantity(
+        ..., "1/s", 0.1, 50.0, why="pressure builds up in 0.02 s to 10 s"
+    )  # at most, of the pressure over the full one
     abs: Modulation | None = None  # "wheel": each side has its modulator; "select_low": one, led by the slower side
     abs_group: str | None = None  # axles of a unit with the same name share their modulators
 
@@ -58,21 +57,21 @@ class Brakes(Frozen):
 
     distribution: Distribution  # "load": forces in proportion to static loads, as EBS does; "pressure": equal pressure
     lag: AirLag  # from the pedal to the valves of the axles, first order
-    abs: Flag = True
+    abs: bool = True
     abs_slip: Fraction  # slip at which a modulator releases the pressure
-    abs_slip_speed: Annotated[
-        float, quantity("m/s", ge=0.05, le=5.0, why="below it wheels may lock")
-    ]  # added to it: slower wheels may lock
+    abs_slip_speed: float = quantity(
+        ..., "m/s", 0.05, 5.0, why="below it wheels may lock"
+    )  # added to it: slower wheels may lock
     abs_hysteresis: Fraction  # share of that limit by which the slip must fall until the modulator lets pressure in
-    abs_lead: Annotated[
-        float, quantity("s", ge=0.0, le=0.2, why="a wheel locks within 0.2 s")
-    ]  # slip is predicted so far ahead from the spin's rate
-    abs_release_lag: Annotated[
-        float, quantity("s", ge=0.01, le=1.0, why="no chamber empties within 10 ms; slower wheels lock")
-    ]  # first order, of the pressure let out by ABS
-    abs_valve_lag: Annotated[
-        float, quantity("s", ge=0.002, le=0.1, why="solenoid valves take some ms")
-    ]  # of the modulator's valves
+    abs_lead: float = quantity(
+        ..., "s", 0.0, 0.2, why="a wheel locks within 0.2 s"
+    )  # slip is predicted so far ahead from the spin's rate
+    abs_release_lag: float = quantity(
+        ..., "s", 0.01, 1.0, why="no chamber empties within 10 ms; slower wheels lock"
+    )  # first order, of the pressure let out by ABS
+    abs_valve_lag: float = quantity(
+        ..., "s", 0.002, 0.1, why="solenoid valves take some ms"
+    )  # of the modulator's valves
 
 
 def with_brakes(contents: dict[str, Any], axles: list[tuple[str, dict[str, Any]]], file: str) -> dict[str, Any]:
@@ -112,18 +111,17 @@ _STIFFNESS: Final = "1e4 is a car's axle, and at 1e7 an axle is rigid beside its
 class Suspension(Frozen):
     """Springs of one axle in roll, and its tyres under load: the table ``suspension`` of an axle."""
 
-    roll_stiffness: Annotated[float, quantity("N m/rad", ge=1e4, le=1e7, why=_STIFFNESS)]  # springs and stabiliser
-    roll_centre_height: Annotated[
-        float, quantity("m", ge=0.01, le=2.0, why="roll centres lie between the ground and the top of the wheels")
-    ]
-    tyre_stiffness: Annotated[  # vertical, of one wheel; of both tyres of a twin wheel
-        float, quantity("N/m", ge=5e4, le=1e7, why="1.5e5 is a car's tyre, 2e6 a twin wheel of a truck")
-    ]
-    roll_damping: (
-        Annotated[float, quantity("N m s/rad", ge=3e2, le=1e6, why="1e3 is a car's axle, 1e5 one of a heavy truck")]
-        | None
-    ) = None  # None for all axles of a unit: by its ``suspension_damping``
-    at_front: Flag = False  # the unit's frame twists between this axle and the others
+    roll_stiffness: float = quantity(..., "N m/rad", 1e4, 1e7, why=_STIFFNESS)  # springs and stabiliser
+    roll_centre_height: float = quantity(
+        ..., "m", 0.01, 2.0, why="roll centres lie between the ground and the top of the wheels"
+    )
+    tyre_stiffness: float = quantity(
+        ..., "N/m", 5e4, 1e7, why="1.5e5 is a car's tyre, 2e6 a twin wheel of a truck"
+    )  # vertical, of one wheel; of both tyres of a twin wheel
+    roll_damping: float | None = quantity(
+        None, "N m s/rad", 3e2, 1e6, why="1e3 is a car's axle, 1e5 one of a heavy truck"
+    )  # None for all axles of a unit: by its ``suspension_damping``
+    at_front: bool = False  # the unit's frame twists between this axle and the others
 
     def tyre_roll_stiffness(self, track: float, twin_spacing: float | None) -> float:
         """Roll stiffness of the axle on its tyres [N m/rad], with the spacing of twin tyres if it is given [m]."""
@@ -135,22 +133,19 @@ class RollBody(Frozen):
     """A unit's body in roll: its table ``roll``."""
 
     inertia: Inertia  # about the axis along the body through its centre of gravity
-    frame_stiffness: (
-        Annotated[
-            float, quantity("N m/rad", ge=1e4, le=1e8, why="a ladder frame has some 1e5 to 1e6; leave out a rigid body")
-        ]
-        | None
-    ) = None  # twist between front support (axles ``at_front`` or the fifth wheel) and rear; None: rigid
+    frame_stiffness: float | None = quantity(
+        None, "N m/rad", 1e4, 1e8, why="a ladder frame has some 1e5 to 1e6; leave out a rigid body"
+    )  # twist between front support (axles ``at_front`` or the fifth wheel) and rear; None: rigid
 
 
 class Coupling(Frozen):
     """The fifth wheel under a unit's front end: its table ``coupling``. Without it, the hitch rolls freely."""
 
-    roll_stiffness: Annotated[float, quantity("N m/rad", ge=1e4, le=1e8, why=_STIFFNESS)]
-    plate_width: Annotated[  # over which it presses on the trailer's plate
-        float, quantity("m", ge=0.1, le=3.0, why="fifth wheels are 0.6 m to 1 m wide, turntables as wide as the unit")
-    ]
-    lash_deg: Annotated[float, quantity("deg", ge=0.0, le=20.0, why="the kingpin catches a trailer that separates")]
+    roll_stiffness: float = quantity(..., "N m/rad", 1e4, 1e8, why=_STIFFNESS)
+    plate_width: float = quantity(
+        ..., "m", 0.1, 3.0, why="fifth wheels are 0.6 m to 1 m wide, turntables as wide as the unit"
+    )  # over which it presses on the trailer's plate
+    lash_deg: float = quantity(..., "deg", 0.0, 20.0, why="the kingpin catches a trailer that separates")
 
     @property
     def lash(self) -> float:
@@ -161,10 +156,10 @@ class Coupling(Frozen):
 class SideWind(Frozen):
     """A unit's body in side wind: its table ``side_wind``."""
 
-    area: Annotated[float, quantity("m2", ge=0.5, le=200.0, why="of the side: a car has 4 m2, a trailer of 4 m 45 m2")]
-    coefficient: Annotated[  # side force over dynamic pressure, area and sine of the wind's angle to the unit
-        float, quantity("-", ge=0.2, le=5.0, why="bodies of vehicles have 0.8 to 2")
-    ]
+    area: float = quantity(..., "m2", 0.5, 200.0, why="of the side: a car has 4 m2, a trailer of 4 m 45 m2")
+    coefficient: float = quantity(
+        ..., "-", 0.2, 5.0, why="bodies of vehicles have 0.8 to 2"
+    )  # side force over dynamic pressure, area and sine of the wind's angle to the unit
     x: Position  # of the pressure's centre
     height: Height  # of the pressure's centre
 
@@ -175,9 +170,9 @@ class Payload(Frozen):
     mass: Mass
     cg_x: Position
     cg_height: Length
-    length: Annotated[  # of a box with the load's yaw inertia: beyond the body where the laden unit's inertia needs it
-        float, quantity("m", gt=0.0, le=40.0, why="no unit is longer than 40 m")
-    ]
+    length: float = quantity(
+        ..., "m", 0.0, 40.0, above=True, why="no unit is longer than 40 m"
+    )  # of a box with the load's yaw inertia: beyond the body where the laden unit's inertia needs it
     width: Length
     height: Length  # of the box; the load bed lies below its centre by half of it
 
@@ -224,10 +219,10 @@ _UNIT_NAME: Final = re.compile(r"[^\W\d_]([\w -]{0,38}[\w-])?")
 _ENDINGS: Final = ("command", "std")  # of signals that have another one of the same beginning
 
 RollSteer = Annotated[
-    float, quantity("rad/rad", ge=-0.5, le=0.5, why="leaf springs and links have 0.05 to 0.2; 0.5 is a steering system")
+    float, quantity(..., "rad/rad", -0.5, 0.5, why="leaf springs and links have 0.05 to 0.2; 0.5 is a steering system")
 ]
 BumpSteer = Annotated[
-    float, quantity("rad/m", ge=-1.0, le=1.0, why="suspensions have up to 0.2 rad/m, 1 deg a decimetre")
+    float, quantity(..., "rad/m", -1.0, 1.0, why="suspensions have up to 0.2 rad/m, 1 deg a decimetre")
 ]
 
 
@@ -236,31 +231,30 @@ class Axle(Frozen):
 
     x: Position
     track: Breadth
-    steered: Flag
-    driven: Flag = False
-    wheel_radius: Annotated[
-        float, quantity("m", ge=0.1, le=2.1, why="the smallest trailer tyre has 0.1 m, the largest of dumpers 2.0 m")
-    ]
-    wheel_inertia: Annotated[  # one wheel about its axis
-        float,
-        quantity("kg m2", ge=0.05, le=1e4, why="0.05 is 5 kg at 0.1 m, 1e4 is the largest dumper's, 5 t at 1.4 m"),
-    ]
+    steered: bool
+    steered_by_law: bool = False  # of the first unit: a steering law turns it, not the driver
+    driven: bool = False
+    wheel_radius: float = quantity(
+        ..., "m", 0.1, 2.1, why="the smallest trailer tyre has 0.1 m, the largest of dumpers 2.0 m"
+    )
+    wheel_inertia: float = quantity(
+        ..., "kg m2", 0.05, 1e4, why="0.05 is 5 kg at 0.1 m, 1e4 is the largest dumper's, 5 t at 1.4 m"
+    )  # one wheel about its axis
     ackermann_x: Position | None = None  # at which the axes of the steered wheels meet; None: the wheels stay parallel
     steer_group: str | None = None  # axles of a unit with the same name are turned by one actuator
-    steer_ratio: Annotated[
-        float, quantity("-", ge=-2.0, le=2.0, why="the actuator's own axle has 1; no linkage doubles its angle")
-    ] = 1.0  # angle of the axle over its actuator's
+    steer_ratio: float = quantity(
+        1.0, "-", -2.0, 2.0, why="the actuator's own axle has 1; no linkage doubles its angle"
+    )  # angle of the axle over its actuator's
     roll_steer: RollSteer | None = None  # angle of the axle per roll of the body against it; None: it does not steer so
     bump_steer: BumpSteer | None = None  # outward angle of each wheel as the body rises from it; None: likewise
-    lifted: Flag = False  # off the ground, carries no load
+    lifted: bool = False  # off the ground, carries no load
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
-    load_share: Annotated[
-        float, quantity("-", gt=0.0, le=10.0, why="an axle on the ground carries; beyond 10 the others carry nothing")
-    ] = 1.0  # load relative to the others of its group
-    twin_spacing: (
-        Annotated[float, quantity("m", ge=0.1, le=1.5, why="twin tyres stand side by side, 0.2 m to 0.5 m on trucks")]
-        | None
-    ) = None  # between the contact patches of twin tyres, which then scrub; None: one patch in their middle
+    load_share: float = quantity(
+        1.0, "-", 0.0, 10.0, above=True, why="an axle on the ground carries; beyond 10 the others carry nothing"
+    )  # load relative to the others of its group
+    twin_spacing: float | None = quantity(
+        None, "m", 0.1, 1.5, why="twin tyres stand side by side, 0.2 m to 0.5 m on trucks"
+    )  # between the contact patches of twin tyres, which then scrub; None: one patch in their middle
     tyre: SerializeAsAny[Tyre]
     brake: AxleBrake | None = None  # None: none, or as ``Vehicle.brakes`` says
     suspension: Suspension | None = None  # in roll; given for all axles of a vehicle or for none
@@ -280,10 +274,10 @@ class Steering(Frozen):
     """Steering actuators of a unit; degrees in files, radians elsewhere."""
 
     lag: Lag  # first-order time constant
-    limit_deg: Annotated[float, quantity("deg", gt=0.0, le=80.0, why="a wheel square to its axle does not steer")]
-    rate_limit_deg: Annotated[
-        float, quantity("deg/s", gt=0.0, le=500.0, why="no actuator turns a loaded wheel by more than 500 deg/s")
-    ]
+    limit_deg: float = quantity(..., "deg", 0.0, 80.0, above=True, why="a wheel square to its axle does not steer")
+    rate_limit_deg: float = quantity(
+        ..., "deg/s", 0.0, 500.0, above=True, why="no actuator turns a loaded wheel by more than 500 deg/s"
+    )
 
     @property
     def limit(self) -> float:
@@ -299,12 +293,12 @@ class Steering(Frozen):
 class LoadSharing(Frozen):
     """Data by which the axles of a unit's groups equalise their loads on uneven road."""
 
-    stiffness: Annotated[
-        float, quantity("N/m", ge=1e3, le=1e8, why="1 kN/m is a bicycle's, 100 MN/m a steel wheel's on rail")
-    ]  # vertical, of one axle's springs and tyres in series
-    lag: Annotated[
-        float, quantity("s", ge=0.05, le=1e6, why="below 0.05 s leave the table out: loads are then equal at once")
-    ]  # in which the loads become equal again
+    stiffness: float = quantity(
+        ..., "N/m", 1e3, 1e8, why="1 kN/m is a bicycle's, 100 MN/m a steel wheel's on rail"
+    )  # vertical, of one axle's springs and tyres in series
+    lag: float = quantity(
+        ..., "s", 0.05, 1e6, why="below 0.05 s leave the table out: loads are then equal at once"
+    )  # in which the loads become equal again
 
 
 class Actuator(NamedTuple):
@@ -327,23 +321,22 @@ class Unit(Frozen):
     width: Breadth
     height: Height  # top of the body
     hitch_x: Position | None = None  # hitch for the next unit
-    hitch_height: (
-        Annotated[float, quantity("m", ge=0.1, le=3.0, why="couplings are 0.3 m to 1.5 m above the ground")] | None
-    ) = None
+    hitch_height: float | None = quantity(None, "m", 0.1, 3.0, why="couplings are 0.3 m to 1.5 m above the ground")
     hitch_roll_share: Fraction = 0.0  # share of the roll moment that the unit in front takes through the hitch
-    follow_x: Position | None = None  # point of a towed unit that should retrace the hitch's path
+    follow_x: Position | None = None  # point that should retrace the path of the hitch, or of a first unit's front axle
     roll_gradient: Gradient | None = None  # body roll per lateral acceleration; None: follows from the suspensions
     pitch_gradient: Gradient  # body pitch per braking
-    roll_axis_height: Annotated[
-        float, quantity("m", ge=0.0, le=3.0, why="roll axes lie between the ground and the top of the wheels")
-    ]
+    roll_axis_height: float = quantity(
+        ..., "m", 0.0, 3.0, why="roll axes lie between the ground and the top of the wheels"
+    )
     heave_frequency: Frequency  # of the body on its springs, undamped
     pitch_frequency: Frequency
     roll_frequency: Frequency | None = None  # None: follows from the suspensions
-    suspension_damping: Annotated[  # damping ratio of heave, pitch and roll
-        float, quantity("-", gt=0.0, le=2.0, why="0.1 to 0.5 on the road; above 1 a body no longer oscillates")
-    ]
+    suspension_damping: float = quantity(
+        ..., "-", 0.0, 2.0, above=True, why="0.1 to 0.5 on the road; above 1 a body no longer oscillates"
+    )  # damping ratio of heave, pitch and roll
     steering: Steering | None = None
+    rear_steering: Steering | None = None  # of the axles ``steered_by_law``; None: as ``steering``
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
     load_sharing: LoadSharing | None = None  # None: the axles of a group share its load at once
@@ -351,6 +344,14 @@ class Unit(Frozen):
     coupling: Coupling | None = None  # of the front hitch, given with ``roll``; None: it transmits no roll moment
     side_wind: SideWind | None = None  # None: the wind does not act on the unit
     payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
+    origin_x: float = 0.0  # of the frame, ahead of that of the file, see ``Vehicle.led`` [m]
+
+    @field_validator("origin_x")
+    @classmethod
+    def _is_no_data(cls, given: float) -> float:
+        if given:
+            raise ValueError("is no data of a unit: leave it out")
+        return given
 
     @field_validator("name")
     @classmethod
@@ -385,6 +386,43 @@ class Unit(Frozen):
     def steered_axles(self) -> tuple[Axle, ...]:
         """The steered axles, front to rear."""
         return tuple(axle for axle in self.axles if axle.steered)
+
+    @property
+    def n_by_driver(self) -> int:
+        """Number of the steered axles of a first unit that its driver turns; they are the foremost ones."""
+        return sum(not axle.steered_by_law for axle in self.steered_axles)
+
+    @property
+    def driver_actuators(self) -> tuple[Actuator, ...]:
+        """The steering actuators of a first unit that follow its driver; the others follow a law."""
+        return tuple(one for one in self.actuators if not self.axles[one.axles[0]].steered_by_law)
+
+    @property
+    def wheelbase(self) -> float:
+        """Foremost steered axle of a first unit to the origin of its file, the centre of its rear axles [m]."""
+        return self.steered_axles[0].x + self.origin_x
+
+    def steering_of(self, axle: Axle) -> Steering | None:
+        """Data of the actuator that turns an axle."""
+        return self.rear_steering or self.steering if axle.steered_by_law else self.steering
+
+    def shifted(self, x: float) -> Unit:
+        """The unit with the origin of its frame moved forward by ``x`` [m]."""
+
+        def back(value: float | None) -> float | None:
+            return None if value is None else value - x
+
+        def axle(one: Axle) -> Axle:
+            return one.model_copy(update={"x": one.x - x, "ackermann_x": back(one.ackermann_x)})
+
+        positions = ("cg_x", "front_x", "rear_x", "hitch_x", "follow_x")
+        changes: dict[str, Any] = {name: back(getattr(self, name)) for name in positions}
+        changes |= {"axles": tuple(map(axle, self.axles)), "lifted_axles": tuple(map(axle, self.lifted_axles))}
+        if self.side_wind:
+            changes["side_wind"] = self.side_wind.model_copy(update={"x": self.side_wind.x - x})
+        if self.payload:
+            changes["payload"] = self.payload.model_copy(update={"cg_x": self.payload.cg_x - x})
+        return self.model_copy(update={**changes, "origin_x": self.origin_x + x})
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:

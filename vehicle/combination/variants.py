@@ -20,11 +20,12 @@ import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from vehicle.combination.description import Vehicle, vehicle_from
 from vehicle.combination.unit import Body, Unit, without
-from vehicle.foundation.parameter_file import Frozen, checked, nearest, quantity
+from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.quantity import Frozen, checked, quantity
 
 FULL: Final = "full"
 LOADS: Final = {"unladen": 0.0, "half": 0.5, FULL: 1.0}  # load case and its share of the payload
@@ -110,38 +111,27 @@ _Keys: TypeAlias = tuple[str | int, ...]  # of a value in the contents of a vehi
 class NamedChanges(Frozen):
     """Changes that concern several numbers of a vehicle at once."""
 
-    mass_scale: Annotated[
-        float,
-        quantity(
-            "-",
-            ge=0.2,
-            le=3.0,
-            meaning="Factor on the mass, yaw and roll inertia of every unit; "
-            "wheel inertias, springs in roll, suspension frequencies and gradients stay.",
-        ),
-    ] = 1.0
-    inertia_scale: Annotated[
-        float, quantity("-", ge=0.1, le=5.0, meaning="Further factor on the yaw inertia of every unit.")
-    ] = 1.0
-    cg_height_scale: Annotated[
-        float, quantity("-", ge=0.2, le=2.0, meaning="Factor on the height of every unit's centre of gravity.")
-    ] = 1.0
-    cornering_stiffness_scale: Annotated[
-        float,
-        quantity(
-            "-",
-            ge=0.2,
-            le=3.0,
-            meaning="Factor on the initial slope of every tyre's lateral force; "
-            "longitudinal stiffness and peak friction stay.",
-        ),
-    ] = 1.0
-    steer_lag: Annotated[
-        float | None, quantity("s", gt=0.0, le=5.0, meaning="Lag of the towed units' steering actuators.")
-    ] = None  # None: as in the vehicle file
-    steer_lag_scale: Annotated[
-        float, quantity("-", ge=0.1, le=10.0, meaning="Factor on the lag of the towed units' steering actuators.")
-    ] = 1.0
+    mass_scale: float = quantity(
+        1.0,
+        "-",
+        0.2,
+        3.0,
+        "Factor on the mass, yaw and roll inertia of every unit; "
+        "wheel inertias, springs in roll, suspension frequencies and gradients stay.",
+    )
+    inertia_scale: float = quantity(1.0, "-", 0.1, 5.0, "Further factor on the yaw inertia of every unit.")
+    cg_height_scale: float = quantity(1.0, "-", 0.2, 2.0, "Factor on the height of every unit's centre of gravity.")
+    cornering_stiffness_scale: float = quantity(
+        1.0,
+        "-",
+        0.2,
+        3.0,
+        "Factor on the initial slope of every tyre's lateral force; longitudinal stiffness and peak friction stay.",
+    )
+    steer_lag: float | None = quantity(
+        None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True
+    )  # None: as in the vehicle file
+    steer_lag_scale: float = quantity(1.0, "-", 0.1, 10.0, "Factor on the lag of the towed units' steering actuators.")
 
 
 def changed_vehicle(vehicle: Vehicle, changes: Mapping[str, Change]) -> Vehicle:

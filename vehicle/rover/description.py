@@ -9,20 +9,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from vehicle.foundation.parameter_file import (
-    Flag,
-    Fraction,
-    Frozen,
-    Lag,
-    Length,
-    ParameterLibrary,
-    Position,
-    checked,
-    quantity,
-    read_toml,
-    sources,
-    without_sources,
-)
+from vehicle.foundation.parameter_file import ParameterLibrary, read_toml, sources, without_sources
+from vehicle.foundation.quantity import Fraction, Frozen, Lag, Length, Position, checked, quantity
 from vehicle.frames import FloatArray
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.tyres import Num
@@ -64,11 +52,11 @@ class Footprint(NamedTuple):
 _DEGREE: Final = math.pi / 180.0  # [rad]; not math.radians, which takes no symbols
 _TOLERANCE: Final = 1e-9  # of wheel places that must mirror each other [m]
 
-_ROVERS: Final = ParameterLibrary("rover", "rovers")
+_ROVERS: Final = ParameterLibrary("rover", "rovers", "el_dorado_ii")
 
 
-_Mass = Annotated[float, quantity("kg", gt=0.0, le=2e5)]  # from a model to the largest dumper
-_Inertia = Annotated[float, quantity("kg m2", gt=0.0, le=1e7)]
+_Mass = Annotated[float, quantity(..., "kg", 0.0, 2e5, above=True)]  # from a model to the largest dumper
+_Inertia = Annotated[float, quantity(..., "kg m2", 0.0, 1e7, above=True)]
 
 
 class RoverWheel(Frozen):
@@ -77,8 +65,8 @@ class RoverWheel(Frozen):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     x: Position  # in R, + ahead of the body centre
     y: Position  # in R, + left
-    driven: Flag
-    steered: Flag
+    driven: bool
+    steered: bool
 
 
 class _Body(Frozen):
@@ -94,14 +82,16 @@ class _Body(Frozen):
     width: Length  # of the wheels
     wheel_inertia: _Inertia  # of a wheel with its gear and motor, about the axle
     drive_lag: Lag  # of a wheel's speed behind its demand
-    stall_torque: Annotated[float, quantity("N m", gt=0.0, le=1e4)]  # of one drive at its wheel
-    no_load_speed: Annotated[float, quantity("rad/s", gt=0.0, le=200.0)]  # of a wheel, at which its drive has no torque
+    stall_torque: float = quantity(..., "N m", 0.0, 1e4, above=True)  # of one drive at its wheel
+    no_load_speed: float = quantity(
+        ..., "rad/s", 0.0, 200.0, above=True
+    )  # of a wheel, at which its drive has no torque
     steer_lag: Lag
-    steer_limit_deg: Annotated[float, quantity("deg", gt=0.0, le=180.0)]
-    steer_rate_limit_deg: Annotated[float, quantity("deg/s", gt=0.0, le=500.0)]
-    slip_stiffness: Annotated[float, quantity("-", gt=0.0, le=200.0)]  # on firm ground, over load
-    relaxation_length: Annotated[float, quantity("m", gt=0.0, le=1.0)]  # over which force follows slip
-    rolling_resistance: Annotated[float, quantity("-", ge=0.0, le=0.5)]  # on firm ground, over load
+    steer_limit_deg: float = quantity(..., "deg", 0.0, 180.0, above=True)
+    steer_rate_limit_deg: float = quantity(..., "deg/s", 0.0, 500.0, above=True)
+    slip_stiffness: float = quantity(..., "-", 0.0, 200.0, above=True)  # on firm ground, over load
+    relaxation_length: float = quantity(..., "m", 0.0, 1.0, above=True)  # over which force follows slip
+    rolling_resistance: float = quantity(..., "-", 0.0, 0.5)  # on firm ground, over load
     sinkage_limit: Length  # beyond which the rover is entrapped
 
 
@@ -110,7 +100,7 @@ class _FourWheels(_Body):
 
     wheelbase: Length  # front to rear wheels
     tread: Length  # left to right wheels
-    steered: Flag  # all wheels, or none: then it turns by different speeds of its sides
+    steered: bool  # all wheels, or none: then it turns by different speeds of its sides
 
     def long_form(self) -> dict[str, Any]:
         """The same rover with a list of wheels."""
@@ -237,8 +227,8 @@ def load_rover(name_or_path: str) -> Rover:
     path = _ROVERS.file(name_or_path)
     plain = without_sources(read_toml(path))
     if "wheels" not in plain:
-        plain = checked(_FourWheels, plain, str(path)).long_form()
-    return checked(Rover, plain, str(path))
+        plain = checked(_FourWheels, plain, str(path), usual=_ROVERS.usual).long_form()
+    return checked(Rover, plain, str(path), usual=_ROVERS.usual)
 
 
 def rover_sources(name_or_path: str) -> dict[str, str]:
@@ -250,10 +240,10 @@ def rover_sources(name_or_path: str) -> dict[str, str]:
     return sources(read_toml(_ROVERS.file(name_or_path)))
 
 
-_Modulus = Annotated[float, quantity("m", gt=0.0, le=0.5)]
-_Change = Annotated[float, quantity("m/rad", ge=-0.5, le=0.5)]
+_Modulus = Annotated[float, quantity(..., "m", 0.0, 0.5, above=True)]
+_Change = Annotated[float, quantity(..., "m/rad", -0.5, 0.5)]
 
-_SOILS: Final = ParameterLibrary("soil", "soils")
+_SOILS: Final = ParameterLibrary("soil", "soils", "toyoura_sand")
 
 
 class Soil(Frozen):
@@ -268,20 +258,20 @@ class Soil(Frozen):
     summary: str = ""
     pressure_law: Literal["bekker", "reece"]
     shear_law: Literal["separate", "combined"]  # mobilise the shear strength along and across separately, or together
-    cohesion: Annotated[float, quantity("Pa", ge=0.0, le=1e5)]  # c
-    friction_angle_deg: Annotated[float, quantity("deg", gt=0.0, le=55.0)]  # phi
-    density: Annotated[float, quantity("kg/m3", gt=0.0, le=5000.0)]  # rho
-    exponent: Annotated[float, quantity("-", gt=0.0, le=3.0)]  # n
-    exponent_by_slip: Annotated[float, quantity("-", ge=0.0, le=2.0)]  # increase of n for a slip ratio of 1
-    exponent_by_skid: Annotated[float, quantity("-", ge=0.0, le=2.0)]  # increase of n for a slip ratio of -1
-    k_c: Annotated[float, quantity("Pa m^(1-n) (bekker), - (reece)", ge=0.0, le=1e9)]
-    k_phi: Annotated[float, quantity("Pa/m^n (bekker), m2/s2 (reece)", ge=0.0, le=1e9)]
+    cohesion: float = quantity(..., "Pa", 0.0, 1e5)  # c
+    friction_angle_deg: float = quantity(..., "deg", 0.0, 55.0, above=True)  # phi
+    density: float = quantity(..., "kg/m3", 0.0, 5000.0, above=True)  # rho
+    exponent: float = quantity(..., "-", 0.0, 3.0, above=True)  # n
+    exponent_by_slip: float = quantity(..., "-", 0.0, 2.0)  # increase of n for a slip ratio of 1
+    exponent_by_skid: float = quantity(..., "-", 0.0, 2.0)  # increase of n for a slip ratio of -1
+    k_c: float = quantity(..., "Pa m^(1-n) (bekker), - (reece)", 0.0, 1e9)
+    k_phi: float = quantity(..., "Pa/m^n (bekker), m2/s2 (reece)", 0.0, 1e9)
     crest_at_rest: Fraction  # a_0: angle of the largest pressure over the entry angle, without slip
-    crest_by_slip: Annotated[float, quantity("-", ge=0.0, le=1.0)]  # a_1: increase of a_0 for a slip ratio of 1
-    exit_ratio: Annotated[float, quantity("-", ge=0.0, le=2.0)]  # lambda: exit height over sinkage
+    crest_by_slip: float = quantity(..., "-", 0.0, 1.0)  # a_1: increase of a_0 for a slip ratio of 1
+    exit_ratio: float = quantity(..., "-", 0.0, 2.0)  # lambda: exit height over sinkage
     shear_x: _Modulus  # k_x without side slip
     shear_x_by_angle: _Change  # increase of k_x with the slip angle
-    shear_x_by_angle_squared: Annotated[float, quantity("m/rad2", ge=-0.5, le=0.5)]
+    shear_x_by_angle_squared: float = quantity(..., "m/rad2", -0.5, 0.5)
     shear_y: _Modulus  # k_y without side slip
     shear_y_by_angle: _Change
 
@@ -303,4 +293,4 @@ def load_soil(name_or_path: str) -> Soil:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
     path = _SOILS.file(name_or_path)
-    return checked(Soil, without_sources(read_toml(path)), str(path))
+    return checked(Soil, without_sources(read_toml(path)), str(path), usual=_SOILS.usual)

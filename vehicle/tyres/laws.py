@@ -19,7 +19,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 import casadi as ca
 from pydantic import model_validator
 
-from vehicle.foundation.parameter_file import Frozen, quantity
+from vehicle.foundation.quantity import Frozen, quantity
 from vehicle.tyres.tyre import Grip, Num, Planar, Stiffness, StiffnessTyre, Tyre, magnitude, slip_speed
 
 
@@ -62,10 +62,10 @@ class MagicFormulaTyre(StiffnessTyre):
     """Sine of an arc tangent, with the peak at friction times load."""
 
     model: Literal["magic_formula"]
-    shape: Annotated[
-        float, quantity("-", ge=1.0, le=2.0, why="1 never falls off; beyond 2 the force would turn round")
-    ]  # C; at 1 the force never falls off
-    curvature: Annotated[float, quantity("-", ge=-10.0, le=1.0, why="beyond 1 the curve has no single peak")]  # E
+    shape: float = quantity(
+        ..., "-", 1.0, 2.0, why="1 never falls off; beyond 2 the force would turn round"
+    )  # C; at 1 the force never falls off
+    curvature: float = quantity(..., "-", -10.0, 1.0, why="beyond 1 the curve has no single peak")  # E
 
     def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
         """Pacejka's formula without offsets, with the peak at friction times load."""
@@ -78,8 +78,10 @@ class MagicFormulaTyre(StiffnessTyre):
         return Grip(pull / used, friction, factor, 1.0, by_limit, self.trail(F_z, 1.0 - used))
 
 
-OverLoad = Annotated[float, quantity("-", gt=0.0, le=2.0, why="tyres hold 0.4 to 1.5 times their load")]
-Slip = Annotated[float, quantity("-", gt=0.0, le=5.0, why="forces peak at a slip of 0.05 to 0.5 and slide at 1")]
+OverLoad = Annotated[float, quantity(..., "-", 0.0, 2.0, above=True, why="tyres hold 0.4 to 1.5 times their load")]
+Slip = Annotated[
+    float, quantity(..., "-", 0.0, 5.0, above=True, why="forces peak at a slip of 0.05 to 0.5 and slide at 1")
+]
 
 
 class TmeasyCurve(Frozen):
@@ -116,9 +118,9 @@ class TmeasyTyre(Tyre):
     """Curves through initial slope, peak and sliding, stretched with friction."""
 
     model: Literal["tmeasy"]
-    reference_friction: Annotated[
-        float, quantity("-", gt=0.0, le=2.0, why="ice has 0.05, rubber on asphalt 1")
-    ]  # of the ground the curves are given for
+    reference_friction: float = quantity(
+        ..., "-", 0.0, 2.0, above=True, why="ice has 0.05, rubber on asphalt 1"
+    )  # of the ground the curves are given for
     lateral: TmeasyCurve
     longitudinal: TmeasyCurve
 

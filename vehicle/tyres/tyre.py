@@ -32,7 +32,7 @@ from typing import Annotated, Final, NamedTuple, TypeAlias
 
 import casadi as ca
 
-from vehicle.foundation.parameter_file import Frozen, quantity
+from vehicle.foundation.quantity import Frozen, quantity
 
 Num: TypeAlias = "float | ca.SX"
 
@@ -118,7 +118,7 @@ def contact(felt: Planar, F_z: Num, grip: Grip) -> Contact:
 
 
 _STIFF: Final = "tyres have 3 to 20, stiff ones in tests up to 60"
-Stiffness = Annotated[float, quantity("-", ge=0.1, le=60.0, why=_STIFF)]  # per unit of slip (tangent of the slip angle)
+Stiffness = Annotated[float, quantity(..., "-", 0.1, 60.0, why=_STIFF)]  # per unit of slip (tangent of the slip angle)
 _LEAST_STIFFNESS: Final = 0.2  # of the nominal one: the straight line is fitted between one and two nominal loads
 
 
@@ -127,23 +127,21 @@ class Tyre(Frozen, ABC):
 
     model: str  # name of the law
     name: str = ""  # of its table in the vehicle file
-    nominal_load: Annotated[  # per wheel
-        float,
-        quantity("N", ge=300.0, le=1e6, why="300 N is a trailer's wheel, 1e6 N a dumper's; loads are in N, not kg"),
-    ]
-    relaxation_length: Annotated[
-        float, quantity("m", ge=1e-3, le=3.0, why="0.1 m to 1 m; a shorter one is too stiff for a step of 1 ms")
-    ]
-    damping: Annotated[  # of the carcass: damping over stiffness
-        float, quantity("s", ge=0.0, le=0.2, why="rubber has 0.001 s to 0.1 s; with more a tyre is a damper")
-    ]
-    rolling_resistance: Annotated[  # rolling drag over load
-        float, quantity("-", ge=0.0, le=0.3, why="0.005 to 0.01 on asphalt, 0.3 in deep sand")
-    ]
-    pneumatic_trail: Annotated[  # at small slip and nominal load; 0: no moment
-        float,
-        quantity("m", ge=0.0, le=0.3, why="a sixth of the contact patch, which is at most 1 m long, and a margin"),
-    ]
+    nominal_load: float = quantity(
+        ..., "N", 300.0, 1e6, why="300 N is a trailer's wheel, 1e6 N a dumper's; loads are in N, not kg"
+    )  # per wheel
+    relaxation_length: float = quantity(
+        ..., "m", 1e-3, 3.0, why="0.1 m to 1 m; a shorter one is too stiff for a step of 1 ms"
+    )
+    damping: float = quantity(
+        ..., "s", 0.0, 0.2, why="rubber has 0.001 s to 0.1 s; with more a tyre is a damper"
+    )  # of the carcass: damping over stiffness
+    rolling_resistance: float = quantity(
+        ..., "-", 0.0, 0.3, why="0.005 to 0.01 on asphalt, 0.3 in deep sand"
+    )  # rolling drag over load
+    pneumatic_trail: float = quantity(
+        ..., "m", 0.0, 0.3, why="a sixth of the contact patch, which is at most 1 m long, and a margin"
+    )  # at small slip and nominal load; 0: no moment
 
     @property
     @abstractmethod
@@ -196,11 +194,11 @@ class Tyre(Frozen, ABC):
 class StiffnessTyre(Tyre):
     """Base of the laws whose stiffness falls linearly with load, and whose largest force is friction times load."""
 
-    cornering_stiffness: Annotated[float, quantity("1/rad", ge=0.1, le=60.0, why=_STIFF)]  # at the nominal load
+    cornering_stiffness: float = quantity(..., "1/rad", 0.1, 60.0, why=_STIFF)  # at the nominal load
     longitudinal_stiffness: Stiffness  # at the nominal load
-    load_sensitivity: Annotated[  # relative loss of stiffness, per nominal load
-        float, quantity("-", ge=0.0, le=1.0, why="at 1 twice the nominal load leaves no stiffness")
-    ]
+    load_sensitivity: float = quantity(
+        ..., "-", 0.0, 1.0, why="at 1 twice the nominal load leaves no stiffness"
+    )  # relative loss of stiffness, per nominal load
 
     @property
     def nominal_stiffness(self) -> Planar:

@@ -9,13 +9,13 @@ the follow point is assumed to have started on it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import ClassVar, Final, NamedTuple
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from controllers.trailer import Actuation, Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import check_steered
+from controllers.trailer_steering.kinematics import check_steered, check_towed
 from controllers.trailer_steering.mpc.observer import FrictionMemory, Observer, ObserverMemory, reckoned, updated
 from controllers.trailer_steering.mpc.planning import (
     BLOCKS,
@@ -37,7 +37,7 @@ from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY
 from vehicle.combination.roll import roll_gradients
 from vehicle.frames import FloatArray
-from vehicle.option import Option, check_options
+from vehicle.option import PartParameters, quantity
 
 _CREEP: Final = 0.5  # below this speed, and in reverse, the axles keep their angles [m/s]
 _HOLD: Final = 2.0  # on signals alone after the last estimate: an error of 3 cm by their bias [s]
@@ -65,40 +65,36 @@ class MpcMemory(NamedTuple):
 class Mpc(SteeringLaw[MpcMemory]):
     """Model predictive control of the axle angles; one object per thread."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("tolerance", 0.004, "off-tracking that costs as much as steering at the rate 'effort'", "m", 0.001, 1.0),
-        Option("effort", 0.25, "steering rate that costs as much as 'tolerance'", "rad/s", 0.01, 10.0),
-        Option("tail_swing", 0.3, "soft limit of the rear end's distance from the path", "m", 0.01, 10.0),
-        Option("cut_in", 5.0, "soft limit of the trailer middle's distance from the path", "m", 0.1, 20.0),
-    )
+    class Parameters(PartParameters):
+        """Sizes that the cost compares."""
+
+        tolerance: float = quantity(
+            0.004, "m", 0.001, 1.0, "off-tracking that costs as much as steering at the rate 'effort'"
+        )
+        effort: float = quantity(0.25, "rad/s", 0.01, 10.0, "steering rate that costs as much as 'tolerance'")
+        tail_swing: float = quantity(0.3, "m", 0.01, 10.0, "soft limit of the rear end's distance from the path")
+        cut_in: float = quantity(5.0, "m", 0.1, 20.0, "soft limit of the trailer middle's distance from the path")
 
     def __init__(
-        self,
-        trailer: TrailerGeometry,
-        *,
-        combination: Combination,
-        tolerance: float = 0.004,
-        effort: float = 0.25,
-        tail_swing: float = 0.3,
-        cut_in: float = 5.0,
+        self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer; ``options`` describes the parameters.
+        """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+            ValueError: if the trailer has no steered axle.
         """
         check_steered("mpc", trailer)
+        check_towed("mpc", combination)
         self._trailer, self._combination = trailer, combination
-        self._given = {"tolerance": tolerance, "effort": effort, "tail_swing": tail_swing, "cut_in": cut_in}
-        check_options(self.options, self._given)
+        self._given = given = parameters or self.Parameters()
         unit = combination.vehicle.units[combination.unit]
         rolls = roll_gradients(combination.vehicle)
         self._roll_factor = 1.0 + GRAVITY * rolls[combination.unit]  # of the accelerometer reading, by roll of the body
         self._max_steer = trailer.max_steer / max(1.0, *map(abs, trailer.steer_ratios))
         self._model = TrailerModel.of(trailer, combination)
         self._observer = Observer(combination)
-        limits = Limits(self._max_steer, tail_swing, cut_in)
-        self._planner = Planner(self._model, trailer, -unit.rear_x, Sizes(tolerance, effort), limits)
+        limits = Limits(self._max_steer, given.tail_swing, given.cut_in)
+        self._planner = Planner(self._model, trailer, -unit.rear_x, Sizes(given.tolerance, given.effort), limits)
 
     def __reduce__(self) -> tuple[Callable[..., Mpc], tuple[object, ...]]:
         return _rebuilt, (self._trailer, self._combination, self._given)  # compiled functions cannot be pickled
@@ -224,5 +220,5 @@ class Mpc(SteeringLaw[MpcMemory]):
         )
 
 
-def _rebuilt(trailer: TrailerGeometry, combination: Combination, given: Mapping[str, float]) -> Mpc:
-    return Mpc(trailer, combination=combination, **given)
+def _rebuilt(trailer: TrailerGeometry, combination: Combination, given: Mpc.Parameters) -> Mpc:
+    return Mpc(trailer, combination=combination, parameters=given)

@@ -52,7 +52,6 @@ from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-from vehicle.option import Option
 
 _MATCHED: Final = 0.33  # least correlation of a band that shows the trace
 _FARTHEST: Final = 3.5  # largest deviation of the trace [standard deviations], plus
@@ -261,7 +260,6 @@ class FTracePlus:
     """Tracker of the left rear wheel's trace; ``init`` and ``step`` are pure."""
 
     sensor: ClassVar[str] = "trace_camera"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, rig: TraceRig, templates: Templates | None = None) -> None:
         self._rig = rig

@@ -42,7 +42,6 @@ from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse, wrap
-from vehicle.option import Option
 
 _LOW: Final = 1.0 / 3.0  # of the range of grey levels (eq. 3)
 _HIGH: Final = 2.5  # of the low threshold (eq. 4)
@@ -386,7 +385,6 @@ class FTrace:
     """Detector of the left rear wheel's trace; ``init`` and ``step`` are pure."""
 
     sensor: ClassVar[str] = "trace_camera"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, rig: TraceRig, breakpoints: Breakpoints = BREAKPOINTS) -> None:
         """A detector for a calibrated camera; ``breakpoints`` of the membership functions."""

@@ -67,6 +67,7 @@ class FmuLaw(SteeringLaw[int]):
     """
 
     fmu: ClassVar[FmuFile]
+    options: ClassVar[tuple[Option, ...]]
 
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, **parameters: Parameter) -> None:
         """For the trailer of a combination, with parameters of the FMU.

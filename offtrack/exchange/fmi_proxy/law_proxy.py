@@ -21,7 +21,6 @@ from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, quantity
 from scenarios.assembly.adapters import trailer_geometry, vehicle_of
 from scenarios.assembly.drivers_and_laws import (
     bare_law,
-    law_options,
     law_uses_off_tracking,
     steering_parameters,
     trailer_law,
@@ -32,7 +31,7 @@ from scenarios.options.scenario import Scenario
 from vehicle.clock import Schedule, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.own_parts import close_part
-from vehicle.option import Option, Parameter
+from vehicle.option import Option, Parameter, declared_options
 
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
@@ -96,7 +95,7 @@ def law_proxy(
     trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
     limits = degradation or Degradation()
     close_part(trailer_law(name, trailer, combination, given, limits))  # checks everything
-    options = law_options(resolve("trailer_steering", name, TRAILER_STEERING))
+    options = declared_options(resolve("trailer_steering", name, TRAILER_STEERING), or_keywords=True)
     numbers = [_parameter(option, given) for option in options if _is_number(option, given)]
     fixed = {key: value for key, value in given.items() if key not in {one.name for one in numbers}}
     files = {Path(str(value)).name: Path(str(value)).read_bytes() for value in fixed.values() if _is_file(value)}
@@ -167,7 +166,8 @@ class LawComputation:
         """
         settings, parameters = opening.settings, dict(opening.parameters)
         vehicle, unit, name = Vehicle.model_validate(settings["vehicle"]), int(settings["unit"]), settings["law"]
-        options = {option.name for option in law_options(resolve("trailer_steering", name, TRAILER_STEERING))}
+        law = resolve("trailer_steering", name, TRAILER_STEERING)
+        options = {option.name for option in declared_options(law, or_keywords=True)}
         given: dict[str, Parameter] = {key: value for key, value in parameters.items() if key in options}
         given |= {key: _value(value, opening.folder) for key, value in settings["fixed"].items()}
         trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)

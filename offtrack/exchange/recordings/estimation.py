@@ -14,6 +14,7 @@ from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
 from estimators.estimates import Health, Motion, OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
+from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.exchange.recordings.stereo_reader import Recording, camera_poses
 from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, stream
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, check_made, constructed, resolve
@@ -23,7 +24,7 @@ from scenarios.randomness import stream as random_stream
 from sensors.messages import BodyPose
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, inverse
-from vehicle.option import Parameter, check_options
+from vehicle.option import Parameter, check_options, declared_options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -163,16 +164,17 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
             f"--estimator {chosen.estimator}: needs the sensor {part.sensor}: a recording holds the images of a stereo "
             "camera only"
         )
-    check_options(part.options, chosen.options, "estimator")
-    if chosen.estimator == VISO_OT and not chosen.options:
-        source: OffTrackingSource = resolve("--estimator", VISO_OT, OFF_TRACKING)(
+    if chosen.estimator == VISO_OT:
+        source: OffTrackingSource = VisoOt(
             recording.calibration,
             recording.follow_distance,
             odometry,
+            parameters=VisoOt.Parameters.of(chosen.options, VISO_OT),
             path_height=recording.roll_axis_height,
             direction_std=recording.direction_std,
         )
         return source, recording
+    check_options(declared_options(part), chosen.options, "estimator")
     vehicle = _data_sheet(recording, chosen.vehicle or DATA_SHEET)
     if chosen.vehicle is None:
         assumed = (*recording.assumed, f"data sheet for the estimator: {DATA_SHEET} (--vehicle)")

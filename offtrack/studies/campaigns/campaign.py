@@ -18,8 +18,8 @@ from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.draws import Sample, Stop, read_draws
 from offtrack.studies.study import STUDY_FILE, Study, dotted, text_of_value, typed_value
 from offtrack.studies.table import Exceeding
-from scenarios.options.base import Options
-from vehicle.foundation.parameter_file import checked, nearest, read_toml
+from vehicle.foundation.parameter_file import nearest, read_toml
+from vehicle.foundation.quantity import Frozen, checked
 from vehicle.foundation.user_file import shown
 
 FILE: Final = "campaign.toml"
@@ -27,7 +27,7 @@ FAULTS: Final = "faults"  # axis
 LAWS: Final = ("trailer_steering", "slip_compensation", "driver")  # axes that tables and figures compare
 
 
-class Accept(Options):
+class Accept(Frozen):
     """Probability at which the command fails: the table ``accept``."""
 
     probability: Annotated[float, Field(gt=0.0, lt=1.0)]  # largest upper limit of the interval, of each fault and law
@@ -130,7 +130,7 @@ def _only(entry: Choice) -> dict[str, list[str]]:
     return {key: [text_of_value(value) for value in values] for key, values in listed}
 
 
-class _File(Options):
+class _File(Frozen):
     description: str = ""
     scenario: str
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)

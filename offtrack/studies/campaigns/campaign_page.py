@@ -37,7 +37,7 @@ from offtrack.studies.campaigns.failures import (
 from offtrack.studies.campaigns.fault_entry import NONE
 from offtrack.studies.campaigns.verdict import DETECTION, END_OF_RUN, RECOVERY, Judgement, Requirements
 from offtrack.studies.case import machines
-from offtrack.studies.run_pages import explorer
+from offtrack.studies.study_figures import explorer
 from offtrack.studies.study_page import machine_sections
 from offtrack.studies.table import CONFIDENCE, Exceeding
 from scenarios.results.run_summary import versions

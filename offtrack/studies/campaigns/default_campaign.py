@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
+from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.studies.campaigns.campaign import FAULTS, Campaign, by_text
 from offtrack.studies.campaigns.fault_entry import NONE, FaultEntry
 from offtrack.studies.campaigns.verdict import Limit, Requirements
 from offtrack.studies.case import Case, Settings
 from scenarios.catalogue import FAULT, resolve
 from scenarios.loop.runner import KINDS
-from scenarios.options.perception import VisoOtOptions
 from scenarios.options.scenario import load_any_scenario
 
-_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOtOptions(), "estimator": {}, "sensor": None}
+_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOt.Parameters(), "estimator": {}, "sensor": None}
 
 
 def check_faults(campaign: Campaign) -> None:

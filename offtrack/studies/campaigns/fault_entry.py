@@ -10,8 +10,8 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from scenarios.catalogue import FAULT, resolve
-from scenarios.options.base import Options
 from scenarios.options.faults import FaultOptions, Faults
+from vehicle.foundation.quantity import Frozen
 from vehicle.option import Option
 
 NONE: Final = "none"  # name of the reference, which has no fault
@@ -28,7 +28,7 @@ class FaultTime(NamedTuple):
     end: float | None  # [s]; None: to the end of the run
 
 
-class FaultEntry(Options):
+class FaultEntry(Frozen):
     """One table ``[[fault]]``. Each list may be a distribution instead, as ``{uniform = [0.1, 0.9]}``."""
 
     kind: str
@@ -144,7 +144,7 @@ Number = Literal["amount", "duration"]
 _FINEST = 1e-4  # tolerance, as a share of the range
 
 
-class Bisect(Options):
+class Bisect(Frozen):
     """One search, made for each law, further axis and seed; other lists of the fault have their first value."""
 
     fault: str  # title of an entry

@@ -29,10 +29,9 @@ from offtrack.studies.campaigns.failures import (
 )
 from offtrack.studies.campaigns.verdict import Judgement
 from offtrack.studies.case import Outcome
-from offtrack.studies.files import runs_table
 from offtrack.studies.pool import RunOptions
-from offtrack.studies.run_pages import write_run_pages
-from offtrack.studies.run_study import MakeMore, run_study
+from offtrack.studies.run_study import MakeMore, run_study, runs_table
+from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.table import Row
 from scenarios.results.atomic_files import replaced, replacing
 

@@ -15,7 +15,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from offtrack.reports.plots import STYLE
-from offtrack.studies.identity import software
+from offtrack.studies.case import software
 from scenarios.progress import Progress, postponed_interrupts
 from scenarios.results.log import Log, write_log
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted

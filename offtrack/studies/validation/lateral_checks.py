@@ -319,7 +319,7 @@ def _of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:
     plant = Plant(vehicle, Surface(friction=_AMPLIFICATION_FRICTION))
     state, u = straight_running(vehicle, _AMPLIFICATION_SPEED, _AMPLIFICATION_FRICTION)
     drive = float(Input(*parts(u, input_sizes(vehicle))).acceleration[0])  # that holds the speed
-    straight = (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    straight = (0.0,) * vehicle.n_by_law
     seen = []
     for demand in steer.tolist():
         seen.append(plant.observe(state, 0).velocities)

@@ -120,7 +120,7 @@ def steered(vehicle: Vehicle, demand: Callable[[float], float], speed: float, du
 
 
 def _steered_behind(vehicle: Vehicle) -> int:
-    return sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    return vehicle.n_by_law
 
 
 def _on_circle(plant: Plant, vehicle: Vehicle, radius: float, speed: float, steer: float) -> FloatArray:

@@ -50,7 +50,7 @@ def braked(
     """Brake from ``speed`` [m/s] with ``demand`` [m/s2] until it stands, under a fixed steering wheel."""
     plant, layout = Plant(vehicle, surface), wheels(vehicle)
     radii = np.array([wheel.axle.wheel_radius for wheel in layout])
-    command = VehicleCommand(steer, -demand, (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:]))
+    command = VehicleCommand(steer, -demand, (0.0,) * vehicle.n_by_law)
     state, rows = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), []
     for _ in range(round(seconds / ROW)):
         s = State(*parts(state, state_sizes(vehicle)))
@@ -265,4 +265,4 @@ def _moved(plant: Plant, state: FloatArray, vehicle: Vehicle, duration: float) -
 
 
 def _braking(vehicle: Vehicle) -> VehicleCommand:
-    return VehicleCommand(0.0, _BRAKES, (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:]))
+    return VehicleCommand(0.0, _BRAKES, (0.0,) * vehicle.n_by_law)

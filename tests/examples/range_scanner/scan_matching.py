@@ -23,7 +23,6 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.rigid_motion import UncertainMotion, change_frame
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
-from vehicle.option import Option
 
 if TYPE_CHECKING:
     from estimators.context import TrailerContext
@@ -70,7 +69,6 @@ class ScanMatching:
     """Off-tracking of a trailer from the scans of a ``RangeScanner`` on it."""
 
     sensor: ClassVar[str] = "range_scanner:RangeScanner"
-    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, x: float, follow_distance: float) -> None:
         """For a scanner ``x`` [m] from the hitch and a follow point ``follow_distance`` [m] behind it."""

@@ -1,0 +1,310 @@
+"""Trials of a tuning with Optuna: kept in a journal in its directory, or in a database that machines share.
+
+Several processes share one journal, and several machines a database; finished trials survive a killed process. A trial
+is a tuning set of runs. Trials with other files, another law or another offtrack are kept, but not used. In a database
+every running trial shows signs of life; trials that show none are failed by the other processes, and tried again with
+their parameters. Needs the extra ``tune``.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib.util
+import json
+import os
+import platform
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import optuna
+from optuna.exceptions import ExperimentalWarning
+from optuna.storages import JournalStorage, RDBStorage, RetryHeartbeatStaleTrialCallback
+from optuna.storages.journal import JournalFileBackend
+from optuna.study import MaxTrialsCallback
+from optuna.trial import FrozenTrial, TrialState
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+
+from offtrack.studies.case import Outcome, identities, named_files, opened_files, watch_files
+from offtrack.studies.tuning import Trial, Tuning, objective_means, with_parameters
+from scenarios.loop.runner import run
+from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
+from scenarios.progress import Progress, no_progress
+from scenarios.results.atomic_files import digest
+from vehicle.foundation.user_file import FileKind, read_bytes, shown
+
+JOURNAL: Final = "journal.log"
+BEAT: Final = 15  # between two signs of life of a trial [s]
+GRACE: Final = 60  # without one, after which a trial is failed [s]
+_RETRIES: Final = 2  # of a trial whose process has ended
+_OPENINGS: Final = 3  # tries of processes that create the tables at the same time
+_DRIVERS: Final = {  # of the kinds of databases
+    "postgresql": ("postgresql+psycopg", "psycopg"),
+    "sqlite": ("sqlite", "sqlite3"),
+}
+_FILES: Final = "files_sha256"  # of a trial: digests of files that it opened without being named
+_PROCESS: Final = "process"  # of a trial: host and number of its process
+
+
+def journal(directory: Path) -> JournalStorage:
+    """Storage in the journal of a directory."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    path = directory / JOURNAL
+    return JournalStorage(JournalFileBackend(str(path), _JournalLock(path)))
+
+
+@cache
+def database(url: str, *, beat: int = BEAT, grace: int = GRACE) -> RDBStorage:
+    """Storage in a database; ``beat`` and ``grace`` are times of signs of life [s].
+
+    Raises:
+        ValueError: one line without the password, if it can not be used.
+    """
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    kind = url.partition(":")[0].partition("+")[0]
+    if kind not in _DRIVERS:
+        expected = "postgresql://USER@HOST/DATABASE"
+        raise ValueError(f"--storage {shown(hidden(url))}: expected {expected}, or sqlite:///FILE for one machine")
+    scheme, module = _DRIVERS[kind]
+    if importlib.util.find_spec(module) is None:
+        raise ValueError(f"--storage {kind}: needs {module}; install it with: pip install 'offtrack[cluster]'")
+    address = scheme + url[len(url.partition(":")[0]) :]
+    with _refusals(url), without_warnings():
+        for left in reversed(range(_OPENINGS)):
+            try:
+                return RDBStorage(
+                    address,
+                    engine_kwargs={"pool_pre_ping": True},
+                    heartbeat_interval=beat,
+                    grace_period=grace,
+                    heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=_RETRIES),
+                )
+            except SQLAlchemyError:
+                if not left:
+                    raise
+    raise AssertionError
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Ignore that signs of life are experimental in Optuna."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        yield
+
+
+@contextmanager
+def _refusals(url: str) -> Iterator[None]:
+    """Turn errors of a database into one line without its password."""
+    try:
+        yield
+    except ArgumentError:
+        raise ValueError(f"--storage {shown(hidden(url))}: is no address of a database") from None
+    except (SQLAlchemyError, RuntimeError, ValueError) as error:
+        cause: Any = getattr(error, "orig", None) or error
+        reason = " ".join(str(cause).split()).replace(_password(url) or "\0", "***")
+        raise ValueError(f"--storage {shown(hidden(url))}: the database can not be used: {shown(reason)}") from None
+
+
+def hidden(url: str) -> str:
+    """The address without its password."""
+    return re.sub(r"(://[^/@]*?):[^@]*@", r"\1:***@", url)
+
+
+def _password(url: str) -> str:
+    found = re.search(r"://[^/@:]*:(.*)@", url)
+    return found[1] if found else ""
+
+
+class _JournalLock:
+    """Lock of a journal that ends with its process; what a killed process left of a line is removed."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def acquire(self) -> bool:
+        """Wait for the lock."""
+        self._file = self._path.open("rb+")
+        fcntl.flock(self._file, fcntl.LOCK_EX)
+        size = self._file.seek(0, os.SEEK_END)
+        if size and (self._file.seek(-1, os.SEEK_END), self._file.read(1))[1] != b"\n":
+            self._file.seek(0)
+            self._file.truncate(self._file.read().rfind(b"\n") + 1)
+        return True
+
+    def release(self) -> None:
+        """Release the lock."""
+        self._file.close()
+
+
+def in_database(tuning: Tuning, storage: str) -> Tuning:
+    """The tuning with its trials in a database, under a name that is the same on all machines."""
+    runs = identities(tuning.tuned_on.cases(), portable=True)
+    task = (tuning.law, sorted(tuning.ranges.items(), key=lambda item: item[0]), tuning.objectives, runs)
+    return replace(tuning, storage=storage, shared_name=hashlib.sha256(repr(task).encode()).hexdigest()[:20])
+
+
+def optimise(
+    tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
+) -> list[Trial]:
+    """Run trials until the journal or database holds at least ``trials`` finished ones, and return all of those.
+
+    A worker process that dies costs its trial, whose parameters are tried again.
+
+    Raises:
+        ChildProcessError: one line, if a second process dies in the place of the first.
+    """
+    resume(tuning, directory)
+    tasks = {str(k): (tuning, directory, trials, seed + k) for k in range(jobs)}
+
+    def report() -> None:
+        progress(len(finished(tuning, directory)), trials)
+
+    with closing(each_in_a_worker(work, tasks, jobs=jobs, meanwhile=report)) as results:
+        for _, result in results:
+            if isinstance(result, WorkerDiedError):
+                raise ChildProcessError(f"a worker process: {result}; what is finished is kept") from result
+            if isinstance(result, BaseException):
+                raise result
+    return finished(tuning, directory)
+
+
+def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
+    """Run trials until there are enough, in parallel with other workers; called in a worker."""
+    study = _study(tuning, directory, seed)
+    _fail_dead_trials(study)
+    if len(finished(tuning, directory)) < trials:
+        enough = MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))
+        with without_warnings():
+            study.optimize(lambda trial: _values(tuning, trial), callbacks=[enough])
+
+
+def former(tuning: Tuning, directory: Path) -> int:
+    """Number of finished trials in the journal that this tuning cannot use, as what they depend on has changed.
+
+    Raises:
+        ValueError: one line, if the journal is damaged.
+    """
+    path = directory / JOURNAL
+    if tuning.storage is not None or not os.path.lexists(path):
+        return 0
+    lines = read_bytes(path, FileKind.RECORD).split(b"\n")
+    try:
+        for line in lines[:-1]:  # what follows the last line end was cut off by a kill
+            json.loads(line)  # Optuna would notice a damaged last line only after the next one is written
+        trials = {study.study_name: study.get_trials(states=(TrialState.COMPLETE,)) for study in _studies(directory)}
+        own = trials.pop(_name(tuning), [])
+        return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
+    except Exception as error:  # whatever a damaged line leads to in Optuna
+        raise ValueError(
+            f"{path} is damaged ({type(error).__name__}: {error}): remove it, or choose another --out"
+        ) from error
+
+
+def finished(tuning: Tuning, directory: Path) -> list[Trial]:
+    """Finished trials of this tuning in the journal, in order."""
+    complete = _study(tuning, directory, 0).get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    return [Trial(number=t.number, parameters=dict(t.params), values=tuple(t.values)) for t in complete]
+
+
+def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
+    """Run the tuning set with the suggested parameters, and return the objectives."""
+    parameters = {
+        name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)
+        for name, range_ in tuning.ranges.items()
+    }
+    trial.set_user_attr(_PROCESS, [platform.node(), os.getpid()])
+    outcomes, files = [], dict[str, str]()
+    for case in with_parameters(tuning.tuned_on, parameters).cases():
+        watch_files()
+        scenario = case.resolved()
+        outcomes.append(Outcome(case=case, numbers=run(scenario, case.seed).summary()))
+        files |= opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
+    if tuning.tuned_on.identity() != tuning.identity:
+        raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")
+    trial.set_user_attr(_FILES, files)
+    return objective_means(tuning.objectives, outcomes)
+
+
+def _name(tuning: Tuning) -> str:
+    """Name of a tuning's study in Optuna."""
+    return f"tuning-{tuning.shared_name or tuning.identity}"
+
+
+def _is_outdated(trial: FrozenTrial) -> bool:
+    return any(digest(Path(file)) != known for file, known in trial.user_attrs[_FILES].items())
+
+
+def _fail_dead_trials(study: optuna.Study) -> None:
+    """Fail trials whose process on this machine has ended, and try their parameters again."""
+    for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        host, process = trial.user_attrs.get(_PROCESS, ("", 0))
+        if host == platform.node() and not is_alive(process):
+            with suppress(ValueError, RuntimeError):  # another process was faster
+                study.tell(trial.number, state=TrialState.FAIL)
+                study.enqueue_trial(trial.params)
+
+
+def _check_files(study: optuna.Study, tuning: Tuning) -> None:
+    """Refuse to go on with trials in a database that opened a file of another content than it has here.
+
+    Raises:
+        ValueError: one line.
+    """
+    for trial in study.get_trials(deepcopy=False):
+        for file, known in trial.user_attrs.get(_FILES, {}).items():
+            if digest(Path(file)) not in ("", known):  # another machine may not have it
+                raise ValueError(
+                    f"--storage: trials of {_name(tuning)} rest on another content of {file}: use the same "
+                    "everywhere, or remove them with 'optuna delete-study'"
+                )
+
+
+def resume(tuning: Tuning, directory: Path) -> None:
+    """Create a tuning's study, or clear it of trials with other files and of those left running.
+
+    In a database, where other machines may be at work, those count as left that show no sign of life.
+
+    Raises:
+        ValueError: one line, if a database can not be used, or its trials rest on other files.
+    """
+    study = _study(tuning, directory, 0)
+    if tuning.storage is not None:
+        _check_files(study, tuning)
+        _fail_dead_trials(study)
+        with without_warnings():
+            optuna.storages.fail_stale_trials(study)
+        if set(tuning.defaults) == set(tuning.ranges):
+            study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
+        return
+    if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
+        optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
+        study = _study(tuning, directory, 0)
+    for trial in study.get_trials(states=(TrialState.RUNNING,)):
+        study.tell(trial.number, state=TrialState.FAIL)
+        study.enqueue_trial(trial.params)
+    if set(tuning.defaults) == set(tuning.ranges):
+        study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
+
+
+def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
+
+    return optuna.create_study(
+        study_name=_name(tuning),
+        storage=journal(directory) if tuning.storage is None else database(tuning.storage),
+        sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True),
+        directions=["minimize"] * len(tuning.objectives),
+        load_if_exists=True,
+    )
+
+
+def _studies(directory: Path) -> list[optuna.Study]:
+
+    storage = journal(directory)
+    return [optuna.load_study(study_name=name, storage=storage) for name in optuna.get_all_study_names(storage)]
