@@ -42,7 +42,7 @@ from vehicle.surface import (
     rectangle,
     scattered_potholes,
 )
-from vehicle.surface.friction import Patch
+from vehicle.surface.friction import FrictionPatch
 
 
 def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGeometry:
@@ -125,7 +125,7 @@ def _image_values(path: str, black: float, white: float) -> FloatArray:
     return levels[grey]
 
 
-def _patch(table: CircleOptions | RectangleOptions) -> Patch:
+def _patch(table: CircleOptions | RectangleOptions) -> FrictionPatch:
     if isinstance(table, CircleOptions):
         return circle(table.x, table.y, table.radius, table.friction, table.edge)
     heading = math.radians(table.heading_deg)

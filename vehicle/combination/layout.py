@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 
-from vehicle.combination.description import GRAVITY, Channel, Vehicle, brake_channels, channel_of_wheel
+from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels, channel_of_wheel
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.roll import UnitSprings, springs_of
 from vehicle.combination.unit import Axle, Steering, Unit
@@ -80,7 +80,7 @@ class Output(NamedTuple, Generic[V]):
     lateral_load_transfer: V  # (N,) right less left wheel loads over their sum; +-1: on the wheels of one side only
 
 
-class Wheel(NamedTuple):
+class ChainWheel(NamedTuple):
     """Position of a wheel and its shares of steering, torques and loads."""
 
     unit: int
@@ -101,19 +101,19 @@ class Wheel(NamedTuple):
         return 0.5 * self.side * self.axle.track
 
 
-def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
+def wheels(vehicle: Vehicle) -> tuple[ChainWheel, ...]:
     """All wheels, front to rear, left before right; brakes by static load, drive torque in equal shares."""
     loads = static_axle_loads(vehicle)
     total = sum(sum(unit_loads) for unit_loads in loads)
     driven = 2 * sum(axle.driven for axle in vehicle.units[0].axles)
     actuators, channels = _actuator_numbers(vehicle), channel_of_wheel(vehicle)
-    layout: list[Wheel] = []
+    layout: list[ChainWheel] = []
     twins = 0
     for i, unit in enumerate(vehicle.units):
         for k, axle in enumerate(unit.axles):
             for side in (+1, -1):
                 layout.append(
-                    Wheel(
+                    ChainWheel(
                         unit=i,
                         axle=axle,
                         axle_in_unit=k,
@@ -135,10 +135,10 @@ class Chain(NamedTuple):
     """A vehicle with the lists that its equations look up; they follow from its data and are built once."""
 
     vehicle: Vehicle
-    wheels: tuple[Wheel, ...]  # front to rear, left before right
+    wheels: tuple[ChainWheel, ...]  # front to rear, left before right
     static_loads: list[list[float]]  # of each axle of each unit [N]
     springs: list[UnitSprings] | None  # of each unit in roll; None: gradients and frequencies are given instead
-    channels: tuple[Channel, ...]  # of the brakes
+    channels: tuple[BrakeChannel, ...]  # of the brakes
     actuators: tuple[Steering, ...]  # of the steering, front to rear
 
     @classmethod
@@ -159,7 +159,7 @@ class Chain(NamedTuple):
         return self.vehicle.units
 
     @property
-    def axles(self) -> tuple[Wheel, ...]:
+    def axles(self) -> tuple[ChainWheel, ...]:
         """The left wheel of every axle, front to rear; the right one follows it in ``wheels``."""
         return self.wheels[::2]
 

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import (
     Breadth,
     Fraction,
@@ -25,7 +24,6 @@ from vehicle.foundation.quantity import (
     Length,
     Mass,
     Position,
-    checked,
     quantity,
 )
 from vehicle.foundation.user_file import shown
@@ -72,36 +70,6 @@ class Brakes(Frozen):
     abs_valve_lag: float = quantity(
         ..., "s", 0.002, 0.1, why="solenoid valves take some ms"
     )  # of the modulator's valves
-
-
-def with_brakes(contents: dict[str, Any], axles: list[tuple[str, dict[str, Any]]], file: str) -> dict[str, Any]:
-    """The contents with the data of table ``[axle_brakes.name]`` in place of each axle's ``brake = "name"``.
-
-    ``axles`` are the dotted key and the table of every axle in the contents.
-
-    Raises:
-        ValueError: one line, if a table is not valid or there is none of a name.
-    """
-    tables = contents.get("axle_brakes", {})
-    if not isinstance(tables, dict):
-        raise ValueError(f"{file}: axle_brakes: must be tables [axle_brakes.name]")
-    known = {name: _axle_brake(table, file, f"axle_brakes.{name}") for name, table in tables.items()}
-    for key, axle in axles:
-        brake = axle.get("brake")
-        if isinstance(brake, dict):
-            axle["brake"] = _axle_brake(brake, file, f"{key}.brake")
-        elif isinstance(brake, str):
-            if brake not in known:
-                hint = nearest(brake, known)
-                raise ValueError(f"{file}: {key}.brake = '{brake}': no table [axle_brakes.{brake}]{hint}")
-            axle["brake"] = known[brake]
-    return {key: value for key, value in contents.items() if key != "axle_brakes"}
-
-
-def _axle_brake(table: object, file: str, key: str) -> AxleBrake:
-    if not isinstance(table, dict):
-        raise ValueError(f"{file}: {key}: must be a table")
-    return checked(AxleBrake, table, file, key)
 
 
 _DEG: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
@@ -187,7 +155,7 @@ class Payload(Frozen):
         return self.mass * (self.width**2 + self.height**2) / 12.0
 
 
-class Body(NamedTuple):
+class MassProperties(NamedTuple):
     """Mass properties of a unit."""
 
     mass: float  # [kg]
@@ -197,7 +165,7 @@ class Body(NamedTuple):
     roll_inertia: float | None = None  # the same; None: not known
 
 
-def without(laden: Body, payload: Payload, removed: float) -> Body:
+def without(laden: MassProperties, payload: Payload, removed: float) -> MassProperties:
     """Mass properties without the share ``removed`` of the payload, by the parallel-axis theorem; not checked."""
     gone = removed * payload.mass
     mass = laden.mass - gone
@@ -206,7 +174,7 @@ def without(laden: Body, payload: Payload, removed: float) -> Body:
     along = gone * (payload.cg_x - laden.cg_x) ** 2 + mass * (cg_x - laden.cg_x) ** 2
     up = gone * (payload.cg_height - laden.cg_height) ** 2 + mass * (cg_height - laden.cg_height) ** 2
     roll = laden.roll_inertia
-    return Body(
+    return MassProperties(
         mass,
         cg_x,
         cg_height,
