@@ -38,10 +38,9 @@ from offtrack.studies.reproduce.reproduction import (
     names_of,
     write_reproduction,
 )
-from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, loaded
+from offtrack.studies.standards.assessment import KINDS, OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
-from offtrack.studies.standards.manoeuvre_kinds import KINDS, OTHER_NAMES, STANDARD_SET
 from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
 from offtrack.studies.validation.check import Check, Section, number, tally
 from offtrack.studies.validation.suite import TASKS, validation_page

@@ -242,8 +242,6 @@ def test_pictures_are_reduced_by_means() -> None:
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [
-        (TRAILER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
-        (ROVER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
         (TRAILER, {"observation": "camera", "image_scale": 0}, "image_scale = 0 must be 1 .. 48"),
         (TRAILER, {"observation": "camera", "sensing": "rover-slope"}, "rover-slope is a rover's"),
         (ROVER, {"observation": "camera", "sensing": "roundabout"}, "roundabout is a trailer's"),

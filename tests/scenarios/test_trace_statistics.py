@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from offtrack.studies.reproduce.trace_sets import Judgement, judged, line_distance, statistics
+from offtrack.studies.reproduce.trace_tables import Judgement, judged, line_distance, statistics
 from sensors.sand.trace_rig import nominal_rig
 from sensors.sand.world import TraceTruth
 from vehicle.rover.description import load_rover
