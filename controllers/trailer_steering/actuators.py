@@ -370,12 +370,12 @@ class AxleGrip:
     def __init__(self, combination: Combination) -> None:
         """For the signals of the combination's steered trailer."""
         vehicle = combination.vehicle
-        unit = vehicle.units[combination.unit]
+        unit = vehicle.led_unit(combination.unit)
         self._combination, self._tractor = combination, TractorMotion(combination)
         self._tyres = [axle.tyre for axle in unit.axles]
         self._x = np.array([axle.x for axle in unit.axles])
         self._steered = np.array([axle.steered for axle in unit.axles])
-        self._loads = np.array(static_axle_loads(vehicle)[combination.unit])
+        self._loads = np.array(static_axle_loads(vehicle)[combination.unit])[-len(unit.axles) :]
         self._share = self._x * self._loads / float(self._x @ self._loads)  # of the moment about the hitch [-]
         self._lean = 1.0 + GRAVITY * roll_gradients(vehicle)[combination.unit]
         self._stiffness = float(self._forces(np.full(len(self._x), 1e-3), 1.0) @ self._share) / 1e-3

@@ -183,6 +183,8 @@ class Fallback:
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, name: FallbackName) -> None:
         """Construct it for a trailer with steered axles."""
         free = replace(trailer, max_steer_rate=_UNLIMITED)
+        if combination.unit == 0 and name == "dead_reckoning":  # without a hitch the signals do not check each other
+            name = "command_steer"
         self._trailer, self._unit, self._name = trailer, combination.unit, name
         self._reckoning = ReckonedDriver(free, combination)
         self._command_steer = CommandSteer(free, combination=combination)

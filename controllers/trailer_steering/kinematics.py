@@ -166,6 +166,16 @@ def check_steered(law: str, trailer: TrailerGeometry) -> None:
         raise ValueError(f"{law}: the trailer has no steered axle")
 
 
+def check_towed(law: str, combination: Combination) -> None:
+    """Refuse a vehicle that tows nothing.
+
+    Raises:
+        ValueError: if its own axles would have to be steered.
+    """
+    if combination.unit == 0:
+        raise ValueError(f"{law}: models a trailer behind a hitch, and {combination.vehicle.name} tows nothing")
+
+
 def reachable(trailer: TrailerGeometry, last: FloatArray, wanted: FloatArray, elapsed: float) -> FloatArray:
     """The wanted angles (n_steered,) [rad], limited to those within reach of the last ones in ``elapsed`` [s]."""
     ratios = np.abs(trailer.steer_ratios)  # the limits are those of the actuators
@@ -297,8 +307,13 @@ class HitchMotion(NamedTuple):
 
 
 def hitch_motion(combination: Combination, signals: CombinationSignals, lateral_speed: float = 0.0) -> HitchMotion:
-    """Motion of the steered trailer; ``lateral_speed`` is that of the tractor's rear axle [m/s]."""
+    """Motion of the steered trailer; ``lateral_speed`` is that of the tractor's rear axle [m/s].
+
+    A vehicle that tows nothing is led by its foremost axle, whose wheels roll without slip where they are steered to.
+    """
     v_x, v_y = signals.speed, lateral_speed
+    if combination.unit == 0:
+        v_y += signals.speed * math.tan(signals.steer)
     towing = combination.vehicle.units[: combination.unit]
     for unit, angle, yaw_rate in zip(towing, signals.articulation.tolist(), signals.yaw_rates.tolist(), strict=False):
         v_y += yaw_rate * unit.rear_hitch[0]
@@ -403,11 +418,14 @@ class TractorMotion:
 
     def __init__(self, combination: Combination) -> None:
         """For the signals of the combination's steered trailer."""
+        self._is_towing = combination.unit > 0  # else the signals are of the leading point itself
         self._front_x = combination.vehicle.units[0].steered_axles[0].x
         self._scrub = TyreScrub(combination.vehicle, combination.unit)
 
     def slip(self, signals: CombinationSignals) -> float:
         """Slip angle of the rear axle [rad], + when it moves to the left of its own direction of travel."""
+        if not self._is_towing:
+            return 0.0
         acceleration = signals.speed * float(signals.yaw_rates[0])
         return _REAR * acceleration + _SCRUB * self._scrub.slip(signals)
 
@@ -416,5 +434,7 @@ class TractorMotion:
 
         ``signals.speed`` is the rolling speed of the front wheels times the cosine of their angle.
         """
+        if not self._is_towing:
+            return signals.speed
         c, s = math.cos(signals.steer), math.sin(signals.steer)
         return (signals.speed - self._front_x * float(signals.yaw_rates[0]) * s * c) / (c * c + slip * s * c)

@@ -40,6 +40,7 @@ from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerG
 from controllers.trailer_steering.kinematics import (
     ReckonedPath,
     check_steered,
+    check_towed,
     corrected,
     hitch_motion,
     moved,
@@ -251,6 +252,7 @@ class Lqr(SteeringLaw[LqrMemory]):
             ValueError: if the trailer has no steered axle.
         """
         check_steered("lqr", trailer)
+        check_towed("lqr", combination)
         given = parameters or self.Parameters()
         self._trailer, self._combination = trailer, combination
         self._band = KMH * given.from_speed_kmh, KMH * given.full_speed_kmh

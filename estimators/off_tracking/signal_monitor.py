@@ -147,7 +147,12 @@ class SignalMonitor:
         )
 
     def received(self, memory: MonitorMemory, signals: CombinationSignals) -> MonitorMemory:
-        """Memory with a message; those without a number, or out of order, are passed over."""
+        """Memory with a message; those without a number, or out of order, are passed over.
+
+        Signals of a vehicle without a hitch do not check each other: all are passed over.
+        """
+        if self._unit == 0:
+            return memory
         row, history = self._row(signals), memory.history
         if not np.isfinite(row).all() or (len(history) and row[0] <= history[-1, 0]):
             return memory

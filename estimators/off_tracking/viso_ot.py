@@ -99,7 +99,7 @@ class VisoOt(Generic[Memory]):
             context.stereo_odometry(),
             parameters=cls.Parameters.of(context.options, "estimator"),
             path_height=context.roll_axis_height,
-            towed=Towed(context.vehicle, context.unit),
+            towed=Towed(context.vehicle, context.unit) if context.unit > 0 else None,
         )
 
     def init(self) -> VisoOtMemory[Memory]:

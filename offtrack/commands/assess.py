@@ -42,7 +42,7 @@ from offtrack.studies.standards.assessment import KINDS, OTHER_NAMES, STANDARD_S
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
 from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
-from offtrack.studies.validation.check import Check, Section, number, tally
+from offtrack.studies.validation.check import Check, CheckSection, number, tally
 from offtrack.studies.validation.suite import TASKS, validation_page
 from scenarios.results.run_directory import (
     appearing_at_once,
@@ -326,7 +326,7 @@ def validate(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
+def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
 
     sections = []
     with progress_display(shown=shown) as progress:
@@ -337,7 +337,7 @@ def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
     return sections
 
 
-def _write_validation(sections: Sequence[Section], directory: Path, facts: dict[str, str]) -> None:
+def _write_validation(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
 
     page = validation_page(sections, facts)
     with appearing_at_once(directory) as folder:
@@ -356,7 +356,7 @@ def _run_information(seconds: float, quick: bool) -> dict[str, str]:
     }
 
 
-def _plain(sections: Sequence[Section]) -> dict[str, Any]:
+def _plain(sections: Sequence[CheckSection]) -> dict[str, Any]:
     """All checks and the number of each verdict, for JSON."""
     checks = [
         {"section": part.title, "verdict": check.verdict, **dataclasses.asdict(check), "value": _finite(check.value)}
@@ -370,7 +370,7 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None  # JSON has no NaN
 
 
-def _print_sections(sections: Sequence[Section], directory: Path) -> None:
+def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
 
     console = PlainConsole()
     for part in sections:
@@ -381,7 +381,7 @@ def _print_sections(sections: Sequence[Section], directory: Path) -> None:
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
 
 
-def _print_section(console: PlainConsole, part: Section) -> None:
+def _print_section(console: PlainConsole, part: CheckSection) -> None:
     """Print the checks of a section and, below, the numbered sources."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)

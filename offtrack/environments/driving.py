@@ -64,7 +64,7 @@ class SlippingTyreFleet:
     def __init__(self, vehicle: Vehicle, n: int, engine: Engine) -> None:
         """All equal to ``vehicle``."""
         self._fleet, self._variation = PlantBatch(vehicle, n, engine), Variation(vehicle)
-        self._straight = np.zeros((n, sum(len(unit.steered_axles) for unit in vehicle.units[1:])))
+        self._straight = np.zeros((n, vehicle.n_by_law))
         self._speed = np.zeros(n)
 
     def place(self, lanes: Lanes, drawn: Circumstances) -> BatchMotion:

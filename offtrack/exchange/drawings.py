@@ -233,7 +233,7 @@ def driven_run(directory: Path) -> DrivenPath:
         f"{shown(str(directory))}: is a rover's run: only runs of trailers are drawn",
     )
     nominal = vehicle_of(scenario)
-    vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
+    vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
     log, units = read_log(directory / "signals.parquet"), outlines(vehicle)
     needed = ("time", *(name for unit in units for name in pose_signals(unit)))
     missing = [name for name in needed if name not in log]

@@ -106,7 +106,7 @@ KINDS: Final[Mapping[str, Kind]] = {"trailer": _Combinations(), "rover": _Rovers
 
 def _rebuilt_combination(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -> RunResult:
     nominal = vehicle_of(scenario)
-    vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
+    vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
     units = outlines(vehicle)
     _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
     surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
@@ -133,8 +133,9 @@ def _rebuilt_combination(scenario: Scenario, log: Log, summary: Mapping[str, Any
 def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
     """The trailers with an off-tracking in the log; the last in any case."""
     trailers = []
-    for unit in vehicle.units[1:]:
-        if f"off_tracking_true_{unit.name}" not in log and unit is not vehicle.units[-1]:
+    for k in range(min(1, len(vehicle.units) - 1), len(vehicle.units)):
+        unit = vehicle.led_unit(k)
+        if f"off_tracking_true_{unit.name}" not in log and k < len(vehicle.units) - 1:
             continue
         steered = sum(f"steer_trailer_{k}_command_{unit.name}" in log for k in range(1, len(unit.axles) + 1))
         trailers.append(

@@ -55,7 +55,7 @@ def plan_view(result: RunResult) -> Figure:
         if drawing.to_scale:
             _combination(ax, result, poses)
         follow = placed(np.array([[-result.follow_distance, 0.0]]), poses[-1])[:, 0]
-        ax.plot(*poses[-1][:, :2].T, color=plots.TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
+        ax.plot(*poses[-1][:, :2].T, color=plots.TRUE, linewidth=1.7, label=f"path of the {result.leader}", zorder=4)
         ax.plot(*follow.T, color=plots.ESTIMATED, label="path of the follow point", zorder=5)
     return drawing.content
 
@@ -131,8 +131,14 @@ def steer(result: RunResult) -> Figure:
             colour = plots.SERIES[k % len(plots.SERIES)]
             command, actual = np.degrees(result.signal(demand)), np.degrees(result.log[name])
             ax.plot(time, command, color=colour, linewidth=1.0, linestyle=_DASHED)
-            ax.plot(time, actual, color=colour, label=f"trailer axle {k + 1}")
-        ax.plot(time, np.degrees(result.signal("steer_tractor")), color=plots.GREY, linewidth=1.0, label="tractor")
+            ax.plot(time, actual, color=colour, label=f"{result.steered_name} {k + 1}")
+        ax.plot(
+            time,
+            np.degrees(result.signal("steer_tractor")),
+            color=plots.GREY,
+            linewidth=1.0,
+            label=result.units[0].name,
+        )
         ax.plot([], [], color=plots.INK, linewidth=1.0, linestyle=_DASHED, label="commanded")
         if result.trailer_steer_limit is not None:
             plots.limit_lines(ax, math.degrees(result.trailer_steer_limit), "limit")
@@ -195,8 +201,8 @@ def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
 
 
 def _drawn(result: RunResult) -> Iterator[Section]:
-    yield Section("Plan view", _PLAN.format(result.follow_distance), [plan_view(result)])
-    yield Section("Off-tracking", _OFF_TRACKING, [off_tracking(result)])
+    yield Section("Plan view", _PLAN.format(result.follow_distance, result.leader), [plan_view(result)])
+    yield Section("Off-tracking", _OFF_TRACKING.format(result.leader, result.trailer.name), [off_tracking(result)])
     if np.isfinite(result.signal("health")).any():
         yield Section("Error of the estimate", _ERROR, [estimate_error(result)])
     else:
@@ -213,11 +219,11 @@ def _drawn(result: RunResult) -> Iterator[Section]:
 
 
 _PLAN: Final = (
-    "The follow point lies {:.1f} m behind the hitch. It should retrace the hitch's path; it does where orange covers "
-    "blue."
+    "The follow point lies {0:.1f} m behind the {1}. It should retrace the path of the {1}; it does where orange "
+    "covers blue."
 )
 _OFF_TRACKING: Final = (
-    "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known once the trailer "
+    "Lateral distance from the follow point to the path of the {0}, in the frame of the {1}. It is known once the {1} "
     "has driven its own length. Each estimate is drawn at the time its image was taken."
 )
 _ERROR: Final = "About 95 % of the errors lie inside the band if the estimator states its standard deviation correctly."

@@ -24,7 +24,7 @@ from vehicle.frames import FloatArray
 
 _ROAD, _SWEPT, _BODY = (236, 239, 241), (207, 224, 241), (250, 251, 252)
 _KEY = 36  # [px] height of the key at the top
-_KEYS = (("hitch and its path", canvas.TRUE, 20), ("follow point and its path", canvas.ESTIMATED, 170))
+_KEYS = (("leading point and its path", canvas.TRUE, 20), ("follow point and its path", canvas.ESTIMATED, 230))
 _FOLLOW_SCALE = 9.0  # [px/m] a 16.5 m combination is then 150 px long
 _LEAST_SCALE = 5.5  # [px/m] below this the vehicle is too small to see in a view of the whole course
 _FRAME_RATE = 10  # [1/s] that of the cameras
@@ -197,7 +197,7 @@ def off_tracking_panel(
     canvas.write(panel, title, (20, 14), size=19)
     canvas.write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
     canvas.write_readings(panel, readings, 58)
-    canvas.write(panel, "off-tracking [m], + when the hitch's path lies left", (20, 126), size=14, colour=canvas.SOFT)
+    canvas.write(panel, "off-tracking [m], + when the path lies left", (20, 126), size=14, colour=canvas.SOFT)
     panel[READINGS:] = chart.draw(now, curves)
     return panel
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Unit
 from vehicle.combination.variants import with_load
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import (
     Friction,
     FrictionImage,
@@ -41,7 +42,7 @@ from vehicle.surface import (
     rectangle,
     scattered_potholes,
 )
-from vehicle.surface.friction import Patch
+from vehicle.surface.friction import FrictionPatch
 
 
 def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGeometry:
@@ -54,8 +55,8 @@ def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGe
     if tractor.steering is None:
         raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
     return TractorGeometry(
-        wheelbase=tractor.steered_axles[0].x,  # frame T has its origin at the rear axle
-        x_ref=point[0],
+        wheelbase=tractor.wheelbase,
+        x_ref=point[0] + tractor.origin_x,  # the driver's frame has its origin at the rear axle
         y_ref=point[1],
         max_steer=tractor.steering.limit,
         max_steer_rate=tractor.steering.rate_limit,
@@ -67,17 +68,21 @@ def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGe
 def _dynamics(vehicle: Vehicle) -> TractorDynamics:
     tractor, loads = vehicle.units[0], static_axle_loads(vehicle)[0]
     on_hitch = coupling_loads(vehicle)[1] if len(vehicle.units) > 1 else None
-    # The foremost axle of every actuator turns by the demand.
-    ratios = {k: r / a.ratios[0] for a in tractor.actuators for k, r in zip(a.axles, a.ratios, strict=True)}
+    # The foremost axle of each of the driver's actuators turns by the demand.
+    ratios = {k: r / a.ratios[0] for a in tractor.driver_actuators for k, r in zip(a.axles, a.ratios, strict=True)}
+    if tractor.follow_x is not None:  # a law turns the others so that the turning point lies beside the middle
+        front = tractor.steered_axles[0].x
+        middle = 0.5 * (front - tractor.follow_x)
+        ratios |= {k: 1.0 - (front - a.x) / middle for k, a in enumerate(tractor.axles) if a.steered_by_law}
     return TractorDynamics(
         mass=tractor.mass,
         yaw_inertia=tractor.yaw_inertia,
-        cg_x=tractor.cg_x,
+        cg_x=tractor.cg_x + tractor.origin_x,
         hitch_mass=max(on_hitch or 0.0, 0.0) / GRAVITY,
         hitch_x=tractor.rear_hitch[0],
         axles=tuple(
             TractorAxle(
-                x=axle.x,
+                x=axle.x + tractor.origin_x,
                 stiffness=float(load * axle.tyre.stiffness(0.5 * load).y),
                 relaxation_length=axle.tyre.relaxation_length,
                 trail=float(axle.tyre.trail(0.5 * load, 1.0)),
@@ -120,7 +125,7 @@ def _image_values(path: str, black: float, white: float) -> FloatArray:
     return levels[grey]
 
 
-def _patch(table: CircleOptions | RectangleOptions) -> Patch:
+def _patch(table: CircleOptions | RectangleOptions) -> FrictionPatch:
     if isinstance(table, CircleOptions):
         return circle(table.x, table.y, table.radius, table.friction, table.edge)
     heading = math.radians(table.heading_deg)
@@ -128,12 +133,14 @@ def _patch(table: CircleOptions | RectangleOptions) -> Patch:
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
-    """The data sheet of one towed unit for its steering controller.
+    """The data sheet of one led unit for its steering controller.
 
     Raises:
-        ValueError: if the unit has no follow point.
+        ValueError: if the unit has no follow point, or no axle behind the point that leads it.
     """
-    trailer = vehicle.units[unit]
+    trailer = vehicle.led_unit(unit)
+    if not trailer.axles:
+        raise ValueError(f"vehicle {vehicle.name}: the driver steers all axles of unit '{trailer.name}'")
     if trailer.follow_x is None:
         raise ValueError(
             f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the position of its follow point"
@@ -162,34 +169,39 @@ def _linkages(trailer: Unit) -> tuple[Linkage, ...]:
 
 
 def vehicle_of(scenario: Scenario) -> Vehicle:
-    """The scenario's vehicle in its load case, with ``steer_groups`` applied to its trailers.
+    """The scenario's vehicle in its load case, with ``steer_groups`` applied to the axles that laws turn.
+
+    A vehicle that tows nothing has its frame at the point that leads it, see ``Vehicle.led``.
 
     Raises:
         ValueError: one line, if there is no such vehicle, or its file has no payload for the load case.
     """
+    return described_vehicle(scenario).led()
+
+
+def described_vehicle(scenario: Scenario) -> Vehicle:
+    """The same in the frame of its file."""
     vehicle = with_load(load_vehicle(scenario.vehicle), scenario.load)
     if scenario.steer_groups == "vehicle":
         return vehicle
     group = {"single": "all", "common_centre": None}[scenario.steer_groups]
-    towed = (_grouped(unit, group) for unit in vehicle.units[1:])
-    return vehicle.model_copy(update={"units": (vehicle.units[0], *towed)})
+    return vehicle.model_copy(
+        update={"units": tuple(_grouped(unit, group, is_first=k == 0) for k, unit in enumerate(vehicle.units))}
+    )
 
 
-def _grouped(unit: Unit, group: str | None) -> Unit:
-    """The unit with all its steered axles in one steer group; None: an actuator for each axle."""
+def _grouped(unit: Unit, group: str | None, *, is_first: bool) -> Unit:
+    """The unit with all axles that a law turns in one steer group; None: an actuator for each axle."""
     change = {"steer_group": group, "steer_ratio": 1.0}
-    axles = tuple(axle.model_copy(update=change) if axle.steered else axle for axle in unit.axles)
+    axles = tuple(
+        axle.model_copy(update=change) if axle.steered and (axle.steered_by_law or not is_first) else axle
+        for axle in unit.axles
+    )
     return unit.model_copy(update={"axles": axles})
 
 
-def watched_units(vehicle: Vehicle, scenario: Scenario) -> tuple[int, ...]:
-    """Indices of the units that are judged: those with a follow point and steered axles, and the last.
-
-    Raises:
-        ValueError: if the vehicle tows nothing.
-    """
-    if len(vehicle.units) < 2:
-        raise ValueError(f"vehicle {vehicle.name} tows nothing: scenario {scenario.name} needs a trailer")
+def watched_units(vehicle: Vehicle) -> tuple[int, ...]:
+    """Indices of the units that are judged: those with a follow point and steered axles, and the last."""
     last = len(vehicle.units) - 1
     towed = ((i, vehicle.units[i]) for i in range(1, last))
     return (*(i for i, unit in towed if unit.steered_axles and unit.follow_x is not None), last)
@@ -201,11 +213,15 @@ def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
     Raises:
         ValueError: one line, if the tractor cannot drive it, or a user's own kind makes no course.
     """
-    kind = scenario.course.kind
-    course = constructed("course.kind", kind, lambda: scenario.course.course(vehicle.units[0], scenario.speed))
+    kind, ahead = scenario.course.kind, vehicle.units[0].origin_x
+    tractor = vehicle.units[0].shifted(-ahead)  # courses expect the frame at the rear-axle centre
+    course = constructed("course.kind", kind, lambda: scenario.course.course(tractor, scenario.speed))
     if not isinstance(course, Course):
         raise ValueError(f"course.kind = {kind}: made a {type(course).__name__}, not a scenarios.courses.Course")
-    return course
+    if not ahead:
+        return course
+    x, y = course.reference
+    return replace(course, start=course.start @ Pose2(ahead, 0.0, 0.0), reference=(x - ahead, y))
 
 
 def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
@@ -226,15 +242,16 @@ def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
 
 def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
     """Signal of each axle's steer angle; None for axles that are not steered."""
-    k = 0
+    by_driver = by_law = 0
     for axle in unit.axles:
-        k += axle.steered
         if not axle.steered:
             yield None
-        elif is_tractor:
-            yield "steer_tractor" if k == 1 else f"steer_tractor_{k}"
+        elif is_tractor and not axle.steered_by_law:
+            by_driver += 1
+            yield "steer_tractor" if by_driver == 1 else f"steer_tractor_{by_driver}"
         else:
-            yield f"steer_trailer_{k}_{unit.name}"
+            by_law += 1
+            yield f"steer_trailer_{by_law}_{unit.name}"
 
 
 def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:

@@ -80,7 +80,7 @@ def trailer_faults(
     Raises:
         ValueError: one line, if the trailer cannot have one of them.
     """
-    if not vehicle.units[unit].steered_axles:
+    if not vehicle.led_unit(unit).steered_axles:
         return TrailerFaults()
     return TrailerFaults(
         [
@@ -169,7 +169,7 @@ def opened_trailer_faults(
     faults: Numbered = [
         (k, fault) for k, fault in loop_faults(scenario.faults) if not issubclass(fault.kind, BrakeShares)
     ]
-    steered = any(one.steered_axles for one in vehicle.units[1:])
+    steered = vehicle.n_by_law > 0
     for _, fault in faults:
         if not steered or plant in _UNSTEERED:
             lacks = f"plant.kind = {plant} steers none" if steered else f"{vehicle.name} has no steered trailer axle"

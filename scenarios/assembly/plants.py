@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from scenarios.assembly.adapters import described_vehicle
 from scenarios.catalogue import PLANT, Part, check_made, constructed, resolve
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.scenario import Scenario
@@ -63,18 +64,18 @@ class ConstantSlip:
         )
 
 
-def plant_vehicle(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
-    """The simulated vehicle: the nominal one with the changes of ``plant.…`` and ``brakes.…``.
+def plant_vehicle(scenario: Scenario) -> Vehicle:
+    """The simulated vehicle: the scenario's with the changes of ``plant.…`` and ``brakes.…``.
 
     Raises:
         ValueError: one line, for a change that does not fit.
     """
-    changes = scenario.plant.changes()
+    vehicle, changes = described_vehicle(scenario), scenario.plant.changes()
     changed = _with_systems(scenario, changed_vehicle(vehicle, changes) if changes else vehicle)
     for nominal, unit in zip(vehicle.units, changed.units, strict=True):
         if len(nominal.steered_axles) != len(unit.steered_axles):
             raise ValueError(f"plant.*: unit '{unit.name}' would have another number of steered axles")
-    return changed
+    return changed.led()
 
 
 def _with_systems(scenario: Scenario, vehicle: Vehicle) -> Vehicle:

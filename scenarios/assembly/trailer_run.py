@@ -269,8 +269,8 @@ def _assembled(
     """The parts of a run; ``opened`` closes those that are there when a later one is refused."""
     nominal = vehicle_of(scenario)
     kind = plant_kind(scenario)
-    simulated = with_failing_brakes(scenario, plant_vehicle(scenario, nominal), kind)
-    units = watched_units(nominal, scenario)
+    simulated = with_failing_brakes(scenario, plant_vehicle(scenario), kind)
+    units = watched_units(nominal)
     course = course_of(scenario, nominal)
     surface, remarks = opened_ground(scenario, course, seed)
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
@@ -328,7 +328,7 @@ def _assembled(
                 name=nominal.units[unit].name,
                 geometry=geometries[unit],
                 path_height=nominal.units[unit].roll_axis_height,
-                steers_ahead=sum(len(ahead.steered_axles) for ahead in nominal.units[:unit]),
+                steers_ahead=nominal.law_axles(unit).start,
                 law=laws[unit],
                 signals=mounts[unit].signals,
                 sensing=sensing[unit],

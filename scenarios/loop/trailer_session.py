@@ -160,8 +160,8 @@ class CombinationPilot:
         self._exchange, self._brakes = exchange, brakes or BrakeFaults()
         self._driver = None if driver is None else Stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
-        self._of_tractor = len(vehicle.units[0].steered_axles)
-        self._n_trailer_axles = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+        self._perception = DriverPerception(vehicle.units[0].origin_x)
+        self._of_driver, self._n_by_law = vehicle.units[0].n_by_driver, vehicle.n_by_law
 
     def control(self, truth: Truth, tick: int) -> tuple[VehicleCommand, CombinationRecord]:
         """Command of this step."""
@@ -170,7 +170,7 @@ class CombinationPilot:
         due = CONTROL.due(tick)
         if due:
             if self._driver:
-                self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
+                self._driver_demand = self._driver(tick, self._perception.sample(truth))
             for trailer in self.trailers:
                 trailer.control(truth)
             if self._exchange:
@@ -185,7 +185,7 @@ class CombinationPilot:
         sensed = [
             Sensed(one.trailer.name, one.off_tracking, one.trailer.signals.sample(truth)) for one in self.trailers
         ]
-        demands = exchange.step(truth.tick, DriverPerception().sample(truth), sensed)
+        demands = exchange.step(truth.tick, self._perception.sample(truth), sensed)
         for trailer in self.trailers:
             if trailer.trailer.name in demands:
                 trailer.obey(np.array(demands[trailer.trailer.name]))
@@ -193,10 +193,10 @@ class CombinationPilot:
             self._driver_demand = DriverCommand(*demands[DRIVER])
 
     def _trailer_steer(self, truth: Truth, *, is_new: bool) -> tuple[float, ...]:
-        """Demands for every steered trailer axle [rad]; axles of trailers that are not watched stay straight."""
-        angles = np.zeros(self._n_trailer_axles)
+        """Demands for every axle that laws turn [rad]; axles of trailers that are not watched stay straight."""
+        angles = np.zeros(self._n_by_law)
         for trailer in self.trailers:
-            first = trailer.trailer.steers_ahead - self._of_tractor
+            first = trailer.trailer.steers_ahead - self._of_driver
             angles[first : first + trailer.trailer.n_steered] = trailer.actuate(truth, is_new=is_new)
         return tuple(angles.tolist())
 
@@ -421,12 +421,12 @@ def _steer_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:
         SteeredAxle(
             signal=signal,
             name=f"{unit.name}, axle {k}",
-            limit=unit.steering.limit * abs(axle.steer_ratio),
-            rate_limit=unit.steering.rate_limit * abs(axle.steer_ratio),
+            limit=steering.limit * abs(axle.steer_ratio),
+            rate_limit=steering.rate_limit * abs(axle.steer_ratio),
         )
         for unit, outline in zip(vehicle.units, outlines(vehicle), strict=True)
         for k, (axle, signal) in enumerate(zip(unit.axles, outline.steer_signals, strict=True), start=1)
-        if signal is not None and unit.steering is not None
+        if signal is not None and (steering := unit.steering_of(axle)) is not None
     ]
     if f"x_{tractor}" not in log:
         return ()

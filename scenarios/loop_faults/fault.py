@@ -37,7 +37,7 @@ class LoopFaultContext:
     @property
     def trailer(self) -> Unit:
         """The trailer whose loop it is."""
-        return self.vehicle.units[self.unit]
+        return self.vehicle.led_unit(self.unit)
 
 
 class LoopFaultKind:

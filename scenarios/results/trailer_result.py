@@ -128,6 +128,16 @@ class RunResult(Result):
         return self.units[-1]
 
     @property
+    def leader(self) -> str:
+        """What leads the last trailer, in words: its hitch, or the front axle of a vehicle that tows nothing."""
+        return "hitch" if len(self.units) > 1 else "front axle"
+
+    @property
+    def steered_name(self) -> str:
+        """The axles that a law turns, in words."""
+        return "trailer axle" if len(self.units) > 1 else "steered rear axle"
+
+    @property
     def follow_distance(self) -> float:
         """Hitch to follow point of the last trailer [m]."""
         return self.trailers[-1].follow_distance

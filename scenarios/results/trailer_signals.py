@@ -224,7 +224,7 @@ def _common_columns(rows: Sequence[TrailerRow], vehicle: Vehicle) -> Iterator[Co
         yield from unit_columns(truths, k, unit.name)
         pitch = Signal(f"pitch_{unit.name}", "rad", f"{unit.name}: pitch of the body in W")
         yield pitch, [-np.arcsin(truth.bodies[k][2, 0]) for truth in truths]
-    for k in range(len(vehicle.units[0].steered_axles)):
+    for k in range(vehicle.units[0].n_by_driver):
         ending, axle = (f"_{k + 1}", f"steered axle {k + 1}") if k else ("", "the foremost axle")
         steer = Signal(f"steer_tractor{ending}", "rad", f"tractor: road-wheel angle of {axle}, + left")
         yield steer, [truth.steer[k] for truth in truths]

@@ -45,9 +45,8 @@ class CombinationSensors:
         """Sensors for the ``unit`` of a vehicle; ``noise`` scales all errors: 1 as in data sheets, 0 none."""
         self._unit, self._rng, self._noise = unit, rng, noise
         self._front_x = vehicle.units[0].steered_axles[0].x
-        first = sum(len(u.steered_axles) for u in vehicle.units[:unit])
-        self._axles = slice(first, first + len(vehicle.units[unit].steered_axles))
-        axles = vehicle.units[unit].axles
+        self._axles = vehicle.law_axles(unit)
+        axles = vehicle.led_unit(unit).axles
         self._group_x = sum(axle.x for axle in axles) / len(axles)
         n = len(vehicle.units)
         errors = [_SPEED, _STEER, *[_ARTICULATION] * (n - 1), *[_GYRO] * n, _ACCELERATION]

@@ -28,7 +28,7 @@ import numpy as np
 from sensors.messages import BodyPose, EgoState, GnssIns, LaserFix, RoverReadings, SlipReading
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth, plan_pose
-from vehicle.frames import FloatArray, rotation_zyx, transform, wrap
+from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform, wrap
 from vehicle.rover.truth import RoverTruth
 
 
@@ -36,10 +36,15 @@ from vehicle.rover.truth import RoverTruth
 class DriverPerception:
     """Perception of the tractor's driver; exact, as human perception is not modelled."""
 
+    origin_x: float = 0.0  # of the tractor's frame, ahead of its rear-axle centre [m]
+
     def sample(self, truth: Truth) -> EgoState:
-        """Pose and velocity of the tractor, and the articulation angles."""
+        """Pose and velocity of the tractor at its rear-axle centre, and the articulation angles."""
         x, y, psi = truth.poses[0].tolist()
         v_x, v_y, yaw_rate = truth.velocities[0].tolist()
+        if self.origin_x:
+            x, y, _ = Pose2(x, y, psi) @ Pose2(-self.origin_x, 0.0, 0.0)
+            v_y -= self.origin_x * yaw_rate
         articulation = tuple((-np.diff(truth.poses[:, 2])).tolist())
         return EgoState(
             tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate, articulation=articulation

@@ -76,7 +76,7 @@ def test_every_vehicle_turns_without_losing_its_footing_in_numbers(name: str, fr
     vehicle = load_vehicle(name)
     plant = Plant(vehicle, Surface(friction=friction))
     state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 30.0 / 3.6)
-    steered = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    steered = vehicle.n_by_law
     for k in range(300):
         state = plant.step(state, VehicleCommand(0.4, 0.0, (0.1,) * steered), 10)
         truth = plant.observe(state, 10 * (k + 1))

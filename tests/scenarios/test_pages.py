@@ -50,7 +50,7 @@ from offtrack.studies.table import rows_of
 from offtrack.studies.tuning import Range, Trial, Tuning
 from offtrack.studies.tuning_page import tuning_page
 from offtrack.studies.validation.check import Check, Plot, Series
-from offtrack.studies.validation.check import Section as ValidationSection
+from offtrack.studies.validation.check import CheckSection as ValidationSection
 from offtrack.studies.validation.suite import validation_page
 from scenarios.results.log import Log, Signal
 from scenarios.results.rover_result import RoverResult

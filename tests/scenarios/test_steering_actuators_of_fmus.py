@@ -18,7 +18,7 @@ STEP = 10  # of the loop [ms]
 
 def command_of(vehicle: Vehicle, steer: float) -> VehicleCommand:
     """Demands of all axles that differ, as a law gives them that knows nothing of groups."""
-    n_trailer = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    n_trailer = vehicle.n_by_law
     return VehicleCommand(steer, 0.0, tuple(0.5 * steer * (k - 1) for k in range(n_trailer)))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +18,10 @@ from controllers.path import Path as Course
 from controllers.path import arc, line
 from offtrack.commands.assess import validate
 from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
-from offtrack.studies.validation.check import Check, Plot, Section, Series, Task, number, tally
+from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, Series, number, tally
 from offtrack.studies.validation.integration import OtherStepPlant
-from offtrack.studies.validation.lateral_checks import multibody_check, rearward_amplification
-from offtrack.studies.validation.linear_checks import linear_theory, tyre_lag
-from offtrack.studies.validation.mechanics import mechanics
-from offtrack.studies.validation.no_slip_limit import RollingChain, poses_along
+from offtrack.studies.validation.no_slip_limit import NoSlipChain, poses_along
 from offtrack.studies.validation.simple_drives import on_single_axles
-from offtrack.studies.validation.stopping_checks import parking
 from offtrack.studies.validation.suite import validation_page
 from scenarios.results.swept_path import placed
 from vehicle.clock import TICK
@@ -91,7 +86,7 @@ def test_rolling_without_slip_has_the_inside_radii_known_for_it(
 ) -> None:
     """WB-62, WB-67, WB-40 and WB-50 in 180 degrees, calculated independently, in feet."""
     turn = Course(Pose2(wheelbase, 0.0, 0.0), (line(10.0), arc(math.pi * radius, 1.0 / radius)))
-    poses = poses_along(RollingChain((0.0,), (length,)), turn, (wheelbase, 0.0), extra=80.0)
+    poses = poses_along(NoSlipChain((0.0,), (length,)), turn, (wheelbase, 0.0), extra=80.0)
     inner = placed(np.array([[-length, 4.25]]), poses[:, 1])[:, 0]
     found = float(np.hypot(*(inner - [wheelbase + 10.0, radius]).T).min())
     assert found == pytest.approx(known, abs=6e-3)  # rounding of the known
@@ -103,7 +98,7 @@ def test_rolling_without_slip_goes_on_over_several_hitches() -> None:
     front = 4.0
     guided = math.hypot(radius, front)
     circle = Course(Pose2(front, 0.0, 0.0), (arc(2.0 * math.pi * guided, 1.0 / guided),) * 4)
-    chain = RollingChain((0.6, -9.0), (7.0, 4.0))
+    chain = NoSlipChain((0.6, -9.0), (7.0, 4.0))
     now = poses_along(chain, circle, (front, 0.0))[-1]
     first = math.sqrt(radius**2 + 0.6**2 - 7.0**2)
     second = math.sqrt(first**2 + 2.0**2 - 4.0**2)  # the hitch is 2 m behind the axle
@@ -144,17 +139,20 @@ def test_numbers_show_the_digits_their_tolerance_makes_meaningful(value: float, 
     assert number(value, tolerance) == text
 
 
-# --- sections that cost little ---
+# --- the suite, with fewer cases ---
+
+QUICK = {"Tractrix", "Linear theory", "Multibody model", "Parking", "Mechanics"}  # take less than 3 s
 
 
 @pytest.mark.parametrize(
-    "section", [linear_theory, mechanics, tyre_lag, parking, rearward_amplification, multibody_check]
+    "task",
+    [pytest.param(task, id=task.title, marks=() if task.title in QUICK else pytest.mark.slow) for task in suite.TASKS],
 )
-def test_theory_holds(section: Callable[[bool], Section]) -> None:
-    """Linear oracle, conservation, derivations, friction circle, tyre lag, parking, amplification, multibody model."""
-    done = section(True)
-    assert [one.name for one in done.checks if one.verdict != "passed"] == []
-    assert all(one.source for one in done.checks)
+def test_all_values_are_within_the_tolerance_of_their_target(task: SectionTask) -> None:
+    """Physics that the suite proves is tested by nothing else."""
+    checks = task.work(True).checks
+    assert [(one.name, one.value, one.target) for one in checks if one.verdict != "passed"] == []
+    assert all(one.source for one in checks)
 
 
 def test_a_package_that_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,13 +190,13 @@ def test_other_steps_are_the_plants_own_where_they_are_as_long() -> None:
 # --- page and command ---
 
 
-def sections(*values: float | None) -> list[Section]:
+def sections(*values: float | None) -> list[CheckSection]:
     plot = Plot(
         title="a < b", x_label="x [m]", y_label="y [m]", to_scale=True,
         series=(Series("model", np.arange(3.0), np.arange(3.0) ** 2, "model"),),
     )  # fmt: skip
     checks = tuple(check(value, remark="not installed" if value is None else "") for value in values)
-    return [Section(title="Turns", text="Slowly round.", checks=checks, plots=(plot,))]
+    return [CheckSection(title="Turns", text="Slowly round.", checks=checks, plots=(plot,))]
 
 
 def test_the_page_says_everything_and_needs_nothing() -> None:
@@ -212,7 +210,7 @@ def test_the_page_says_everything_and_needs_nothing() -> None:
 
 
 def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *arguments: str) -> Result:
-    monkeypatch.setattr(suite, "TASKS", (Task(title="Turns", work=lambda quick: sections(*values)[0]),))
+    monkeypatch.setattr(suite, "TASKS", (SectionTask(title="Turns", work=lambda quick: sections(*values)[0]),))
     app = typer.Typer()
     app.command()(validate)
     return CliRunner().invoke(app, list(arguments))

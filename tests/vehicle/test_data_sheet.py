@@ -8,7 +8,6 @@ import pytest
 
 from vehicle.combination.data_sheet import (
     STANDARD_SPEED,
-    coupling_loads,
     data_sheet,
     handling_at,
     origins,
@@ -73,38 +72,6 @@ def test_a_linkage_reaches_what_its_ratio_leaves() -> None:
     reaches = [math.degrees(axle.reach) for axle in axles if axle.reach is not None]
     assert reaches == pytest.approx([42.0, 0.665 * 42.0])
     assert {axle.group for axle in axles} == {"linkage", None}
-
-
-def moved(vehicle: Vehicle, unit: int, **changes: float) -> Vehicle:
-    """The vehicle with other numbers for one unit."""
-    units = list(vehicle.units)
-    units[unit] = units[unit].model_copy(update=changes)
-    return vehicle.model_copy(update={"units": tuple(units)})
-
-
-@pytest.mark.parametrize(
-    ("unit", "cg_x", "says", "stands"),
-    [
-        (1, -8.5, "units.1 (semitrailer): its front hitch pulls up with 32.6 kN", True),  # 32 t * 9.81 * 0.8 / 7.7
-        (1, 0.5, "units.1.axles.0 (semitrailer): carries -6.8 kN, it must be above 0 kN", False),
-        (1, -0.5, "units.0.axles.1 (tractor): 2.4 times its tyres' nominal load", True),  # 26.86 t, by moments
-    ],
-)
-def test_loads_that_no_single_limit_shows_are_warned_of(
-    tractor_semitrailer: Vehicle, unit: int, cg_x: float, says: str, stands: bool
-) -> None:
-    """A load too far back lifts the tractor, too far forward the trailer; on the way there it overloads tyres."""
-    sheet = data_sheet(moved(tractor_semitrailer, unit, cg_x=cg_x))
-    assert any(line.startswith(says) for line in sheet.warnings), sheet.warnings
-    assert sheet.stands is stands
-
-
-def test_the_tractor_hangs_on_nothing(tractor_semitrailer: Vehicle) -> None:
-    """Of the audited set: 10.50 t on the kingpin."""
-    tractor, kingpin = coupling_loads(tractor_semitrailer)
-    assert tractor is None
-    assert kingpin is not None
-    assert kingpin / GRAVITY == pytest.approx(10.5e3, abs=1.0)  # [kg], the set's own rounding
 
 
 def test_amplification_needs_a_second_unit(tractor_semitrailer: Vehicle) -> None:

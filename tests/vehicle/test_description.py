@@ -40,11 +40,6 @@ def test_shipped_vehicles_load_and_each_number_has_a_source(name: str) -> None:
     assert all(len(source) >= 5 for source in stated.values())
 
 
-def test_names_are_those_of_the_contract() -> None:
-    """Scenario files refer to vehicles by name."""
-    assert {"eu_tractor_semitrailer", "uk_longer_semitrailer"} <= set(vehicle_names())
-
-
 def test_the_two_combinations_have_their_published_dimensions() -> None:
     """96/53/EC: at most 16.50 m; the longer semi-trailer: 15.65 m, follow point 14 m behind the hitch."""
     eu, uk = load_vehicle("eu_tractor_semitrailer"), load_vehicle("uk_longer_semitrailer")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from vehicle.engine.compiler import Compiler, compiler
-from vehicle.engine.interpreter import Blocks, Virtual, evaluated
+from vehicle.engine.interpreter import CasadiOne, NumpyMany, evaluated
 from vehicle.engine.native import NativeMany, NativeOne
-from vehicle.engine.program import OPERATIONS, Operation, Program, program_of
+from vehicle.engine.program import OPERATIONS, Operation, TapeProgram, program_of
 from vehicle.frames import FloatArray
 
 x, u, p = ca.SX.sym("x", 3), ca.SX.sym("u", 2), ca.SX.sym("p", 2)
@@ -72,13 +72,13 @@ def gcc() -> Compiler:
 
 
 @pytest.fixture(scope="module")
-def everything() -> tuple[ca.Function, Program]:
+def everything() -> tuple[ca.Function, TapeProgram]:
     function = ca.Function("everything", [x, u, p], [ca.vertcat(*EVERYTHING.values())])
     return function, program_of(function)
 
 
 @pytest.fixture(scope="module")
-def oscillator() -> tuple[ca.Function, Program]:
+def oscillator() -> tuple[ca.Function, TapeProgram]:
     """A damped swing with parts that depend on parameters, on the input, on both, on all; a state that stays."""
     rate = ca.vertcat(b, -(p[0] ** 2) * ca.sin(a) - p[1] * b + ca.tanh(u[0]) * p[0] + u[1] * a, 0.0)
     function = ca.Function("oscillator", [x, u, p], [x + 0.01 * rate])
@@ -89,21 +89,21 @@ def of_each(function: ca.Function, at: FloatArray, inputs: FloatArray, parameter
     return np.array(function(at.T, inputs.T, parameters.T)).T
 
 
-def test_the_expression_has_every_operation(everything: tuple[ca.Function, Program]) -> None:
+def test_the_expression_has_every_operation(everything: tuple[ca.Function, TapeProgram]) -> None:
     """Else the tests below would pass an operation that none of them sees."""
     _, program = everything
     assert {node.name for node in program.parts[0].body.nodes if isinstance(node, Operation)} == OPERATIONS
 
 
-def test_numpy_knows_every_operation(everything: tuple[ca.Function, Program]) -> None:
+def test_numpy_knows_every_operation(everything: tuple[ca.Function, TapeProgram]) -> None:
     """Many vehicles without a compiler."""
     function, program = everything
     at, none = states(N_LANES), np.zeros((N_LANES, 2))
-    got = Blocks(program, np.empty(0), N_LANES)(at, none)
+    got = NumpyMany(program, np.empty(0), N_LANES)(at, none)
     np.testing.assert_allclose(got, of_each(function, at, none, none), rtol=ROUNDING, atol=ROUNDING)
 
 
-def test_compiled_code_knows_every_operation(everything: tuple[ca.Function, Program], gcc: Compiler) -> None:
+def test_compiled_code_knows_every_operation(everything: tuple[ca.Function, TapeProgram], gcc: Compiler) -> None:
     """One vehicle and many: the same source, a number per vehicle or eight side by side."""
     function, program = everything
     at, none = states(N_LANES), np.zeros((N_LANES, 2))
@@ -130,7 +130,9 @@ def test_own_sine_cosine_tangent_and_arc_tangent_are_exact_to_rounding(shift: fl
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 7])
-def test_all_back_ends_take_the_same_steps(oscillator: tuple[ca.Function, Program], gcc: Compiler, ticks: int) -> None:
+def test_all_back_ends_take_the_same_steps(
+    oscillator: tuple[ca.Function, TapeProgram], gcc: Compiler, ticks: int
+) -> None:
     """Ticks follow each other under a held input, with one set of numbers for all or one for each."""
     function, program = oscillator
     rng = np.random.default_rng(3)
@@ -141,9 +143,9 @@ def test_all_back_ends_take_the_same_steps(oscillator: tuple[ca.Function, Progra
         for _ in range(ticks):
             expected = of_each(function, expected, inputs, parameters)
         worked_with = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), given])
-        for many in (Blocks(program, worked_with, N_LANES), NativeMany(program, worked_with, gcc)):
+        for many in (NumpyMany(program, worked_with, N_LANES), NativeMany(program, worked_with, gcc)):
             np.testing.assert_allclose(many(at, inputs, ticks), expected, rtol=ROUNDING, atol=ROUNDING)
-    folded = Virtual(ca.Function("folded", [x, u], [function(x, u, own[0])]))
+    folded = CasadiOne(ca.Function("folded", [x, u], [function(x, u, own[0])]))
     worked_with = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), own[0]])
     for one in (folded, NativeOne(program, worked_with, gcc)):
         expected = at[0]
@@ -152,7 +154,7 @@ def test_all_back_ends_take_the_same_steps(oscillator: tuple[ca.Function, Progra
         np.testing.assert_allclose(one(at[0], inputs[0], ticks), expected, rtol=ROUNDING, atol=ROUNDING)
 
 
-def test_work_that_changes_less_often_is_done_less_often(oscillator: tuple[ca.Function, Program]) -> None:
+def test_work_that_changes_less_often_is_done_less_often(oscillator: tuple[ca.Function, TapeProgram]) -> None:
     """p0^2 belongs to the vehicle, tanh(u0) p0 to the input: neither is in the part that runs every tick."""
     _, program = oscillator
     assert {node.name for node in program.parts[0].numbers.nodes if isinstance(node, Operation)} >= {"mul"}
@@ -163,22 +165,22 @@ def test_work_that_changes_less_often_is_done_less_often(oscillator: tuple[ca.Fu
 
 
 @pytest.mark.parametrize("n", [1, 8, 511, 513, 1030])
-def test_any_number_of_vehicles_fits(oscillator: tuple[ca.Function, Program], gcc: Compiler, n: int) -> None:
+def test_any_number_of_vehicles_fits(oscillator: tuple[ca.Function, TapeProgram], gcc: Compiler, n: int) -> None:
     """The last block is filled up with copies of the last vehicle, whose results nobody sees."""
     function, program = oscillator
     at, inputs = states(n), np.zeros((n, 2))
     own = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
     expected = of_each(function, at, inputs, np.broadcast_to([1.5, 0.3], (n, 2)))
-    for many in (Blocks(program, own, n), NativeMany(program, own, gcc)):
+    for many in (NumpyMany(program, own, n), NativeMany(program, own, gcc)):
         np.testing.assert_allclose(many(at, inputs), expected, rtol=ROUNDING, atol=ROUNDING)
 
 
-def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, Program], gcc: Compiler) -> None:
+def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, TapeProgram], gcc: Compiler) -> None:
     """A step is a function: the state it starts from can be kept."""
     _, program = oscillator
     at, inputs = states(9), np.ones((9, 2))
     own = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
-    for many in (Blocks(program, own, 9), NativeMany(program, own, gcc)):
+    for many in (NumpyMany(program, own, 9), NativeMany(program, own, gcc)):
         before = at.copy()
         first = many(at, inputs, 3)
         kept = first.copy()
@@ -203,5 +205,5 @@ def test_no_tick_divides_by_a_vehicles_number() -> None:
     assert sorted(names) == ["div", "mul", "mul", "mul"]
     state, given, numbers = np.array([1.3, -0.7, 0.2]), np.array([0.4, 3.0]), np.array([1.7, -2.9])
     of_vehicle = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), numbers])
-    found = Blocks(program, of_vehicle, 1)(state[None], given[None])
+    found = NumpyMany(program, of_vehicle, 1)(state[None], given[None])
     np.testing.assert_allclose(found[0], np.array(function(state, given, numbers)).ravel(), rtol=1e-15)

@@ -78,7 +78,7 @@ def test_a_state_is_sane_or_reported_as_diverged(
 ) -> None:
     """Forces are bounded by friction times load, so speed gains no more than mu g t; loads stay upright."""
     plant = Plant(vehicle, surface)
-    n_trailer = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    n_trailer = vehicle.n_by_law
     state, tick = plant.initial_state(Pose2(1.0, 2.0, psi), speed), 0
     try:
         for steer, acceleration, trailer_steer, ticks in commands:

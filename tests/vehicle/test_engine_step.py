@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from offtrack.studies.validation import mechanics
 from vehicle.clock import TICK
 from vehicle.combination.chain import relaxation
 from vehicle.combination.description import Vehicle
@@ -36,15 +37,7 @@ N = 50
 
 def random_states(vehicle: Vehicle) -> FloatArray:
     """Driving, standing, sliding and spinning, far from any trim, (N, n_state)."""
-    rng = np.random.default_rng(8)
-    scales = State(
-        x=50.0, y=50.0, psi=3.0, v_x=20.0, v_y=2.0, yaw_rate=0.5, heave=0.05, pitch=0.05, roll=0.1, heave_spring=0.5,
-        pitch_spring=0.3, roll_spring=0.5, load_shift=1e4, side_force=3e4, hitch_x=5e4, hitch_y=5e4, omega=40.0,
-        deflection_x=0.1, deflection_y=0.1, brake_windup=1.0, twin_x=0.1, twin_y=0.1, steer=0.5, acceleration=3.0,
-        brake_pressure=1.0, brake_valve=1.0,
-    )  # fmt: skip
-    sizes = state_sizes(vehicle)
-    return np.hstack([scale * rng.uniform(-1.0, 1.0, (N, size)) for scale, size in zip(scales, sizes, strict=True)])
+    return mechanics.random_states(vehicle, np.random.default_rng(8), N).T
 
 
 def random_inputs(vehicle: Vehicle) -> FloatArray:
@@ -98,54 +91,37 @@ def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int)
         np.testing.assert_allclose(got, state, rtol=ROUNDING, atol=ROUNDING)
 
 
+Function = Callable[[Vehicle], Any]
+
+
+def check_all_ways(of: Function, vehicle: Vehicle, engine: Engine, ticks: int) -> None:
+    """One vehicle at a time, many with common numbers, and many with numbers of their own, here the same."""
+    function, own = of(vehicle), np.tile(numbers(vehicle), (N, 1))
+    expected = one_by_one(function, vehicle, "interpreted", ticks)
+    assert np.isfinite(expected).all()
+    rows = kernel_for_many(function, own, N, engine)(random_states(vehicle), random_inputs(vehicle), ticks)
+    for got in (one_by_one(function, vehicle, engine, ticks), all_at_once(function, vehicle, engine, ticks), rows):
+        np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING)
+
+
 @pytest.mark.parametrize("ticks", [1, 5])
 def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> None:
     """From one unit to four, from states far from any trim."""
-    function = step_function(chain)
-    expected = one_by_one(function, chain, "interpreted", ticks)
-    assert np.isfinite(expected).all()
-    got = all_at_once(function, chain, "interpreted", ticks)
-    np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING)
+    check_all_ways(step_function, chain, "interpreted", ticks)
 
 
 @with_compiler
 @pytest.mark.parametrize("ticks", [1, 5])
 @pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
 def test_compiled_steps_are_as_interpreted(name: str, ticks: int, request: pytest.FixtureRequest) -> None:
-    """One vehicle at a time, and eight of them side by side."""
-    vehicle: Vehicle = request.getfixturevalue(name)
-    function = step_function(vehicle)
-    expected = one_by_one(function, vehicle, "interpreted", ticks)
-    for way in (one_by_one, all_at_once):
-        np.testing.assert_allclose(
-            way(function, vehicle, "compiled", ticks), expected, rtol=ROUNDING, atol=ROUNDING, err_msg=way.__name__
-        )
+    """The same source in three variants."""
+    check_all_ways(step_function, request.getfixturevalue(name), "compiled", ticks)
 
 
-@with_compiler
-def test_each_vehicle_can_have_its_own_numbers(tractor_semitrailer: Vehicle) -> None:
-    """A row of numbers for each, here the same, is the same source compiled in another way."""
-    function, own = step_function(tractor_semitrailer), np.tile(numbers(tractor_semitrailer), (N, 1))
-    expected = one_by_one(function, tractor_semitrailer, "interpreted")
-    for engine in get_args(Engine):
-        kernel = kernel_for_many(function, own, N, engine)
-        got = kernel(random_states(tractor_semitrailer), random_inputs(tractor_semitrailer))
-        np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING, err_msg=engine)
-
-
-@with_compiler
-def test_wheels_look_alike_four_ways(longer_semitrailer: Vehicle) -> None:
-    """Loads, slip and friction used, with an arc tangent of our own in two of the ways."""
-    function = wheel_function(longer_semitrailer)
-    expected = one_by_one(function, longer_semitrailer, "interpreted")
-    ways: list[tuple[Callable[[Any, Vehicle, Engine], FloatArray], Engine]] = [
-        (all_at_once, "interpreted"),
-        (one_by_one, "compiled"),
-        (all_at_once, "compiled"),
-    ]
-    for way, engine in ways:
-        got = way(function, longer_semitrailer, engine)
-        np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING, err_msg=f"{way.__name__} {engine}")
+@pytest.mark.parametrize("engine", ["interpreted", pytest.param("compiled", marks=with_compiler)])
+def test_wheels_look_alike_all_ways(longer_semitrailer: Vehicle, engine: Engine) -> None:
+    """Loads, slip and friction used, with an arc tangent of our own in compiled code."""
+    check_all_ways(wheel_function, longer_semitrailer, engine, 1)
 
 
 def test_without_a_compiler_it_runs_interpreted_and_says_so(

@@ -1,4 +1,4 @@
-"""Frames: compositions cancel, angles wrap, rotations are rotations."""
+"""Frames, polylines and the clock: poses compose, angles wrap, arc length adds up, samples keep their period."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vehicle.clock import Pipe, Schedule, to_ticks
+from vehicle.foundation.polyline import arc_length, dense, resampled, rows_every
 from vehicle.frames import (
     R_BODY_CAMERA,
     Pose2,
@@ -111,3 +113,85 @@ def test_orthonormalising_undoes_a_small_stretch() -> None:
 def test_a_camera_looks_along_the_body_axis_with_its_rows_level() -> None:
     """OpenCV axes of a forward camera: z forward, x to the right (-y), y down (-z)."""
     np.testing.assert_array_equal(R_BODY_CAMERA @ np.eye(3), np.column_stack([[0, -1, 0], [0, 0, -1], [1, 0, 0]]))
+
+
+@pytest.mark.parametrize(("rate_hz", "period"), [(10.0, 100), (50.0, 20), (1000.0, 1), (0.5, 2000)])
+def test_rates_become_whole_periods(rate_hz: float, period: int) -> None:
+    """10 Hz is every 100th tick of 1 ms."""
+    assert Schedule.at_rate(rate_hz).period == period
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 3.0, 1500.0, 0.0, -10.0])
+def test_rates_that_do_not_divide_are_refused(rate_hz: float) -> None:
+    """30 Hz is no whole number of milliseconds; a rounded period would drift."""
+    with pytest.raises(ValueError, match=r"camera|positive"):
+        Schedule.at_rate(rate_hz, name="camera")
+
+
+@pytest.mark.parametrize("seconds", [0.0005, -0.1, 0.10001])
+def test_spans_that_are_no_whole_ticks_are_refused(seconds: float) -> None:
+    """The message names the argument and its value."""
+    with pytest.raises(ValueError, match=f"latency = {seconds} s"):
+        to_ticks(seconds, "latency")
+
+
+@pytest.mark.parametrize(("period", "offset", "latency"), [(0, 0, 0), (10, -1, 0), (10, 0, -1)])
+def test_impossible_schedules_are_refused(period: int, offset: int, latency: int) -> None:
+    """No sampling every 0 ticks, none before the start, no delivery before the capture."""
+    with pytest.raises(ValueError, match="period, offset, latency"):
+        Schedule(period=period, offset=offset, latency=latency)
+
+
+@given(st.integers(1, 500), st.integers(0, 500))
+def test_samples_are_one_period_apart_from_the_offset_on(period: int, offset: int) -> None:
+    """Sample k is due at offset + k * period and at no other tick."""
+    schedule = Schedule(period=period, offset=offset)
+    due = [tick for tick in range(offset + 5 * period) if schedule.due(tick)]
+    assert due == [offset + k * period for k in range(5)]
+
+
+@given(st.lists(st.integers(0, 100), max_size=20), st.integers(0, 100))
+def test_a_pipe_delivers_what_is_due_in_order_and_once(delivery_ticks: list[int], now: int) -> None:
+    """Messages leave in the order they were put in, not before their tick, and do not come back."""
+    pipe: Pipe[int] = Pipe()
+    for k, tick in enumerate(delivery_ticks):
+        pipe = pipe.put(tick, k)
+    rest, delivered = pipe.deliver(now)
+    assert delivered == tuple(k for k, tick in enumerate(delivery_ticks) if tick <= now)
+    assert rest.deliver(now)[1] == ()
+    assert set(rest.deliver(100)[1]) | set(delivered) == set(range(len(delivery_ticks)))
+
+
+CORNER = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])  # 5 m and 6 m
+
+
+def test_arc_length_adds_up_the_chords() -> None:
+    """3-4-5 and a straight; a single point lies at zero; a repeated one adds nothing."""
+    assert arc_length(CORNER).tolist() == [0.0, 5.0, 11.0]
+    assert arc_length(CORNER[:1]).tolist() == [0.0]
+    assert arc_length(CORNER[[0, 1, 1, 2]]).tolist() == [0.0, 5.0, 5.0, 11.0]
+
+
+def test_arc_length_of_a_polygon_approaches_the_circle() -> None:
+    """Chords of 0.01 rad are short by a share of 0.01^2 / 24."""
+    angle = np.arange(0.0, 1.0001, 0.01)
+    assert arc_length(10.0 * np.column_stack([np.cos(angle), np.sin(angle)]))[-1] == pytest.approx(10.0, rel=5e-6)
+
+
+def test_resampled_points_lie_at_their_distance() -> None:
+    """Half way along each leg."""
+    np.testing.assert_allclose(resampled(CORNER, np.array([2.5, 8.0])), [[1.5, 2.0], [3.0, 7.0]], atol=1e-12)
+
+
+def test_dense_points_reach_from_end_to_end() -> None:
+    """About as far apart as asked for, all alike, and both ends are there."""
+    points, spacing = dense(np.array([[0.0, 0.0], [0.0, 10.5]]), 2.0)
+    assert spacing == pytest.approx(2.1)
+    np.testing.assert_allclose(arc_length(points), spacing * np.arange(6), atol=1e-12)
+    assert math.isclose(points[-1, 1], 10.5)
+
+
+def test_rows_are_a_spacing_apart() -> None:
+    """On a line with a point every metre, every third."""
+    line = np.column_stack([np.arange(10.0), np.zeros(10)])
+    assert rows_every(line, 3.0).tolist() == [0, 3, 6]

@@ -8,42 +8,22 @@ import control
 import numpy as np
 import pytest
 
+from tests.vehicle.chains import linear_tyre, with_axles
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.layout import Input, input_sizes, parts
 from vehicle.combination.linear import LateralModel, OutputKind, lateral_model, straight_running
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.tyres.laws import LinearTyre
 
 STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different
 
 
 def ideal(vehicle: Vehicle, trail: float = 0.0) -> Vehicle:
     """The vehicle on tyres as textbooks have them: stiff in proportion to load, without rolling resistance."""
-    stiffness = iter(STIFFNESS)
-    units = []
-    for unit, loads in zip(vehicle.units, static_axle_loads(vehicle), strict=True):
-        axles = tuple(
-            axle.model_copy(update={"tyre": linear_tyre(next(stiffness), load, trail)})
-            for axle, load in zip(unit.axles, loads, strict=True)
-        )
-        units.append(unit.model_copy(update={"axles": axles}))
-    return vehicle.model_copy(update={"units": tuple(units)})
-
-
-def linear_tyre(stiffness: float, axle_load: float, trail: float) -> LinearTyre:
-    return LinearTyre(
-        model="linear",
-        cornering_stiffness=stiffness,
-        longitudinal_stiffness=15.0,
-        nominal_load=axle_load / 2,
-        load_sensitivity=0.0,
-        relaxation_length=0.5,
-        damping=0.01,
-        rolling_resistance=0.0,
-        pneumatic_trail=trail,
-    )
+    loads = [load for of_unit in static_axle_loads(vehicle) for load in of_unit]
+    tyres = [linear_tyre(c, load, pneumatic_trail=trail) for c, load in zip(STIFFNESS, loads, strict=False)]
+    return with_axles(vehicle, *({"tyre": tyre} for tyre in tyres))
 
 
 def by_hand(vehicle: Vehicle, V: float, trail: float) -> tuple[np.ndarray, np.ndarray]:
@@ -156,24 +136,15 @@ def test_without_lags_is_the_limit_of_short_lags(tractor_semitrailer: Vehicle) -
     expected = lateral_model(vehicle, 20.0).eigenvalues()
     errors = []
     for factor in (1e-2, 1e-3):
-        quick = quickened(vehicle, factor)
+        quick = with_axles(
+            vehicle,
+            *({"wheel_inertia": factor * axle.wheel_inertia} for unit in vehicle.units for axle in unit.axles),
+            tyre={"relaxation_length": factor * 0.5, "damping": 0.0},  # an undamped carcass
+        )
         all_modes = lateral_model(quick, 20.0, tyre_dynamics=True).eigenvalues()
         errors.append(max(np.abs(all_modes - mode).min() for mode in expected))
     assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.1)  # first order in the lags
     assert errors[1] < 1e-3 * np.abs(expected).max()  # 1e-3 of a lag of 25 ms, on modes of some 1/s
-
-
-def quickened(vehicle: Vehicle, factor: float) -> Vehicle:
-    """The vehicle with relaxation lengths and wheel inertias times a factor, on undamped carcasses."""
-    units = []
-    for unit in vehicle.units:
-        axles = []
-        for axle in unit.axles:
-            length = factor * axle.tyre.relaxation_length
-            tyre = axle.tyre.model_copy(update={"relaxation_length": length, "damping": 0.0})
-            axles.append(axle.model_copy(update={"tyre": tyre, "wheel_inertia": factor * axle.wheel_inertia}))
-        units.append(unit.model_copy(update={"axles": tuple(axles)}))
-    return vehicle.model_copy(update={"units": tuple(units)})
 
 
 def as_control(model: LateralModel) -> control.StateSpace:

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.vehicle.chains import with_axles
 from vehicle.combination.chain import derivative
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes
@@ -85,13 +86,6 @@ def test_a_speed_that_can_not_be_held_is_refused(tractor_semitrailer: Vehicle) -
 
 def test_more_drag_than_grip_is_refused(tractor_semitrailer: Vehicle) -> None:
     """On ice the drive axle, 28 % of the weight, can not pull a drag of 3 %."""
-    units = []
-    for unit in tractor_semitrailer.units:
-        axles = tuple(
-            axle.model_copy(update={"tyre": axle.tyre.model_copy(update={"rolling_resistance": 0.03})})
-            for axle in unit.axles
-        )
-        units.append(unit.model_copy(update={"axles": axles}))
-    stuck = tractor_semitrailer.model_copy(update={"units": tuple(units)})
+    stuck = with_axles(tractor_semitrailer, tyre={"rolling_resistance": 0.03})
     with pytest.raises(ValueError, match=r"cannot be held .* on a friction of 0.05"):
         straight_running(stuck, 5.0, 0.05)

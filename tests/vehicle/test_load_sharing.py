@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from tests.vehicle.chains import named, outputs, rates
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import compiled_derivative, compiled_output
-from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
+from vehicle.combination.layout import Input, input_sizes, parts, state_sizes
 from vehicle.combination.linear import straight_running
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.unit import LoadSharing
@@ -30,13 +30,11 @@ def shared(tractor_semitrailer: Vehicle) -> Vehicle:
 def on_a_bump(vehicle: Vehicle, shift: tuple[float, ...] = ()) -> tuple[FloatArray, FloatArray]:
     """Loads of all axles [N] with the middle axle of the tridem on a bump, and the rate of the shifts [N/s]."""
     x, u = straight_running(vehicle, 10.0, 0.8)
-    s, given = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
+    s, given = named(vehicle, x)._replace(load_shift=np.array(shift)), Input(*parts(u, input_sizes(vehicle)))
     road = np.zeros(vehicle.n_wheels)
     road[6:8] = BUMP
-    x, u = np.concatenate(s._replace(load_shift=np.array(shift))), np.concatenate(given._replace(road=road))
-    out = Output(*parts(np.array(compiled_output(vehicle)(x, u)).ravel(), output_sizes(vehicle)))
-    rate = State(*parts(np.array(compiled_derivative(vehicle)(x, u)).ravel(), state_sizes(vehicle)))
-    return out.load.reshape(-1, 2).sum(axis=1), rate.load_shift
+    at = vehicle, s, given._replace(road=road)
+    return outputs(*at).load.reshape(-1, 2).sum(axis=1), rates(*at).load_shift
 
 
 def test_an_axle_on_a_bump_takes_load_from_its_group(shared: Vehicle, tractor_semitrailer: Vehicle) -> None:
@@ -70,10 +68,10 @@ def test_a_group_out_of_balance_loads_the_hitch(shared: Vehicle, tractor_semitra
 def test_the_shift_follows_the_road_with_its_lag(shared: Vehicle) -> None:
     """In the plant on a plane nothing is shifted; a shift that is there decays with the lag."""
     plant = Plant(shared, Surface(friction=0.8), engine="interpreted")
-    state = State(*parts(plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0), state_sizes(shared)))
+    state = named(shared, plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0))
     start = np.concatenate(state._replace(load_shift=np.array([6e3, -3e3, -3e3])))
     later = plant.step(start, VehicleCommand(0.0, 0.06, ()), 1500)
-    shift = State(*parts(later, state_sizes(shared))).load_shift
+    shift = named(shared, later).load_shift
     np.testing.assert_allclose(shift, math.exp(-0.5) * np.array([6e3, -3e3, -3e3]), rtol=1e-6)
 
 

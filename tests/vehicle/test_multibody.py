@@ -1,106 +1,54 @@
-"""Rigid chains: the equations of motion against Lagrange's, and what a chain without forces conserves."""
+"""Hitch forces against those that hold free bodies together, the solver of the equations, and the integrator."""
 
 from __future__ import annotations
+
+import math
 
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
+from offtrack.studies.validation.mechanics import ChainMotion, newton_euler, random_inputs, random_states
 from vehicle.combination.description import Vehicle
-from vehicle.combination.multibody import Speeds, Vector, solve_ldl, speed_rates
+from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
+from vehicle.combination.multibody import solve_ldl
+from vehicle.engine.integrator import exact_diagonal, semi_implicit_step
+from vehicle.frames import FloatArray, Pose2
 
 
-class Lagrange:
-    """Kinetic energy, momenta and Lagrange's equations from positions alone; q = (x, y, psi_1 ... psi_N)."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        n = 2 + len(vehicle.units)
-        q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
-        hitch = q[:2]
-        T, P, L = ca.SX(0), ca.SX.zeros(2), ca.SX(0)
-        places = []
-        for i, unit in enumerate(vehicle.units):
-            axis = ca.vertcat(ca.cos(q[2 + i]), ca.sin(q[2 + i]))
-            p = hitch + unit.cg_x * axis
-            v = ca.jtimes(p, q, qd)
-            T += 0.5 * unit.mass * ca.dot(v, v) + 0.5 * unit.yaw_inertia * qd[2 + i] ** 2
-            P += unit.mass * v
-            L += unit.mass * (p[0] * v[1] - p[1] * v[0]) + unit.yaw_inertia * qd[2 + i]
-            places.append(p)
-            hitch = hitch + (unit.hitch_x or 0.0) * axis
-        momentum = ca.gradient(T, qd)
-        residual = ca.jtimes(momentum, qd, qdd) + ca.jtimes(momentum, q, qd) - ca.gradient(T, q)
-        self.residual = ca.Function("residual", [q, qd, qdd], [residual])  # = generalised force
-        self.conserved = ca.Function("conserved", [q, qd], [ca.vertcat(T, P, L)])
-        self.places = ca.Function("places", [q], [ca.vertcat(*places)])
-        self.partials = ca.Function("partials", [q], [ca.jacobian(ca.vertcat(*places), q)])
+def test_a_trailer_pulled_straight_takes_its_share_of_the_force(tractor_semitrailer: Vehicle) -> None:
+    """In line, the hitch carries what accelerates the trailer's mass; square to it a free-standing one swings."""
+    trailer = tractor_semitrailer.units[1]
+    still = ChainMotion(np.zeros(2), np.zeros(2), np.zeros(2))
+    pull = np.array([[1e4, 0.0], [0.0, 0.0]])
+    got, hitch = newton_euler(tractor_semitrailer, still, pull, np.zeros(2))
+    assert got.origin[0] == pytest.approx(1e4 / tractor_semitrailer.mass)
+    np.testing.assert_allclose(hitch, [[1e4 * trailer.mass / tractor_semitrailer.mass, 0.0]], atol=1e-9)
 
 
-def rates_in_world(vehicle: Vehicle, q: np.ndarray, qd: np.ndarray, F: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """qdd under forces (N, 2) [N, along W] at, and moments (N,) about, the centres of gravity."""
-    c, s = np.cos(q[2]), np.sin(q[2])
-    R_WT = np.array([[c, -s], [s, c]])
-    v = R_WT.T @ qd[:2]
-    forces = [Vector(*(R_WT.T @ f)) for f in F]
-    rates = speed_rates(vehicle, list(q[2:]), Speeds(v[0], v[1], list(qd[2:])), forces, list(M))
-    turning = qd[2] * np.array([-v[1], v[0]])  # the axes of T turn under the velocity
-    return np.concatenate([R_WT @ (np.array([rates.v_x, rates.v_y]) + turning), rates.yaw_rate])
-
-
-def random_motion(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    q = np.concatenate([rng.uniform(-20, 20, 2), rng.uniform(-3, 3, n)])
-    return q, np.concatenate([rng.uniform(-10, 10, 2), rng.uniform(-1, 1, n)])
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_equations_are_lagranges(chain: Vehicle, seed: int) -> None:
-    """Two derivations, from levers about the common centre of mass and from positions: M qdd + ... = force."""
-    n = len(chain.units)
-    q, qd = random_motion(n, seed)
-    rng = np.random.default_rng(seed + 100)
-    F, M = rng.uniform(-1e5, 1e5, (n, 2)), rng.uniform(-1e5, 1e5, n)
-    model = Lagrange(chain)
-    qdd = rates_in_world(chain, q, qd, F, M)
-    generalised = np.array(model.partials(q)).T @ F.ravel() + np.concatenate([[0, 0], M])
-    got = np.array(model.residual(q, qd, qdd)).ravel()
-    np.testing.assert_allclose(got, generalised, rtol=1e-10, atol=1e-6)  # 1e5 N, levers of 30 m, rounding of a solve
-
-
-def test_a_chain_without_forces_conserves_energy_and_momenta(chain: Vehicle) -> None:
-    """Twenty seconds of free tumbling, units turning over each other."""
-    n = len(chain.units)
-    q = np.concatenate([[3.0, -2.0], np.linspace(0.0, 1.0, n)])
-    qd = np.concatenate([[8.0, 1.5], np.linspace(0.8, -1.1, n)])
-
-    def f(_: float, y: np.ndarray) -> np.ndarray:
-        half = 2 + n
-        return np.concatenate([y[half:], rates_in_world(chain, y[:half], y[half:], np.zeros((n, 2)), np.zeros(n))])
-
-    end = solve_ivp(f, (0.0, 20.0), np.concatenate([q, qd]), method="DOP853", rtol=3e-14, atol=1e-13).y[:, -1]
-    conserved = Lagrange(chain).conserved
-    before, after = np.array(conserved(q, qd)).ravel(), np.array(conserved(end[: 2 + n], end[2 + n :])).ravel()
-    # Rounding over a thousand steps; angular momentum is a difference of products with positions of 150 m.
-    np.testing.assert_array_less(np.abs(after / before - 1.0), [1e-12, 1e-11, 1e-11, 3e-10])
-
-
-def test_gravity_does_the_work_of_the_descent(tractor_semitrailer: Vehicle) -> None:
-    """On a uniform slope the kinetic energy gained is weight along the slope times way of each centre of gravity."""
-    g = np.array([0.5, -0.3])  # [m/s2]
-    masses = np.array([unit.mass for unit in tractor_semitrailer.units])
-    q, qd = np.array([0.0, 0.0, 0.0, 0.5]), np.array([5.0, 0.0, 0.4, -0.3])
-
-    def f(_: float, y: np.ndarray) -> np.ndarray:
-        return np.concatenate(
-            [y[4:], rates_in_world(tractor_semitrailer, y[:4], y[4:], masses[:, None] * g, np.zeros(2))]
-        )
-
-    end = solve_ivp(f, (0.0, 10.0), np.concatenate([q, qd]), method="DOP853", rtol=3e-14, atol=1e-13).y[:, -1]
-    model = Lagrange(tractor_semitrailer)
-    ways = (np.array(model.places(end[:4])) - np.array(model.places(q))).reshape(2, 2)
-    T = [float(model.conserved(y[:4], y[4:])[0]) for y in (np.concatenate([q, qd]), end)]
-    assert T[1] - T[0] == pytest.approx(float(masses @ (ways @ g)), rel=1e-14)  # rounding of 1e6 J
+def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) -> None:
+    """The hitch force a chain settles on, from its own tyre forces and gravity in random states, body by body."""
+    told, rate = compiled_output(chain), compiled_derivative(chain)
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        s, u = random_states(chain, rng, 1)[:, 0], random_inputs(chain, rng, 1)[:, 0]
+        ground = Output(*parts(np.array(told(s, u)).ravel(), output_sizes(chain)))
+        now, inputs = State(*parts(s, state_sizes(chain))), Input(*parts(u, input_sizes(chain)))
+        rates = State(*parts(np.array(rate(s, u)).ravel(), state_sizes(chain)))
+        c, si = math.cos(now.psi[0]), math.sin(now.psi[0])
+        R_WT = np.array([[c, -si], [si, c]])
+        weights = np.array([unit.mass for unit in chain.units])
+        gravity = weights[:, None] * np.column_stack([inputs.gravity_x, inputs.gravity_y])
+        forces = np.column_stack([ground.force_x, ground.force_y]) @ R_WT.T + gravity
+        motion = ChainMotion(now.psi, R_WT @ np.array([now.v_x[0], now.v_y[0]]), now.yaw_rate)
+        accelerations, hitches = newton_euler(chain, motion, forces, ground.moment)
+        np.testing.assert_allclose(rates.yaw_rate, accelerations.yaw, rtol=1e-9, atol=1e-9)  # forces of 1e6 N
+        lag = np.array([unit.hitch_lag for unit in chain.units[1:]])
+        # the state follows the force within that lag: rate = (force - state) / lag
+        got = np.column_stack([now.hitch_x + lag * rates.hitch_x, now.hitch_y + lag * rates.hitch_y])
+        own = [Pose2(0.0, 0.0, -psi).apply(F[None])[0] for psi, F in zip(now.psi[1:], hitches, strict=True)]
+        np.testing.assert_allclose(got, np.reshape(own, (-1, 2)), rtol=1e-9, atol=1e-3)  # of 1e6 N
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -111,3 +59,30 @@ def test_the_symmetric_solver_solves(seed: int) -> None:
     M, b = A @ A.T + np.eye(5), rng.normal(size=5)
     solution = np.array(solve_ldl(M.tolist(), b.tolist()), dtype=np.float64)
     np.testing.assert_allclose(solution, np.linalg.solve(M, b), rtol=1e-9)
+
+
+def integrate(f: ca.Function, x: FloatArray, h: float, end: float, blocks: list[tuple[int, int]]) -> FloatArray:
+    symbol = ca.SX.sym("x", len(x))
+    relaxation = -exact_diagonal(f(symbol), symbol, blocks)
+    step = ca.Function("step", [symbol], [semi_implicit_step(f, symbol, h, relaxation)])
+    return np.array(step.fold(round(end / h))(x)).ravel()
+
+
+@pytest.mark.parametrize("blocks", [[], [(0, 1)], [(0, 2)]])
+def test_the_order_is_two_with_any_part_of_the_diagonal(blocks: list[tuple[int, int]]) -> None:
+    """Halving the step quarters the error: a W-method needs no exact Jacobian for its order."""
+    x = ca.SX.sym("x", 2)
+    f = ca.Function("f", [x], [ca.vertcat(-x[0] * x[1] - x[0], ca.sin(x[0]) - x[1] ** 2)])
+    start = np.array([1.0, 0.5])
+    exact = integrate(f, start, 1e-4, 1.0, blocks)
+    errors = [np.abs(integrate(f, start, h, 1.0, blocks) - exact).max() for h in (0.05, 0.025, 0.0125)]
+    slopes = np.diff(np.log2(errors))
+    np.testing.assert_allclose(slopes, -2.0, atol=0.15)  # the next order of the error at these steps
+
+
+def test_a_mode_thousand_times_faster_than_the_step_decays() -> None:
+    """An explicit method would explode by 1e6 a step; this one follows the slow manifold y = cos t."""
+    x = ca.SX.sym("x", 2)  # y, t
+    f = ca.Function("f", [x], [ca.vertcat(-1e6 * (x[0] - ca.cos(x[1])), 1.0)])
+    end = integrate(f, np.array([0.0, 0.0]), 1e-3, 1.0, [(0, 1)])
+    assert end[0] == pytest.approx(math.cos(1.0), abs=2e-3)  # a step's worth of lag behind cos t

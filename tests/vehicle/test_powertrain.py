@@ -1,4 +1,4 @@
-"""Driveline: limits of force, power and rim speed, traction control, endurance brake, and drag of the air."""
+"""Driveline and steering actuators: limits of force, power, rim speed, angle and rate; endurance brake and drag."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from offtrack.studies.standards.longitudinal_capability import Incline, longitudinal, longitudinal_theory
-from vehicle.combination.actuators import retarder_capacity
-from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.layout import State, parts, state_sizes, wheels
+from offtrack.studies.standards.longitudinal_capability import Incline
+from tests.vehicle.chains import named
+from vehicle.combination.actuators import demand_rate, retarder_capacity, steer_rate
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.layout import wheels
 from vehicle.combination.longitudinal import startability
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
@@ -35,7 +38,7 @@ def driven(vehicle: Vehicle, surface: Surface, speed: float, demand: float, seco
     turning = [k for k, wheel in enumerate(layout) if wheel.axle.driven]
     state, rows = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), []
     for _ in range(round(100 * seconds)):
-        s = State(*parts(state, state_sizes(vehicle)))
+        s = named(vehicle, state)
         rows.append((s.v_x[0], np.abs(s.omega[turning] * radii).max(), s.brake_pressure))
         state = plant.step(state, VehicleCommand(0.0, demand, (), gear), 10)
     return Run(*(np.array(column) for column in zip(*rows, strict=True)))
@@ -44,14 +47,6 @@ def driven(vehicle: Vehicle, surface: Surface, speed: float, demand: float, seco
 def changed(vehicle: Vehicle, **numbers: object) -> Vehicle:
     assert vehicle.powertrain is not None
     return vehicle.model_copy(update={"powertrain": vehicle.powertrain.model_copy(update=numbers)})
-
-
-@pytest.mark.parametrize("name", vehicle_names())
-def test_every_shipped_vehicle_has_a_powertrain_and_drag(name: str) -> None:
-    vehicle = load_vehicle(name)
-    assert vehicle.powertrain is not None
-    assert vehicle.powertrain.retarder is not None
-    assert vehicle.air is not None
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3])
@@ -147,11 +142,29 @@ def _speed_on(vehicle: Vehicle, grade: float) -> float:
     return float(driven(vehicle, Incline(friction=0.8, grade=grade), 0.0, FULL, 5.0).speed[-1])
 
 
-@pytest.mark.parametrize("name", ["rigid_truck"])  # others: offtrack validate
-def test_simulated_capability_is_that_of_the_data(name: str) -> None:
-    """Quasi-static forces leave out slip and driveline lag: 2 %."""
-    vehicle = load_vehicle(name)
-    simulated, computed = longitudinal(vehicle).figures, longitudinal_theory(vehicle)
-    assert simulated.keys() == computed.keys()
-    for quantity, value in computed.items():
-        assert simulated[quantity] == pytest.approx(value, rel=0.025), quantity
+angles = st.floats(-3.0, 3.0)
+LIMITS = {"lag": 0.15, "limit": 0.5, "rate_limit": 0.35}
+
+
+@given(angles, angles)
+def test_steering_is_never_faster_than_its_rate_limit(angle: float, demand: float) -> None:
+    """The valve is open and no further."""
+    assert abs(float(steer_rate(angle, demand, **LIMITS))) <= LIMITS["rate_limit"]
+
+
+@given(st.floats(-0.5, 0.5), angles)
+def test_steering_does_not_leave_its_limit(angle: float, demand: float) -> None:
+    """At the stop the rate points inwards or is zero, whatever is demanded."""
+    assert steer_rate(0.5, demand, **LIMITS) <= 0.0 <= steer_rate(-0.5, demand, **LIMITS)
+
+
+def test_small_errors_decay_with_the_lag() -> None:
+    """First order below the rate limit: 0.015 rad off, 0.15 s lag."""
+    assert steer_rate(0.1, 0.115, **LIMITS) == pytest.approx(0.1)
+
+
+@given(st.floats(-20.0, 20.0))
+def test_demands_beyond_drive_and_brakes_are_cut(demand: float) -> None:
+    """No engine pulls 40 t at 5 m/s2."""
+    rate = demand_rate(0.0, demand, lag=0.25, braking=6.0, driving=1.5)
+    assert rate * 0.25 == pytest.approx(min(max(demand, -6.0), 1.5))

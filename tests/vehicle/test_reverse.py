@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
 from offtrack.studies.validation.simple_drives import gripping, tractor_and_trailer
-from tests.vehicle.braking import without_governor
-from vehicle.combination.batch import BatchGround, PlantBatch
+from tests.vehicle.chains import named
+from vehicle.combination.batch import PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
-from vehicle.combination.functions import numbers
-from vehicle.combination.layout import State, parts, state_sizes, wheels
+from vehicle.combination.layout import wheels
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
 DRY = Surface(friction=0.8)
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 HELD = 20  # [ticks]
-
-
-def named(vehicle: Vehicle, state: FloatArray) -> State[Any]:
-    return State(*parts(state, state_sizes(vehicle)))
 
 
 def drive(plant: Plant, state: FloatArray, seconds: float, command: VehicleCommand) -> FloatArray:
@@ -113,17 +106,6 @@ def test_it_stops_from_reverse_holds_on_a_hill_and_goes_on(tractor_semitrailer: 
         assert gear * forward_speeds(tractor_semitrailer, off)[-1] > 0.4
 
 
-def test_driven_wheels_spin_backward_on_ice_and_stay_bounded(tractor_semitrailer: Vehicle) -> None:
-    """Two of ten wheels push with 0.092 of their load at most; what is left of 350 kW turns them, not without end."""
-    plant = Plant(without_governor(tractor_semitrailer), Surface(friction=0.1))
-    state = drive(plant, plant.initial_state(ORIGIN, 0.0), 4.0, VehicleCommand(0.0, 1.5, (), -1.0))[-1]
-    seen, at = plant.observe(state, 0), named(tractor_semitrailer, state)
-    traction = 0.1 * seen.wheel_loads[2:4].sum() / tractor_semitrailer.mass
-    assert -4.0 * traction < at.v_x[0] < -0.5 * 4.0 * traction
-    assert (at.omega[2:4] < -20.0).all()
-    assert seen.friction_used.max() <= 1.0 + 1e-12
-
-
 def test_a_pushed_trailer_turns_away_as_its_tractrix_does(tractor_semitrailer: Vehicle) -> None:
     """Straight back on stiff tyres: tan(gamma / 2) grows by e every trailer length, until it folds at a right angle.
 
@@ -146,24 +128,6 @@ def test_a_pushed_trailer_turns_away_as_its_tractrix_does(tractor_semitrailer: V
     expected = 2.0 * np.arctan(math.tan(0.5 * start) * np.exp(way / length))
     assert gamma[-1] >= 0.5 * math.pi  # jackknifed, nobody steered
     np.testing.assert_allclose(gamma, expected, rtol=0.01)  # slip of 1e-3 on the way
-
-
-@pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
-def test_a_batch_reverses_as_single_plants_do(name: str, engine: Engine, request: pytest.FixtureRequest) -> None:
-    """Each lane in a gear of its own, as the plant of that gear; only rounding is between the back ends."""
-    vehicle: Vehicle = request.getfixturevalue(name)
-    n_steered = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
-    gears = np.array([1.0, -1.0, -1.0])
-    batch, speeds = PlantBatch(vehicle, 3, engine), np.array([2.0, 0.0, -2.0])
-    level = BatchGround(np.full(3, 0.8), np.zeros(3), np.full((3, 2), math.nan))
-    batch.place(np.arange(3), np.tile(numbers(vehicle), (3, 1)), level, speeds)
-    batch.step(0.2, 0.8, np.full((3, n_steered), 0.05), 800, gears)
-    plant = Plant(vehicle, DRY, engine)
-    for gear, speed, got in zip(gears, speeds, batch.state, strict=True):
-        command = VehicleCommand(0.2, 0.8, (0.05,) * n_steered, gear)
-        expected = plant.step(plant.initial_state(ORIGIN, speed), command, 800)
-        np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6)  # rounding, and modes that grow
-        assert np.sign(named(vehicle, got).v_x[0]) == gear
 
 
 @pytest.mark.parametrize("gear", [0.0, 2.0])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
+from tests.vehicle.rovers import GRAVITY, HOME, STILL, STRAIGHT, driven
 from vehicle.combination.layout import parts, slices
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
@@ -17,12 +18,6 @@ from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.equations import RoverInput, RoverState, dynamics, input_sizes, state_sizes
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import Terrain, slope_towards
-from vehicle.rover.truth import RoverTruth
-
-GRAVITY = 9.81
-STRAIGHT = (0.0, 0.0, 0.0, 0.0)
-STILL = RoverCommand(STRAIGHT, STRAIGHT)
-HOME = Pose2(0.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -38,14 +33,6 @@ def skid() -> Rover:
 def sides(left: float, right: float) -> RoverCommand:
     """Rotation [rad/s] of the left and of the right wheels."""
     return RoverCommand((left, right, left, right), STRAIGHT)
-
-
-def driven(plant: RoverPlant, command: RoverCommand, seconds: float, pose: Pose2 = HOME) -> RoverTruth:
-    """Truth after a command was held for some time from a standstill."""
-    state = plant.initial_state(pose)
-    for _ in range(round(10.0 * seconds)):
-        state = plant.step(state, command, 100)
-    return plant.observe(state, round(1000.0 * seconds))
 
 
 def test_a_straight_line_is_straight_and_as_long_as_the_wheels_roll(rover: Rover) -> None:
@@ -125,18 +112,6 @@ def test_it_slides_down_a_slope_above_the_angle_of_friction(rover: Rover, psi: f
     assert gained / 2.0 == pytest.approx(GRAVITY * (math.sin(steepness) - 0.6 * math.cos(steepness)), rel=1e-3)
 
 
-def test_loads_balance_weight_and_slope(rover: Rover) -> None:
-    """Standing across a slope: the downhill wheels carry m g sin h / t more, all together m g cos."""
-    steepness = math.radians(10.0)
-    slope_x, slope_y = slope_towards(0.5 * math.pi, steepness)
-    truth = driven(RoverPlant(rover, Terrain(slope_x=slope_x, slope_y=slope_y), None), STILL, 5.0)
-    weight = rover.mass * GRAVITY
-    front_left, front_right, rear_left, rear_right = truth.loads
-    assert np.sum(truth.loads) == pytest.approx(weight * math.cos(steepness), rel=1e-9)
-    shift = 2.0 * weight * math.sin(steepness) * rover.cg_height / rover.tread
-    assert front_right + rear_right - front_left - rear_left == pytest.approx(shift, rel=1e-6)
-
-
 def test_a_drive_follows_its_demand_with_its_lag(rover: Rover) -> None:
     """With enough torque the speed is 1 - exp(-t / lag) of the demand; the midpoint rule errs by 1e-3 at 5 ms."""
     plant = RoverPlant(rover, Terrain(), None)
@@ -184,16 +159,23 @@ def test_steering_stops_at_its_limit(rover: Rover) -> None:
     assert truth.steer == pytest.approx([limit, -limit, limit, -limit], rel=1e-6)
 
 
-def test_a_demand_to_steer_locked_wheels_is_refused(skid: Rover) -> None:
-    plant = RoverPlant(skid, Terrain(), None)
-    with pytest.raises(ValueError, match="el_dorado_ii_skid steers no wheel"):
-        plant.step(plant.initial_state(HOME), RoverCommand(STRAIGHT, (0.1, 0.0, 0.0, 0.0)), 10)
-
-
-def test_a_demand_that_is_not_finite_is_refused(rover: Rover) -> None:
-    plant = RoverPlant(rover, Terrain(), None)
-    with pytest.raises(ValueError, match="4 finite wheel speeds"):
-        plant.step(plant.initial_state(HOME), RoverCommand((math.nan, 0.0, 0.0, 0.0), STRAIGHT), 10)
+@pytest.mark.parametrize(
+    ("name", "speeds", "steer", "complaint"),
+    [
+        ("el_dorado_ii_skid", STRAIGHT, (0.1, 0.0, 0.0, 0.0), "el_dorado_ii_skid steers no wheel"),
+        ("el_dorado_ii", (math.nan, 0.0, 0.0, 0.0), STRAIGHT, "4 finite wheel speeds"),
+        *(
+            ("six_wheel_rover", (0.1,) * n, (0.0,) * m, "must have 6 finite wheel speeds")
+            for n, m in ((4, 6), (6, 4), (8, 4))
+        ),
+    ],
+)
+def test_a_command_that_does_not_fit_is_refused(
+    name: str, speeds: tuple[float, ...], steer: tuple[float, ...], complaint: str
+) -> None:
+    plant = RoverPlant(load_rover(name), Terrain(), None, "interpreted")
+    with pytest.raises(ValueError, match=complaint):
+        plant.step(plant.initial_state(HOME), RoverCommand(speeds, steer), 10)
 
 
 def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.vehicle.rovers import HOME, STILL, STRAIGHT, driven, plant_on
 from vehicle.combination.plant import DivergedError
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray, Pose2
@@ -18,33 +19,19 @@ from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, soil_names
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import FirmPatch, Mound, Terrain, slope_towards
-from vehicle.rover.terramechanics import Rolling, soil_force
+from vehicle.rover.terramechanics import RimMotion, soil_force
 from vehicle.rover.truth import RoverTruth
 
 ROVER, SKID = load_rover("el_dorado_ii"), load_rover("el_dorado_ii_skid")
-STRAIGHT = (0.0, 0.0, 0.0, 0.0)
-STILL = RoverCommand(STRAIGHT, STRAIGHT)
-HOME = Pose2(0.0, 0.0, 0.0)
 OMEGA = 0.08 / ROVER.radius  # of 8 cm/s, as Reina 2008 drove [rad/s]
 FORWARD = RoverCommand((OMEGA,) * 4, STRAIGHT)
 SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
 
 
-def plant_on(soil: str, terrain: Terrain | None = None) -> RoverPlant:
-    """Interpreted, to save the time of a compiler."""
-    return RoverPlant(ROVER, Terrain() if terrain is None else terrain, load_soil(soil), "interpreted")
-
-
-def driven(plant: RoverPlant, command: RoverCommand, seconds: float, pose: Pose2 = HOME) -> RoverTruth:
-    """Truth after a command was held for some time from a standstill."""
-    state = plant.step(plant.initial_state(pose), command, round(1000.0 * seconds))
-    return plant.observe(state, round(1000.0 * seconds))
-
-
 @lru_cache
 def force_in(soil: str) -> Callable[..., object]:
     h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
-    force = soil_force(ROVER, load_soil(soil), h, Rolling(along, across))
+    force = soil_force(ROVER, load_soil(soil), h, RimMotion(along, across))
     function: Callable[..., object] = ca.Function("force", [h, along, across], [ca.vertcat(*force)])
     return function
 
@@ -129,18 +116,6 @@ def test_sand_turns_a_skid_steered_rover_less_than_a_floor() -> None:
     sandy = driven(RoverPlant(SKID, Terrain(), load_soil("beach_sand"), "interpreted"), command, 10.0)
     floor = driven(RoverPlant(SKID, Terrain(), None, "interpreted"), command, 10.0)
     assert 0.0 < sandy.velocity[2] < floor.velocity[2]
-
-
-def test_mirror_symmetry() -> None:
-    """Slope, steering and wheel speeds mirrored: every lateral quantity flips, but for rounding in 10 s of slipping."""
-    command = RoverCommand((0.9 * OMEGA, OMEGA, 0.9 * OMEGA, OMEGA), (0.2, 0.15, -0.1, 0.0))
-    mirrored = RoverCommand((OMEGA, 0.9 * OMEGA, OMEGA, 0.9 * OMEGA), (-0.15, -0.2, 0.0, 0.1))
-    one = driven(plant_on("toyoura_sand", Terrain(slope_x=0.03, slope_y=0.05)), command, 10.0)
-    other = driven(plant_on("toyoura_sand", Terrain(slope_x=0.03, slope_y=-0.05)), mirrored, 10.0)
-    assert other.pose == pytest.approx(one.pose * [1.0, -1.0, -1.0], abs=1e-10)
-    assert other.velocity == pytest.approx(one.velocity * [1.0, -1.0, -1.0], abs=1e-10)
-    assert other.sinkages == pytest.approx(one.sinkages[[1, 0, 3, 2]], abs=1e-10)
-    assert other.loads == pytest.approx(one.loads[[1, 0, 3, 2]], abs=1e-8)
 
 
 def test_the_world_has_no_preferred_direction() -> None:

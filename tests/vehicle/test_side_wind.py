@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.functions import compiled_derivative, step_function
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from tests.vehicle.chains import at_rest, rates
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.functions import step_function
+from vehicle.combination.layout import State, input_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.roll import springs_of
 from vehicle.engine.function_cache import written_out
@@ -21,13 +22,9 @@ ORIGIN = Pose2(0.0, 0.0, 0.0)
 
 def accelerations(vehicle: Vehicle, speed: float, wind: float) -> State[np.ndarray]:
     """Rates of a vehicle whose tyres are not yet deflected, heading along W's x."""
-    s = State(*(np.zeros(n) for n in state_sizes(vehicle)))._replace(v_x=np.array([speed]))
-    u = Input(*(np.zeros(n) for n in input_sizes(vehicle)))._replace(
-        friction=np.full(vehicle.n_wheels, 0.8), wind=np.full(len(vehicle.units), wind), gear=np.ones(1)
-    )
+    s, u = at_rest(vehicle, wind=np.full(len(vehicle.units), wind), gear=np.ones(1))
     omega = [speed / axle.wheel_radius for unit in vehicle.units for axle in unit.axles for _ in (0, 1)]
-    x = np.concatenate(s._replace(omega=np.array(omega)))
-    return State(*parts(np.array(compiled_derivative(vehicle)(x, np.concatenate(u))).ravel(), state_sizes(vehicle)))
+    return rates(vehicle, s._replace(v_x=np.array([speed]), omega=np.array(omega)), u)
 
 
 def test_a_truck_is_pushed_turned_and_rolled() -> None:
@@ -101,12 +98,3 @@ def test_a_gust_needs_data(short_form: Vehicle, tractor_semitrailer: Vehicle) ->
             Plant(vehicle, Surface(friction=0.8, gust=Gust(speed=10.0, start=0.0, length=10.0)))
     with pytest.raises(ValueError, match=r"^gust: speed = 200\.0 must be between -60 and 60 m/s$"):
         Gust(speed=200.0, start=0.0, length=10.0)
-
-
-@pytest.mark.parametrize("name", vehicle_names())
-def test_every_shipped_vehicle_has_sides(name: str) -> None:
-    """Of the size of its bodies."""
-    for unit in load_vehicle(name).in_wind().units:
-        if unit.side_wind is not None:
-            assert 0.2 < unit.side_wind.area / ((unit.front_x - unit.rear_x) * unit.height) < 0.9
-            assert unit.rear_x < unit.side_wind.x < unit.front_x

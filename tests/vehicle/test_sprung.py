@@ -11,15 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from tests.vehicle.chains import at_rest, outputs
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.functions import compiled_derivative
 from vehicle.combination.layout import (
     Chain,
     Input,
-    Output,
     State,
-    input_sizes,
-    output_sizes,
     parts,
     state_sizes,
     wheels,
@@ -27,20 +25,8 @@ from vehicle.combination.layout import (
 from vehicle.combination.sprung import Ride, rides, settled, spring_rates
 
 
-def at_rest(vehicle: Vehicle, **road: np.ndarray) -> tuple[State[np.ndarray], Input[np.ndarray]]:
-    """State and input of the standing vehicle on level ground, with what is given of the input."""
-    s = State(*(np.zeros(n) for n in state_sizes(vehicle)))
-    u = Input(*(np.zeros(n) for n in input_sizes(vehicle)))
-    return s, u._replace(friction=np.full(vehicle.n_wheels, 0.8), **road)
-
-
 def bodies(vehicle: Vehicle, s: State[np.ndarray], u: Input[np.ndarray]) -> list[Ride]:
     return rides(Chain.of(vehicle), s, u)
-
-
-def told(vehicle: Vehicle, s: State[np.ndarray], u: Input[np.ndarray]) -> Output[np.ndarray]:
-    out = np.array(compiled_output(vehicle)(np.concatenate(s), np.concatenate(u))).ravel()
-    return Output(*parts(out, output_sizes(vehicle)))
 
 
 def swing(vehicle: Vehicle, unit: int, a_y: float, t: np.ndarray) -> np.ndarray:
@@ -134,7 +120,7 @@ def test_steady_cornering_moves_the_load_that_statics_ask_for(short_form: Vehicl
         roll=np.array([attitude.roll for attitude, _ in lean]),
         roll_spring=np.array([spring.roll for _, spring in lean]),
     )
-    load = told(short_form, s, u).load
+    load = outputs(short_form, s, u).load
     tractor, trailer = short_form.units
     moments = [
         unit.mass
@@ -145,7 +131,7 @@ def test_steady_cornering_moves_the_load_that_statics_ask_for(short_form: Vehicl
     for wheels_of, expected in ((slice(0, 4), moments[0] + passed), (slice(4, 10), moments[1] - passed)):
         left, right = load[wheels_of][::2].sum(), load[wheels_of][1::2].sum()
         assert (right - left) * 2.04 / 2.0 == pytest.approx(expected, rel=1e-9)
-    assert told(short_form, s, u).lateral_load_transfer[1] == pytest.approx(
+    assert outputs(short_form, s, u).lateral_load_transfer[1] == pytest.approx(
         (moments[1] - passed) / 1.02 / (21500.0 * GRAVITY),
         rel=1e-6,  # the weight is given to 1e-8
     )
@@ -162,14 +148,14 @@ def test_a_body_that_is_thrown_up_loads_its_wheels_by_its_inertia(tractor_semitr
         lag = 0.0 if unit is tractor_semitrailer.units[0] else -0.01 * (1.0 + unit.cg_x / 7.70)
         offset = 0.01 + lag  # the trailer's front stands on a hitch that is low as well
         expected += unit.mass * (GRAVITY + w**2 * offset * (1.0 - (2.0 * z) ** 2))
-    assert told(tractor_semitrailer, low, u).load.sum() == pytest.approx(expected, rel=1e-9)
+    assert outputs(tractor_semitrailer, low, u).load.sum() == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_side_that_has_lifted_off_reads_one(short_form: Vehicle) -> None:
     """The flag of rolling over: everything on the right wheels, no more than the axles' loads."""
     s, u = at_rest(short_form)
     s = s._replace(roll=np.full(2, 0.1), roll_spring=np.full(2, 2.0 * 0.2 * math.tau * 0.1))
-    out = told(short_form, s, u)
+    out = outputs(short_form, s, u)
     assert (out.lateral_load_transfer > 0.998).all()  # a lifted wheel keeps 10 N
     assert out.load.sum() == pytest.approx(short_form.mass * GRAVITY, rel=1e-9)
 
@@ -179,8 +165,8 @@ def test_a_bump_under_one_wheel_moves_no_weight_but_the_bodys(tractor_semitraile
     road = np.zeros(10)
     road[2] = 0.03
     s, u = at_rest(tractor_semitrailer, road=road)
-    out = told(tractor_semitrailer, s, u)
-    level = told(tractor_semitrailer, *at_rest(tractor_semitrailer)).load
+    out = outputs(tractor_semitrailer, s, u)
+    level = outputs(tractor_semitrailer, *at_rest(tractor_semitrailer)).load
     assert out.load[2] > level[2]
     assert out.load[3] < level[3]
     felt = [ride.felt.heave for ride in bodies(tractor_semitrailer, s, u)]

@@ -16,7 +16,7 @@ from scipy.optimize import brentq, minimize_scalar
 import vehicle.rover.terramechanics
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Soil, load_soil, soil_names
-from vehicle.rover.terramechanics import Rolling, slip_ratio, soil_force
+from vehicle.rover.terramechanics import RimMotion, slip_ratio, soil_force
 
 
 class Disc(NamedTuple):
@@ -32,7 +32,7 @@ REGOLITH = load_soil("lunar_regolith_simulant")
 def compiled(wheel: Disc, soil: Soil) -> Any:
     """Function (sinkage, along, across) -> F_x, F_y, F_z, torque."""
     h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
-    return ca.Function("force", [h, along, across], [ca.vertcat(*soil_force(wheel, soil, h, Rolling(along, across)))])
+    return ca.Function("force", [h, along, across], [ca.vertcat(*soil_force(wheel, soil, h, RimMotion(along, across)))])
 
 
 def carrying(wheel: Disc, soil: Soil, load: float) -> Callable[[float, float], FloatArray]:

@@ -21,8 +21,8 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
-from vehicle.combination.description import AirDrag, Channel, Vehicle
-from vehicle.combination.layout import Chain, Input, State, Wheel
+from vehicle.combination.description import AirDrag, BrakeChannel, Vehicle
+from vehicle.combination.layout import Chain, ChainWheel, Input, State
 from vehicle.combination.unit import Brakes
 from vehicle.tyres import Num
 
@@ -53,7 +53,9 @@ class DriveTorque(NamedTuple):
     per_spin: Num  # by which it falls with the spin at the governor [N m s]
 
 
-def drive_torque(vehicle: Vehicle, wheel: Wheel, acceleration: Num, gear: Num, omega: Num, v_x: Num) -> DriveTorque:
+def drive_torque(
+    vehicle: Vehicle, wheel: ChainWheel, acceleration: Num, gear: Num, omega: Num, v_x: Num
+) -> DriveTorque:
     """Driving torque on a wheel under a demand [m/s2] behind its lag, within the limits of engine and governor.
 
     A wheel that still turns the other way is slowed by the slipping clutch, at the demanded torque. ``v_x`` is the
@@ -131,7 +133,7 @@ def service_demand(chain: Chain, s: State[ca.SX]) -> Num:
     return ca.fmin(s.acceleration + engaged * retarder_capacity(vehicle, s.v_x) / vehicle.mass, 0.0)
 
 
-def kept_pressure(chain: Chain, wheel: Wheel, s: State[ca.SX]) -> Num:
+def kept_pressure(chain: Chain, wheel: ChainWheel, s: State[ca.SX]) -> Num:
     """Share of the brake torque that the ABS modulator of a wheel lets act: 1, or down to 0 as it releases."""
     valve = None if wheel.brake is None else chain.channels[wheel.brake].valve
     return 1.0 if valve is None else 1.0 - s.brake_valve[valve]
@@ -210,7 +212,7 @@ def valve_commands(
     return commands
 
 
-def _predicted_tread(system: Brakes, wheel: Wheel, omega: Num, spin_rate: Num) -> Num:
+def _predicted_tread(system: Brakes, wheel: ChainWheel, omega: Num, spin_rate: Num) -> Num:
     """Speed of a wheel's tread [m/s] a little later, at its present rate."""
     return wheel.axle.wheel_radius * ca.fabs(omega + system.abs_lead * spin_rate)
 
@@ -228,7 +230,7 @@ def _pressure_shares(chain: Chain) -> dict[tuple[int, int], Num]:
     return dict.fromkeys(channels, per_force)
 
 
-def _force(vehicle: Vehicle, channel: Channel) -> Num:
+def _force(vehicle: Vehicle, channel: BrakeChannel) -> Num:
     """Force [N] at the treads of all wheels of a group at full pressure."""
     axles = [vehicle.units[channel.unit].axles[k] for k in channel.axles]
     return sum(axle.brake.torque / axle.wheel_radius for axle in axles if axle.brake)

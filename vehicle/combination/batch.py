@@ -87,7 +87,9 @@ class PlantBatch:
         self._start_u = np.zeros((n, 4 + sum(ground) + len(nominal)))
         self._cross_fall, self._centre = np.zeros(n), np.full((n, 2), np.nan)
         self._conical, self._no_state = False, np.empty((n, 0))
-        self._in_motion = _MotionSlices.of(vehicle)
+        self._in_motion = _BatchMotionParts(
+            *slices(_BatchMotionParts.of(kinematics_sizes(vehicle), wheel_truth_sizes(vehicle)))
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in _KERNELS}
@@ -191,9 +193,9 @@ class PlantBatch:
             load_transfer=motion[:, at.load_transfer],
         )
 
-    def lane(self, lane: int) -> Lane:
+    def lane(self, lane: int) -> BatchLane:
         """State, inputs and numbers of one vehicle."""
-        return Lane(self._state[lane], self._u[lane, : self._numbers.start], self._u[lane, self._numbers])
+        return BatchLane(self._state[lane], self._u[lane, : self._numbers.start], self._u[lane, self._numbers])
 
     def _settle(self, lanes: Lanes) -> None:
         """Set the start state of these vehicles on the ground under them now."""
@@ -209,7 +211,7 @@ class PlantBatch:
         np.copyto(self._u[:, self._ground.slope_y], share * d_y, where=conical)
 
 
-class Lane(NamedTuple):
+class BatchLane(NamedTuple):
     """One vehicle of a batch, as ``vehicle.combination.functions`` takes it."""
 
     state: FloatArray
@@ -241,30 +243,19 @@ class LaneObserver:
         return self._assembly.truth(tick, kinematics, wheels, bodies)
 
 
-class _MotionSlices(NamedTuple):
-    """Position of each part in the vector of the function "motion"."""
+class _BatchMotionParts(NamedTuple):
+    """Parts of the vector of the function "motion": their sizes, slices or values."""
 
-    poses: slice
-    velocities: slice
-    centre_x: slice
-    centre_y: slice
-    steer: slice
-    load_transfer: slice
+    poses: Any
+    velocities: Any
+    centre_x: Any
+    centre_y: Any
+    steer: Any
+    load_transfer: Any
 
     @classmethod
-    def of(cls, vehicle: Vehicle) -> _MotionSlices:
-        return cls(*slices(_motion_parts(kinematics_sizes(vehicle), wheel_truth_sizes(vehicle))))
-
-
-def _motion_parts(kinematics: Kinematics[Any], wheels: WheelTruth[Any]) -> tuple[Any, ...]:
-    return (
-        kinematics.poses,
-        kinematics.velocities,
-        kinematics.centre_x,
-        kinematics.centre_y,
-        wheels.steer,
-        wheels.load_transfer,
-    )
+    def of(cls, k: Kinematics[Any], wheels: WheelTruth[Any]) -> _BatchMotionParts:
+        return cls(k.poses, k.velocities, k.centre_x, k.centre_y, wheels.steer, wheels.load_transfer)
 
 
 @lru_cache(maxsize=16)
@@ -289,7 +280,7 @@ def _motion_function(vehicle: Vehicle) -> Any:
     x, u, own = (ca.SX.sym("v", of_wheels.numel_in(k)) for k in range(3))
     kinematics = Kinematics(*(of_kinematics(x, ca.SX(0, 1), own)[part] for part in slices(kinematics_sizes(vehicle))))
     wheels = WheelTruth(*(of_wheels(x, u, own)[part] for part in slices(wheel_truth_sizes(vehicle))))
-    motion = ca.cse(ca.densify(ca.vertcat(*_motion_parts(kinematics, wheels))))
+    motion = ca.cse(ca.densify(ca.vertcat(*_BatchMotionParts.of(kinematics, wheels))))
     return ca.Function("motion", [x, ca.vertcat(u, own), ca.SX(0, 1)], [motion])
 
 

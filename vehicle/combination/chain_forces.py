@@ -9,7 +9,7 @@ import casadi as ca
 
 from vehicle.combination.actuators import drive_torque
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import Chain, Input, State, Wheel
+from vehicle.combination.layout import Chain, ChainWheel, Input, State
 from vehicle.combination.multibody import ZERO, Speeds, Vector, acceleration, along, from_unit, levers_to, velocity
 from vehicle.combination.unit import Axle, Unit
 from vehicle.tyres import Contact, Num, Planar, carcass, contact, rolling_speed
@@ -84,7 +84,7 @@ class _ContactPatch(NamedTuple):
     used: Num  # force over the largest one [-]
 
 
-def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: RollingWheel) -> WheelMotion:
+def wheel_motion(vehicle: Vehicle, wheel: ChainWheel, s: RollingWheel) -> WheelMotion:
     """Motion of a wheel in a state."""
     v = along(s.plane, s.hub)
     turning = (1.0 / _BRAKE_WINDUP) * s.omega
@@ -123,7 +123,7 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: RollingWheel) -> WheelMotion
     )
 
 
-def _patch(wheel: Wheel, s: RollingWheel, deflection: Planar, v: Vector, share: float) -> _ContactPatch:
+def _patch(wheel: ChainWheel, s: RollingWheel, deflection: Planar, v: Vector, share: float) -> _ContactPatch:
     """Contact patch that moves at v [m/s] along and across the wheel's plane and carries a share of its load."""
     axle, tyre = wheel.axle, wheel.axle.tyre
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
@@ -141,7 +141,7 @@ def _patch(wheel: Wheel, s: RollingWheel, deflection: Planar, v: Vector, share: 
     )
 
 
-def _braked_spin_rate(wheel: Wheel, s: RollingWheel, pull: Num) -> Num:
+def _braked_spin_rate(wheel: ChainWheel, s: RollingWheel, pull: Num) -> Num:
     """Rate of the spin [rad/s2] under brakes, rolling drag, and the ground's pull [N]."""
     radius, per_inertia = wheel.axle.wheel_radius, 1.0 / wheel.axle.wheel_inertia
     per_torque = radius * per_inertia

@@ -377,7 +377,8 @@ def tightest_following(unit: Unit) -> float | None:
 
 def reach(unit: Unit, axle: Axle) -> float:
     """Largest road-wheel angle [rad] at a steered axle's middle."""
-    largest = unit.steering.limit * abs(axle.steer_ratio) if unit.steering else 0.0
+    steering = unit.steering_of(axle)
+    largest = steering.limit * abs(axle.steer_ratio) if steering else 0.0
     return min(largest, _SQUARE)
 
 

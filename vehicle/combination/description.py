@@ -8,12 +8,12 @@ A number in a vehicle file is either plain or ``{ value = ..., source = "..." }`
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from vehicle.combination.unit import AxleBrake, Brakes, Unit, with_brakes
+from vehicle.combination.unit import AxleBrake, Brakes, Unit
 from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
 from vehicle.tyres import Tyre
@@ -68,7 +68,7 @@ class AirDrag(Frozen):
     density: float = quantity(..., "kg/m3", 0.5, 1.6, why="from 8000 m of height to severe frost")
 
 
-class Channel(NamedTuple):
+class BrakeChannel(NamedTuple):
     """Wheels with a common brake pressure."""
 
     unit: int
@@ -79,16 +79,16 @@ class Channel(NamedTuple):
     mirrored: int  # number of the channel that is its mirror image
 
 
-def brake_channels(vehicle: Vehicle) -> tuple[Channel, ...]:
+def brake_channels(vehicle: Vehicle) -> tuple[BrakeChannel, ...]:
     """All brake channels, front to rear, left before right; none if the vehicle describes no brakes."""
-    channels: list[Channel] = []
+    channels: list[BrakeChannel] = []
     for unit, axles, brake in _groups(vehicle):
         with_abs = vehicle.brakes is not None and vehicle.brakes.abs and brake.abs is not None
         sides = (+1, -1) if with_abs and brake.abs == "wheel" else (0,)
         first = len(channels)
         for k, side in enumerate(sides):
             valve = sum(channel.valve is not None for channel in channels) if with_abs else None
-            channels.append(Channel(unit, axles, brake, side, valve, first + len(sides) - 1 - k))
+            channels.append(BrakeChannel(unit, axles, brake, side, valve, first + len(sides) - 1 - k))
     return tuple(channels)
 
 
@@ -207,6 +207,35 @@ class Vehicle(Frozen):
             return axles[0].x, axles[-1].x
         return 0.0, sum(axle.x for axle in axles) / len(axles)
 
+    @property
+    def n_by_law(self) -> int:
+        """Number of all axles that steering laws turn: they come last among the steered ones, front to rear."""
+        return sum(len(unit.steered_axles) for unit in self.units) - self.units[0].n_by_driver
+
+    def law_axles(self, unit: int) -> slice:
+        """Place of the axles of a unit that a law turns among all steered axles, front to rear."""
+        ahead = sum(len(one.steered_axles) for one in self.units[:unit])
+        first = ahead + (self.units[0].n_by_driver if unit == 0 else 0)
+        return slice(first, ahead + len(self.units[unit].steered_axles))
+
+    def led(self) -> Vehicle:
+        """The vehicle, if it tows nothing with the frame of its body at the middle of the foremost steered axle.
+
+        That point leads the body as a hitch leads a trailer: the axles behind it and the follow point have negative x.
+        """
+        if len(self.units) > 1:
+            return self
+        (unit,) = self.units
+        return self.model_copy(update={"units": (unit.shifted(unit.steered_axles[0].x),)})
+
+    def led_unit(self, unit: int) -> Unit:
+        """A unit as its steering law sees it: of a first unit without the axles that the driver turns, led at x = 0."""
+        whole = self.units[unit]
+        if unit > 0:
+            return whole
+        axles = tuple(axle for axle in whole.axles if axle.steered_by_law or not axle.steered)
+        return whole.model_copy(update={"axles": axles, "steering": whole.rear_steering or whole.steering})
+
     def in_wind(self) -> Vehicle:
         """The vehicle with inputs of the wind at each unit.
 
@@ -280,8 +309,13 @@ class Vehicle(Frozen):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"units: two have the name '{name}': each needs its own, which its signals carry")
-        if not tractor.steered_axles:
+        if not tractor.n_by_driver:
             raise ValueError("units.0: the tractor needs a steered axle")
+        by_law = [axle.steered_by_law for axle in tractor.steered_axles]
+        if by_law != sorted(by_law) or any(axle.steered_by_law for axle in tractor.axles if not axle.steered):
+            raise ValueError("units.0: axles with steered_by_law = true are steered ones behind those of the driver")
+        if any(len({tractor.axles[k].steered_by_law for k in one.axles}) > 1 for one in tractor.actuators):
+            raise ValueError("units.0: an actuator turns axles of the driver or axles of a law, not both")
         if not any(axle.driven for axle in tractor.axles):
             raise ValueError("units.0: the tractor needs a driven axle")
         if len(tractor.axles) < 2:
@@ -290,6 +324,8 @@ class Vehicle(Frozen):
             if unit.hitch_x is None:
                 raise ValueError(f"units.{k}: hitch_x [m] is missing, yet another unit follows")
         for k, unit in enumerate(towed, start=1):
+            if unit.rear_steering is not None or any(axle.steered_by_law for axle in unit.axles):
+                raise ValueError(f"units.{k}: laws turn all steered axles of a towed unit: leave out steered_by_law")
             if any(axle.x >= 0.0 for axle in unit.axles):
                 raise ValueError(f"units.{k}: axles of a towed unit lie behind its hitch: x must be below 0 m")
             if any(axle.driven for axle in unit.axles):
@@ -321,9 +357,9 @@ def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
     Raises:
         ValueError: one line naming file, key, value, limit and unit.
     """
-    return checked(
-        Vehicle, with_brakes(_with_tyres(contents, file), list(_axles(contents)), file), file, usual=_VEHICLES.usual
-    )
+    with_tyres = _with_tables(contents, file, "tyres", "tyre", _tyre)
+    complete = _with_tables(with_tyres, file, "axle_brakes", "brake", _axle_brake)
+    return checked(Vehicle, complete, file, usual=_VEHICLES.usual)
 
 
 def vehicle_sources(name_or_path: str) -> dict[str, str]:
@@ -335,33 +371,55 @@ def vehicle_sources(name_or_path: str) -> dict[str, str]:
     return sources(read_toml(_VEHICLES.file(name_or_path)))
 
 
-def _with_tyres(contents: dict[str, Any], file: str) -> dict[str, Any]:
-    """The contents with the data of table ``[tyres.name]`` in place of each axle's ``tyre = "name"``."""
-    tables = contents.get("tyres", {})
-    if not isinstance(tables, dict):
-        raise ValueError(f"{file}: tyres: must be tables [tyres.name]")
-    tyres = {name: _tyre(table, file, f"tyres.{name}", name) for name, table in tables.items()}
+def _with_tables(
+    contents: dict[str, Any],
+    file: str,
+    tables: str,
+    field: str,
+    build: Callable[[dict[str, Any], str, str, str], object],
+) -> dict[str, Any]:
+    """The contents with the data of table ``[tables.name]`` in place of each axle's ``field = "name"``.
+
+    ``build`` makes them of a table, the file, the table's key, and its name.
+
+    Raises:
+        ValueError: one line, if a table is not valid or there is none of a name.
+    """
+
+    def built(table: object, key: str, name: str = "") -> object:
+        if not isinstance(table, dict):
+            raise ValueError(f"{file}: {key}: must be a table")
+        return build(table, file, key, name)
+
+    given = contents.get(tables, {})
+    if not isinstance(given, dict):
+        raise ValueError(f"{file}: {tables}: must be tables [{tables}.name]")
+    known = {name: built(table, f"{tables}.{name}", name) for name, table in given.items()}
     for key, axle in _axles(contents):
-        tyre = axle.get("tyre")
-        if isinstance(tyre, dict):
-            axle["tyre"] = _tyre(tyre, file, f"{key}.tyre")
-        elif isinstance(tyre, str):
-            if tyre not in tyres:
-                raise ValueError(f"{file}: {key}.tyre = '{tyre}': no table [tyres.{tyre}]{nearest(tyre, tyres)}")
-            axle["tyre"] = tyres[tyre]
-    return {key: value for key, value in contents.items() if key != "tyres"}
+        value = axle.get(field)
+        if isinstance(value, dict):
+            axle[field] = built(value, f"{key}.{field}")
+        elif isinstance(value, str):
+            if value not in known:
+                raise ValueError(
+                    f"{file}: {key}.{field} = '{value}': no table [{tables}.{value}]{nearest(value, known)}"
+                )
+            axle[field] = known[value]
+    return {key: value for key, value in contents.items() if key != tables}
 
 
-def _tyre(table: object, file: str, key: str, name: str = "") -> Tyre:
+def _tyre(table: dict[str, Any], file: str, key: str, name: str) -> Tyre:
     """Tyre data from a table, by the law that it names."""
-    if not isinstance(table, dict):
-        raise ValueError(f"{file}: {key}: must be a table")
     if "model" not in table:
         raise ValueError(f"{file}: key '{key}.model' is missing: one of {', '.join(TYRES)}")
     model = table["model"]
     if model not in TYRES:
         raise ValueError(f"{file}: {key}.model = {model!r} is not a tyre law{nearest(str(model), TYRES)}")
     return checked(TYRES[model], {"name": name, **table}, file, key, _VEHICLES.usual)
+
+
+def _axle_brake(table: dict[str, Any], file: str, key: str, _: str) -> AxleBrake:
+    return checked(AxleBrake, table, file, key)
 
 
 def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

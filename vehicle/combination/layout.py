@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 
-from vehicle.combination.description import GRAVITY, Channel, Vehicle, brake_channels, channel_of_wheel
+from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels, channel_of_wheel
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.roll import UnitSprings, springs_of
 from vehicle.combination.unit import Axle, Steering, Unit
@@ -80,7 +80,7 @@ class Output(NamedTuple, Generic[V]):
     lateral_load_transfer: V  # (N,) right less left wheel loads over their sum; +-1: on the wheels of one side only
 
 
-class Wheel(NamedTuple):
+class ChainWheel(NamedTuple):
     """Position of a wheel and its shares of steering, torques and loads."""
 
     unit: int
@@ -101,19 +101,19 @@ class Wheel(NamedTuple):
         return 0.5 * self.side * self.axle.track
 
 
-def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
+def wheels(vehicle: Vehicle) -> tuple[ChainWheel, ...]:
     """All wheels, front to rear, left before right; brakes by static load, drive torque in equal shares."""
     loads = static_axle_loads(vehicle)
     total = sum(sum(unit_loads) for unit_loads in loads)
     driven = 2 * sum(axle.driven for axle in vehicle.units[0].axles)
     actuators, channels = _actuator_numbers(vehicle), channel_of_wheel(vehicle)
-    layout: list[Wheel] = []
+    layout: list[ChainWheel] = []
     twins = 0
     for i, unit in enumerate(vehicle.units):
         for k, axle in enumerate(unit.axles):
             for side in (+1, -1):
                 layout.append(
-                    Wheel(
+                    ChainWheel(
                         unit=i,
                         axle=axle,
                         axle_in_unit=k,
@@ -135,10 +135,10 @@ class Chain(NamedTuple):
     """A vehicle with the lists that its equations look up; they follow from its data and are built once."""
 
     vehicle: Vehicle
-    wheels: tuple[Wheel, ...]  # front to rear, left before right
+    wheels: tuple[ChainWheel, ...]  # front to rear, left before right
     static_loads: list[list[float]]  # of each axle of each unit [N]
     springs: list[UnitSprings] | None  # of each unit in roll; None: gradients and frequencies are given instead
-    channels: tuple[Channel, ...]  # of the brakes
+    channels: tuple[BrakeChannel, ...]  # of the brakes
     actuators: tuple[Steering, ...]  # of the steering, front to rear
 
     @classmethod
@@ -159,14 +159,19 @@ class Chain(NamedTuple):
         return self.vehicle.units
 
     @property
-    def axles(self) -> tuple[Wheel, ...]:
+    def axles(self) -> tuple[ChainWheel, ...]:
         """The left wheel of every axle, front to rear; the right one follows it in ``wheels``."""
         return self.wheels[::2]
 
 
 def steering_actuators(vehicle: Vehicle) -> tuple[Steering, ...]:
     """The data of every steering actuator, front to rear."""
-    return tuple(unit.steering for unit in vehicle.units for _ in unit.actuators if unit.steering is not None)
+    return tuple(
+        steering
+        for unit in vehicle.units
+        for actuator in unit.actuators
+        if (steering := unit.steering_of(unit.axles[actuator.axles[0]])) is not None
+    )
 
 
 def turned_axles(vehicle: Vehicle) -> tuple[tuple[tuple[int, float], ...], ...]:
@@ -263,7 +268,7 @@ class CommandInputs(NamedTuple, Generic[V]):
 
     steer: V  # of the tractor's foremost steered axle; linked axles follow by their ratio [rad]
     acceleration: V  # above 0 drives the way the gear does, below 0 brakes [m/s2]
-    trailer_steer: V  # of every steered trailer axle, front to rear [rad]
+    trailer_steer: V  # of every axle that a law turns, front to rear [rad]
     gear: V  # +1 forward, -1 backward
     drive_torque: V  # (n_axles,) of a further drive on each axle, + forward [N m]; () without ``has_torque_inputs``
     brake_torque: V  # (n_axles,) of a further brake on each axle, not below 0 [N m]; () as above
@@ -282,8 +287,8 @@ class GroundInputs(NamedTuple, Generic[V]):
 
 def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
     """Length of every part of the vector."""
-    n_trailer, of_chain = sum(len(unit.steered_axles) for unit in vehicle.units[1:]), input_sizes(vehicle)
-    return CommandInputs(1, 1, n_trailer, 1, of_chain.drive_torque, of_chain.brake_torque, of_chain.brake_share)
+    of_chain = input_sizes(vehicle)
+    return CommandInputs(1, 1, vehicle.n_by_law, 1, of_chain.drive_torque, of_chain.brake_torque, of_chain.brake_share)
 
 
 def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
@@ -300,16 +305,16 @@ def slices(sizes: Iterable[int]) -> list[slice]:
 def chain_input(vehicle: Vehicle, command: CommandInputs[ca.SX], ground: GroundInputs[ca.SX]) -> Input[ca.SX]:
     """Input of the chain.
 
-    The tractor's actuators turn their first axles by the driver's demand; every trailer actuator takes the mean of the
+    The driver's actuators turn their first axles by the driver's demand; every actuator of a law takes the mean of the
     demands of its axles.
     """
     tractor = vehicle.units[0]
-    trailer_demands = dict(enumerate(ca.vertsplit(command.trailer_steer), start=len(tractor.steered_axles)))
+    trailer_demands = dict(enumerate(ca.vertsplit(command.trailer_steer), start=tractor.n_by_driver))
     actuator_demands = [
-        *(command.steer / actuator.ratios[0] for actuator in tractor.actuators),
+        *(command.steer / actuator.ratios[0] for actuator in tractor.driver_actuators),
         *(
             sum(trailer_demands[axle] / ratio for axle, ratio in turned) / len(turned)
-            for turned in turned_axles(vehicle)[len(tractor.actuators) :]
+            for turned in turned_axles(vehicle)[len(tractor.driver_actuators) :]
         ),
     ]
     gravity_x, gravity_y = gravity_along(ground.slope_x, ground.slope_y)

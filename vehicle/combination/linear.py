@@ -5,8 +5,7 @@ other: lateral motion is linear in the flipped coordinates, and straight running
 
 A name is a kind and a number: of the unit, or of the axle in the whole vehicle, front to rear from 0.
 
-To first order it is independent of longitudinal motion (``vehicle.combination.linear``). Units and trailer
-actuators are numbered front to rear from 0; the input "steer" turns all steered axles of the tractor. The operating
+Trailer actuators are numbered as units are; the input "steer" turns all steered axles of the tractor. The operating
 point is straight running at constant speed on level ground.
 """
 
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vehicle.combination.chain import derivative, output
-from vehicle.combination.description import GRAVITY, Channel, Vehicle, brake_channels
+from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
 from vehicle.foundation.parameter_file import nearest
@@ -102,7 +101,7 @@ def _per_axle(part: str, rows: FloatArray, side: int) -> Iterator[Coordinate]:
         yield Coordinate(f"{part}_{k}", part, left + side * right, 0.5 * (left + side * right))
 
 
-def _per_channel(part: str, rows: FloatArray, channels: Sequence[Channel], side: int) -> Iterator[Coordinate]:
+def _per_channel(part: str, rows: FloatArray, channels: Sequence[BrakeChannel], side: int) -> Iterator[Coordinate]:
     """The same of brake channels with this state; a channel of both sides is its own mirror image."""
     present = [k for k, channel in enumerate(channels) if part == "brake_pressure" or channel.valve is not None]
     row = dict(zip(present, rows, strict=True))
@@ -307,7 +306,7 @@ def _steering_directions(vehicle: Vehicle, *, actuators: bool) -> FloatArray:
     start = sum(sizes[: sizes._fields.index("steer")])
     directions = np.eye(sum(sizes))[:, start : start + sizes.steer]
     tractor = [
-        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].actuators
+        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].driver_actuators
     ]  # their first axles turn by the demand
     return np.column_stack([directions[:, : len(tractor)] @ tractor, directions[:, len(tractor) :]])
 

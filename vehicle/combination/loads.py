@@ -36,7 +36,7 @@ class ChainLoads(NamedTuple):
     hitches: list[Num]  # on the unit ahead, of each towed unit
 
 
-class AxleGroup(NamedTuple):
+class LoadGroup(NamedTuple):
     """Axles that share one load."""
 
     axles: list[int]
@@ -124,7 +124,7 @@ def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
     return [by_axle[axle] for axle in range(len(unit.axles))]
 
 
-def axle_groups(unit: Unit, *, towed: bool) -> list[AxleGroup]:
+def axle_groups(unit: Unit, *, towed: bool) -> list[LoadGroup]:
     """Axles grouped by bogie; those of a towed unit without any bogie are one group."""
     whole = towed and all(axle.bogie is None for axle in unit.axles)
     members: dict[str | int, list[int]] = {}
@@ -136,7 +136,7 @@ def axle_groups(unit: Unit, *, towed: bool) -> list[AxleGroup]:
         total = sum(unit.axles[k].load_share for k in axles)
         shares: list[Num] = [unit.axles[k].load_share / total for k in axles]
         x = sum(share * unit.axles[k].x for share, k in zip(shares, axles, strict=True))
-        groups.append(AxleGroup(axles, shares, x, total))
+        groups.append(LoadGroup(axles, shares, x, total))
     return groups
 
 

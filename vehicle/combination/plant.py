@@ -122,7 +122,7 @@ class VehicleCommand(NamedTuple):
 
     steer: float  # of the tractor's foremost steered axle [rad]
     acceleration: float  # above 0 drives the way the gear does, below 0 brakes [m/s2]
-    trailer_steer: tuple[float, ...]  # of every steered trailer axle, front to rear [rad]
+    trailer_steer: tuple[float, ...]  # of every axle that a law turns, front to rear [rad]
     gear: float = 1.0  # +1 forward, -1 backward; takes effect at once, so change it at a standstill
     brake_share: tuple[float, ...] = ()  # of each wheel's brake torque that acts, of a vehicle ``with_failing_brakes``
 

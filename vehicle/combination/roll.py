@@ -271,7 +271,7 @@ class Rollover(NamedTuple):
     lifted: tuple[tuple[bool, ...], ...]  # axles of every unit of which a side has lifted there
 
 
-class _Stand:
+class _RollBalance:
     """Moments on the bodies of a vehicle in a steady turn."""
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -336,7 +336,7 @@ def static_rollover(vehicle: Vehicle) -> Rollover:
     Raises:
         ValueError: if it does not stand, or tips at no acceleration of a road vehicle.
     """
-    stand = _Stand(vehicle)
+    stand = _RollBalance(vehicle)
     roll: FloatArray | None = stand.equilibrium(np.zeros(len(vehicle.units)), 0.0)
     if roll is None:
         raise ValueError(f"{vehicle.name} falls over where it stands: its roll stiffness does not carry its bodies")

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import (
     Breadth,
     Fraction,
@@ -25,7 +24,6 @@ from vehicle.foundation.quantity import (
     Length,
     Mass,
     Position,
-    checked,
     quantity,
 )
 from vehicle.foundation.user_file import shown
@@ -72,36 +70,6 @@ class Brakes(Frozen):
     abs_valve_lag: float = quantity(
         ..., "s", 0.002, 0.1, why="solenoid valves take some ms"
     )  # of the modulator's valves
-
-
-def with_brakes(contents: dict[str, Any], axles: list[tuple[str, dict[str, Any]]], file: str) -> dict[str, Any]:
-    """The contents with the data of table ``[axle_brakes.name]`` in place of each axle's ``brake = "name"``.
-
-    ``axles`` are the dotted key and the table of every axle in the contents.
-
-    Raises:
-        ValueError: one line, if a table is not valid or there is none of a name.
-    """
-    tables = contents.get("axle_brakes", {})
-    if not isinstance(tables, dict):
-        raise ValueError(f"{file}: axle_brakes: must be tables [axle_brakes.name]")
-    known = {name: _axle_brake(table, file, f"axle_brakes.{name}") for name, table in tables.items()}
-    for key, axle in axles:
-        brake = axle.get("brake")
-        if isinstance(brake, dict):
-            axle["brake"] = _axle_brake(brake, file, f"{key}.brake")
-        elif isinstance(brake, str):
-            if brake not in known:
-                hint = nearest(brake, known)
-                raise ValueError(f"{file}: {key}.brake = '{brake}': no table [axle_brakes.{brake}]{hint}")
-            axle["brake"] = known[brake]
-    return {key: value for key, value in contents.items() if key != "axle_brakes"}
-
-
-def _axle_brake(table: object, file: str, key: str) -> AxleBrake:
-    if not isinstance(table, dict):
-        raise ValueError(f"{file}: {key}: must be a table")
-    return checked(AxleBrake, table, file, key)
 
 
 _DEG: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
@@ -187,7 +155,7 @@ class Payload(Frozen):
         return self.mass * (self.width**2 + self.height**2) / 12.0
 
 
-class Body(NamedTuple):
+class MassProperties(NamedTuple):
     """Mass properties of a unit."""
 
     mass: float  # [kg]
@@ -197,7 +165,7 @@ class Body(NamedTuple):
     roll_inertia: float | None = None  # the same; None: not known
 
 
-def without(laden: Body, payload: Payload, removed: float) -> Body:
+def without(laden: MassProperties, payload: Payload, removed: float) -> MassProperties:
     """Mass properties without the share ``removed`` of the payload, by the parallel-axis theorem; not checked."""
     gone = removed * payload.mass
     mass = laden.mass - gone
@@ -206,7 +174,7 @@ def without(laden: Body, payload: Payload, removed: float) -> Body:
     along = gone * (payload.cg_x - laden.cg_x) ** 2 + mass * (cg_x - laden.cg_x) ** 2
     up = gone * (payload.cg_height - laden.cg_height) ** 2 + mass * (cg_height - laden.cg_height) ** 2
     roll = laden.roll_inertia
-    return Body(
+    return MassProperties(
         mass,
         cg_x,
         cg_height,
@@ -232,6 +200,7 @@ class Axle(Frozen):
     x: Position
     track: Breadth
     steered: bool
+    steered_by_law: bool = False  # of the first unit: a steering law turns it, not the driver
     driven: bool = False
     wheel_radius: float = quantity(
         ..., "m", 0.1, 2.1, why="the smallest trailer tyre has 0.1 m, the largest of dumpers 2.0 m"
@@ -322,7 +291,7 @@ class Unit(Frozen):
     hitch_x: Position | None = None  # hitch for the next unit
     hitch_height: float | None = quantity(None, "m", 0.1, 3.0, why="couplings are 0.3 m to 1.5 m above the ground")
     hitch_roll_share: Fraction = 0.0  # share of the roll moment that the unit in front takes through the hitch
-    follow_x: Position | None = None  # point of a towed unit that should retrace the hitch's path
+    follow_x: Position | None = None  # point that should retrace the path of the hitch, or of a first unit's front axle
     roll_gradient: Gradient | None = None  # body roll per lateral acceleration; None: follows from the suspensions
     pitch_gradient: Gradient  # body pitch per braking
     roll_axis_height: float = quantity(
@@ -335,6 +304,7 @@ class Unit(Frozen):
         ..., "-", 0.0, 2.0, above=True, why="0.1 to 0.5 on the road; above 1 a body no longer oscillates"
     )  # damping ratio of heave, pitch and roll
     steering: Steering | None = None
+    rear_steering: Steering | None = None  # of the axles ``steered_by_law``; None: as ``steering``
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
     load_sharing: LoadSharing | None = None  # None: the axles of a group share its load at once
@@ -342,6 +312,14 @@ class Unit(Frozen):
     coupling: Coupling | None = None  # of the front hitch, given with ``roll``; None: it transmits no roll moment
     side_wind: SideWind | None = None  # None: the wind does not act on the unit
     payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
+    origin_x: float = 0.0  # of the frame, ahead of that of the file, see ``Vehicle.led`` [m]
+
+    @field_validator("origin_x")
+    @classmethod
+    def _is_no_data(cls, given: float) -> float:
+        if given:
+            raise ValueError("is no data of a unit: leave it out")
+        return given
 
     @field_validator("name")
     @classmethod
@@ -376,6 +354,43 @@ class Unit(Frozen):
     def steered_axles(self) -> tuple[Axle, ...]:
         """The steered axles, front to rear."""
         return tuple(axle for axle in self.axles if axle.steered)
+
+    @property
+    def n_by_driver(self) -> int:
+        """Number of the steered axles of a first unit that its driver turns; they are the foremost ones."""
+        return sum(not axle.steered_by_law for axle in self.steered_axles)
+
+    @property
+    def driver_actuators(self) -> tuple[Actuator, ...]:
+        """The steering actuators of a first unit that follow its driver; the others follow a law."""
+        return tuple(one for one in self.actuators if not self.axles[one.axles[0]].steered_by_law)
+
+    @property
+    def wheelbase(self) -> float:
+        """Foremost steered axle of a first unit to the origin of its file, the centre of its rear axles [m]."""
+        return self.steered_axles[0].x + self.origin_x
+
+    def steering_of(self, axle: Axle) -> Steering | None:
+        """Data of the actuator that turns an axle."""
+        return self.rear_steering or self.steering if axle.steered_by_law else self.steering
+
+    def shifted(self, x: float) -> Unit:
+        """The unit with the origin of its frame moved forward by ``x`` [m]."""
+
+        def back(value: float | None) -> float | None:
+            return None if value is None else value - x
+
+        def axle(one: Axle) -> Axle:
+            return one.model_copy(update={"x": one.x - x, "ackermann_x": back(one.ackermann_x)})
+
+        positions = ("cg_x", "front_x", "rear_x", "hitch_x", "follow_x")
+        changes: dict[str, Any] = {name: back(getattr(self, name)) for name in positions}
+        changes |= {"axles": tuple(map(axle, self.axles)), "lifted_axles": tuple(map(axle, self.lifted_axles))}
+        if self.side_wind:
+            changes["side_wind"] = self.side_wind.model_copy(update={"x": self.side_wind.x - x})
+        if self.payload:
+            changes["payload"] = self.payload.model_copy(update={"cg_x": self.payload.cg_x - x})
+        return self.model_copy(update={**changes, "origin_x": self.origin_x + x})
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:

@@ -23,7 +23,7 @@ from copy import deepcopy
 from typing import Any, Final, TypeAlias
 
 from vehicle.combination.description import Vehicle, vehicle_from
-from vehicle.combination.unit import Body, Unit, without
+from vehicle.combination.unit import MassProperties, Unit, without
 from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import Frozen, checked, quantity
 
@@ -74,7 +74,7 @@ def _lightened(unit: Unit, removed: float, key: str) -> Unit:
             f"{key}.payload.mass = {unit.payload.mass:g} kg must be less than {key}.mass = {unit.mass:g} kg"
         )
     inertia = None if unit.roll is None else unit.roll.inertia
-    laden = Body(unit.mass, unit.cg_x, unit.cg_height, unit.yaw_inertia, inertia)
+    laden = MassProperties(unit.mass, unit.cg_x, unit.cg_height, unit.yaw_inertia, inertia)
     body = without(laden, unit.payload, removed)
     for name, value, measure, change in (
         ("cg_height", body.cg_height, "m", "lower the payload"),

@@ -4,8 +4,8 @@
 
 The cache is ``$OFFTRACK_CACHE``, else ``offtrack`` in the user's cache directory. The folder and its files must belong
 to this user and be writable by nobody else, and nobody else may be able to rename a folder above it. A file holds its
-content and a code of authentication: a hash of key and content with a secret, which lies in the folder and only its
-owner can read. A file is opened once, and the bytes that are checked are the bytes that are returned.
+content and a hash of key and content, which tells damage. A file is opened once, and the bytes that are checked are the
+bytes that are returned.
 
 A folder or file that is not trusted is named in one warning, and its content is made again. A folder that is full or
 read-only has the same effect without a warning. What remains: root, and programs of this same user, are trusted.
@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import hmac
-import itertools
 import logging
 import os
 import re
@@ -34,9 +32,8 @@ from typing import Final, NamedTuple, TypeVar
 
 _LOG = logging.getLogger(__name__)
 
-_SECRET: Final = "secret"
-_N_SECRET: Final = 32  # [bytes]
-_N_CODE: Final = hashlib.sha256().digest_size  # [bytes], at the end of every file
+_FORMAT: Final = "sha256 at the end"  # of the cache's files
+_N_HASH: Final = hashlib.sha256().digest_size  # [bytes], at the end of every file
 _BUILD: Final = "build-"  # begins the names of files that are being written
 _ABANDONED: Final = 3600.0  # age at which the writer of such a file is gone; writing takes a moment [s]
 _ADVICE: Final = "Set OFFTRACK_CACHE to a folder that only you can write"
@@ -99,8 +96,8 @@ def _opened(path: Path) -> int:
     return descriptor
 
 
-def _check(path: Path, status: os.stat_result, *, above: bool = False, others: int = 0o022) -> None:
-    """Refuse what belongs to another user or has permissions for ``others``.
+def _check(path: Path, status: os.stat_result, *, above: bool = False) -> None:
+    """Refuse what belongs to another user or what others can write to.
 
     A folder ``above`` the cache may belong to root, and others may write to it if its sticky bit keeps them from
     renaming what is not theirs.
@@ -108,10 +105,9 @@ def _check(path: Path, status: os.stat_result, *, above: bool = False, others: i
     me = os.geteuid()
     if status.st_uid != me and not (above and status.st_uid == 0):
         raise _RefusedError(f"{path} belongs to user {status.st_uid}, not to you (user {me}). {_ADVICE}")
-    if status.st_mode & others and not (above and status.st_mode & stat.S_ISVTX):
+    if status.st_mode & 0o022 and not (above and status.st_mode & stat.S_ISVTX):
         mode = f"{stat.S_IMODE(status.st_mode):o}"
-        change = "go-w" if others == 0o022 else "go="
-        raise _RefusedError(f"{path} is open to other users (mode {mode}). {_ADVICE}, or run: chmod {change} '{path}'")
+        raise _RefusedError(f"{path} is open to other users (mode {mode}). {_ADVICE}, or run: chmod go-w '{path}'")
 
 
 def _found(folder: int, name: str) -> bytes | None:
@@ -119,34 +115,37 @@ def _found(folder: int, name: str) -> bytes | None:
         whole = _read(folder, name)
     except FileNotFoundError:
         return None
-    content, code = whole[:-_N_CODE], whole[-_N_CODE:]
-    if not hmac.compare_digest(code, _code(folder, name, content)):
-        raise _RefusedError(f"{_path() / name} is damaged, or was not written by offtrack")
+    content, stored = whole[:-_N_HASH], whole[-_N_HASH:]
+    if stored != _hash(name, content):
+        raise _RefusedError(f"{_path() / name} is damaged")
     return content
 
 
 def _stored(folder: int, name: str, content: bytes) -> None:
+    """Write a file under a temporary name, which then becomes its name."""
     _clear(folder)
-    _write(folder, name, content + _code(folder, name, content), os.replace)
+    temporary = f"{_BUILD}{secrets.token_hex(8)}"
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600, dir_fd=folder)
+    try:
+        with open(descriptor, "wb") as file:
+            file.write(content + _hash(name, content))
+        os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
+    finally:
+        with suppress(FileNotFoundError):  # it was renamed
+            os.unlink(temporary, dir_fd=folder)
 
 
-def _code(folder: int, name: str, content: bytes) -> bytes:
-    """Code of authentication of content under the key in its name; the first call makes the secret."""
-    with suppress(FileExistsError):  # linked, not renamed: of two processes at once the first one wins
-        if _SECRET not in os.listdir(folder):
-            _write(folder, _SECRET, secrets.token_bytes(_N_SECRET), os.link)
-    secret = _read(folder, _SECRET, others=0o077)
-    if len(secret) != _N_SECRET:
-        raise _RefusedError(f"{_path() / _SECRET} is damaged. Remove it")
-    return hmac.digest(secret, name.partition(".")[0].encode() + content, "sha256")
+def _hash(name: str, content: bytes) -> bytes:
+    """Hash of content under the key in its name."""
+    return hashlib.sha256(name.partition(".")[0].encode() + content).digest()
 
 
-def _read(folder: int, name: str, *, others: int = 0o022) -> bytes:
+def _read(folder: int, name: str) -> bytes:
     """Content of a file.
 
     Raises:
         FileNotFoundError: if there is none.
-        _RefusedError: if it can not be read, is no regular file, belongs to another user, or is open to ``others``.
+        _RefusedError: if it can not be read, is no regular file, belongs to another user, or others can write to it.
     """
     path = _path() / name
     try:
@@ -159,21 +158,8 @@ def _read(folder: int, name: str, *, others: int = 0o022) -> bytes:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise _RefusedError(f"{path} is no regular file. Remove it")
-        _check(path, status, others=others)
+        _check(path, status)
         return file.read()
-
-
-def _write(folder: int, name: str, content: bytes, publish: Callable[..., None]) -> None:
-    """Write a file under a temporary name; ``publish``, ``os.replace`` or ``os.link``, gives it its name."""
-    temporary = f"{_BUILD}{secrets.token_hex(8)}"
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600, dir_fd=folder)
-    try:
-        with open(descriptor, "wb") as file:
-            file.write(content)
-        publish(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
-    finally:
-        with suppress(FileNotFoundError):  # it was renamed
-            os.unlink(temporary, dir_fd=folder)
 
 
 def _clear(folder: int) -> None:
@@ -212,7 +198,6 @@ _VERSIONS: Final = {  # macros of the version; clang has those of an old gcc as 
     "clang": ("clang_major", "clang_minor", "clang_patchlevel"),
     "gcc": ("GNUC", "GNUC_MINOR", "GNUC_PATCHLEVEL"),
 }
-_COUNT: Final = itertools.count(1)  # of loaded libraries
 
 
 class Compiler(NamedTuple):
@@ -297,7 +282,7 @@ def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.
         CompilerError: one line, if the compiler fails, or the library cannot be loaded.
     """
     flags = (*using.flags, *(f"-D{definition}" for definition in definitions))
-    identity = "\0".join([using.path, using.identity, *flags, source])
+    identity = "\0".join([_FORMAT, using.path, using.identity, *flags, source])
     key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     try:
         content = cached(f"{key}.so")
@@ -331,13 +316,12 @@ def _loaded(content: bytes) -> ctypes.CDLL:
 
 
 def _loaded_from_memory(content: bytes) -> ctypes.CDLL:
-    with open(os.memfd_create("offtrack"), "wb") as file:
+    # The loader takes a name that it knows for the library that it knows. So the descriptor in the name stays open: a
+    # process loads some ten libraries.
+    descriptor = os.memfd_create("offtrack")
+    with open(descriptor, "wb", closefd=False) as file:
         file.write(content)
-        file.flush()
-        # The loader takes a name that it knows for the library that it knows, but descriptors are used again. The count
-        # in binary, written as "./" and ".//", makes each name new and leads to the same file.
-        new = f"{next(_COUNT):b}".replace("1", ".//").replace("0", "./")
-        return ctypes.CDLL(f"/proc/self/fd/{new}{file.fileno()}")
+    return ctypes.CDLL(f"/proc/self/fd/{descriptor}")
 
 
 def _run(command: list[str], source: str = "") -> subprocess.CompletedProcess[str]:

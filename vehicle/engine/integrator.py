@@ -21,18 +21,17 @@ _GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable if the Jacobian is that d
 def semi_implicit_step(
     rate: Callable[[ca.SX], ca.SX],
     x: ca.SX,
-    h: float,
-    stiff: ca.SX | Iterable[tuple[int, int]],
+    h: float | ca.SX,
+    relaxation: ca.SX,
     sampled: Collection[int] = (),
 ) -> ca.SX:
     """State after one step of h [s] from x.
 
-    ``stiff`` is the relaxation rate of every state with the others held [1/s], which is minus the diagonal A and not
-    negative; or ranges (start, stop) of states that do not act on each other's rates, for which A is exact. The states
-    ``sampled``, by number, are held over the step and then change at the rate at its start (Euler's rule).
+    ``relaxation`` is the rate of every state with the others held [1/s], which is minus the diagonal A and not
+    negative. The states ``sampled``, by number, are held over the step and then change at the rate at its start
+    (Euler's rule).
     """
     f_1 = rate(x)
-    relaxation = stiff if isinstance(stiff, ca.SX) else -exact_diagonal(f_1, x, stiff)
     half, damped = half_weight(relaxation, h), damped_rate(relaxation)
     f_2 = rate(ca.vertcat(*(x[k] if k in sampled else halfway(x[k], f_1[k], half[k]) for k in range(x.numel()))))
     return ca.vertcat(
@@ -51,7 +50,7 @@ def damped_rate(relaxation: Any) -> Any:
     return (2.0 * _GAMMA) * relaxation
 
 
-def half_weight(relaxation: Any, h: float) -> Any:
+def half_weight(relaxation: Any, h: float | ca.SX) -> Any:
     """Weight of half a step h [s]: h S / 2 [s]."""
     return 1.0 / (2.0 / h + damped_rate(relaxation))
 
@@ -67,7 +66,10 @@ def after(x: Any, f_1: Any, f_2: Any, damped: Any, half: Any) -> Any:
 
 
 def exact_diagonal(f: ca.SX, x: ca.SX, blocks: Iterable[tuple[int, int]]) -> ca.SX:
-    """Diagonal of df/dx inside the blocks, 0 elsewhere; one forward sweep per block."""
+    """Diagonal of df/dx inside the blocks (start, stop), 0 elsewhere; one forward sweep per block.
+
+    States of a block must not act on each other's rates.
+    """
     diagonal = ca.SX.zeros(x.numel())
     for start, stop in blocks:
         seed = np.zeros(x.numel())

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from vehicle.engine.program import Constant, Entry, Operation, Program, Tape
+from vehicle.engine.program import Constant, Entry, Operation, Tape, TapeProgram
 from vehicle.frames import FloatArray
 
 
@@ -114,14 +114,14 @@ def rows(tape: Tape) -> Rows:
 _BLOCK: Final = 1024  # vehicles: a numpy call costs as much as the arithmetic of some 500 numbers
 
 
-class Blocks:
+class NumpyMany:
     """Program for n vehicles with these numbers: (n_numbers,) for all, or (n, n_numbers) with a row for each."""
 
-    def __init__(self, program: Program, numbers: FloatArray, n: int) -> None:
+    def __init__(self, program: TapeProgram, numbers: FloatArray, n: int) -> None:
         edges = np.linspace(0, n, -(-n // _BLOCK) + 1).astype(int)
         self._spans = [slice(start, stop) for start, stop in pairwise(edges)]
         self._blocks = [
-            _Block(program, numbers if numbers.ndim == 1 else numbers[span], span.stop - span.start)
+            _NumpyBlock(program, numbers if numbers.ndim == 1 else numbers[span], span.stop - span.start)
             for span in self._spans
         ]
         self._n_result = program.n_result
@@ -135,10 +135,10 @@ class Blocks:
         return result
 
 
-class _Block:
+class _NumpyBlock:
     """The memory of a block of vehicles, one to a column, and the calls that work on it."""
 
-    def __init__(self, program: Program, numbers: FloatArray, n: int) -> None:
+    def __init__(self, program: TapeProgram, numbers: FloatArray, n: int) -> None:
         self._x = np.empty((program.n_state, n))
         self._u = np.empty((program.n_input, n))
         self._hold: list[Callable[[], Any]] = []
@@ -188,7 +188,7 @@ def _calls(tape: Tape, arguments: list[FloatArray], result: FloatArray) -> list[
     return [*calls, *(partial(np.copyto, result[i], values[k]) for i, k in elsewhere)]
 
 
-class Virtual:
+class CasadiOne:
     """A ``casadi.Function`` (state, input) -> result for one vehicle; one per thread, as it owns its memory."""
 
     def __init__(self, function: Any) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 
 from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted, warn_once
 from vehicle.engine.function_cache import AnyFunction, Composite, written_out
-from vehicle.engine.interpreter import Blocks, Virtual, evaluated
+from vehicle.engine.interpreter import CasadiOne, NumpyMany, evaluated
 from vehicle.engine.native import NativeMany, NativeOne
-from vehicle.engine.program import Program, program_of
+from vehicle.engine.program import TapeProgram, program_of
 from vehicle.frames import FloatArray
 
 Engine: TypeAlias = Literal["auto", "compiled", "interpreted"]
@@ -44,7 +44,7 @@ def kernel_for_one(
     native = _native(NativeOne, function, numbers, engine)
     if native is not None:
         return native
-    return Virtual(_with_numbers(function, tuple(numbers.tolist()), tuple(always.tolist())))
+    return CasadiOne(_with_numbers(function, tuple(numbers.tolist()), tuple(always.tolist())))
 
 
 def kernel_for_many(function: AnyFunction, numbers: FloatArray, n: int, engine: Engine) -> Kernel:
@@ -55,7 +55,7 @@ def kernel_for_many(function: AnyFunction, numbers: FloatArray, n: int, engine: 
     """
     whole = _written_out(function)  # vectors of vehicles cost more to hand over than their operations to repeat
     native = _native(NativeMany, whole, numbers, engine)
-    return native if native is not None else Blocks(_program(whole), _own_numbers(whole, numbers), n)
+    return native if native is not None else NumpyMany(_program(whole), _own_numbers(whole, numbers), n)
 
 
 def kernel_for_rows(function: AnyFunction, n: int, engine: Engine) -> Kernel:
@@ -103,7 +103,7 @@ def _fall_back(engine: Engine, error: CompilerError) -> None:
 
 
 @lru_cache(maxsize=32)
-def _program(function: AnyFunction) -> Program:
+def _program(function: AnyFunction) -> TapeProgram:
     return program_of(function)
 
 

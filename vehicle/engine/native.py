@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from vehicle.engine.compiler import Compiler, library
-from vehicle.engine.program import Constant, Entry, Node, Part, Program, Tape, with_common_reciprocals
+from vehicle.engine.program import Constant, Entry, Node, ProgramPart, Tape, TapeProgram, with_common_reciprocals
 from vehicle.frames import FloatArray
 
 _INFIX: Final = {
@@ -103,7 +103,7 @@ $derived
 """)
 
 
-def numbers_source(program: Program) -> str:
+def numbers_source(program: TapeProgram) -> str:
     """C source of ``derive``: the numbers c of ``run`` from a vehicle's numbers p, for one vehicle.
 
     It stands behind ``c_source`` in one file, compiled with LANES 1.
@@ -116,7 +116,7 @@ def numbers_source(program: Program) -> str:
     return f"{functions}\nvoid derive(const double *p, double *c) {{\n{_indented(2, calls)}\n}}\n"
 
 
-def c_source(program: Program) -> str:
+def c_source(program: TapeProgram) -> str:
     """C source of the function ``run`` of a program; the macros LANES and OWN_NUMBERS choose its variants."""
     first = [of_part.start for of_part in program.numbers_of]
     last = len(program.calls)
@@ -145,7 +145,7 @@ def c_source(program: Program) -> str:
     return (resources.files("vehicle.engine") / "lanes.h").read_text(encoding="utf-8") + kernel
 
 
-def _functions(number: int, part: Part) -> str:
+def _functions(number: int, part: ProgramPart) -> str:
     """The functions of a part."""
     results = [f"a{k}" for k in range(len(part.numbers.sizes) - 3)]
     names = ["x", "u", "", *results, "c", "h"]
@@ -157,7 +157,7 @@ def _functions(number: int, part: Part) -> str:
     )
 
 
-def _length(program: Program, call: int) -> int:
+def _length(program: TapeProgram, call: int) -> int:
     """Length of the result of a call, counted from 1."""
     return len(program.parts[program.calls[call - 1].part].body.result)
 
@@ -202,7 +202,7 @@ _ARGUMENTS: Final[list[Any]] = [ctypes.c_long, ctypes.c_long, *[ctypes.c_void_p]
 class NativeOne:
     """Program for one vehicle with these numbers; one per thread, as it owns its memory."""
 
-    def __init__(self, program: Program, numbers: FloatArray, using: Compiler) -> None:
+    def __init__(self, program: TapeProgram, numbers: FloatArray, using: Compiler) -> None:
         self._library = _loaded(program, using, "LANES=1")
         self._run = self._library.run
         self._x, self._u = np.empty(program.n_state), np.empty(program.n_input)
@@ -225,7 +225,7 @@ class NativeOne:
 class NativeMany:
     """Program for many vehicles with these numbers: (n_numbers,) for all, or (n, n_numbers) with a row for each."""
 
-    def __init__(self, program: Program, numbers: FloatArray, using: Compiler) -> None:
+    def __init__(self, program: TapeProgram, numbers: FloatArray, using: Compiler) -> None:
         self._library = _loaded(program, using, *(["OWN_NUMBERS"] if numbers.ndim == 2 else []))
         self._run = self._library.run
         self._run.argtypes = _ARGUMENTS
@@ -241,5 +241,5 @@ class NativeMany:
 
 
 @lru_cache(maxsize=64)
-def _loaded(program: Program, using: Compiler, *definitions: str) -> ctypes.CDLL:
+def _loaded(program: TapeProgram, using: Compiler, *definitions: str) -> ctypes.CDLL:
     return library(c_source(program), definitions, using)

@@ -91,7 +91,7 @@ class Tape(NamedTuple):
     result: tuple[int, ...]  # node of every entry of the result
 
 
-class Writer:
+class TapeWriter:
     """Builder of a tape that writes equal nodes once."""
 
     def __init__(self) -> None:
@@ -120,7 +120,7 @@ def tape_of(function: Any) -> Tape:
     """
     if function.n_out() != 1 or not function.sparsity_out(0).is_dense():
         raise ValueError(f"{function.name()} must have one result without structural zeros")
-    writer = Writer()
+    writer = TapeWriter()
     held: dict[int, int] = {}  # work space of CasADi's virtual machine -> node
     result = [0] * function.numel_out(0)
     for k in range(function.n_instructions()):
@@ -203,7 +203,7 @@ def _divides(node: Node) -> bool:
 
 def _multiplied(tape: Tape, divisions: Collection[int]) -> Tape:
     """The tape with these divisions as products with a reciprocal."""
-    writer, number = Writer(), list[int]()
+    writer, number = TapeWriter(), list[int]()
     one = Constant(1.0)
     for k, node in enumerate(tape.nodes):
         if isinstance(node, Operation):
@@ -239,7 +239,7 @@ def _only_needed(sizes: tuple[int, ...], nodes: dict[int, Node], result: Collect
     for k in sorted(nodes, reverse=True):
         if k in needed:
             needed.update(_operands(nodes[k]))
-    writer = Writer()
+    writer = TapeWriter()
     number: dict[int, int] = {}
     for k in sorted(needed):
         node = nodes[k]
@@ -252,7 +252,7 @@ def _only_needed(sizes: tuple[int, ...], nodes: dict[int, Node], result: Collect
 _STATE, _INPUT, _PARAMETERS = range(3)
 
 
-class Part(NamedTuple):
+class ProgramPart(NamedTuple):
     """Three tapes of one function; each takes its arguments and then the results of the tapes before it."""
 
     numbers: Tape  # evaluated once per vehicle
@@ -268,10 +268,10 @@ class PartCall(NamedTuple):
     results: tuple[int, ...]
 
 
-class Program(NamedTuple):
+class TapeProgram(NamedTuple):
     """Functions, and the calls of them that make up one tick."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[ProgramPart, ...]
     calls: tuple[PartCall, ...]
 
     @property
@@ -301,20 +301,20 @@ class Program(NamedTuple):
         return sum(len(part.numbers.result) for part in self.parts)
 
 
-def program_of(function: AnyFunction) -> Program:
+def program_of(function: AnyFunction) -> TapeProgram:
     """Program of a function (state, input, parameters) -> result, or of a composite of several."""
     calls = composite(function).calls
     functions = list(dict.fromkeys(call.function for call in calls))
     numbered = {of: k for k, of in enumerate(functions)}
-    return Program(
+    return TapeProgram(
         tuple(_part(of) for of in functions),
         tuple(PartCall(numbered[call.function], call.state, call.results) for call in calls),
     )
 
 
-def _part(function: Any) -> Part:
+def _part(function: Any) -> ProgramPart:
     of_scalars = function.expand() if function.is_a("MXFunction") else function
     tape = with_reciprocals(tape_of(of_scalars), {_INPUT, _PARAMETERS})
     numbers, later = stages(tape, {_PARAMETERS}, forget=True)
     held, body = stages(later, {_INPUT, len(tape.sizes)}, forget=False)
-    return Part(numbers, held, body)
+    return ProgramPart(numbers, held, body)

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover, Soil
-from vehicle.rover.terramechanics import GRAVITY, Rolling, soil_force
+from vehicle.rover.terramechanics import GRAVITY, RimMotion, soil_force
 
 Direction = Literal["uphill", "downhill", "sideways"]
 
@@ -31,7 +31,7 @@ _SMALLEST_SPREAD: Final = 1e-12  # of supports side by side [m2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tipping:
+class TippingSlope:
     """Slope on which a rover is about to tip, heading uphill, downhill or along the contour with its left side up."""
 
     direction: Direction
@@ -62,7 +62,7 @@ class RoverSheet:
     length: float  # over the wheels [m]
     width: float  # over the wheels [m]
     loads: tuple[float, ...]  # of the wheels on level ground [N]
-    tipping: tuple[Tipping, ...]
+    tipping: tuple[TippingSlope, ...]
     top_speed: float  # of a rover whose wheels turn at their no-load speed and do not slip [m/s]
     stall_thrust: float  # of all driven wheels at the motors' stall torque [N]
     turning_radius: float | None  # smallest, of the body centre [m]; 0: turns on the spot; None: no wheel steers
@@ -110,7 +110,7 @@ def _shares(stations: FloatArray, centre: float) -> FloatArray:
     return np.asarray(1.0 / len(stations) + (centre - np.mean(stations)) * offsets / spread)
 
 
-def _tipping(rover: Rover, direction: Direction) -> Tipping:
+def _tipping(rover: Rover, direction: Direction) -> TippingSlope:
     """The rover tips when its weight acts through the line of its lowest wheels, which then carry all of it."""
     x, y = rover.wheel_places.T
     downhill = {"uphill": -(x - rover.cg_x), "downhill": x - rover.cg_x, "sideways": -y}[direction]
@@ -118,7 +118,7 @@ def _tipping(rover: Rover, direction: Direction) -> Tipping:
     lowest = np.isclose(downhill, np.max(downhill))
     loads = np.zeros(len(x))
     loads[lowest] = rover.mass * GRAVITY * math.cos(angle) * _shares(x[lowest], rover.cg_x)
-    return Tipping(direction=direction, angle=angle, loads=_plain(loads))
+    return TippingSlope(direction=direction, angle=angle, loads=_plain(loads))
 
 
 @lru_cache(maxsize=32)
@@ -180,7 +180,7 @@ def _pull(rover: Rover, soil: Soil, loads: FloatArray, slip: float) -> float | N
     return total
 
 
-class _Rolling(NamedTuple):
+class _SteadyWheel(NamedTuple):
     """A wheel in soil that carries its load."""
 
     sinkage: float  # [m]
@@ -188,7 +188,7 @@ class _Rolling(NamedTuple):
     torque: float  # on the axle, against the rotation [N m]
 
 
-def _rolling(rover: Rover, soil: Soil, load: float, slip: float) -> _Rolling | None:
+def _rolling(rover: Rover, soil: Soil, load: float, slip: float) -> _SteadyWheel | None:
     """A wheel under a load [N] that rolls with a slip ratio; None if it sinks in up to its axle."""
     force = _wheel_force(rover, soil)
     along = 1.0 - slip if slip >= 0.0 else 1.0 / (1.0 + slip)
@@ -200,10 +200,10 @@ def _rolling(rover: Rover, soil: Soil, load: float, slip: float) -> _Rolling | N
         return None
     sinkage = 0.0 if spare(0.0) >= 0.0 else float(brentq(spare, 0.0, rover.radius, xtol=1e-9))
     pull, _, torque = force(sinkage, along)
-    return _Rolling(sinkage, float(pull), float(torque))
+    return _SteadyWheel(sinkage, float(pull), float(torque))
 
 
-def _rolling_freely(rover: Rover, soil: Soil, load: float) -> _Rolling | None:
+def _rolling_freely(rover: Rover, soil: Soil, load: float) -> _SteadyWheel | None:
     """A wheel without a drive under a load [N]: it skids until the torque on its axle vanishes."""
 
     def torque(slip: float) -> float:
@@ -221,7 +221,7 @@ def _rolling_freely(rover: Rover, soil: Soil, load: float) -> _Rolling | None:
 def _wheel_force(rover: Rover, soil: Soil) -> Any:
     """CasADi function: sinkage [m] and speed over rim speed [-] to pull, lift [N] and torque [N m]."""
     sinkage, along = ca.SX.sym("sinkage"), ca.SX.sym("along")
-    force = soil_force(rover, soil, sinkage, Rolling(along, 0.0))
+    force = soil_force(rover, soil, sinkage, RimMotion(along, 0.0))
     return ca.Function("wheel_force", [sinkage, along], [force.F_x, force.F_z, force.torque])
 
 

@@ -69,7 +69,7 @@ class RoverWheel(Frozen):
     steered: bool
 
 
-class _Body(Frozen):
+class _RoverBase(Frozen):
     """Everything about a rover but the places of its wheels, which are alike."""
 
     name: str
@@ -95,7 +95,7 @@ class _Body(Frozen):
     sinkage_limit: Length  # beyond which the rover is entrapped
 
 
-class _FourWheels(_Body):
+class _FourWheels(_RoverBase):
     """Short form of a file: four driven wheels at the corners of a rectangle around R's origin."""
 
     wheelbase: Length  # front to rear wheels
@@ -109,7 +109,7 @@ class _FourWheels(_Body):
         return plain | {"wheels": [place._asdict() | {"driven": True, "steered": self.steered} for place in places]}
 
 
-class Rover(_Body):
+class Rover(_RoverBase):
     """A rigid body on four or six wheels, which stand in mirrored pairs; their middle is R's origin."""
 
     wheels: Annotated[tuple[RoverWheel, ...], Field(min_length=4, max_length=6)]  # in the order of commands and signals

@@ -23,7 +23,7 @@ from vehicle.frames import FloatArray
 from vehicle.rover.description import Footprint, Rover, Soil
 from vehicle.rover.terramechanics import (
     GRAVITY,
-    Rolling,
+    RimMotion,
     WheelForce,
     WheelGround,
     WheelState,
@@ -303,7 +303,7 @@ def _load(of: _Symbols) -> Any:
 def _lift(of: _Symbols) -> Any:
     assert of.soil is not None
     h = ca.SX.sym("h")
-    lift = soil_force(of.rover, of.soil, h, Rolling(1.0, 0.0)).F_z
+    lift = soil_force(of.rover, of.soil, h, RimMotion(1.0, 0.0)).F_z
     return ca.Function("lift", [ca.SX(0, 1), h, of.numbers], [ca.cse(ca.densify(lift))])
 
 

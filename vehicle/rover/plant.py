@@ -29,7 +29,7 @@ from vehicle.rover.equations import (
     step_function,
 )
 from vehicle.rover.terrain import Terrain
-from vehicle.rover.terramechanics import Rolling, soil_force
+from vehicle.rover.terramechanics import RimMotion, soil_force
 from vehicle.rover.truth import RoverTruth
 
 _AT_REST: Final = 1e-6  # below it a velocity is rounding and has no direction [m/s]
@@ -260,4 +260,4 @@ def settled_sinkage(rover: Rover, soil: Soil, load: float) -> float:
 @lru_cache(maxsize=16)
 def _lift(rover: Rover, soil: Soil) -> Any:
     h = ca.SX.sym("h")
-    return ca.Function("lift", [h], [soil_force(rover, soil, h, Rolling(1.0, 0.0)).F_z])
+    return ca.Function("lift", [h], [soil_force(rover, soil, h, RimMotion(1.0, 0.0)).F_z])

@@ -41,7 +41,7 @@ _HEAPING: Final = 0.02  # speed of the centre over that of the rim, below which 
 _LEAST_SINKAGE: Final = 1e-6  # over the radius; keeps the derivatives of the angles finite [-]
 
 
-class Wheel(Protocol):
+class RigidWheel(Protocol):
     """A rigid wheel."""
 
     @property
@@ -53,7 +53,7 @@ class Wheel(Protocol):
         """Width [m]."""
 
 
-class Rolling(NamedTuple):
+class RimMotion(NamedTuple):
     """Velocity of a wheel's centre over the speed of its rim: v / |r omega|."""
 
     along: Num  # 1: rolling without slip, below 1 driving, above 1 skidding [-]
@@ -74,7 +74,7 @@ def slip_ratio(along: Num) -> Num:
     return ca.if_else(along <= 1.0, 1.0 - along, 1.0 / ca.fmax(along, 1.0) - 1.0)
 
 
-def soil_force(wheel: Wheel, soil: Soil, sinkage: Num, rolling: Rolling) -> SoilForce:
+def soil_force(wheel: RigidWheel, soil: Soil, sinkage: Num, rolling: RimMotion) -> SoilForce:
     """Force of the soil on a wheel that rolls forward at a sinkage [m]."""
     contact = _contact(wheel, soil, sinkage, rolling)
     k_x, k_y = _shear_moduli(soil, ca.atan2(ca.fabs(rolling.across), ca.fabs(rolling.along)))
@@ -101,7 +101,7 @@ def soil_force(wheel: Wheel, soil: Soil, sinkage: Num, rolling: Rolling) -> Soil
     return SoilForce(F_x, F_u - F_s * (rolling.across / speed), F_z, torque)
 
 
-class _Contact(NamedTuple):
+class _RimContact(NamedTuple):
     """Contact of the rim with the soil."""
 
     radius: Num  # [m]
@@ -113,13 +113,13 @@ class _Contact(NamedTuple):
     exponent: Num  # n [-]
 
 
-def _contact(wheel: Wheel, soil: Soil, sinkage: Num, rolling: Rolling) -> _Contact:
+def _contact(wheel: RigidWheel, soil: Soil, sinkage: Num, rolling: RimMotion) -> _RimContact:
     slip = slip_ratio(rolling.along)
     driving, skidding = ca.fmin(ca.fmax(slip, 0.0), 1.0), ca.fmin(slip, 0.0)
     h = ca.fmax(sinkage / wheel.radius, _LEAST_SINKAGE)
     entry = ca.acos(ca.fmax(1.0 - h, 0.0))
     n = soil.exponent + soil.exponent_by_slip * driving - soil.exponent_by_skid * skidding
-    return _Contact(
+    return _RimContact(
         radius=wheel.radius,
         entry=entry,
         leave=-ca.acos(ca.fmax(1.0 - soil.exit_ratio * h, 0.0)),
@@ -130,14 +130,14 @@ def _contact(wheel: Wheel, soil: Soil, sinkage: Num, rolling: Rolling) -> _Conta
     )
 
 
-def _stiffness(wheel: Wheel, soil: Soil, n: Num) -> Num:
+def _stiffness(wheel: RigidWheel, soil: Soil, n: Num) -> Num:
     r, b = wheel.radius, wheel.width
     if soil.pressure_law == "bekker":
         return (soil.k_c / b + soil.k_phi) * r**n
     return (soil.cohesion * soil.k_c + soil.density * soil.k_phi * b) * (r / b) ** n
 
 
-def _stressed(soil: Soil, contact: _Contact) -> Iterator[tuple[Num, Num, Num]]:
+def _stressed(soil: Soil, contact: _RimContact) -> Iterator[tuple[Num, Num, Num]]:
     """Quadrature points of the rim: angle [rad], weight [rad] and pressure [Pa]; rear zone, then front zone.
 
     Behind its crest the pressure has the profile of the front zone, stretched over the angle of the rear zone.
@@ -158,7 +158,7 @@ def _shear_moduli(soil: Soil, side_slip: Num) -> tuple[Num, Num]:
     return k_x, soil.shear_y + soil.shear_y_by_angle * beta
 
 
-def _sheared_along(contact: _Contact, theta: Num, rolling: Rolling) -> Num:
+def _sheared_along(contact: _RimContact, theta: Num, rolling: RimMotion) -> Num:
     """Backward shear displacement of the soil at theta [m].
 
     In front of the transition it starts and ends at 0; without skid the transition is at the entry.
@@ -169,7 +169,7 @@ def _sheared_along(contact: _Contact, theta: Num, rolling: Rolling) -> Num:
     return contact.radius * ca.if_else(theta > t, rolling.along * front, rear)
 
 
-def _mobilised(soil: Soil, j_x: Num, j_y: Num, rolling: Rolling, theta: Num) -> tuple[Num, Num]:
+def _mobilised(soil: Soil, j_x: Num, j_y: Num, rolling: RimMotion, theta: Num) -> tuple[Num, Num]:
     """Mobilised shares of the shear strength along and across [-], from displacements over their moduli.
 
     ``separate`` (Ishigami): each share can reach 1. ``combined`` (Pavlov & Johnson): the length of both displacements
@@ -297,8 +297,8 @@ def _in_soil(rover: Rover, soil: Soil, w: WheelState, slip: _Slip) -> WheelForce
     A wheel that slides back while it spins forward still enters in front. So a rover on a slope that is too steep for
     its spinning wheels slides back slowly and does not stick in its own pits.
     """
-    ahead = soil_force(rover, soil, w.sinkage, Rolling(1.0 - slip.x, -slip.y))
-    back = soil_force(rover, soil, w.sinkage, Rolling(1.0 + slip.x, -slip.y))
+    ahead = soil_force(rover, soil, w.sinkage, RimMotion(1.0 - slip.x, -slip.y))
+    back = soil_force(rover, soil, w.sinkage, RimMotion(1.0 + slip.x, -slip.y))
     return _blend(
         0.5 + 0.5 * ca.tanh((w.rim + w.v_x) / (2.0 * _STANDING)),
         WheelForce(ahead.F_x, ahead.F_y, ahead.torque, ahead.F_z),

@@ -11,7 +11,7 @@ from vehicle.surface.friction import (
     rectangle,
 )
 from vehicle.surface.ground import Gust, Surface
-from vehicle.surface.relief import PROFILE_WAVES, Beyond, MeasuredRoad, Relief, RoadRelief, SumOfReliefs
+from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief, SumOfReliefs
 from vehicle.surface.roughness import (
     PATCH_SPREAD,
     ROAD_CLASSES,
@@ -30,12 +30,12 @@ __all__ = [
     "Friction",
     "FrictionImage",
     "FrictionMap",
+    "GroundRelief",
     "Gust",
     "LineFriction",
     "MeasuredRoad",
     "PatchedFriction",
     "Potholes",
-    "Relief",
     "RoadRelief",
     "RoughProfile",
     "Roughness",

@@ -145,7 +145,7 @@ _SHARP = 1e-9  # width of a sharp edge; avoids division by zero [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Patch:
+class FrictionPatch:
     """Rectangle with rounded corners; build one with ``circle`` or ``rectangle``."""
 
     x: float  # W of the middle [m]
@@ -163,7 +163,7 @@ class Patch:
             raise ValueError(f"edge = {self.edge} m must not be negative")
 
 
-def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0) -> Patch:
+def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0) -> FrictionPatch:
     """A round patch about x, y [m].
 
     Raises:
@@ -171,12 +171,14 @@ def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0
     """
     if not radius > 0.0:
         raise ValueError(f"radius = {radius} m must be positive")
-    return Patch(x=x, y=y, heading=0.0, half_length=0.0, half_width=0.0, rounding=radius, friction=friction, edge=edge)
+    return FrictionPatch(
+        x=x, y=y, heading=0.0, half_length=0.0, half_width=0.0, rounding=radius, friction=friction, edge=edge
+    )
 
 
 def rectangle(
     x: float, y: float, length: float, width: float, friction: float, heading: float = 0.0, edge: float = 0.0
-) -> Patch:
+) -> FrictionPatch:
     """A rectangular patch about x, y [m], its length along ``heading`` [rad].
 
     Raises:
@@ -185,23 +187,14 @@ def rectangle(
     for name, side in (("length", length), ("width", width)):
         if not side > 0.0:
             raise ValueError(f"{name} = {side} m must be positive")
-    half_length, half_width = 0.5 * length, 0.5 * width
-    return Patch(
-        x=x,
-        y=y,
-        heading=heading,
-        half_length=half_length,
-        half_width=half_width,
-        rounding=0.0,
-        friction=friction,
-        edge=edge,
-    )
+    half = {"half_length": 0.5 * length, "half_width": 0.5 * width}
+    return FrictionPatch(x=x, y=y, heading=heading, **half, rounding=0.0, friction=friction, edge=edge)
 
 
 class PatchedFriction:
     """Patches on ground of another friction; where they overlap, the later one counts."""
 
-    def __init__(self, base: Friction, patches: Sequence[Patch]) -> None:
+    def __init__(self, base: Friction, patches: Sequence[FrictionPatch]) -> None:
         check_friction("base", base)
         self._base = base
         self._centre = np.array([(p.x, p.y) for p in patches]).reshape(-1, 2)

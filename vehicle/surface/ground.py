@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface.friction import Friction, check_friction, friction_of
-from vehicle.surface.relief import Relief
+from vehicle.surface.relief import GroundRelief
 from vehicle.surface.roughness import Roughness
 
 
@@ -64,7 +64,7 @@ class Surface:
     centre: tuple[float, float] | None = None  # [m]
     roughness: Roughness | None = None
     gust: Gust | None = None  # wind across the road
-    relief: Relief | None = None  # heights and banks of a road
+    relief: GroundRelief | None = None  # heights and banks of a road
 
     def __post_init__(self) -> None:
         check_friction("friction", self.friction)

@@ -66,7 +66,7 @@ class BesideLine:
 STEEPEST: Final = 0.2  # slope and bank, as of other surfaces [-]
 
 
-class Relief(Protocol):
+class GroundRelief(Protocol):
     """Height of ground above a plane or cone."""
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -120,7 +120,7 @@ class RoadRelief:
 class SumOfReliefs:
     """Several reliefs on top of each other."""
 
-    def __init__(self, *reliefs: Relief) -> None:
+    def __init__(self, *reliefs: GroundRelief) -> None:
         self._reliefs = reliefs
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:

@@ -1,13 +1,12 @@
 """Laws of the steady tyre force, and their catalogue by the name that a vehicle file gives as model.
 
-Friction scales the peak and leaves the stiffness.
-
 Friction scales the peak and leaves the stiffness: with the linear force over friction as argument there is one curve.
 
-Rill's tyre model, as published with Project Chrono: up to the peak (s < s_M, t = s / s_M) F = s dF0 / (1 + t (t +
-dF0 s_M / F_M - 2)); from there a cubic to the sliding force at s_S. Friction stretches the curves: forces and slips of
-peak and sliding go with friction over reference friction, the initial slope stays. Slips of both directions combine
-as the linear forces they would cause, and the parameters blend with the squared cosines of that force's direction.
+TMeasy is Rill's tyre model, as published with Project Chrono: up to the peak (s < s_M, t = s / s_M) F = s dF0 / (1 + t
+(t + dF0 s_M / F_M - 2)); from there a cubic to the sliding force at s_S. Friction stretches the curves: forces and
+slips of peak and sliding go with friction over reference friction, the initial slope stays. Slips of both directions
+combine as the linear forces they would cause, and the parameters blend with the squared cosines of that force's
+direction.
 """
 
 from __future__ import annotations
@@ -154,7 +153,7 @@ class TmeasyTyre(Tyre):
         linear = Planar(factors.x * sliding.x, factors.y * sliding.y)
         pull = magnitude(linear)
         share = (linear.x / pull) ** 2  # squared cosine of the direction
-        curve = _Curve(*(b + share * (a - b) for a, b in zip(along, across, strict=True)))
+        curve = _LoadedCurve(*(b + share * (a - b) for a, b in zip(along, across, strict=True)))
         limit = ca.fmax(along.peak_force, across.peak_force)
         by_limit = 1.0 / limit
         demand = self.relaxation_length * (pull / slip_speed(speed, by_limit * pull, self.relaxation_length))
@@ -169,7 +168,7 @@ class TmeasyTyre(Tyre):
         )
 
 
-class _Curve(NamedTuple):
+class _LoadedCurve(NamedTuple):
     """One direction's curve at a load; slips are given as the linear force over load that they would cause."""
 
     peak: Num  # slip at the largest force
@@ -183,9 +182,9 @@ def _line(values: tuple[float, float], beyond: Num) -> Num:
     return values[0] + (values[1] - values[0]) * beyond
 
 
-def _at(curve: TmeasyCurve, slope: Num, beyond: Num, k: Num) -> _Curve:
+def _at(curve: TmeasyCurve, slope: Num, beyond: Num, k: Num) -> _LoadedCurve:
     """The curve at a load, stretched by friction k."""
-    return _Curve(
+    return _LoadedCurve(
         peak=k * slope * _line(curve.peak_slip, beyond),
         peak_force=k * _line(curve.peak_force, beyond),
         sliding=k * slope * _line(curve.sliding_slip, beyond),
@@ -193,7 +192,7 @@ def _at(curve: TmeasyCurve, slope: Num, beyond: Num, k: Num) -> _Curve:
     )
 
 
-def _force(curve: _Curve, demand: Num) -> Num:
+def _force(curve: _LoadedCurve, demand: Num) -> Num:
     """Force over load [-] at the linear force ``demand``."""
     t = ca.fmin(demand / curve.peak, 1.0)
     rise = curve.peak * t / (1.0 + t * (t + curve.peak / curve.peak_force - 2.0))

@@ -19,8 +19,6 @@ without overshoot, and the area between step and response is still sigma / speed
 The side force acts behind the wheel's centre by the pneumatic trail, which vanishes as the contact patch slides. Not
 modelled: camber, turn slip.
 
-Every function takes numbers or ``casadi.SX``.
-
 A twin wheel counts as one, also where its two contact patches slip each by itself. Stiffnesses and forces are over the
 vertical load. Every method takes numbers or ``casadi.SX``, and so may be the data.
 """

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from controllers.trailer import Actuation, Combination, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import check_steered
+from controllers.trailer_steering.kinematics import check_steered, check_towed
 from controllers.trailer_steering.mpc.observer import FrictionMemory, Observer, ObserverMemory, reckoned, updated
 from controllers.trailer_steering.mpc.planning import (
     BLOCKS,
@@ -84,6 +84,7 @@ class Mpc(SteeringLaw[MpcMemory]):
             ValueError: if the trailer has no steered axle.
         """
         check_steered("mpc", trailer)
+        check_towed("mpc", combination)
         self._trailer, self._combination = trailer, combination
         self._given = given = parameters or self.Parameters()
         unit = combination.vehicle.units[combination.unit]

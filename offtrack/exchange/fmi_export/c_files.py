@@ -14,7 +14,7 @@ from typing import Final
 
 from offtrack.exchange.fmi_export.variables import Interface
 from vehicle.engine.native import c_source, numbers_source
-from vehicle.engine.program import Entry, Program
+from vehicle.engine.program import Entry, TapeProgram
 
 _TYPE: Final = re.compile(r"typedef\s+(fmi3Status|fmi3Instance)\s+(fmi3\w+)TYPE\s*\(([^;]*)\);")
 _DEFINED: Final = re.compile(r"^\w[\w \*]*\b(fmi3\w+)\(", re.MULTILINE)
@@ -66,7 +66,7 @@ HEADERS: Final = {
 _UNUSED: Final = "fmi3_unused.c"
 
 
-def parameters_read(programs: Mapping[str, Program]) -> frozenset[int]:
+def parameters_read(programs: Mapping[str, TapeProgram]) -> frozenset[int]:
     """Places of the parameters that any program reads."""
     return frozenset(
         node.place
@@ -78,7 +78,7 @@ def parameters_read(programs: Mapping[str, Program]) -> frozenset[int]:
 
 
 def c_files(
-    prefix: str, plant: str, version: int, programs: Mapping[str, Program], defined: Mapping[str, object]
+    prefix: str, plant: str, version: int, programs: Mapping[str, TapeProgram], defined: Mapping[str, object]
 ) -> dict[str, str]:
     """All source files by name, without ``plant.h`` and ``token.h``.
 
@@ -125,7 +125,7 @@ def source_text(name: str) -> str:
     return (resources.files("offtrack.exchange.fmi_export") / "sources" / name).read_text(encoding="utf-8")
 
 
-def plant_header(interface: Interface, programs: Mapping[str, Program], gear: int | None) -> str:
+def plant_header(interface: Interface, programs: Mapping[str, TapeProgram], gear: int | None) -> str:
     """``plant.h``: sizes of all vectors, start values and names."""
     step = programs["step"]
     numbers = step.n_numbers + programs["observe"].n_numbers
@@ -149,7 +149,7 @@ def rows(entries: Iterable[str]) -> str:
     return ", \\\n  ".join(", ".join(values[k : k + 8]) for k in range(0, len(values), 8))
 
 
-def _program_file(prefix: str, name: str, program: Program) -> str:
+def _program_file(prefix: str, name: str, program: TapeProgram) -> str:
     return (
         f'#include "portable.h"\n\n#define LANES 1\n#define run {prefix}_{name}_run\n'
         f"#define derive {prefix}_{name}_derive\n"
@@ -159,7 +159,7 @@ def _program_file(prefix: str, name: str, program: Program) -> str:
     )
 
 
-def _programs_header(prefix: str, programs: Mapping[str, Program], defined: Mapping[str, object]) -> str:
+def _programs_header(prefix: str, programs: Mapping[str, TapeProgram], defined: Mapping[str, object]) -> str:
     lines = ["/* The functions of this plant; each with its file. */", "", '#include "portable.h"', ""]
     for name, program in programs.items():
         lines += [

@@ -49,7 +49,7 @@ from vehicle.combination.truth_vectors import (
     smooth_ground_sizes,
     wheel_truth_sizes,
 )
-from vehicle.engine.program import Program, program_of
+from vehicle.engine.program import TapeProgram, program_of
 from vehicle.rover.description import Rover, Soil, load_rover, load_soil
 from vehicle.rover.equations import RoverInput, RoverState, input_sizes, lift_function, load_function, numbers
 from vehicle.rover.equations import state_sizes as rover_state_sizes
@@ -213,7 +213,7 @@ def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
     names, n = [quantity.name for quantity in parameters], len(rover.wheels)
     inputs, outputs = rover_inputs(rover), rover_outputs(rover)
     observe = _observe_rover(rover, soil, len(inputs), len(parameters), names.index("radius"))
-    programs: dict[str, Program] = {
+    programs: dict[str, TapeProgram] = {
         "step": program_of(rover_step_function(rover, soil)),
         "observe": program_of(observe),
         "loads": program_of(load_function(rover, soil)),

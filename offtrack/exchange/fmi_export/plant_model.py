@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from offtrack.exchange.fmi_export.c_files import c_files, parameters_read, plant_header
 from offtrack.exchange.fmi_export.variables import Interface, Quantity, Variable
-from vehicle.engine.program import Program
+from vehicle.engine.program import TapeProgram
 
 _LONGEST_NAME: Final = 60
 
@@ -26,7 +26,7 @@ class PlantModel:
     summary: str
     kind: str  # name of its fixed C file
     interface: Interface
-    programs: Mapping[str, Program]  # step, observe and what the fixed file calls besides
+    programs: Mapping[str, TapeProgram]  # step, observe and what the fixed file calls besides
     defined: Mapping[str, object]  # macros for the fixed file
     gear: int | None  # place of the input that must be 1 or -1
     fixed: Sequence[tuple[str, str]]  # what is fixed at export: path and value
@@ -45,7 +45,7 @@ def interface_of(
     inputs: Sequence[Quantity],
     outputs: Sequence[Quantity],
     observe: Any,
-    programs: Mapping[str, Program],
+    programs: Mapping[str, TapeProgram],
 ) -> Interface:
     """Interface of a plant; ``observe`` is its function (state, inputs, parameters) -> outputs."""
     read = parameters_read(programs)

@@ -38,8 +38,8 @@ class SteeringActuators:
 
     def __init__(self, vehicle: Vehicle, given: Container[str]) -> None:
         """For the axles whose ``steer_angle_1``, ``steer_angle_2``, … are not among the FMU's ``given`` outputs."""
-        self._n_tractor = len(vehicle.units[0].steered_axles)
-        self._n_driver = len(vehicle.units[0].actuators)
+        self._n_tractor = vehicle.units[0].n_by_driver
+        self._n_driver = len(vehicle.units[0].driver_actuators)
         self._actuators = tuple(zip(steering_actuators(vehicle), turned_axles(vehicle), strict=True))
         self._n_axles = sum(len(turned) for _, turned in self._actuators)
         self._given = np.array([f"steer_angle_{k}" in given for k in range(1, self._n_axles + 1)], dtype=bool)
@@ -164,7 +164,7 @@ class FmuPlant:
         self.close()
         starts = {"start_x": pose.x, "start_y": pose.y, "start_psi": pose.psi, "start_speed": speed}
         self._instance = FmuInstance(self.fmu, self._map, self._map.start_values(starts))
-        command = VehicleCommand(0.0, 0.0, (0.0,) * (self._n_steered - len(self._vehicle.units[0].steered_axles)))
+        command = VehicleCommand(0.0, 0.0, (0.0,) * self._vehicle.n_by_law)
         found = self._instance.outputs(self._signals(pose_of_all(self._vehicle, pose), command))
         self._check_place(found, pose)
         self._check_hitches(found)

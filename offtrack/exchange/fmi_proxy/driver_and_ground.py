@@ -126,7 +126,7 @@ class LaidGround:
         nominal = vehicle_of(scenario)
         course: Course = course_of(scenario, nominal)
         self.surface, _ = opened_ground(scenario, course, seed)
-        self.vehicle = in_wind_of(self.surface, plant_vehicle(scenario, nominal))
+        self.vehicle = in_wind_of(self.surface, plant_vehicle(scenario))
         self.under = GroundUnder(self.surface, self.vehicle)
         self.at_start = self.under.values(pose_of_all(self.vehicle, course.start))
 

@@ -57,7 +57,7 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         raise ValueError(f"off_tracking = {scenario.off_tracking}: is an FMU already")
     nominal = vehicle_of(scenario)
     course_of(scenario, nominal)  # a course that can't be is refused here, and not in another tool
-    vehicle, unit = plant_vehicle(scenario, nominal), watched_units(nominal, scenario)[-1] if unit is None else unit
+    vehicle, unit = plant_vehicle(scenario), watched_units(nominal)[-1] if unit is None else unit
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}

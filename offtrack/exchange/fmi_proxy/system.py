@@ -136,7 +136,7 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
         components["ground"] = ground_proxy(scenario, seed).exported(_VERSION)
         connections += _of_ground(ground.vehicle)
     last = len(nominal.units) - 1
-    for unit in watched_units(nominal, scenario):
+    for unit in watched_units(nominal):
         own = "" if unit == last else f"_{unit + 1}"
         components[f"sensor{own}"] = sensor_proxy(scenario, seed, unit).exported(_VERSION)
         connections += [Connection("plant", one.name, f"sensor{own}", one.name) for one in truth_signals(nominal)]

@@ -55,9 +55,17 @@ def played_trailer(result: RunResult, name: str = "") -> PlayedRun:
         name=name or result.scenario,
         log=result.log,
         bodies=tuple(unit_body(unit, result.log) for unit in result.units),
-        trails=(Trail("path of the hitch", "true", last), Trail("path of the follow point", "estimated", last, follow)),
+        trails=(
+            Trail(f"path of the {result.leader}", "true", last),
+            Trail("path of the follow point", "estimated", last, follow),
+        ),
         estimated=EstimatedPath(
-            "estimated path of the hitch", last, follow, "off_tracking_estimate", "off_tracking_std", "health"
+            f"estimated path of the {result.leader}",
+            last,
+            follow,
+            "off_tracking_estimate",
+            "off_tracking_std",
+            "health",
         )
         if np.isfinite(result.signal("health")).any()
         else None,
@@ -102,13 +110,18 @@ def trailer_charts(result: RunResult) -> Iterator[Chart]:
         Curve("off_tracking_std", "±2 σ", "estimated", "band", base="off_tracking_estimate"),
         Curve("off_tracking_estimate", "estimated", "estimated", "dots"),
     )
-    yield Chart("Off-tracking, + when the hitch's path lies left", "m", (*estimated, true) if has_estimate else (true,))
+    yield Chart(
+        f"Off-tracking, + when the path of the {result.leader} lies left",
+        "m",
+        (*estimated, true) if has_estimate else (true,),
+    )
     if has_estimate:
         error = Curve("off_tracking_estimate", "error", "estimated", "dots", 1e3, less="off_tracking_true")
         band = Curve("off_tracking_std", "±2 σ", "estimated", "band", 1e3)
         yield Chart("Error of the estimate", "mm", (band, error), 1)
     yield Chart("Steer angles of the road wheels, + left", "°", tuple(_steer(result)), 2)
-    yield Chart("Articulation angle", "°", tuple(_each(result, "articulation_", "joint", _DEGREES)), 2)
+    if len(result.units) > 1:
+        yield Chart("Articulation angle", "°", tuple(_each(result, "articulation_", "joint", _DEGREES)), 2)
     speeds = tuple(
         Curve(f"v_x_{unit.name}", unit.name, colour, scale=3.6)
         for unit, colour in zip(result.units[:1], SERIES, strict=False)
@@ -127,7 +140,7 @@ def _steer(result: RunResult) -> Iterator[Curve]:
     pairs = zip(result.steer_signals(), result.steer_signals(demands=True), strict=True)
     for k, (name, demand) in enumerate(pairs):
         colour = SERIES[k % len(SERIES)]
-        yield Curve(name, f"trailer axle {k + 1}", colour, scale=_DEGREES)
+        yield Curve(name, f"{result.steered_name} {k + 1}", colour, scale=_DEGREES)
         yield Curve(demand, f"demand {k + 1}", colour, "dashed", _DEGREES)
     if "steer_tractor" in result.log:
         yield Curve("steer_tractor", "front axle", "grey", scale=_DEGREES)

@@ -134,7 +134,7 @@ def _root(gain: Callable[[float], float], low: float, high: float) -> float:
 
 
 def _command(vehicle: Vehicle, demand: float) -> VehicleCommand:
-    return VehicleCommand(0.0, demand, (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:]))
+    return VehicleCommand(0.0, demand, (0.0,) * vehicle.n_by_law)
 
 
 def _accelerated(vehicle: Vehicle, friction: float) -> list[Truth]:

@@ -69,7 +69,7 @@ class _Run:
 
     def __init__(self, vehicle: Vehicle, ramp: Ramp) -> None:
         self.vehicle, self.ramp = vehicle, ramp
-        self.idle = (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+        self.idle = (0.0,) * vehicle.n_by_law
 
     def plant(self, level: float) -> Plant:
         return Plant(self.vehicle, self.ramp.surface(level))
@@ -230,7 +230,7 @@ def _first(tipping: Tipping) -> int:
 
 def _tilted(vehicle: Vehicle) -> tuple[FloatArray, list[Truth], str]:
     """Slopes, the truth at each of them, and the outcome."""
-    idle = VehicleCommand(0.0, 0.0, (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:]))
+    idle = VehicleCommand(0.0, 0.0, (0.0,) * vehicle.n_by_law)
     state = Plant(vehicle, TiltTable(friction=_FRICTION)).initial_state(Pose2(0.0, 0.0, 0.0), 0.0)
     slopes: list[float] = []
     truths: list[Truth] = []

@@ -19,9 +19,9 @@ class Check:
 
     name: str
     value: float | None  # None: not available; ``remark`` has the reason
-    unit: str
+    unit: str = ""
     _: KW_ONLY
-    target: float
+    target: float = 0.0
     tolerance: float
     source: str  # of the target: a publication or a derivation
     remark: str = ""
@@ -61,7 +61,7 @@ class Plot:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
+class CheckSection:
     """Related checks and their plots."""
 
     title: str
@@ -71,14 +71,14 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class SectionTask:
     """A section to compute."""
 
     title: str
-    work: Callable[[bool], Section]  # argument: quick, with fewer cases
+    work: Callable[[bool], CheckSection]  # argument: quick, with fewer cases
 
 
-def tally(sections: Iterable[Section]) -> dict[str, int]:
+def tally(sections: Iterable[CheckSection]) -> dict[str, int]:
     """Number of checks with each verdict."""
     verdicts = [check.verdict for section in sections for check in section.checks]
     return {verdict: verdicts.count(verdict) for verdict in VERDICTS}

@@ -18,7 +18,7 @@ from controllers.path import Path, line
 from controllers.preview_law import Motion
 from offtrack.studies.standards.comparison import linear_figures
 from offtrack.studies.standards.proving_ground import Drive, amplification, drive, lateral_acceleration, point_path
-from offtrack.studies.validation.check import Check, Section
+from offtrack.studies.validation.check import Check, CheckSection
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import Course, lane_change, straight
 from sensors.messages import EgoState
@@ -101,14 +101,14 @@ _CROSS_FALL: Final = 0.03  # of it, to the right [-]
 _QUICK: Final = ("a_double", "rigid_truck")
 
 
-def driver(quick: bool) -> Section:
+def driver(quick: bool) -> CheckSection:
     """Largest growth rate over speeds; path on a straight road; path and amplification of lane changes."""
     vehicles = [load_vehicle(name) for name in (_QUICK if quick else vehicle_names())]
     checks = chain.from_iterable(
         (_stability(vehicle), _straight(vehicle), *_small_lane_change(vehicle), _lane_change(vehicle))
         for vehicle in vehicles
     )
-    return Section(
+    return CheckSection(
         title="Driver",
         text="Stability: the linear motion of the combination, closed by the driver's code, from 1 to 110 km/h, with a "
         "tyre damping of 0 and of 0.05 s. Straight: 1 km of smooth road at 90 km/h with 3 % cross-fall. Lane changes: "
@@ -140,7 +140,6 @@ def _stability(vehicle: Vehicle) -> Check:
         f"{vehicle.name}: largest growth rate, if any",
         max(0.0, growth[kmh, damping]),
         "1/s",
-        target=0.0,
         tolerance=1e-6,
         source="all modes decay",
         remark=f"slowest decay {growth[kmh, damping]:.3f} 1/s at {kmh:g} km/h, damping {damping:g} s",
@@ -154,7 +153,6 @@ def _straight(vehicle: Vehicle) -> Check:
         f"{vehicle.name}: RMS of the front axle beside a straight road",
         _rms(_offsets(vehicle, course, driven)) if driven.outcome == "completed" else math.inf,
         "m",
-        target=0.0,
         tolerance=0.01,
         source="the project's bar for a smooth road",
         remark=driven.outcome,
@@ -169,7 +167,6 @@ def _lane_change(vehicle: Vehicle) -> Check:
         f"{vehicle.name}: path error in ISO 14791's lane change",
         float(np.abs(_offsets(vehicle, course, driven)).max()) if driven.outcome == "completed" else math.inf,
         "m",
-        target=0.0,
         tolerance=0.15,
         source="ISO 14791, from memory: path within 150 mm",
         remark=f"{driven.outcome}, largest load transfer of a unit {lifted:.2f}",
@@ -186,7 +183,6 @@ def _small_lane_change(vehicle: Vehicle) -> list[Check]:
             f"{vehicle.name}: RMS of the front axle after a lane change",
             _rms(offsets[len(offsets) // 2 :]),
             "m",
-            target=0.0,
             tolerance=0.01,
             source="the project's bar for a smooth road",
         )

@@ -25,7 +25,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from offtrack.studies.standards.proving_ground import amplification
-from offtrack.studies.validation.check import Check, Plot, Section, Series
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import Input, input_sizes, parts
@@ -47,7 +47,7 @@ _STABILISED: Final = 20.0  # rate at which a gap of the hitch would close, after
 _TOLERANCE: Final = 0.01  # of the largest value, see `multibody_check`
 
 
-class _Wheel(NamedTuple):
+class _SimpleWheel(NamedTuple):
     """A wheel of the independent model, in its unit's axes."""
 
     body: int
@@ -58,7 +58,7 @@ class _Wheel(NamedTuple):
     tyre: MagicFormulaTyre
 
 
-class Motion(NamedTuple):
+class YawPlaneMotion(NamedTuple):
     """Yaw rates [rad/s] and lateral accelerations [m/s2] of both units, and the articulation [rad], over time."""
 
     time: FloatArray  # (n,) [s]
@@ -67,7 +67,7 @@ class Motion(NamedTuple):
     articulation: FloatArray  # (n,)
 
 
-def multibody_check(quick: bool) -> Section:
+def multibody_check(quick: bool) -> CheckSection:
     """Motions of plant and independent model after a step of steer.
 
     The tolerance is 1 % of the largest value, about twice what is left (0.3 to 0.5 %). Known parts of that: the plant
@@ -83,7 +83,7 @@ def multibody_check(quick: bool) -> Section:
         ("lateral acceleration of the semi-trailer", *_column(plant, other, 1), "m/s²"),
         ("articulation", plant.articulation, other.articulation, "rad"),
     )
-    return Section(
+    return CheckSection(
         title="Multibody model",
         text="Steer of 2° within the actuator's limits at 60 km/h, 0.2 g, on friction 0.8. The independent model has "
         "free bodies with constraint forces at the hitch, integrated by scipy, and the textbook's relaxing slip.",
@@ -92,7 +92,6 @@ def multibody_check(quick: bool) -> Section:
                 f"step steer at 60 km/h: largest difference of the {name}",
                 float(np.abs(ours - theirs).max()),
                 unit,
-                target=0.0,
                 tolerance=_TOLERANCE * float(np.abs(theirs).max()),
                 source="independently written multibody model",
                 remark=f"largest value {float(np.abs(theirs).max()):.4g} {unit}",
@@ -103,7 +102,7 @@ def multibody_check(quick: bool) -> Section:
     )
 
 
-def _column(plant: Motion, other: Motion, unit: int) -> tuple[FloatArray, FloatArray]:
+def _column(plant: YawPlaneMotion, other: YawPlaneMotion, unit: int) -> tuple[FloatArray, FloatArray]:
     return plant.lateral_acceleration[:, unit], other.lateral_acceleration[:, unit]
 
 
@@ -120,7 +119,7 @@ def _on_simple_tyres(unit: Unit) -> Unit:
     return unit.model_copy(update={"axles": axles})
 
 
-def of_plant(vehicle: Vehicle) -> Motion:
+def of_plant(vehicle: Vehicle) -> YawPlaneMotion:
     """The motion of the plant."""
     plant = Plant(vehicle, Surface(friction=_FRICTION))
     state = plant.initial_state(Pose2(0.0, 0.0, 0.0), _SPEED)
@@ -133,10 +132,10 @@ def of_plant(vehicle: Vehicle) -> Motion:
     v_x, v_y, yaw_rate = np.moveaxis(np.array([row[0] for row in rows]), 2, 0)
     at_cg = v_y + np.array([unit.cg_x for unit in vehicle.units]) * yaw_rate
     lateral = np.gradient(at_cg, _ROW, axis=0) + v_x * yaw_rate
-    return Motion(time, yaw_rate, lateral, np.array([row[1] for row in rows]))
+    return YawPlaneMotion(time, yaw_rate, lateral, np.array([row[1] for row in rows]))
 
 
-def independent(vehicle: Vehicle) -> Motion:
+def independent(vehicle: Vehicle) -> YawPlaneMotion:
     """The motion of the independent model, whose state is (q, q', steer angle, slip of every wheel).
 
     q has x, y of the centre of gravity in W and yaw of both bodies.
@@ -190,7 +189,7 @@ def _accelerations(
     return solution[:6]
 
 
-def _tyre(wheel: _Wheel, q: FloatArray, v: FloatArray, angle: float, slip: float, forces: FloatArray) -> float:
+def _tyre(wheel: _SimpleWheel, q: FloatArray, v: FloatArray, angle: float, slip: float, forces: FloatArray) -> float:
     """Rate of the wheel's slip [1/s]; its side force and moment are added to ``forces`` (6,), along W."""
     at = 3 * wheel.body
     psi = float(q[at + 2])
@@ -212,7 +211,7 @@ def _magic(tyre: MagicFormulaTyre, slip: float) -> float:
     return math.sin(tyre.shape * math.atan(b - tyre.curvature * (b - math.atan(b))))
 
 
-def _wheel_angle(tractor: Unit, wheel: _Wheel, steer: float) -> float:
+def _wheel_angle(tractor: Unit, wheel: _SimpleWheel, steer: float) -> float:
     """Angle of a wheel by Ackermann's rule: cot(angle) = cot(mean) - y / wheelbase."""
     if not wheel.steered or steer == 0.0:
         return 0.0
@@ -220,7 +219,7 @@ def _wheel_angle(tractor: Unit, wheel: _Wheel, steer: float) -> float:
     return math.atan(1.0 / (1.0 / math.tan(steer) - wheel.y / wheelbase))
 
 
-def _wheels(tractor: Unit, trailer: Unit) -> list[_Wheel]:
+def _wheels(tractor: Unit, trailer: Unit) -> list[_SimpleWheel]:
     """All wheels with their static loads, from the balance of moments of trailer and tractor."""
     axles = trailer.axles
     middle = sum(axle.x for axle in axles) / len(axles)
@@ -233,7 +232,7 @@ def _wheels(tractor: Unit, trailer: Unit) -> list[_Wheel]:
     loads = [at_front, tractor.mass * _G + on_hitch - at_front, *(group / len(axles) for _ in axles)]
     placed = [(0, tractor, front), (0, tractor, rear), *((1, trailer, axle) for axle in axles)]
     return [
-        _Wheel(body, axle.x - unit.cg_x, 0.5 * side * axle.track, 0.5 * load, axle.steered, _magic_formula(axle))
+        _SimpleWheel(body, axle.x - unit.cg_x, 0.5 * side * axle.track, 0.5 * load, axle.steered, _magic_formula(axle))
         for (body, unit, axle), load in zip(placed, loads, strict=True)
         for side in (1.0, -1.0)
     ]
@@ -245,23 +244,18 @@ def _magic_formula(axle: Axle) -> MagicFormulaTyre:
     return axle.tyre
 
 
-def _motion(time: FloatArray, states: FloatArray, accelerations: FloatArray) -> Motion:
+def _motion(time: FloatArray, states: FloatArray, accelerations: FloatArray) -> YawPlaneMotion:
     yaw = states[:, [2, 5]]
     a_x, a_y = accelerations[:, [0, 3]], accelerations[:, [1, 4]]
-    return Motion(time, states[:, [8, 11]], -np.sin(yaw) * a_x + np.cos(yaw) * a_y, yaw[:, 0] - yaw[:, 1])
+    return YawPlaneMotion(time, states[:, [8, 11]], -np.sin(yaw) * a_x + np.cos(yaw) * a_y, yaw[:, 0] - yaw[:, 1])
 
 
-def _plot(plant: Motion, other: Motion) -> Plot:
+def _plot(plant: YawPlaneMotion, other: YawPlaneMotion) -> Plot:
     series = []
     for k, name in enumerate(("tractor", "semi-trailer")):
         series.append(Series(f"{name}, plant", plant.time, plant.yaw_rate[:, k], "model"))
         series.append(Series(f"{name}, independent", other.time, other.yaw_rate[:, k], "reference"))
-    return Plot(
-        title="Step of steer at 60 km/h",
-        x_label="time [s]",
-        y_label="yaw rate [rad/s]",
-        series=tuple(series),
-    )
+    return Plot(title="Step of steer at 60 km/h", x_label="time [s]", y_label="yaw rate [rad/s]", series=tuple(series))
 
 
 _AMPLIFICATION_SPEED: Final = 88.0 / 3.6  # [m/s]
@@ -272,12 +266,12 @@ _PERIOD: Final = 10  # of the steer programme [ticks]
 _DURATION: Final = 10.0  # the last unit has its peaks within 5 s [s]
 
 
-def rearward_amplification(quick: bool) -> Section:
+def rearward_amplification(quick: bool) -> CheckSection:
     """Ratios of the peaks of lateral acceleration, by the plant and by linear theory."""
     names = ("eu_tractor_semitrailer", "a_double") if quick else vehicle_names()
     trains = [vehicle for vehicle in map(load_vehicle, names) if len(vehicle.units) > 1]
     motions = [(vehicle, *accelerations(vehicle)) for vehicle in trains]
-    return Section(
+    return CheckSection(
         title="Rearward amplification",
         text="One period of steer at 0.4 Hz and 88 km/h, which gives the tractor about 0.05 g. The vehicle's own "
         "tyres, suspensions and actuators, and the linear model of the same vehicle with all its lags.",
@@ -285,7 +279,6 @@ def rearward_amplification(quick: bool) -> Section:
             Check(
                 f"{vehicle.name}: rearward amplification",
                 amplification(of_plant[:, -1], of_plant[:, 0]),
-                "",
                 target=amplification(linear[:, -1], linear[:, 0]),
                 tolerance=0.03 * amplification(linear[:, -1], linear[:, 0]),  # issue 18: 3 %
                 source="linear theory with the same lags",
@@ -319,7 +312,7 @@ def _of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:
     plant = Plant(vehicle, Surface(friction=_AMPLIFICATION_FRICTION))
     state, u = straight_running(vehicle, _AMPLIFICATION_SPEED, _AMPLIFICATION_FRICTION)
     drive = float(Input(*parts(u, input_sizes(vehicle))).acceleration[0])  # that holds the speed
-    straight = (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    straight = (0.0,) * vehicle.n_by_law
     seen = []
     for demand in steer.tolist():
         seen.append(plant.observe(state, 0).velocities)

@@ -17,19 +17,20 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from controllers.path import Path, arc, line
-from offtrack.studies.validation.check import Check, Plot, Section, Series
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from offtrack.studies.validation.simple_drives import (
     along_path,
     gripping,
     poses_of,
     round_circle,
+    runge_kutta,
     steered,
     tractor_and_trailer,
 )
 from scenarios.assembly.adapters import outlines
 from scenarios.results.swept_path import placed
 from vehicle.clock import TICK
-from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
@@ -37,16 +38,17 @@ from vehicle.surface import Surface
 _PACKAGE: Final = "commonroad-vehicle-models"
 _WIDE: Final = 1e3  # limits of steering, speed and acceleration that are never reached, in any unit
 _RADIUS, _LENGTH = 20.0, 7.7  # of the hitch's circle, hitch to axle [m]
+_SLIP_STIFFNESS: Final = 4.6  # cornering stiffness over load of the trailer's tyres [1/rad]
 _SPEEDS: Final = (0.5, 1.0, 2.0, 3.5, 5.0)  # [m/s]; at most 1.25 m/s2, 0.85 of the smallest friction
 _FRICTIONS: Final = (0.15, 0.3, 1.5)  # snow, packed snow, the largest possible
 _SLALOM_SPEED, _SLALOM_TIME = 0.5, 80.0  # [m/s], [s]
 
 
-def no_slip_limit(quick: bool) -> Section:
+def no_slip_limit(quick: bool) -> CheckSection:
     """Slip on a circle over speed and friction, and a slalom compared with a published kinematic trailer model."""
     speeds, frictions = (_SPEEDS[1:], _FRICTIONS[::2]) if quick else (_SPEEDS, _FRICTIONS)
     turns = {friction: [_turn(speed, friction) for speed in speeds] for friction in frictions}
-    return Section(
+    return CheckSection(
         title="Kinematic limit",
         text="On its own tyres the combination turns with its hitch on a circle of 20 m. The result is the distance of "
         "the trailer's axle from its path without slip. In a slalom the motion is compared with the kinematic trailer "
@@ -56,23 +58,23 @@ def no_slip_limit(quick: bool) -> Section:
     )
 
 
-class _Turn(NamedTuple):
+class _SettledTurn(NamedTuple):
     """A settled turn."""
 
     speed: float  # of the hitch [m/s]
     distance: float  # of the trailer's axle from its path without slip, + outwards [m]
 
 
-def _turn(speed: float, friction: float) -> _Turn:
+def _turn(speed: float, friction: float) -> _SettledTurn:
     """Settled turn of the combination on its own tyres."""
     vehicle = tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0)
     truths = round_circle(vehicle, _RADIUS, speed, 12.0 * _LENGTH, surface=Surface(friction=friction))
     v_x, v_y, turning = truths[-1].velocities[1].tolist()
     hitch, axle = math.hypot(v_x, v_y), math.hypot(v_x, v_y - _LENGTH * turning)
-    return _Turn(hitch, axle / turning - math.sqrt((hitch / turning) ** 2 - _LENGTH**2))
+    return _SettledTurn(hitch, axle / turning - math.sqrt((hitch / turning) ** 2 - _LENGTH**2))
 
 
-def _limit_checks(turns: dict[float, list[_Turn]]) -> tuple[Check, ...]:
+def _limit_checks(turns: dict[float, list[_SettledTurn]]) -> tuple[Check, ...]:
     most, least = max(turns), min(turns)
     speeds, distances = np.array(turns[most]).T
     return (
@@ -81,29 +83,33 @@ def _limit_checks(turns: dict[float, list[_Turn]]) -> tuple[Check, ...]:
             value=float(np.polyfit(np.log(speeds), np.log(distances), 1)[0]),
             target=2.0,
             tolerance=0.03,  # at the highest speed the turn is a little wider
-            unit="",
             source="side force and slip are proportional to the square of speed",
         ),
         Check(
             f"distance on friction {most:g} at {speeds[0]:.2g} m/s",
             float(distances[0]),
             "m",
-            target=0.0,
             tolerance=0.01,
             source="no slip without side force",
         ),
         Check(
             f"distance on friction {most:g} over that on {least:g}, at {speeds[-1]:.2g} m/s",
             turns[most][-1].distance / turns[least][-1].distance,
-            "",
-            target=0.5,
-            tolerance=0.5,
-            source="less slip with more friction: between 0 and 1",
+            target=0.45,
+            tolerance=0.45,
+            source="less slip with more friction: between 0 and 0.9",
+        ),
+        Check(
+            f"distance on friction {most:g} at {speeds[-1]:.2g} m/s over lever and slip angle of the axle",
+            float(distances[-1]) / (_LENGTH * speeds[-1] ** 2 / _RADIUS / GRAVITY / _SLIP_STIFFNESS),
+            target=1.0,
+            tolerance=0.25,  # the axle runs inside of the hitch, and is heavily loaded
+            source="slip angle: lateral acceleration in g over the tyres' stiffness over load",
         ),
     )
 
 
-def _plot(turns: dict[float, list[_Turn]]) -> Plot:
+def _plot(turns: dict[float, list[_SettledTurn]]) -> Plot:
     speeds, distances = np.array(turns[max(turns)]).T
     return Plot(
         title="Distance of the trailer's axle from its path without slip",
@@ -117,7 +123,7 @@ def _plot(turns: dict[float, list[_Turn]]) -> Plot:
     )
 
 
-def _series(label: str, turns: list[_Turn]) -> Series:
+def _series(label: str, turns: list[_SettledTurn]) -> Series:
     speeds, distances = np.array(turns).T
     return Series(label, speeds, distances, "model")
 
@@ -135,7 +141,6 @@ def _slalom_checks() -> tuple[Check, ...]:
             f"slalom of {_SLALOM_SPEED * _SLALOM_TIME:g} m: largest difference of {name}",
             value,
             unit,
-            target=0.0,
             tolerance=tolerance,
             source=f"{_PACKAGE}, kinematic single-track model with a trailer (KST)",
             remark="" if _installed() else "not installed: pip install commonroad-vehicle-models",
@@ -179,15 +184,9 @@ def kinematic_poses(vehicle: Vehicle, truths: Sequence[Truth]) -> FloatArray:
 
     x_0, y_0, psi_0 = truths[0].poses[0]
     # the package's hitch angle is the trailer's yaw minus the tractor's
-    x = np.array([x_0, y_0, float(steer(0.0)), float(speed(0.0)), psi_0, truths[0].poses[1, 2] - psi_0])
-    states = [x]
+    states = [np.array([x_0, y_0, float(steer(0.0)), float(speed(0.0)), psi_0, truths[0].poses[1, 2] - psi_0])]
     for t, h in zip(time[:-1].tolist(), np.diff(time).tolist(), strict=True):
-        k_1 = rate(t, x)
-        k_2 = rate(t + 0.5 * h, x + 0.5 * h * k_1)
-        k_3 = rate(t + 0.5 * h, x + 0.5 * h * k_2)
-        k_4 = rate(t + h, x + h * k_3)
-        x = x + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        states.append(x)
+        states.append(runge_kutta(rate, t, states[-1], h))
     x_T, y_T, _, _, psi_T, hitch = np.array(states).T
     return np.stack([np.stack([x_T, y_T, psi_T], axis=1), np.stack([x_T, y_T, psi_T + hitch], axis=1)], axis=1)
 
@@ -203,25 +202,25 @@ def _parameters(vehicle: Vehicle) -> SimpleNamespace:
     )
 
 
-_SPACING = 0.02  # step size along the path [m]: the fourth-order error is far below a micrometre
+_SPACING: Final = 0.05  # step size along the path [m]: a jump of the curvature costs some 5e-6 rad
 
 
-class RollingChain(NamedTuple):
+class NoSlipChain(NamedTuple):
     """Lengths of a combination that rolls without slip."""
 
     hitches: tuple[float, ...]  # x of the hitch of every unit but the last [m]
     lengths: tuple[float, ...]  # hitch to axle of every towed unit [m]
 
 
-def rolling_chain(vehicle: Vehicle) -> RollingChain:
+def rolling_chain(vehicle: Vehicle) -> NoSlipChain:
     """Lengths of a vehicle, with one axle in the middle of the axles of each towed unit."""
-    return RollingChain(
+    return NoSlipChain(
         hitches=tuple(unit.hitch_x or 0.0 for unit in vehicle.units[:-1]),
         lengths=tuple(-float(np.mean([axle.x for axle in unit.axles])) for unit in vehicle.units[1:]),
     )
 
 
-def poses_along(chain: RollingChain, path: Path, reference: tuple[float, float], extra: float = 0.0) -> FloatArray:
+def poses_along(chain: NoSlipChain, path: Path, reference: tuple[float, float], extra: float = 0.0) -> FloatArray:
     """x [m], y [m], psi [rad] of every unit's frame, (n, N, 3), while a point of the tractor moves along a path.
 
     ``reference`` is the position of that point in the tractor [m]. The combination is straight at the start. It
@@ -232,17 +231,12 @@ def poses_along(chain: RollingChain, path: Path, reference: tuple[float, float],
     psi = np.full(1 + len(chain.lengths), path.start.psi)
     poses = [_poses(chain, path, reference, 0.0, psi)]
     for k in range(steps):
-        s = k * h
-        k_1 = _turning(chain, path, reference, s, psi)
-        k_2 = _turning(chain, path, reference, s + 0.5 * h, psi + 0.5 * h * k_1)
-        k_3 = _turning(chain, path, reference, s + 0.5 * h, psi + 0.5 * h * k_2)
-        k_4 = _turning(chain, path, reference, s + h, psi + h * k_3)
-        psi = psi + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        poses.append(_poses(chain, path, reference, s + h, psi))
+        psi = runge_kutta(lambda s, psi: _turning(chain, path, reference, s, psi), k * h, psi, h)
+        poses.append(_poses(chain, path, reference, (k + 1) * h, psi))
     return np.array(poses)
 
 
-def _turning(chain: RollingChain, path: Path, reference: tuple[float, float], s: float, psi: FloatArray) -> FloatArray:
+def _turning(chain: NoSlipChain, path: Path, reference: tuple[float, float], s: float, psi: FloatArray) -> FloatArray:
     """Yaw of each unit per distance of the guided point [rad/m], with no axle moving sideways."""
     x_ref, y_ref = reference
     chi = path.pose(s).psi - psi[0]
@@ -258,7 +252,7 @@ def _turning(chain: RollingChain, path: Path, reference: tuple[float, float], s:
     return turning
 
 
-def _poses(chain: RollingChain, path: Path, reference: tuple[float, float], s: float, psi: FloatArray) -> FloatArray:
+def _poses(chain: NoSlipChain, path: Path, reference: tuple[float, float], s: float, psi: FloatArray) -> FloatArray:
     point = path.pose(s)
     c, sn = np.cos(psi), np.sin(psi)
     x = point.x - c[0] * reference[0] + sn[0] * reference[1]
@@ -284,7 +278,7 @@ class _Design(NamedTuple):
     source: str
 
 
-def design_vehicles(quick: bool) -> Section:
+def design_vehicles(quick: bool) -> CheckSection:
     """Turns of 180 degrees on the template's centreline radius, with the whole dynamic model at walking pace."""
     turns = [(design, *_turned(design)) for design in _designs()[: 2 if quick else 3]]
     checks = tuple(
@@ -298,7 +292,7 @@ def design_vehicles(quick: bool) -> Section:
         )
         for design, centre, poses in turns
     )
-    return Section(
+    return CheckSection(
         title="Design vehicles",
         text="The dynamic model drives each vehicle's template turn at walking pace, the centre of its front axle on "
         "the centreline radius. Result: smallest distance of the inner end of the trailer's axle from the centre.",
@@ -371,7 +365,7 @@ def _plan(design: _Design, centre: Pose2, poses: FloatArray) -> Plot:
             *(Series("", *_xy(body), "faint") for body in _bodies(design, poses[closest])),
             Series("centre of the front axle", *_xy(front_axle), "faint"),
             Series("inner end of the trailer's axle", *_xy(_inner_end(design, poses)), "model"),
-            Series("the same without slip", *_xy(_inner_end(design, rolled)[::50]), "reference points"),
+            Series("the same without slip", *_xy(_inner_end(design, rolled)[::20]), "reference points"),
             Series("published inside radius", *_xy(published), "reference"),
         ),
         to_scale=True,

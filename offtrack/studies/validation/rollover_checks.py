@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from offtrack.studies.standards.static_rollover import closing_curve, tilt
-from offtrack.studies.validation.check import Check, Plot, Section, Series
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.roll import static_rollover
 from vehicle.combination.unit import Axle, Unit
@@ -172,8 +172,10 @@ def _static_loads(vehicle: Vehicle) -> tuple[list[list[float]], list[float]]:
     return loads, couplings
 
 
-_QUICK: Final = ("eu_tractor_semitrailer", "b_double", "a_double", "rigid_truck")
-_OTHERS: Final = ("desaxe_field_combination", "us_5_axle", "wb67", "uk_longer_semitrailer", "rigid_truck_8x4")
+_QUICK: Final = (
+    "eu_tractor_semitrailer", "us_5_axle", "b_double", "a_double", "rigid_truck_8x4", "desaxe_field_combination"
+)  # fmt: skip
+_OTHERS: Final = ("rigid_truck", "wb67", "uk_longer_semitrailer")
 _DRIVEN: Final = ("eu_tractor_semitrailer", "rigid_truck", "a_double", "us_5_axle")
 _LOADS: Final = ("full", "half")
 _ENERGY: Final = "minimum of the potential energy, finite angles, unilateral tyre springs; 2 %: small angles"
@@ -184,14 +186,14 @@ _TABLE: Final = (
 _CURVE: Final = "the tilt table; 8 %: in the curve axles share side forces by slip, and units have different radii"
 
 
-def rollover(quick: bool) -> Section:
+def rollover(quick: bool) -> CheckSection:
     """Thresholds of several vehicles and loads by the model and by an independent calculation, and on the plant."""
     vehicles = [load_vehicle(name) for name in (_QUICK if quick else (*_QUICK, *_OTHERS))]
     cases = [(f"{v.name}, {load}", with_load(v, load)) for v in vehicles for load in _LOADS]
     model = [static_rollover(vehicle).threshold / GRAVITY for _, vehicle in cases]
     energy = [rollover_by_energy(vehicle) / GRAVITY for _, vehicle in cases]
     driven = [load_vehicle(name) for name in (_DRIVEN[:1] if quick else _DRIVEN)]
-    return Section(
+    return CheckSection(
         title="Rollover",
         text="The lateral acceleration that tips a combination: by the model's equations of roll, and by an "
         "independent calculation that searches the minimum of the potential energy. On the plant it is tilted, and "

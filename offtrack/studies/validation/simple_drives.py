@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -31,20 +31,13 @@ _SLOWING: Final = 5.0  # time to slow down [s]: several time constants of the sp
 _HELD: Final = 100  # control period of the speed [ticks]
 
 
-class PlantLike(Protocol):
-    """The plant, or one with another step size."""
-
-    def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
-        """State of the straight combination rolling freely at ``speed`` [m/s] with its tractor at X_WT."""
-        ...
-
-    def observe(self, state: FloatArray, tick: int) -> Truth:
-        """Ground truth for this state."""
-        ...
-
-    def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
-        """State after whole ticks under a held command."""
-        ...
+def runge_kutta(rate: Callable[[float, Any], Any], t: float, x: Any, h: float) -> Any:
+    """State after a step of h from x at t by the classical Runge-Kutta method; for numbers or symbols."""
+    k_1 = rate(t, x)
+    k_2 = rate(t + 0.5 * h, x + 0.5 * h * k_1)
+    k_3 = rate(t + 0.5 * h, x + 0.5 * h * k_2)
+    k_4 = rate(t + h, x + h * k_3)
+    return x + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
 
 
 def poses_of(truths: list[Truth]) -> FloatArray:
@@ -53,7 +46,7 @@ def poses_of(truths: list[Truth]) -> FloatArray:
 
 
 def along_path(
-    vehicle: Vehicle, path: Path, reference: tuple[float, float], speed: float, *, plant: PlantLike | None = None
+    vehicle: Vehicle, path: Path, reference: tuple[float, float], speed: float, *, plant: Plant | None = None
 ) -> list[Truth]:
     """Truth every 20 ms while the driver keeps a point of the tractor, in T [m], on the path to its end.
 
@@ -120,7 +113,7 @@ def steered(vehicle: Vehicle, demand: Callable[[float], float], speed: float, du
 
 
 def _steered_behind(vehicle: Vehicle) -> int:
-    return sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+    return vehicle.n_by_law
 
 
 def _on_circle(plant: Plant, vehicle: Vehicle, radius: float, speed: float, steer: float) -> FloatArray:

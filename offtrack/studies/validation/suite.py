@@ -11,7 +11,7 @@ import numpy as np
 from offtrack.reports.page import Cell, Column, Emphasis, Figure, Items, Page, Table, Verdict, facts_table
 from offtrack.reports.page import Section as PageSection
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE, WIDTH, drawn
-from offtrack.studies.validation.check import Check, Plot, Section, Task, number, tally
+from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, number, tally
 from offtrack.studies.validation.driver_checks import driver
 from offtrack.studies.validation.integration import integration
 from offtrack.studies.validation.lateral_checks import multibody_check, rearward_amplification
@@ -23,21 +23,21 @@ from offtrack.studies.validation.stopping_checks import braking, parking
 from offtrack.studies.validation.turns_without_slip import roundabout, steady_turns, tractrix
 
 TASKS: Final = (
-    Task(title="Design vehicles", work=design_vehicles),
-    Task(title="Tractrix", work=tractrix),
-    Task(title="Steady turns", work=steady_turns),
-    Task(title="Roundabout", work=roundabout),
-    Task(title="Kinematic limit", work=no_slip_limit),
-    Task(title="Linear theory", work=linear_theory),
-    Task(title="Rearward amplification", work=rearward_amplification),
-    Task(title="Multibody model", work=multibody_check),
-    Task(title="Rollover", work=rollover),
-    Task(title="Tyre lag", work=tyre_lag),
-    Task(title="Parking", work=parking),
-    Task(title="Driver", work=driver),
-    Task(title="Brakes and drive", work=braking),
-    Task(title="Mechanics", work=mechanics),
-    Task(title="Integrator", work=integration),
+    SectionTask(title="Design vehicles", work=design_vehicles),
+    SectionTask(title="Tractrix", work=tractrix),
+    SectionTask(title="Steady turns", work=steady_turns),
+    SectionTask(title="Roundabout", work=roundabout),
+    SectionTask(title="Kinematic limit", work=no_slip_limit),
+    SectionTask(title="Linear theory", work=linear_theory),
+    SectionTask(title="Rearward amplification", work=rearward_amplification),
+    SectionTask(title="Multibody model", work=multibody_check),
+    SectionTask(title="Rollover", work=rollover),
+    SectionTask(title="Tyre lag", work=tyre_lag),
+    SectionTask(title="Parking", work=parking),
+    SectionTask(title="Driver", work=driver),
+    SectionTask(title="Brakes and drive", work=braking),
+    SectionTask(title="Mechanics", work=mechanics),
+    SectionTask(title="Integrator", work=integration),
 )
 
 
@@ -54,7 +54,7 @@ _TALLEST: Final = 7.9  # [in]
 _EMPHASIS: Mapping[str, Emphasis] = {"passed": "good", "failed": "bad", "skipped": "soft"}
 
 
-def validation_page(sections: Sequence[Section], facts: Mapping[str, str]) -> str:
+def validation_page(sections: Sequence[CheckSection], facts: Mapping[str, str]) -> str:
     """The page as HTML; ``facts`` are versions and circumstances."""
     counts = tally(sections)
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count or verdict != "skipped")
@@ -73,7 +73,7 @@ def validation_page(sections: Sequence[Section], facts: Mapping[str, str]) -> st
     ).html()
 
 
-def _section(index: int, part: Section) -> PageSection:
+def _section(index: int, part: CheckSection) -> PageSection:
     """The checks, the sources that their last column numbers, and the plots."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     columns = [

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from offtrack.studies.validation.check import Check, Plot, Section, Series
+from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from offtrack.studies.validation.no_slip_limit import poses_along, rolling_chain
 from offtrack.studies.validation.simple_drives import (
     CREEP,
@@ -79,11 +79,11 @@ _WHEELBASE, _KINGPIN, _LENGTH = 3.8, 0.7744762, 7.7  # of the audited European c
 _WHI: Final = {12.5: 3.3830, 15.0: 2.6765, 20.0: 1.9205, 30.0: 1.2447, 50.0: 0.7367, 100.0: 0.3663}  # R: OT [m]
 
 
-def steady_turns(quick: bool) -> Section:
+def steady_turns(quick: bool) -> CheckSection:
     """Trailers that have settled on circles."""
     whi = {radius: _WHI[radius] for radius in ([12.5, 20.0] if quick else _WHI)}
     simulated = {radius: _front_axle_off_tracking(radius) for radius in whi}
-    return Section(
+    return CheckSection(
         title="Steady turns",
         text="The tractor drives on circles until the trailer has settled: off-tracking of the axle and of the follow "
         "point, the longest trailer in the EU roundabout, and the steer law that keeps the follow point on the path.",
@@ -200,7 +200,6 @@ def _path_following_checks() -> tuple[Check, ...]:
             f"off-tracking {follow:g} m behind a hitch on {hitch_radius:g} m, all axles by the path-following law",
             _off_tracking(truths, follow),
             "m",
-            target=0.0,
             tolerance=_MILLIMETRE,
             source="tan δ(x) = -(x - Lf/2) / sqrt(R² - Lf²/4) at each axle",
         ),
@@ -208,7 +207,6 @@ def _path_following_checks() -> tuple[Check, ...]:
             "path-following law: largest slip angle of the trailer's wheels",
             math.degrees(float(np.abs(wheels).max())),
             "°",
-            target=0.0,
             tolerance=0.01,
             source="common turning centre: no wheel slips",
         ),
@@ -226,7 +224,7 @@ _TRACTRIX_CASES: Final = (  # radius, hitch to axle [m], articulation after 90 a
 )
 
 
-def tractrix(quick: bool) -> Section:
+def tractrix(quick: bool) -> CheckSection:
     """Trailers whose hitch enters a circle along a tangent."""
     cases = _TRACTRIX_CASES[:1] if quick else _TRACTRIX_CASES
     checks: list[Check] = []
@@ -242,7 +240,6 @@ def tractrix(quick: bool) -> Section:
                 f"R = {radius:g} m, L = {length:g} m: largest distance from the closed form",
                 math.degrees(float(np.abs(articulation - exact).max())),
                 "°",
-                target=0.0,
                 tolerance=1e-3,
                 source="tractrix onto a circle, closed form with the half-angle tangent",
             ),
@@ -251,7 +248,7 @@ def tractrix(quick: bool) -> Section:
             Series(f"R = {radius:g} m, L = {length:g} m", np.degrees(turned), np.degrees(articulation), "model"),
             Series("closed form" if case is cases[-1] else "", np.degrees(turned), np.degrees(exact), "reference"),
         ]
-    return Section(
+    return CheckSection(
         title="Tractrix",
         text="The hitch of a tractor on stiff tyres enters a circle along a tangent. The trailer's articulation is "
         "compared with the closed form for an axle that does not slide sideways.",
@@ -293,7 +290,7 @@ _ENTRY: Final = 3.0  # [m], for the driver to settle
 _SOURCE: Final = "independent kinematic calculation of the same turn"
 
 
-class _Case(NamedTuple):
+class _RoundaboutCase(NamedTuple):
     """A trailer and its calculated reference figures."""
 
     name: str
@@ -307,16 +304,16 @@ class _Case(NamedTuple):
 
 
 _ROUNDABOUT_CASES: Final = (
-    _Case("7.7 m trailer, kingpin 0.6 m ahead", 0.6, 7.7, 12.0, 5.313, 7.187, 0.257, 45.93),
-    _Case("7.7 m trailer, kingpin 0.77 m ahead", 0.7744762, 7.7, 11.9, 5.330, 7.170, 0.241, 44.88),
-    _Case("9.3 m trailer, kingpin 0.6 m ahead", 0.6, 9.3, 14.04, 3.133, 9.367, 0.317, 60.79),
+    _RoundaboutCase("7.7 m trailer, kingpin 0.6 m ahead", 0.6, 7.7, 12.0, 5.313, 7.187, 0.257, 45.93),
+    _RoundaboutCase("7.7 m trailer, kingpin 0.77 m ahead", 0.7744762, 7.7, 11.9, 5.330, 7.170, 0.241, 44.88),
+    _RoundaboutCase("9.3 m trailer, kingpin 0.6 m ahead", 0.6, 9.3, 14.04, 3.133, 9.367, 0.317, 60.79),
 )
 
 
-def roundabout(quick: bool) -> Section:
+def roundabout(quick: bool) -> CheckSection:
     """Turns of 360 degrees, entered along the tangent, with three trailers."""
     turns = [(case, *_turned(case)) for case in (_ROUNDABOUT_CASES[-1:] if quick else _ROUNDABOUT_CASES)]
-    return Section(
+    return CheckSection(
         title="Roundabout",
         text="The driver guides the tractor's outer front corner from the tangent once around a circle of 12.5 m, on "
         "stiff tyres at walking pace. The evaluation ends with the full circle.",
@@ -325,7 +322,7 @@ def roundabout(quick: bool) -> Section:
     )
 
 
-def _turned(case: _Case) -> tuple[Vehicle, Course, FloatArray]:
+def _turned(case: _RoundaboutCase) -> tuple[Vehicle, Course, FloatArray]:
     vehicle = gripping(
         tractor_and_trailer(
             load_vehicle("eu_tractor_semitrailer"),
@@ -339,7 +336,7 @@ def _turned(case: _Case) -> tuple[Vehicle, Course, FloatArray]:
     return vehicle, course, poses_of(along_path(vehicle, course.path, course.reference, _SPEED))
 
 
-def _checks(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[Check, ...]:
+def _checks(case: _RoundaboutCase, vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[Check, ...]:
     inner, outer = _radii(vehicle, course, poses)
     swing = max(tail_swings(outlines(vehicle), (poses[:, 0], poses[:, 1])))
     rows = (
@@ -377,7 +374,7 @@ def _paths(vehicle: Vehicle, poses: FloatArray) -> tuple[FloatArray, FloatArray]
     return corner, placed(np.array([[trailer.axles[0].x, 0.5 * _WIDTH]]), poses[:, 1])[:, 0]
 
 
-def _plan(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> Plot:
+def _plan(case: _RoundaboutCase, vehicle: Vehicle, course: Course, poses: FloatArray) -> Plot:
     corner, inner = _paths(vehicle, poses)
     _, rolled = _paths(vehicle, poses_along(rolling_chain(vehicle), course.path, course.reference))
     return Plot(
@@ -387,7 +384,7 @@ def _plan(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> P
         series=(
             Series("tractor's front corner", corner[:, 0], corner[:, 1], "faint"),
             Series("inner end of the trailer's axle", inner[:, 0], inner[:, 1], "model"),
-            Series("the same without slip", rolled[::50, 0], rolled[::50, 1], "reference points"),
+            Series("the same without slip", rolled[::20, 0], rolled[::20, 1], "reference points"),
         ),
         to_scale=True,
     )
