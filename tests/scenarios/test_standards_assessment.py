@@ -25,7 +25,7 @@ from offtrack.studies.standards.assessment import (
     loaded,
 )
 from offtrack.studies.standards.assessment_report import BY_NAME, assessment_page, matrix_table
-from offtrack.studies.standards.comparison import CRITERIA, judged
+from offtrack.studies.standards.comparison import CRITERIA, compared_with_limits
 from offtrack.studies.standards.low_speed import aashto_turn, ctsw_turn, roundabout, turn
 from offtrack.studies.standards.proving_ground import Conditions, Hand, Manoeuvre
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
@@ -110,22 +110,22 @@ def test_a_vehicle_too_long_for_the_roundabout_jackknifes_there() -> None:
     done = roundabout(load_vehicle("wb67"), "none")
     assert done.outcome == "jackknifed"
     assert all(math.isnan(value) for value in done.figures.values())
-    assert {one.reached for one in judged(done.figures)} == {"not measured"}
+    assert {one.reached for one in compared_with_limits(done.figures)} == {"not measured"}
 
 
 def test_levels_are_reached_from_the_strictest_on() -> None:
     """At the limit a level is still reached; past the last one, none is."""
-    reached = [judged({"swept_path_m": value})[0].reached for value in (7.4, 7.41, 13.7, 13.8)]
+    reached = [compared_with_limits({"swept_path_m": value})[0].reached for value in (7.4, 7.41, 13.7, 13.8)]
     assert reached == ["level 1", "level 2", "level 4", "none"]
-    assert [judged({"yaw_damping": value})[0].reached for value in (0.15, 0.14)] == ["met", "missed"]
+    assert [compared_with_limits({"yaw_damping": value})[0].reached for value in (0.15, 0.14)] == ["met", "missed"]
 
 
 def test_amplification_is_held_against_the_vehicles_own_threshold() -> None:
     """At most 5.7 times the static rollover threshold in g: 2.0 at 0.351 g."""
     for value, expected in ((1.99, "met"), (2.01, "missed")):
-        found = judged({"rearward_amplification": value, "rollover_threshold_g": 2.0 / 5.7})
+        found = compared_with_limits({"rearward_amplification": value, "rollover_threshold_g": 2.0 / 5.7})
         assert next(j for j in found if j.criterion.quantity == "rearward_amplification").reached == expected
-    assert judged({"rearward_amplification": 1.0})[0].reached == "not measured"
+    assert compared_with_limits({"rearward_amplification": 1.0})[0].reached == "not measured"
 
 
 def test_every_limit_says_where_it_comes_from() -> None:

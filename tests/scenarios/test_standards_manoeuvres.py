@@ -10,7 +10,7 @@ import pytest
 
 from controllers.path import Path, arc, line
 from offtrack.studies.standards import lane_change as single_lane_change
-from offtrack.studies.standards.comparison import judged, linear_figures
+from offtrack.studies.standards.comparison import compared_with_limits, linear_figures
 from offtrack.studies.standards.full_braking import braking, braking_in_turn, braking_slippery, braking_split
 from offtrack.studies.standards.lane_change import lane_change, prescribed_acceleration, prescribed_path
 from offtrack.studies.standards.low_speed import front_reach, reach
@@ -52,7 +52,7 @@ def test_a_dry_stop_meets_the_type_0_test(vehicle: Vehicle) -> None:
     assert 5.0 < slowing < 0.8 * 9.81
     v = 60.0 / 3.6
     assert v**2 / (2.0 * slowing) < distance < v * 0.4 + v**2 / (2.0 * slowing)
-    assert {judgement.reached for judgement in judged(figures)} == {"met"}
+    assert {judgement.reached for judgement in compared_with_limits(figures)} == {"met"}
 
 
 def test_distances_grow_as_friction_falls(vehicle: Vehicle) -> None:

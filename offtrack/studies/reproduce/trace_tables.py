@@ -79,7 +79,7 @@ class TraceStatistics:
     within: float  # share of the identified within ``SIGMAS`` standard deviations [%]
 
 
-def judged(
+def compared_with_truth(
     estimates: Sequence[SlipAngle], truths: Sequence[TraceTruth], rig: TraceRig, steer: Sequence[float] | None = None
 ) -> list[Judgement]:
     """Compare every estimate of a sequence with the truth at the same image.
@@ -217,7 +217,7 @@ _NOTES: Final = (
     "wheel's width.",
 )
 
-Judged = Mapping[Crossing, Sequence[Judgement]]
+Evaluated = Mapping[Crossing, Sequence[Judgement]]
 
 
 def _crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
@@ -225,7 +225,7 @@ def _crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
     return [Crossing(k, kind, seed) for k, one in enumerate(sets) for kind in one.kinds for seed in one.seeds]
 
 
-def _all_judged(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Judged:
+def _evaluated_sets(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Evaluated:
     """Evaluate a slip estimator on every sequence, in several processes if there are several cores.
 
     After an interrupt only the finished sequences are returned.
@@ -240,7 +240,7 @@ def _all_judged(sets: Sequence[TraceSet], estimator: str, progress: Progress) ->
     results: dict[Crossing, list[Judgement]] = {}
     jobs = min(default_jobs(), len(wanted))
     progress(0, total, f"{len(wanted)} sequences, {jobs} at a time")
-    work = partial(_judged, tuple(sets), estimator)
+    work = partial(_evaluated, tuple(sets), estimator)
     try:
         for one, judgements in as_finished(work, wanted, jobs=jobs):
             results[one] = judgements
@@ -267,9 +267,9 @@ class Table:
     def reproduce(self, quick: bool, progress: Progress) -> Reproduction:
         """Evaluate the sets; after an interrupt, only the finished sequences."""
         sets = [one.shortened() if quick else one for one in self.sets]
-        judged_sets = _all_judged(sets, self.estimator, progress)
-        results = [(one, _statistics(k, judged_sets)) for k, one in enumerate(sets)]
-        missing = _unfinished(sets, judged_sets)
+        results_of = _evaluated_sets(sets, self.estimator, progress)
+        results = [(one, _statistics(k, results_of)) for k, one in enumerate(sets)]
+        missing = _unfinished(sets, results_of)
         return Reproduction(
             name=self.name,
             title=self.title,
@@ -278,25 +278,25 @@ class Table:
             notes=(*_NOTES, self.note, *missing),
             interrupted=bool(missing),
             data=Log(
-                _SIGNALS, np.array([row for one, judgements in judged_sets.items() for row in _rows(one, judgements)])
+                _SIGNALS, np.array([row for one, judgements in results_of.items() for row in _rows(one, judgements)])
             ),
             draw=lambda: self.draw(results),
         )
 
 
-def _unfinished(sets: Sequence[TraceSet], judged_sets: Judged) -> tuple[str, ...]:
+def _unfinished(sets: Sequence[TraceSet], results_of: Evaluated) -> tuple[str, ...]:
     """Note on missing sequences after an interrupt."""
     of = len(_crossings(sets))
     return (
         ()
-        if len(judged_sets) == of
-        else (f"Interrupted: {len(judged_sets)} of {of} sequences are finished; the others are missing here.",)
+        if len(results_of) == of
+        else (f"Interrupted: {len(results_of)} of {of} sequences are finished; the others are missing here.",)
     )
 
 
-def _statistics(number: int, judged_sets: Judged) -> TraceStatistics:
+def _statistics(number: int, results_of: Evaluated) -> TraceStatistics:
     """Rates and errors of one set."""
-    return statistics(each for one, judgements in judged_sets.items() if one.trace_set == number for each in judgements)
+    return statistics(each for one, judgements in results_of.items() if one.trace_set == number for each in judgements)
 
 
 def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float]]:
@@ -305,7 +305,7 @@ def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float
         yield [one.trace_set, kind, one.seed, k, math.nan if present is None else present, *numbers]
 
 
-def _judged(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Judgement]:
+def _evaluated(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Judgement]:
     """Evaluate the estimator on one sequence."""
     of = sets[one.trace_set]
     rover = load_rover("el_dorado_ii")
@@ -327,7 +327,7 @@ def _judged(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Jud
         memory, estimate = tracker.step(memory, view)
         estimates.append(estimate)
         truths.append(trace)
-    return judged(estimates, truths, rig)
+    return compared_with_truth(estimates, truths, rig)
 
 
 _SEEDS: Final = (61, 62, 63, 64)  # not used when FTrace's breakpoints were chosen

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from offtrack.studies.standards.comparison import Judgement, judged, linear_figures
+from offtrack.studies.standards.comparison import Judgement, compared_with_limits, linear_figures
 from offtrack.studies.standards.full_braking import braking, braking_in_turn, braking_slippery, braking_split
 from offtrack.studies.standards.lane_change import lane_change
 from offtrack.studies.standards.longitudinal_capability import longitudinal
@@ -281,7 +281,7 @@ class Assessment:
             for name, value in manoeuvre.figures.items()
             if math.isfinite(value) or manoeuvre.outcome != "completed"
         }
-        return judged(applicable)
+        return compared_with_limits(applicable)
 
     def summary(self) -> dict[str, Any]:
         """The assessment for JSON; null where a quantity could not be measured."""
