@@ -39,13 +39,11 @@ from offtrack.exchange.recordings.calibration_files import (
     photographs,
     views_of,
 )
-from offtrack.exchange.recordings.estimation import Chosen, estimate, off_tracking_source
-from offtrack.exchange.recordings.estimation_files import write_estimation
-from offtrack.exchange.recordings.estimation_summary import agreement_numbers
+from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
 from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
+from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.rover_recording import open_rover_recording
-from offtrack.exchange.recordings.slip_estimation import estimate_slip
-from offtrack.exchange.recordings.slip_report import write_slip_estimation
+from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options

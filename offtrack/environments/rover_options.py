@@ -17,8 +17,8 @@ from offtrack.environments.core import CHECKED, Feature
 from offtrack.environments.observations import ObservationKind
 from offtrack.environments.pictures import SensedChannel
 from offtrack.environments.rewards import Range, drawn_within
-from offtrack.reports.camera_pictures import draw_trace
 from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, write
+from offtrack.reports.run_video import draw_trace
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from scenarios.extras import check_extra
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
 from vehicle.frames import FloatArray
 
@@ -52,8 +52,7 @@ def read_crg(path: Path) -> CrgSurface:
     Raises:
         ValueError: one line naming file, value and limit.
     """
-    if importlib.util.find_spec("pyopencrg") is None:
-        raise ValueError(f"{path}: OpenCRG files need the extra 'roads': pip install 'offtrack[roads]'")
+    check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
     if b"$ROAD_CRG_FILE" in read_bytes(path, FileKind.SURFACE)[:65_536].upper():
         raise ValueError(f"{path}: refers to another file ($ROAD_CRG_FILE): save header and heights as one file")
     road = _opened(path)

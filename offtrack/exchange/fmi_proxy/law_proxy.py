@@ -11,13 +11,13 @@ from controllers.trailer import Combination
 from controllers.trailer_steering.guard import LIMITS, Degradation
 from offtrack.exchange.fmi_export.variables import Quantity
 from offtrack.exchange.fmi_import.numbered_signals import (
-    NO_STD,
+    NO_ESTIMATE,
     estimate_of,
     estimate_signals,
     reading_of,
     reading_signals,
 )
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, quantity
+from offtrack.exchange.fmi_proxy.proxy import Computation, Opening, Proxy, quantity
 from scenarios.assembly.adapters import trailer_geometry, vehicle_of
 from scenarios.assembly.drivers_and_laws import (
     bare_law,
@@ -36,11 +36,6 @@ from vehicle.option import Option, Parameter, declared_options
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
 _FIRST: Final = "first_step"
-_STARTS: Final = {
-    "off_tracking_std": NO_STD,
-    "off_tracking_health": 2.0,
-    "off_tracking_time": -1.0,
-}  # without an estimate
 
 
 def steered_unit(vehicle: Vehicle) -> int:
@@ -106,7 +101,7 @@ def law_proxy(
         kind="law",
         name=f"{name.rpartition(':')[2]}_{vehicle.name}",
         summary=f"trailer steering law {name} of offtrack for {vehicle.name}",
-        inputs=[quantity(signal, _STARTS.get(signal.name, 0.0)) for signal in inputs],
+        inputs=[quantity(signal, NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
         outputs=[
             Quantity(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
         ],
@@ -155,7 +150,7 @@ def _guard_parameters(degradation: Degradation) -> list[Quantity]:
     return [Quantity(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
 
 
-class LawComputation:
+class LawComputation(Computation):
     """A law in the process of its FMU."""
 
     def __init__(self, opening: Opening) -> None:
@@ -192,10 +187,6 @@ class LawComputation:
                 self._memory, command = self._law.step(self._memory, now, estimate, reading)
                 self._demands = {f"steer_demand_{k}": float(x) for k, x in enumerate(command.angles, start=1)}
         return self._demands
-
-    def text(self, name: str) -> str:
-        """It has no text."""
-        raise ValueError(f"there is no output {name}")
 
     def close(self) -> None:
         """Close the law."""
