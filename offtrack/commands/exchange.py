@@ -11,7 +11,6 @@ import typer
 from offtrack.commands.console import (
     OneLineGroup,
     Quiet,
-    check_number,
     lines,
     one_line_errors,
     progress_bar,
@@ -41,6 +40,7 @@ from scenarios.options.scenario import Scenario, load_any_scenario, load_scenari
 from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
 from vehicle.combination.description import load_vehicle
+from vehicle.foundation.quantity import check_number
 
 EXPORT_EXAMPLES = (
     "Examples: offtrack export runs/roundabout-1 --to csv   offtrack export runs/roundabout-1 --to mat   "
@@ -119,7 +119,7 @@ def draw(
     Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
     """
     with one_line_errors():
-        check_number("--every", every, *_EVERY)
+        check_number("--every", every, *_EVERY, "m")
 
         kinds = formats_of(to)
         base = out or run / "drawing"
