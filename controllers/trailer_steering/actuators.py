@@ -451,8 +451,7 @@ class ActuatorSupervision:
 
     def init(self) -> SupervisionMemory:
         """Memory of a new run: all actuators sound, wheels straight."""
-        straight = (0.0,) * len(self._trailer.steered_distances)
-        return SupervisionMemory(self._monitor.init(), straight, False, GripMemory(), ~self._all)
+        return SupervisionMemory(self._monitor.init(), self._trailer.straight, False, GripMemory(), ~self._all)
 
     def measured(self, memory: SupervisionMemory, signals: CombinationSignals) -> SupervisionMemory:
         """Memory with new readings of the steer angles."""

@@ -34,7 +34,7 @@ from controllers.trailer_steering.signal_laws import CommandSteer, CommandSteerM
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray
 
 _SLIP_DISTANCE = 2.0  # over which the remaining slip is learnt: some estimates [m]
@@ -85,7 +85,7 @@ class ReckonedDriver:
         self, memory: ReckonedDriverMemory, tick: int, estimate: OffTracking | None, signals: CombinationSignals
     ) -> ReckonedDriverMemory:
         """Memory at ``tick``, with an estimate if there is a new one that can be relied on."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         motion = self._motion(memory.learnt, signals)
         kept = math.exp(-abs(motion.v_x) * elapsed / _FORGOTTEN)
         learnt = memory.learnt._replace(slip=kept * memory.learnt.slip)
@@ -197,7 +197,7 @@ class Fallback:
         if self._name != "dead_reckoning" or not _are_finite(signals):
             return memory
         before, length = memory.reckoning.tick, self._trailer.follow_distance
-        elapsed = 0.0 if before is None else (tick - before) * TICK
+        elapsed = elapsed_since(before, tick)
         reckoning = self._reckoning.reckoned(memory.reckoning, tick, estimate, signals)
         doubted = length if elapsed > _GAP else max(0.0, memory.doubted - abs(signals.speed) * elapsed)
         if reckoning.estimate is not memory.reckoning.estimate:

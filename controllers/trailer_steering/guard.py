@@ -30,7 +30,7 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
@@ -182,7 +182,7 @@ class EstimateGuard:
 
     def init(self) -> GuardMemory:
         """Memory without any estimate, wheels straight."""
-        straight = (0.0,) * len(self._trailer.steered_distances)
+        straight = self._trailer.straight
         return GuardMemory(
             monitor=self._monitor.init(),
             fallback=self._fallback.init(),
@@ -240,7 +240,7 @@ class EstimateGuard:
 
         The remaining difference of the last handover is added.
         """
-        elapsed = _elapsed(memory, tick)
+        elapsed = elapsed_since(memory.tick, tick)
         last, difference = np.array(memory.demand), np.array(memory.difference)
         fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
         if not memory.law_steers:
@@ -281,7 +281,7 @@ class EstimateGuard:
             return memory
         hold, length = self._degradation.hold, self._trailer.follow_distance
         if memory.good is None:
-            rolled = memory.rolled + abs(motion.v_x) * _elapsed(memory, tick)
+            rolled = memory.rolled + abs(motion.v_x) * elapsed_since(memory.tick, tick)
             memory = memory._replace(rolled=rolled, good_at=memory.good_at if rolled > length else tick)
             is_recent = (tick - memory.good_at) * TICK <= hold + _GAP
         else:
@@ -290,11 +290,6 @@ class EstimateGuard:
         if is_recent:
             return memory
         return memory._replace(law_steers=False, trusted=False, sound_since=None, changed_at=tick)
-
-
-def _elapsed(memory: GuardMemory, tick: int) -> float:
-    """Time since the last step [s]."""
-    return 0.0 if memory.tick is None else (tick - memory.tick) * TICK
 
 
 def _is_new(memory: GuardMemory, estimate: OffTracking) -> bool:
