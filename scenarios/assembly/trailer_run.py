@@ -357,7 +357,7 @@ def trailer_stream(seed: int, vehicle: Vehicle, unit: int, name: str) -> np.rand
 def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> Safeguarded:
     """The scenario's law for one trailer; ``none`` for a trailer without steered axles behind steered ones."""
     steered_ahead = any(ahead.steered_axles for ahead in vehicle.units[1:unit])
-    combination, degradation = Combination(vehicle, unit), scenario.degradation.degradation()
+    combination, degradation = Combination(vehicle, unit), scenario.degradation
     if steered_ahead and not any(trailer.steered):
         return trailer_law("none", trailer, combination, {})
     parameters = steering_parameters(scenario)
