@@ -42,8 +42,8 @@ from controllers.trailer_steering.kinematics import (
     check_steered,
     check_towed,
     corrected,
+    extended,
     hitch_motion,
-    moved,
     reachable,
     straight_behind,
 )
@@ -265,7 +265,7 @@ class Lqr(SteeringLaw[LqrMemory]):
         """New memory and command at ``tick``."""
         elapsed = elapsed_since(memory.tick, tick)
         motion = self._filtered(memory, elapsed, signals)
-        path = moved(memory.path, tick, hitch_motion(self._combination, signals, float(motion[0])), elapsed)
+        path = extended(memory.path, tick, hitch_motion(self._combination, signals, float(motion[0])), elapsed)
         newest = memory.estimate_tick
         if off_tracking is not None and off_tracking.health is not Health.LOST and off_tracking.tick > newest:
             path, newest = corrected(path, off_tracking), off_tracking.tick

@@ -148,7 +148,7 @@ class Safeguarded:
             law, wanted = self._by_law(memory.law, tick, off_tracking, signals)
             return memory._replace(law=law), wanted
         state, signals = guard.signals_checked(state, off_tracking, signals)
-        state, estimate = guard.estimate_judged(state, tick, off_tracking, signals)
+        state, estimate = guard.estimate_checked(state, tick, off_tracking, signals)
         law, wanted = self._by_law(memory.law, tick, estimate, signals)
         state, wanted = guard.steered(state, tick, wanted, signals)
         return memory._replace(law=law, guard=state), wanted

@@ -44,9 +44,9 @@ from controllers.trailer_steering.kinematics import (
     HitchMotion,
     ReckonedPath,
     check_steered,
+    extended,
     hitch_motion,
     limited_direction,
-    moved,
     reachable,
     straight_behind,
 )
@@ -182,7 +182,7 @@ class CtAt(SteeringLaw[CtAtMemory]):
         """New memory and command at ``tick``."""
         elapsed = elapsed_since(memory.tick, tick)
         motion = hitch_motion(self._combination, signals)
-        path = moved(memory.path, tick, motion, elapsed)
+        path = extended(memory.path, tick, motion, elapsed)
         wanted = last = np.array(memory.demand)
         required = self._required_direction(path.in_trailer(), motion) if motion.v_x >= _CREEP else None
         if required is not None:

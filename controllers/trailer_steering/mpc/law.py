@@ -200,8 +200,8 @@ class Mpc(SteeringLaw[MpcMemory]):
     def _outlook(self, memory: MpcMemory, path: MeasuredPath, steer: FloatArray) -> Outlook | None:
         """Inputs of the plan; None if the path is too short for a reference."""
         now = memory.observer.now
-        moved = reckoned(memory.observer.records, path.estimate.tick)
-        behind = path_now(path, moved, self._trailer.follow_distance)
+        since = reckoned(memory.observer.records, path.estimate.tick)
+        behind = path_now(path, since, self._trailer.follow_distance)
         if behind is None:
             return None
         course = hitch_course(now.hitch_direction, now.lead_yaw_rate, now.speed, STEP, STEPS)
