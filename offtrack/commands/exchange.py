@@ -11,7 +11,6 @@ import typer
 from offtrack.commands.console import (
     OneLineGroup,
     Quiet,
-    check_number,
     lines,
     one_line_errors,
     progress_bar,
@@ -29,10 +28,9 @@ from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import signals_of
 from offtrack.exchange.fmi_import.mapping import first_map, map_file
-from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy, ground_proxy
 from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
 from offtrack.exchange.fmi_proxy.proxy import Proxy
-from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
+from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, ground_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from offtrack.reports.viewing import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
@@ -41,6 +39,7 @@ from scenarios.options.scenario import Scenario, load_any_scenario, load_scenari
 from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
 from vehicle.combination.description import load_vehicle
+from vehicle.foundation.quantity import check_number
 
 EXPORT_EXAMPLES = (
     "Examples: offtrack export runs/roundabout-1 --to csv   offtrack export runs/roundabout-1 --to mat   "
@@ -119,7 +118,7 @@ def draw(
     Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
     """
     with one_line_errors():
-        check_number("--every", every, *_EVERY)
+        check_number("--every", every, *_EVERY, "m")
 
         kinds = formats_of(to)
         base = out or run / "drawing"

@@ -266,7 +266,7 @@ def test_a_users_setting_takes_effect(change: dict[str, Any]) -> None:
     """Each of them changes the end of a long fault in a turn."""
     fault = within(3000, 99999, FAULTS["lost"])
     plain = drive(fault, 7000, articulation=0.3).commands
-    changed = drive(fault, 7000, replace(COMMAND_STEER, **change), articulation=0.3).commands
+    changed = drive(fault, 7000, COMMAND_STEER.model_copy(update=change), articulation=0.3).commands
     assert np.abs(plain - changed).max() > 0.01
 
 
@@ -306,7 +306,7 @@ def test_no_sequence_of_faults_exceeds_the_actuators_limits(faults: list[Faulty]
 def test_a_setting_outside_its_limits_is_refused(name: str, value: float) -> None:
     """By name, value and limits."""
     with pytest.raises(ValueError, match=rf"{name} = {value} .*must be between"):
-        replace(Degradation(), **{name: value})  # type: ignore[arg-type]  # of any field, for mypy
+        Degradation.of({name: value})
 
 
 # Reversing

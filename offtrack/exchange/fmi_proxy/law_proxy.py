@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.trailer import Combination
-from controllers.trailer_steering.guard import LIMITS, Degradation
+from controllers.trailer_steering.guard import Degradation
 from offtrack.exchange.fmi_export.variables import Quantity
 from offtrack.exchange.fmi_import.numbered_signals import (
     NO_ESTIMATE,
@@ -57,8 +57,7 @@ def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | Non
         ValueError: one line, if it can't be constructed for the vehicle.
     """
     given = steering_parameters(scenario)
-    limits = scenario.degradation.degradation()
-    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, limits, first_step, unit)
+    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, scenario.degradation, first_step, unit)
 
 
 def law_proxy(
@@ -132,10 +131,10 @@ def _is_number(option: Option, given: Mapping[str, Parameter]) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and option.kind is float
 
 
-def _parameter(option: Option, given: Mapping[str, Parameter]) -> Quantity:
+def _parameter(option: Option, given: Mapping[str, Parameter], prefix: str = "") -> Quantity:
     value = given.get(option.name, option.default)
     assert isinstance(value, int | float)
-    return Quantity(option.name, option.unit, option.meaning, float(value), option.low, option.high)
+    return Quantity(prefix + option.name, option.unit, option.meaning, float(value), option.low, option.high)
 
 
 def _is_file(value: Parameter) -> bool:
@@ -143,10 +142,9 @@ def _is_file(value: Parameter) -> bool:
 
 
 def _guard_parameters(degradation: Degradation) -> list[Quantity]:
-    limits = [
-        Quantity(_DEGRADATION + name, unit, "of the guard against bad estimates", getattr(degradation, name), low, high)
-        for name, (low, high, unit) in LIMITS.items()
-    ]
+    given = degradation.model_dump()
+    numbers = [option for option in declared_options(Degradation) if _is_number(option, given)]
+    limits = [_parameter(option, given, _DEGRADATION) for option in numbers]
     return [Quantity(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
 
 
@@ -167,8 +165,9 @@ class LawComputation(Computation):
         given |= {key: _value(value, opening.folder) for key, value in settings["fixed"].items()}
         trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
         if parameters.get(GUARDED, 1.0) >= 0.5:
-            limits = {key: parameters[_DEGRADATION + key] for key in LIMITS if _DEGRADATION + key in parameters}
-            degradation = Degradation(fallback=settings["fallback"], **limits)
+            of_guard = [key for key in parameters if key.startswith(_DEGRADATION)]
+            limits = {key.removeprefix(_DEGRADATION): parameters[key] for key in of_guard}
+            degradation = Degradation.of({"fallback": settings["fallback"], **limits}, "degradation")
             self._law = trailer_law(name, trailer, combination, given, degradation)
         else:
             self._law = bare_law(name, trailer, combination, given)
