@@ -29,7 +29,7 @@ from offtrack.reports.page import (
 )
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail
-from offtrack.reports.player.trailer_playback import unit_body
+from offtrack.reports.player.run_playback import unit_body
 from offtrack.reports.sections import groups
 from offtrack.studies.standards import random_steer, steady_circle
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
