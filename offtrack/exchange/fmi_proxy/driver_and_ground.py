@@ -14,12 +14,11 @@ from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import GroundUnder, ground_signals
 from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, moments, quantity, scenario_files, scenario_in
-from scenarios.assembly.adapters import course_of, vehicle_of
-from scenarios.assembly.course_ground import opened_ground
+from scenarios.assembly.adapters import course_of, plant_kind, plant_vehicle, vehicle_of
 from scenarios.assembly.drivers_and_laws import opened_driver
-from scenarios.assembly.plants import plant_kind, plant_vehicle
+from scenarios.assembly.trailer_run import opened_ground
 from scenarios.courses import Course
-from scenarios.loop.timing import CONTROL
+from scenarios.loop.channel import CONTROL
 from scenarios.options.scenario import Scenario
 from scenarios.options.vehicle_and_driver import DriverOptions
 from sensors.messages import EgoState

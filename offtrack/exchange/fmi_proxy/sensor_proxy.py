@@ -20,12 +20,10 @@ from offtrack.exchange.fmi_import.numbered_signals import (
 )
 from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, Text, moments, quantity, scenario_files, scenario_in
 from offtrack.exchange.recordings.writers import RecordingWriter
-from scenarios.assembly.adapters import course_of, rig_schedule, vehicle_of, watched_units
-from scenarios.assembly.plants import plant_vehicle
+from scenarios.assembly.adapters import course_of, plant_vehicle, rig_schedule, vehicle_of, watched_units
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, assemble
-from scenarios.loop.channel import estimator_thread
+from scenarios.loop.channel import CONTROL, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures
-from scenarios.loop.timing import CONTROL, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.options.scenario import Scenario
 from scenarios.options.vehicle_and_driver import DriverOptions
