@@ -11,7 +11,6 @@ import numpy as np
 from controllers import preview_law as law
 from controllers.equations import FLOATS
 from controllers.path import Path, SpeedProfile
-from controllers.preview_law import EDGES, SPEED_GAIN, SPEED_INTEGRAL, gains
 from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.clock import TICK
@@ -99,36 +98,21 @@ class PreviewDriver(Driver[DriverMemory]):
             raise ValueError(f"speed = {speed} m/s must be positive")
         if not gain > 0.0:
             raise ValueError(f"gain = {gain} rad/m must be positive")
-        self._tractor, self._path, self._speed = tractor, path, speed
-        self._gain, self._gains = gain, gains(tractor, gain)
+        self.tractor, self.path, self.speed = tractor, path, speed
+        self._gain, self._gains = gain, law.gains(tractor, gain)
         self._profile: SpeedProfile | None = None
         if math.isfinite(max_lateral_acceleration):
             self._profile = SpeedProfile.of(path, speed, max_lateral_acceleration, _COMFORTABLE)
 
     @property
-    def tractor(self) -> TractorGeometry:
-        """Data sheet of the tractor."""
-        return self._tractor
-
-    @property
-    def speed(self) -> float:
-        """Set speed [m/s]."""
-        return self._speed
-
-    @property
     def start_speed(self) -> float:
         """Set speed [m/s]."""
-        return self._speed
-
-    @property
-    def path_length(self) -> float:
-        """Length of the path [m]."""
-        return self._path.length
+        return self.speed
 
     @property
     def duration(self) -> float:
         """Planned duration of the drive along the path [s]."""
-        return self._path.length / self._speed if self._profile is None else self._profile.duration
+        return self.path.length / self.speed if self._profile is None else self._profile.duration
 
     def init(self) -> DriverMemory:
         """Memory at the start of the path, wheels straight."""
@@ -141,11 +125,11 @@ class PreviewDriver(Driver[DriverMemory]):
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         steer = self._settled(memory.steer, memory.demand, elapsed)
         motion = law.Motion(ego.v_x, ego.v_y, ego.yaw_rate)
-        slips = law.slips_after(FLOATS, self._tractor, memory.slips, memory.motion, motion, steer, elapsed)
+        slips = law.slips_after(FLOATS, self.tractor, memory.slips, memory.motion, motion, steer, elapsed)
         station, demand = self._steer_demand(memory.station, ego, motion, slips, steer)
-        wanted = self._speed if self._profile is None else self._profile.at(station)
+        wanted = self.speed if self._profile is None else self._profile.at(station)
         error = min(wanted, speed_limit) - ego.v_x
-        integral, acceleration = speed_control(memory.speed_integral, error, elapsed)
+        integral, acceleration = law.speed_control(FLOATS, memory.speed_integral, error, elapsed)
         after = DriverMemory(tick, station, demand, steer, slips.front, integral, *slips[1:], motion)
         return after, DriverCommand(steer=demand, acceleration=acceleration)
 
@@ -153,23 +137,23 @@ class PreviewDriver(Driver[DriverMemory]):
         """Memory while another driver steers with ``demand`` [rad]; the filters and the integral start anew."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         steer = self._settled(memory.steer, memory.demand, elapsed)
-        point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(self._tractor.x_ref, self._tractor.y_ref, 0.0)
-        station = self._path.project(point.x, point.y, memory.station)
+        point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(self.tractor.x_ref, self.tractor.y_ref, 0.0)
+        station = self.path.project(point.x, point.y, memory.station)
         return DriverMemory(tick, station, demand, steer, 0.0, 0.0, motion=law.Motion(ego.v_x, ego.v_y, ego.yaw_rate))
 
     def _settled(self, steer: float, demand: float, duration: float) -> float:
-        return float(law.steer_after(FLOATS, self._tractor, steer, demand, duration))
+        return float(law.steer_after(FLOATS, self.tractor, steer, demand, duration))
 
     def _steer_demand(
         self, near: float, ego: EgoState, motion: law.Motion[float], slips: law.Slips[float], steer: float
     ) -> tuple[float, float]:
         """Station of the guided point on the path [m] and the steer angle that it needs [rad]."""
-        t, path = self._tractor, self._path
+        t, path = self.tractor, self.path
         guided_point = t.x_ref, t.y_ref
         point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(*guided_point, 0.0)
         station = path.project(point.x, point.y, near)
         on_path, u = path.pose(station), law.travel(FLOATS, guided_point, motion)
-        ahead = path.headings([station + u * time for time in EDGES[1:]])
+        ahead = path.headings([station + u * time for time in law.EDGES[1:]])
         on = law.OnPath(
             to_path=math.cos(on_path.psi) * (on_path.y - point.y) - math.sin(on_path.psi) * (on_path.x - point.x),
             heading_error=math.remainder(on_path.psi - ego.psi, math.tau),
@@ -179,11 +163,6 @@ class PreviewDriver(Driver[DriverMemory]):
         row = self._gains.row(motion.v_x)
         demand = law.steer_demand(FLOATS, t, guided_point, on, motion, slips, steer, row, self._gain)
         return station, demand
-
-
-def speed_control(integral: float, error: float, elapsed: float) -> tuple[float, float]:
-    """`preview_law.speed_control` in floats."""
-    return law.speed_control(FLOATS, integral, error, elapsed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -250,8 +229,8 @@ class TraceDriver(Driver[TraceMemory]):
         integral = memory.integral
         if trace.speed is not None:
             error = float(np.interp(now, trace.time, trace.speed)) - ego.v_x
-            integral += SPEED_INTEGRAL * error * elapsed
-            acceleration += SPEED_GAIN * error + integral
+            integral += law.SPEED_INTEGRAL * error * elapsed
+            acceleration += law.SPEED_GAIN * error + integral
         return TraceMemory(tick, integral), DriverCommand(steer=steer, acceleration=acceleration)
 
     def _recorded_acceleration(self, now: float) -> float:

@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, Generic, NamedTuple
+from typing import Final, Generic, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +35,6 @@ from scipy.linalg import expm, solve_discrete_are
 from controllers.equations import Functions, Num, limited, settled
 from controllers.tractor import STATES, TractorGeometry, TractorModel, path_matrices, rolling_matrices, tractor_model
 from vehicle.frames import FloatArray
-
-if TYPE_CHECKING:
-    from controllers.tractor import TractorGeometry
-
 
 PERIOD: Final = 0.02  # the driver's step [s]
 CREEP: Final = 0.2  # below this speed a direction of travel is not a measurement [m/s]

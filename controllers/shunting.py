@@ -12,7 +12,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from controllers.driver import Driver, DriverCommand, DriverMemory, PreviewDriver, speed_control
+from controllers.driver import Driver, DriverCommand, DriverMemory, PreviewDriver
+from controllers.equations import FLOATS
+from controllers.preview_law import speed_control
 from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from sensors.messages import EgoState
 from vehicle.clock import TICK
@@ -78,7 +80,7 @@ class ShuntingDriver(Driver[ShuntMemory]):
     def __init__(self, forward: PreviewDriver, chain: RollingChain, stops: Sequence[Stop]) -> None:
         """``forward`` drives between the stops."""
         self._forward, self._chain, self._law = forward, chain, ReversingLaw(chain)
-        self._legs = _legs(stops, forward.path_length)
+        self._legs = _legs(stops, forward.path.length)
         self._stops = tuple(stops)
         lock_to_lock = 2.0 * chain.max_steer / forward.tractor.max_steer_rate  # [s]
         self._reverse_speed = min(_REVERSE_SPEED, _FOLDING * min(chain.lengths) / lock_to_lock)  # [m/s]
@@ -86,9 +88,8 @@ class ShuntingDriver(Driver[ShuntMemory]):
     @property
     def duration(self) -> float:
         """Planned duration of the drive with its stops and legs in reverse [s]."""
-        stopping = (
-            self._forward.speed / _GENTLE + self._reverse_speed / _GENTLE
-        )  # longer than braking and setting off take
+        # longer than braking and setting off take
+        stopping = self._forward.speed / _GENTLE + self._reverse_speed / _GENTLE
         duration = self._forward.duration
         for stop in self._stops:
             duration += stop.wait + stopping
@@ -156,7 +157,7 @@ class ShuntingDriver(Driver[ShuntMemory]):
             return self._held(memory, tick, ego, demand, -_STOPPING)
         error = min(self._reverse_speed, _speed_limit(memory, tick, left)) + ego.v_x
         elapsed = 0.0 if memory.forward.tick is None else (tick - memory.forward.tick) * TICK
-        integral, acceleration = speed_control(memory.integral, error, elapsed)
+        integral, acceleration = speed_control(FLOATS, memory.integral, error, elapsed)
         forward = self._forward.following(memory.forward, tick, ego, demand)
         command = DriverCommand(demand, acceleration, gear=-1.0)
         return memory._replace(forward=forward, integral=integral), command

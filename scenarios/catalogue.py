@@ -51,8 +51,8 @@ TRAILER_STEERING: Final = Catalogue(
         "ct_at": "controllers.trailer_steering.signal_laws:CtAt",
         "lqr": "controllers.trailer_steering.lqr:Lqr",
         "mpc": "controllers.trailer_steering.mpc.law:Mpc",
-        "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
-        "virtual_driver": "controllers.trailer_steering.virtual_driver:VirtualDriver",
+        "path_preview": "controllers.trailer_steering.path_laws:PathPreview",
+        "virtual_driver": "controllers.trailer_steering.path_laws:VirtualDriver",
         "policy": "controllers.trailer_steering.policy:Policy",
     },
     methods=("init", "step"),
@@ -81,7 +81,7 @@ OFF_TRACKING: Final = Catalogue(
 )
 SLIP_ESTIMATOR: Final = Catalogue(
     {
-        "truth": "estimators.slip.reference_slip:ReferenceSlip",
+        "truth": "estimators.slip.rover_odometry:ReferenceSlip",
         "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
         "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
     },

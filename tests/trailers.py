@@ -1,4 +1,4 @@
-"""Trailers and readings that tests of controllers share."""
+"""Trailers, readings and estimates that tests of controllers share."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from controllers.trailer import Combination, TrailerGeometry
+from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
 
@@ -36,3 +37,21 @@ def signals(tick: int, **changes: Any) -> CombinationSignals:
         lateral_acceleration=0.0,
     )
     return replace(at_rest, **changes)
+
+
+def estimate(tick: int, **changes: Any) -> OffTracking:
+    """Straight travel at 2.8 m/s, 16 m of the path straight behind the hitch, but for the changes."""
+    straight = OffTracking(
+        tick=tick,
+        value=0.0,
+        std=0.01,
+        health=Health.OK,
+        path=np.column_stack([-np.linspace(0.0, 16.0, 60), np.zeros(60)]),
+        hitch_direction=0.0,
+        hitch_direction_rate=0.0,
+        path_tangent=0.0,
+        v_x=2.8,
+        v_y=0.0,
+        yaw_rate=0.0,
+    )
+    return replace(straight, **changes)

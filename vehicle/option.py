@@ -116,7 +116,7 @@ def arguments(part: Callable[..., object], given: Mapping[str, Parameter], prefi
 
 
 def _table(part: object) -> type[PartParameters] | None:
-    table = getattr(part, "Parameters", None)
+    table = getattr(part, "Parameters", part)  # or it is a table itself
     return table if inspect.isclass(table) and issubclass(table, PartParameters) else None
 
 

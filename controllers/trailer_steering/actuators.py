@@ -36,7 +36,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ from numpy.typing import NDArray
 
 from controllers.equations import settle
 from controllers.trailer import Actuation, Combination, TrailerGeometry
-from controllers.trailer_steering.kinematics import AxleGroup, TractorMotion, hitch_motion, reachable
+from controllers.trailer_steering.kinematics import AxleGroup, TractorMotion, reachable
 from controllers.trailer_steering.mpc.observer import FrictionMemory, updated
 from estimators.off_tracking.parity import STEER_NOISE
 from sensors.messages import CombinationSignals
@@ -371,7 +370,7 @@ class AxleGrip:
         """For the signals of the combination's steered trailer."""
         vehicle = combination.vehicle
         unit = vehicle.led_unit(combination.unit)
-        self._combination, self._tractor = combination, TractorMotion(combination)
+        self._tractor = TractorMotion(combination)
         self._tyres = [axle.tyre for axle in unit.axles]
         self._x = np.array([axle.x for axle in unit.axles])
         self._steered = np.array([axle.steered for axle in unit.axles])
@@ -383,9 +382,7 @@ class AxleGrip:
 
     def measured(self, memory: GripMemory, signals: CombinationSignals, elapsed: float) -> GripMemory:
         """Memory with new signals, ``elapsed`` [s] after those before."""
-        slip = self._tractor.slip(signals)
-        speed = self._tractor.speed(signals, slip)
-        motion = hitch_motion(self._combination, replace(signals, speed=speed), speed * slip)
+        motion = self._tractor.of_hitch(signals)
         if motion.v_x < _SLOWEST:
             return memory._replace(travel=None)
         travel = np.arctan((motion.v_y + self._x * motion.yaw_rate) / motion.v_x)

@@ -24,14 +24,13 @@ from controllers.trailer_steering.kinematics import (
     ReckonedPath,
     TractorMotion,
     corrected,
-    hitch_motion,
     motion_between,
     moved,
     straight_behind,
     target_on,
 )
+from controllers.trailer_steering.path_laws import PathLawMemory, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CommandSteerMemory
-from controllers.trailer_steering.virtual_driver import VirtualDriver, VirtualDriverMemory
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals
@@ -65,7 +64,7 @@ class ReckonedDriverMemory(NamedTuple):
     path: ReckonedPath
     learnt: Learnt
     estimate: OffTracking | None  # newest one
-    driver: VirtualDriverMemory
+    driver: PathLawMemory
 
 
 class ReckonedDriver:
@@ -73,7 +72,7 @@ class ReckonedDriver:
 
     def __init__(self, trailer: TrailerGeometry, combination: Combination) -> None:
         """For a trailer with steered axles."""
-        self._trailer, self._combination = trailer, combination
+        self._trailer, self._unit = trailer, combination.unit
         self._tractor = TractorMotion(combination)
         self._driver = VirtualDriver(trailer)
 
@@ -109,9 +108,7 @@ class ReckonedDriver:
 
     def _motion(self, learnt: Learnt, signals: CombinationSignals) -> HitchMotion:
         """Motion of the hitch, with the slip of the tractor's rear axle."""
-        slip = learnt.slip + learnt.offset + self._tractor.slip(signals)
-        speed = self._tractor.speed(signals, slip)
-        v_x, v_y, yaw_rate = hitch_motion(self._combination, replace(signals, speed=speed), speed * slip)
+        v_x, v_y, yaw_rate = self._tractor.of_hitch(signals, learnt.slip + learnt.offset)
         return HitchMotion(learnt.scale * v_x, learnt.scale * v_y, yaw_rate - learnt.yaw_rate)
 
     def _learnt(self, memory: ReckonedDriverMemory, estimate: OffTracking) -> Learnt:
@@ -139,7 +136,7 @@ class ReckonedDriver:
         """The off-tracking by dead reckoning."""
         motion, path = self._motion(memory.learnt, signals), memory.path.in_trailer()
         target = target_on(path, self._trailer.follow_distance)
-        ahead = float(signals.yaw_rates[self._combination.unit - 1])
+        ahead = float(signals.yaw_rates[self._unit - 1])
         return OffTracking(
             tick=tick,
             value=0.0 if target is None else target.offset,

@@ -18,7 +18,7 @@ hitch path, until the follow point has passed that place.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-from vehicle.option import Option
+from vehicle.option import PartParameters, option, quantity
 
 # assumed: several times the errors of wheel speeds, gyros and odometry, and the change of motion of a braking or
 # turning trailer within the 0.3 s by which an estimate is late.
@@ -116,35 +116,32 @@ def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, li
 _GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
 _HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]
 _GAP = 0.3  # accepted at any speed: two missing frames [s]
-LIMITS: Final = {
-    "hold": (0.0, 1.5, "s"),
-    "fade_rate": (0.001, 1.0, "rad/s"),
-    "max_age": (0.1, 2.0, "s"),
-    "max_std": (0.01, 5.0, "m"),
-    "max_jump": (0.01, 10.0, "m"),
-    "recovery": (0.0, 10.0, "s"),
-}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Degradation:
-    """Criteria for ignoring estimates, and the response.
+class Degradation(PartParameters):
+    """Criteria for ignoring estimates, and the response: limits of usable estimates, and the fallback law."""
 
-    Raises:
-        ValueError: if a value is outside its limits.
-    """
-
-    hold: float = 1.0  # use of the last good estimate, for a quarter of the follow distance at most [s]
-    fade_rate: float = 0.05  # initial rate of a handover; assumed: 3 deg/s end a turn within seconds [rad/s]
-    max_age: float = 0.6  # of an estimate on arrival: 2 m of travel at 10 km/h [s]
-    max_std: float = 0.8  # of a degraded estimate; command steer errs by 0.7 m RMS on a roundabout [m]
-    max_jump: float = 0.25  # deviation from the expected value [m]
-    recovery: float = 0.5  # for which estimates must be good before they are used again [s]
-    fallback: FallbackName = "dead_reckoning"
-
-    def __post_init__(self) -> None:
-        for name, (low, high, unit) in LIMITS.items():
-            Option(name, 0.0, "", unit, low, high).check(getattr(self, name), name)
+    hold: float = quantity(
+        1.0,
+        "s",
+        0.0,
+        1.5,
+        "Time for which the last good estimate is used; limited to a quarter of the follow distance.",
+    )
+    fade_rate: float = quantity(  # assumed: 3 deg/s end a turn within seconds
+        0.05, "rad/s", 0.001, 1.0, "Initial rate of the change-over between laws."
+    )
+    max_age: float = quantity(  # 2 m of travel at 10 km/h
+        0.6, "s", 0.1, 2.0, "Largest accepted age of an estimate on arrival."
+    )
+    max_std: float = quantity(  # command steer errs by 0.7 m RMS on a roundabout
+        0.8, "m", 0.01, 5.0, "Largest accepted standard deviation of a degraded estimate."
+    )
+    max_jump: float = quantity(0.25, "m", 0.01, 10.0, "Largest accepted difference of an estimate from the prediction.")
+    recovery: float = quantity(0.5, "s", 0.0, 10.0, "Duration of good estimates after which they are used again.")
+    fallback: FallbackName = option(
+        "Law without usable estimates; all but straight fade out between 30 and 50 km/h.", "dead_reckoning"
+    )
 
     @property
     def limits(self) -> Limits:

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -414,10 +414,11 @@ _SCRUB = 0.9  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
 
 
 class TractorMotion:
-    """Velocity of a tractor's rear axle."""
+    """Motion of a tractor's rear axle and of the steered trailer's hitch, with slip."""
 
     def __init__(self, combination: Combination) -> None:
         """For the signals of the combination's steered trailer."""
+        self._combination = combination
         self._is_towing = combination.unit > 0  # else the signals are of the leading point itself
         self._front_x = combination.vehicle.units[0].steered_axles[0].x
         self._scrub = TyreScrub(combination.vehicle, combination.unit)
@@ -438,3 +439,9 @@ class TractorMotion:
             return signals.speed
         c, s = math.cos(signals.steer), math.sin(signals.steer)
         return (signals.speed - self._front_x * float(signals.yaw_rates[0]) * s * c) / (c * c + slip * s * c)
+
+    def of_hitch(self, signals: CombinationSignals, more_slip: float = 0.0) -> HitchMotion:
+        """Motion of the trailer, with ``more_slip`` [rad] of the rear axle than by the data sheet."""
+        slip = more_slip + self.slip(signals)
+        speed = self.speed(signals, slip)
+        return hitch_motion(self._combination, replace(signals, speed=speed), speed * slip)

@@ -47,9 +47,8 @@ from controllers.trailer_steering.kinematics import (
     reachable,
     straight_behind,
 )
-from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
-from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK

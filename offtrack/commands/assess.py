@@ -28,7 +28,7 @@ from offtrack.commands.console import (
     progress_display,
     remark,
 )
-from offtrack.exchange.drawings import formats_of, missing_package, needed_packages
+from offtrack.exchange.drawings import formats_of
 from offtrack.reports.vehicle_sheet.library import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
@@ -199,8 +199,6 @@ def assess(
         chosen = load_vehicle(vehicle)
         directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
-        if missing := missing_package(needed_packages(kinds)):
-            raise ValueError(missing)
         close_part(steered_trailer(chosen, trailer_steering))  # refuses what can not be steered
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(

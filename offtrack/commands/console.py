@@ -118,16 +118,6 @@ def printable(text: str) -> str:
     return _CONTROL.sub(lambda control: repr(control[0])[1:-1], text)
 
 
-def check_number(option: str, value: float | None, low: float, high: float) -> None:
-    """Refuse a number outside its limits; None is accepted.
-
-    Raises:
-        ValueError: one line with value and limits.
-    """
-    if value is not None and not low <= value <= high:  # also NaN
-        raise ValueError(f"{option} {value}: must be from {low:g} to {high:g}")
-
-
 class LazyDisplay(ProgressDisplay):
     """A progress display that appears with the first progress; an unused one leaves no empty line."""
 

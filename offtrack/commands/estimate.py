@@ -21,7 +21,6 @@ from offtrack.commands.console import (
     INTERRUPTED,
     PlainConsole,
     Quiet,
-    check_number,
     lines,
     one_line_errors,
     progress_bar,
@@ -36,13 +35,11 @@ from offtrack.exchange.recordings.calibration_files import (
     photographs,
     views_of,
 )
-from offtrack.exchange.recordings.estimation import Chosen, estimate, off_tracking_source
-from offtrack.exchange.recordings.estimation_files import write_estimation
-from offtrack.exchange.recordings.estimation_summary import agreement_numbers
+from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
 from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
+from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.rover_recording import open_rover_recording
-from offtrack.exchange.recordings.slip_estimation import estimate_slip
-from offtrack.exchange.recordings.slip_report import write_slip_estimation
+from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options
@@ -52,6 +49,7 @@ from scenarios.results.atomic_files import check_new_file, replaced
 from scenarios.results.run_directory import results_directory
 from sensors.camera.lens import RawStereoRig
 from sensors.camera.rig import StereoRig
+from vehicle.foundation.quantity import check_number
 
 app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
 
@@ -178,9 +176,9 @@ def off_tracking(
         ExitStack() as cleanup,
     ):
         chosen_topics = parsed_topics(topics)
-        check_number("--camera-x", camera_x, -100.0, 100.0)
-        check_number("--camera-y", camera_y, -10.0, 10.0)
-        check_number("--direction-std", direction_std, 0.0, 10.0)
+        check_number("--camera-x", camera_x, -100.0, 100.0, "m")
+        check_number("--camera-y", camera_y, -10.0, 10.0, "m")
+        check_number("--direction-std", direction_std, 0.0, 10.0, "deg")
         options = MountingOptions(
             follow_distance=follow_distance,
             facing=facing_named(facing) if facing else None,
@@ -346,7 +344,7 @@ def calibrate(
     Use the file of a stereo pair as `offtrack estimate off-tracking --calibration FILE`.
     """
     with one_line_errors():
-        check_number("--square", square, 1e-4, 10.0)
+        check_number("--square", square, 1e-4, 10.0, "m")
         checkerboard, X_SC = board_of(board, square), _mount(facing, position)
         left_paths, right_paths = photographs(images, right or [])
         target = out or Path("rig.toml" if right_paths else "camera.toml")
@@ -396,7 +394,7 @@ def _mount(facing: Literal["rear", "left", "right", "down"], position: str | Non
             f"--position {position}: expected X,Y,Z in metres, for example --position=-14,0.25,3"
         ) from error
     for value in (x, y, z):
-        check_number("--position", value, -100.0, 100.0)
+        check_number("--position", value, -100.0, 100.0, "m")
     rig = StereoRig(facing=facing, width=1, height=1, hfov=1.0, x=x, y=y, z=z, baseline=1.0)
     X_SC = rig.calibration().X_SC.copy()
     X_SC[:3, 3] = x, y, z

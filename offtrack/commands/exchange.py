@@ -11,7 +11,6 @@ import typer
 from offtrack.commands.console import (
     OneLineGroup,
     Quiet,
-    check_number,
     lines,
     one_line_errors,
     progress_bar,
@@ -21,13 +20,9 @@ from offtrack.exchange.drawings import (
     drawing,
     driven_run,
     formats_of,
-    missing_package,
-    needed_packages,
     write_drawing,
 )
-from offtrack.exchange.exports.log_files import written
-from offtrack.exchange.exports.mcap import write_mcap
-from offtrack.exchange.exports.rosbag2 import write_rosbag2
+from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
@@ -40,10 +35,12 @@ from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from offtrack.reports.viewing import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
+from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
 from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
 from vehicle.combination.description import load_vehicle
+from vehicle.foundation.quantity import check_number
 
 EXPORT_EXAMPLES = (
     "Examples: offtrack export runs/roundabout-1 --to csv   offtrack export runs/roundabout-1 --to mat   "
@@ -52,7 +49,6 @@ EXPORT_EXAMPLES = (
     "offtrack export runs/roundabout-1 --to rosbag2 --images images, then offtrack estimate off-tracking "
     "runs/roundabout-1/rosbag2"
 )
-SignalFormat = Literal["csv", "mat", "mf4", "mcap", "rosbag2"]
 _SIGNALS = "signals.parquet"
 _SCENARIO = "scenario.toml"
 
@@ -60,10 +56,11 @@ _SCENARIO = "scenario.toml"
 def export(
     run: Annotated[Path, typer.Argument(help="Directory of a finished run.")],
     to: Annotated[
-        SignalFormat,
+        str,
         typer.Option(
-            help="Format: CSV, MAT for MATLAB, MF4 (ASAM MDF) for measurement tools, MCAP for Foxglove and Lichtblick, "
-            "or a ROS 2 bag (a folder). MF4, MCAP and bags need the extra 'export'."
+            help=f"Format: {', '.join(EXPORT)} or package.module:Name. MAT is for MATLAB, MF4 (ASAM MDF) for "
+            "measurement tools, MCAP for Foxglove and Lichtblick; a ROS 2 bag is a folder. MF4, MCAP and bags need the "
+            "extra 'export'."
         ),
     ] = "csv",
     images: Annotated[
@@ -83,16 +80,15 @@ def export(
     with one_line_errors():
         if not (run / _SIGNALS).is_file():
             raise ValueError(f"{run}: is no directory of a finished run: it has no {_SIGNALS}")
-        write_all = {"mcap": write_mcap, "rosbag2": write_rosbag2}.get(to)
-        if images is not None and write_all is None:
-            raise ValueError(f"--images {images}: only MCAP and bags hold images: add --to mcap or --to rosbag2")
-        log, path = read_log(run / _SIGNALS), out or run / ("rosbag2" if to == "rosbag2" else f"signals.{to}")
-        if write_all is not None:
-            with progress_display(shown=not quiet) as display:
-                shown = progress_bar(display, "export")
-                files: tuple[Path, ...] = (write_all(log, run / _SCENARIO, path, images=images, progress=shown),)
-        else:
-            files = written(log, path, to)  # type: ignore[arg-type]  # the others are written above
+        chosen: type[ExportFormat] = resolve("--to", to, EXPORT)
+        if images is not None and not chosen.takes_images:
+            with_images = [name for name in EXPORT if resolve("--to", name, EXPORT).takes_images]
+            raise ValueError(f"--images {images}: {to} takes no images: choose --to {' or '.join(with_images)}")
+        log = read_log(run / _SIGNALS)
+        with progress_display(shown=chosen.takes_images and not quiet) as display:
+            bar = progress_bar(display, "export")
+            exported = ExportedRun(log=log, scenario=run / _SCENARIO, images=images, progress=bar)
+            files = chosen.write(exported, out or run / chosen.file)
         if not quiet:
             for path in files:
                 typer.echo(f"Signals: {path}")
@@ -123,11 +119,9 @@ def draw(
     Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
     """
     with one_line_errors():
-        check_number("--every", every, *_EVERY)
+        check_number("--every", every, *_EVERY, "m")
 
         kinds = formats_of(to)
-        if missing := missing_package(needed_packages(kinds)):
-            raise ValueError(missing)
         base = out or run / "drawing"
         files = {kind: base if out and len(kinds) == 1 else base.with_name(f"{base.name}.{kind}") for kind in kinds}
         drawn = drawing(driven_run(run), every=every)

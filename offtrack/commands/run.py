@@ -18,7 +18,6 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     ScenarioName,
-    check_number,
     debugging,
     one_line_errors,
     progress_bar,
@@ -37,6 +36,7 @@ from scenarios.part_listing import Key
 from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
 from scenarios.results.run_inputs import changed_modules
+from vehicle.foundation.quantity import check_number
 
 RUN_EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -73,7 +73,10 @@ def run(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
     paced: Annotated[
-        bool, typer.Option("--paced", help="Keep wall time: every step begins when its time has come; misses are told.")
+        bool,
+        typer.Option(
+            "--paced", help="Keep wall time: each step begins when its time has come; late steps are reported."
+        ),
     ] = False,
     speed: Annotated[
         float | None,

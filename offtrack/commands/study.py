@@ -20,7 +20,6 @@ from offtrack.commands.console import (
     CHECK_FAILED,
     PlainConsole,
     Quiet,
-    check_number,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -35,6 +34,7 @@ from offtrack.studies.study_page import HEADINGS, remarks
 from offtrack.studies.table import Row, shown_quantities, text_of
 from scenarios.catalogue import resolve
 from scenarios.processes import MOST_JOBS, default_jobs
+from vehicle.foundation.quantity import check_number
 
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Timeout = Annotated[
@@ -93,8 +93,8 @@ class StudyOptions:
             ValueError: one line.
         """
         check_number("--jobs", self.jobs, 1, MOST_JOBS)
-        check_number("--timeout", self.timeout, 1.0, 1e6)
-        check_number("--patience", self.patience, 1.0, 1e6)
+        check_number("--timeout", self.timeout, 1.0, 1e6, "s")
+        check_number("--patience", self.patience, 1.0, 1e6, "s")
         if self.scheduler is not None and self.job_queue is not None:
             raise ValueError("--scheduler and --dask-jobqueue: choose one")
         if self.scheduler is not None and self.jobs is not None:

@@ -19,7 +19,6 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     ScenarioName,
-    check_number,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -56,6 +55,7 @@ from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
 from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
+from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text
 
 TRAIN_EXAMPLES = (
@@ -100,7 +100,7 @@ def train(
     """
     with one_line_errors():
         check_number("--steps", steps, 1000, 1e12)
-        check_number("--minutes", minutes, 0.05, 1e6)
+        check_number("--minutes", minutes, 0.05, 1e6, "min")
         check_number("--envs", envs, 1, 100_000)
         check_number("--seed", seed, 0, 2**31)
         check_number("--episodes", episodes, 1, 10_000)

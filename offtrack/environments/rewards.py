@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -168,30 +168,48 @@ _HUGE = 1e300
 Range = tuple[float, float]  # lower and upper bound of a uniform distribution
 
 
+def drawn_from(usual: Range, low: float, high: float) -> Any:
+    """Field of a range within limits, in the unit of its comment."""
+    return field(default=usual, metadata={"within": (low, high)})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Domain:
-    """Ranges of an episode's circumstances.
+class Ranges:
+    """Ranges of an episode's circumstances, each declared by `drawn_from`.
 
     Raises:
         ValueError: if a range is empty or exceeds its limits.
     """
 
-    friction: Range = (0.2, 0.9)  # of tyre and ground: gritted ice to dry asphalt [-]
-    cross_fall: Range = (-0.025, 0.05)  # + falls away from a roundabout's centre, or to the right [-]
-    speed: Range = (1.4, 5.6)  # set speed: 5 to 20 km/h; lower if a turn needs more friction [m/s]
-    load: Range = (0.4, 1.0)  # mass of the trailer, relative to its file [-]
-    length: Range = (0.85, 1.05)  # of the trailer, relative to its file [-]
-    actuator_lag: Range = (0.7, 1.5)  # of the trailer's steering, relative to its file [-]
-    sensor_error: Range = (0.5, 1.5)  # of surrogate and encoders, relative to the nominal error [-]
-
     def __post_init__(self) -> None:
-        drawn_within(self, _LIMITS)
+        for declared in fields(self):
+            bounds, (least, most) = getattr(self, declared.name), declared.metadata["within"]
+            low, high = _range(declared.name, bounds if isinstance(bounds, Sequence) else None)
+            if not least <= low <= high <= most:
+                raise ValueError(f"{declared.name} = {low:g} .. {high:g} must be a range within {least:g} .. {most:g}")
+
+    def values(self, uniform: FloatArray) -> FloatArray:
+        """Values (..., n) from uniform numbers (..., n) within 0 .. 1, one for each range."""
+        ranges = np.array([getattr(self, declared.name) for declared in fields(self)])
+        values: FloatArray = ranges[:, 0] + uniform * (ranges[:, 1] - ranges[:, 0])
+        return values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Domain(Ranges):
+    """Ranges of a combination's episodes."""
+
+    friction: Range = drawn_from((0.2, 0.9), 0.05, 1.5)  # of tyre and ground: gritted ice to dry asphalt [-]
+    cross_fall: Range = drawn_from((-0.025, 0.05), -0.2, 0.2)  # + falls from a roundabout's centre, or to the right [-]
+    speed: Range = drawn_from((1.4, 5.6), 0.5, 35.0)  # 5 to 20 km/h; lower if a turn needs more friction [m/s]
+    load: Range = drawn_from((0.4, 1.0), 0.1, 2.0)  # mass of the trailer, relative to its file [-]
+    length: Range = drawn_from((0.85, 1.05), 0.5, 1.5)  # of the trailer, relative to its file [-]
+    actuator_lag: Range = drawn_from((0.7, 1.5), 0.1, 10.0)  # of the trailer's steering, relative to its file [-]
+    sensor_error: Range = drawn_from((0.5, 1.5), 0.0, 10.0)  # of surrogate and encoders, over the nominal error [-]
 
     def drawn(self, uniform: FloatArray) -> Circumstances:
         """Circumstances of k episodes from uniform numbers (k, 7) within 0 .. 1, one column per field."""
-        ranges = np.array([getattr(self, field.name) for field in fields(self)])
-        values = ranges[:, 0] + uniform * (ranges[:, 1] - ranges[:, 0])
-        return Circumstances(*values.T)
+        return Circumstances(*self.values(uniform).T)
 
 
 class Circumstances(NamedTuple):
@@ -207,46 +225,22 @@ class Circumstances(NamedTuple):
 
 
 N_DRAWN = len(Circumstances._fields)
-_LIMITS = {
-    "friction": (0.05, 1.5),
-    "cross_fall": (-0.2, 0.2),
-    "speed": (0.5, 35.0),
-    "load": (0.1, 2.0),
-    "length": (0.5, 1.5),
-    "actuator_lag": (0.1, 10.0),
-    "sensor_error": (0.0, 10.0),
-}
+
+DomainT = TypeVar("DomainT", bound=Ranges)
 
 
-D = TypeVar("D")
-
-
-def drawn_within(domain: Any, limits: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse ranges that exceed their limits.
-
-    Raises:
-        ValueError: if one does.
-    """
-    for name, (least, most) in limits.items():
-        bounds = getattr(domain, name)
-        low, high = _range(name, bounds if isinstance(bounds, Sequence) else None)
-        if not least <= low <= high <= most:
-            raise ValueError(f"{name} = {low:g} .. {high:g} must be a range within {least:g} .. {most:g}")
-
-
-def narrowed(domain: D, options: Mapping[str, Any], others: tuple[str, ...] = ()) -> D:
+def narrowed(domain: DomainT, options: Mapping[str, Any], others: tuple[str, ...] = ()) -> DomainT:
     """The domain with some ranges replaced by a number or two bounds; ``others`` are further valid options.
 
     Raises:
         ValueError: if an option is unknown, or a value exceeds its limits.
     """
-    known = [field.name for field in fields(domain)]  # type: ignore[arg-type]  # every domain is a dataclass
+    known = [declared.name for declared in fields(domain)]
     for name in options:
         if name not in known:
             raise ValueError(f"unknown reset option '{name:.80}'{nearest(name, (*known, *others))}")
     ranges = {name: _range(name, value) for name, value in options.items()}
-    changed: D = replace(domain, **ranges)  # type: ignore[type-var]  # likewise
-    return changed
+    return replace(domain, **ranges)
 
 
 def _range(name: str, value: Any) -> Range:

@@ -16,9 +16,9 @@ from estimators.estimates import SlipAngle
 from offtrack.environments.core import CHECKED, Feature
 from offtrack.environments.observations import ObservationKind
 from offtrack.environments.pictures import SensedChannel
-from offtrack.environments.rewards import Range, drawn_within
-from offtrack.reports.camera_pictures import draw_trace
+from offtrack.environments.rewards import Range, Ranges, drawn_from
 from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, write
+from offtrack.reports.run_video import draw_trace
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine
@@ -80,7 +80,7 @@ class SensedRover:
             ValueError: one line, for whatever of the scenario does not fit.
         """
         mount = rover_mount(scenario, rover, terrain, path, seed=seed, signal_noise=signal_noise)
-        sensing = rover_sensing(mount)
+        sensing = rover_sensing(scenario, mount)
         if sensing.view is None:
             raise ValueError(f"sensing: the sensor of scenario {scenario.name} is no camera; observation needs one")
         self._rig, self._instruments, self._trace = mount.rig, mount.instruments, sensing.view
@@ -199,30 +199,14 @@ _SANDS: Final = ("toyoura_sand", "beach_sand")
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class RoverDomain:
-    """Ranges of an episode's circumstances.
+class RoverDomain(Ranges):
+    """Ranges of a rover's episodes."""
 
-    Raises:
-        ValueError: if a range is empty or exceeds its limits.
-    """
-
-    cross_fall: Range = (-0.12, 0.12)  # rise to the left: up to 7 deg to either side [-]
-    grade: Range = (-0.05, 0.05)  # rise ahead [-]
-    speed: Range = (0.05, 0.12)  # set speed of the wheels [m/s]
-    curvature: Range = (-0.25, 0.25)  # of the path after its straight start [1/m]
-    sensor_error: Range = (0.5, 1.5)  # of the surrogate's slip angle, relative to the nominal error [-]
-
-    def __post_init__(self) -> None:
-        drawn_within(self, LIMITS)
-
-
-LIMITS: Final = {
-    "cross_fall": (-0.4, 0.4),
-    "grade": (-0.4, 0.4),
-    "speed": (0.01, 1.0),
-    "curvature": (-1.0, 1.0),
-    "sensor_error": (0.0, 10.0),
-}
+    cross_fall: Range = drawn_from((-0.12, 0.12), -0.4, 0.4)  # rise to the left: up to 7 deg to either side [-]
+    grade: Range = drawn_from((-0.05, 0.05), -0.4, 0.4)  # rise ahead [-]
+    speed: Range = drawn_from((0.05, 0.12), 0.01, 1.0)  # set speed of the wheels [m/s]
+    curvature: Range = drawn_from((-0.25, 0.25), -1.0, 1.0)  # of the path after its straight start [1/m]
+    sensor_error: Range = drawn_from((0.5, 1.5), 0.0, 10.0)  # of the surrogate's slip angle, over the nominal error [-]
 
 
 @dataclass(frozen=True, kw_only=True, config=CHECKED)

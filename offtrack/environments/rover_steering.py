@@ -62,7 +62,6 @@ from offtrack.environments.rover_options import (
     FEATURES,
     FIRM,
     IMAGE_FEATURES,
-    LIMITS,
     SLIP,
     RoverDomain,
     RoverMoment,
@@ -205,10 +204,8 @@ class RoverSteering:
     def _begun(
         self, rng: np.random.Generator, domain: RoverDomain, soil: str | None, *, open_sensors: bool
     ) -> _Episode:
-        uniform = rng.random(len(LIMITS) + 1)
-        ranges = np.array([getattr(domain, name) for name in LIMITS])
-        values = ranges[:, 0] + uniform[1:] * (ranges[:, 1] - ranges[:, 0])
-        cross_fall, grade, speed, curvature, sensor_error = values.tolist()
+        uniform = rng.random(6)
+        cross_fall, grade, speed, curvature, sensor_error = domain.values(uniform[1:]).tolist()
         number = int(uniform[0] * len(self._soils)) if soil is None else self._names.index(soil)
         terrain = Terrain(slope_x=grade, slope_y=cross_fall)
         plant = RoverPlant(self._rover, terrain, self._soils[number], self._options.engine)

@@ -7,18 +7,18 @@ axle at the start.
 from __future__ import annotations
 
 import importlib.metadata
-import importlib.util
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
 from scenarios.assembly.adapters import course_of, outlines, plant_vehicle, vehicle_of
+from scenarios.extras import check_extra
 from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
 from scenarios.results.atomic_files import replacing
 from scenarios.results.log import Log, read_log
@@ -89,7 +89,6 @@ _LONGEST: Final = 200e3  # distance driven [m]; beyond it a file is no run of th
 _PLACES: Final = 5000  # of the vehicle: more make a file that CAD programs hardly open
 _SMOOTH: Final = 1e-3  # points of the swept area's edge closer than this to a straight line are left out [m]
 _LINE: Final = 300  # characters of a note
-_HINT: Final = "drawings need {}; install it with: pip install 'offtrack[cad]'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -205,17 +204,10 @@ def _areas(area: Any, layer: str) -> Iterator[Shape]:
 
 
 def _shapely() -> Any:
-    try:
-        import shapely
-    except ImportError as error:
-        raise ValueError(_HINT.format("shapely")) from error
+    check_extra("cad", "drawings need", "shapely")
+    import shapely
+
     return shapely
-
-
-def missing_package(names: Sequence[str]) -> str | None:
-    """A line on the first of these packages that is not installed; None if all are."""
-    missing = next((name for name in names if importlib.util.find_spec(name) is None), None)
-    return None if missing is None else _HINT.format(missing)
 
 
 def driven_run(directory: Path) -> DrivenPath:
@@ -278,23 +270,20 @@ def _told(path: Path, key: str) -> Any:
         return "–"
 
 
-Format = Literal["dxf", "geojson"]
-FORMATS: Final[tuple[Format, ...]] = ("dxf", "geojson")
-PACKAGES: Final = {"dxf": ("shapely", "ezdxf"), "geojson": ("shapely",)}  # that a format needs
-
 _METRES: Final = 6  # DXF's $INSUNITS
 _DIGITS: Final = 4  # of coordinates in GeoJSON: a tenth of a millimetre
 _TEXT: Final = 0.5  # height of the title's letters over which notes are smaller [m]
 
 
-def write_drawing(drawing: Drawing, path: Path, kind: Format) -> None:
-    """Write a drawing under a temporary name, and rename it."""
+def write_drawing(drawing: Drawing, path: Path, kind: str) -> None:
+    """Write a drawing in a format of ``FORMATS`` under a temporary name, and rename it."""
     with replacing(path) as unfinished:
-        if kind == "dxf":
-            _write_dxf(drawing, unfinished)
-        else:
-            text = json.dumps(geojson(drawing), allow_nan=False, indent=1, ensure_ascii=False)
-            unfinished.write_text(text + "\n", encoding="utf-8")
+        FORMATS[kind](drawing, unfinished)
+
+
+def _write_geojson(drawing: Drawing, path: Path) -> None:
+    text = json.dumps(geojson(drawing), allow_nan=False, indent=1, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 def geojson(drawing: Drawing) -> dict[str, Any]:
@@ -366,11 +355,16 @@ def _document(drawing: Drawing) -> Any:
     return document
 
 
-def formats_of(choice: str) -> tuple[Format, ...]:
-    """The formats of ``dxf``, ``geojson`` or ``both``."""
-    return tuple(kind for kind in FORMATS if choice in (kind, "both"))
+FORMATS: Final[Mapping[str, Callable[[Drawing, Path], None]]] = {"dxf": _write_dxf, "geojson": _write_geojson}
 
 
-def needed_packages(kinds: Sequence[Format]) -> tuple[str, ...]:
-    """Packages that writing these formats needs."""
-    return tuple(dict.fromkeys(name for kind in kinds for name in PACKAGES[kind]))
+def formats_of(choice: str) -> tuple[str, ...]:
+    """The formats of a name in ``FORMATS``, or of ``both``; empty for ``none``.
+
+    Raises:
+        ValueError: one line, if a package that they need is not installed.
+    """
+    formats = tuple(kind for kind in FORMATS if choice in (kind, "both"))
+    if formats:
+        check_extra("cad", "drawings need", "shapely", *(("ezdxf",) if "dxf" in formats else ()))
+    return formats

@@ -11,13 +11,13 @@ from typing import Final
 import numpy as np
 
 from offtrack.reports import canvas, plots
-from offtrack.reports.camera_pictures import picture as trace_picture
-from offtrack.reports.camera_pictures import traced
+from offtrack.reports.canvas import Reel, write_reel
 from offtrack.reports.page import Figure, Photo, Photos, Player, Section
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.rover_playback import rover_playback
+from offtrack.reports.run_video import picture as trace_picture
+from offtrack.reports.run_video import traced
 from offtrack.reports.sections import number_table, provenance_sections, run_html, timing_section
-from offtrack.reports.video import Reel, write_reel
 from scenarios.progress import Progress, no_progress
 from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_summary import manifest

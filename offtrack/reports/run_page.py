@@ -14,10 +14,10 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from offtrack.reports import plots
-from offtrack.reports.camera_pictures import flow_photos
 from offtrack.reports.page import Column, Figure, Items, Player, Row, Section, Table
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.trailer_playback import trailer_playback
+from offtrack.reports.run_video import flow_photos
 from offtrack.reports.sections import groups, number_table, provenance_sections, run_html, timing_section
 from scenarios.results.log import LOST
 from scenarios.results.run_summary import manifest

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 from offtrack.reports.page import (
     Bar,
@@ -30,6 +30,8 @@ from scenarios.results.summary_numbers import Summary, Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.foundation.user_file import shown
 
+_OWN_UNITS: Final = {"mm": "m", "%": "-", "°": "rad", "km/h": "m/s", "": "-"}  # by the unit shown
+
 
 class ShownNumber(NamedTuple):
     """A number with its label, unit and meaning."""
@@ -39,6 +41,18 @@ class ShownNumber(NamedTuple):
     digits: int
     meaning: str
     factor: float = 1.0  # from the number's own unit to ``unit``
+    column: str = ""  # short label in tables of studies; empty: not a column there
+    over_runs: Literal["rms", "max"] = "max"  # what such a column shows of several runs
+
+    @property
+    def own_unit(self) -> str:
+        """Unit of the number in ``summary.json``; "-" for none."""
+        return self.unit if self.factor == 1.0 and self.unit else _OWN_UNITS[self.unit]
+
+    @property
+    def own_digits(self) -> int:
+        """Digits behind the decimal point in the number's own unit."""
+        return self.digits + round(math.log10(self.factor))
 
     def text(self, value: float | None) -> str:
         """A value with its unit; a dash if there is none."""

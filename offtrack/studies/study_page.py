@@ -291,8 +291,7 @@ def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[
     axis = figures.numeric_axis(rows)
     if axis:
         for quantity in shown[:3]:
-            meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
-            yield Section(f"{meaning}, over {axis}", content=[figures.trend(rows, axis, quantity)])
+            yield Section(f"{quantity.meaning}, over {axis}", content=[figures.trend(rows, axis, quantity)])
 
 
 def _has_off_tracking(rows: Sequence[Row]) -> bool:

@@ -12,6 +12,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from scipy.special import betaincinv, stdtrit
 
+from offtrack.reports.sections import groups
 from offtrack.studies.case import Outcome, Settings
 from vehicle.frames import FloatArray
 
@@ -27,7 +28,7 @@ class Quantity:
     unit: str
     digits: int
     over_seeds: Reduction
-    meaning: str
+    meaning: str  # its full label
 
     @property
     def column(self) -> str:
@@ -35,30 +36,12 @@ class Quantity:
         return self.path.rpartition(".")[2]
 
 
-QUANTITIES: Final = (
-    Quantity("off_tracking.true_rms_m", "error RMS", "m", 3, "rms",
-             "distance of the follow point from the hitch's path, RMS"),
-    Quantity("off_tracking.true_max_m", "error max", "m", 3, "max",
-             "distance of the follow point from the hitch's path, maximum"),
-    Quantity("off_tracking.estimate_error_rms_m", "estimate RMS", "m", 3, "rms",
-             "error of the estimated off-tracking, RMS"),
-    Quantity("swept_path.max_width_m", "width", "m", 2, "max",
-             "swept width"),
-    Quantity("swept_path.tail_swing_entry_m", "swing in", "m", 2, "max",
-             "tail swing at the entry of the turn"),
-    Quantity("swept_path.tail_swing_exit_m", "swing out", "m", 2, "max",
-             "tail swing at the exit of the turn"),
-    Quantity("steer.max_deg", "steer", "°", 1, "max",
-             "largest steer angle of a trailer axle"),
-    Quantity("steer.max_rate_deg_s", "rate", "°/s", 1, "max",
-             "largest steer rate of a trailer axle"),
-    Quantity("tyres.friction_used_max", "friction", "-", 2, "max",
-             "largest share of the friction that a tyre used"),
-    Quantity("slip.cross_track_rms_m", "cross RMS", "m", 3, "rms",
-             "cross-track error of the rover, RMS"),
-    Quantity("slip.error_rms_deg", "slip RMS", "°", 2, "rms",
-             "error of the estimated slip angle, RMS"),
-)  # fmt: skip
+QUANTITIES: Final = tuple(
+    Quantity(f"{group}.{name}", number.column, number.own_unit, number.own_digits, number.over_runs, number.label)
+    for group, numbers in groups().items()
+    for name, number in numbers.numbers.items()
+    if number.column
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

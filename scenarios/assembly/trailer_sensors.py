@@ -22,9 +22,8 @@ from estimators.context import Estimator
 from estimators.rigid_motion import rotation_vector
 from scenarios.assembly.adapters import rig_on
 from scenarios.courses import Course
-from scenarios.options.perception import RigOptions, WorldOptions
-from scenarios.options.scenario import Scenario
-from scenarios.options.surroundings import TrafficOptions
+from scenarios.options.perception import GroundRigOptions, RigOptions, WorldOptions
+from scenarios.options.surroundings import SurfaceOptions, TrafficOptions
 from scenarios.progress import Progress, no_progress
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.image_formation import AutoExposure
@@ -135,11 +134,13 @@ SIGNALS = Schedule.at_rate(50.0, latency=0.02)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MountContext(TrailerSensorContext):
-    """Context of the built-in sensors: they read the whole scenario."""
+    """Context of the built-in sensors, with the options that they read."""
 
     views: Views
     nominal: Vehicle  # the data sheet of controllers and estimators
-    scenario: Scenario
+    rig: RigOptions
+    ground_rig: GroundRigOptions
+    ground: SurfaceOptions  # under the wheels: it may be re-formed by them
     trailer: TrailerGeometry
     signals: CombinationSensors  # of this trailer
     stream: Callable[[str], np.random.Generator]  # random stream of this trailer, by name
@@ -350,7 +351,7 @@ class StereoCameras:
             ValueError: if the lenses are not possible or cannot be calibrated.
             RendererUnavailableError: if OpenGL does not work here.
         """
-        options, views = context.scenario.rig, context.views
+        options, views = context.rig, context.views
         rig = rig_on(context.vehicle.units[context.unit], context.trailer, options)
         noise = context.stream("camera noise")
         imperfections = _imperfections(options)
@@ -390,7 +391,7 @@ def _pinholes(context: MountContext, calibration: StereoCalibration, noise: np.r
     camera = StereoCamera(
         renderer=renderer,
         unit=context.unit,
-        noise_std=context.scenario.rig.noise,
+        noise_std=context.rig.noise,
         rng=noise,
         keep_colour=context.keep_colour,
     )
@@ -431,7 +432,7 @@ class GroundCameras:
             ValueError: if the rear camera would not be behind the front one.
             RendererUnavailableError: if OpenGL does not work here.
         """
-        options, ground = context.scenario.ground_rig, context.scenario.surface
+        options, ground = context.ground_rig, context.ground
         calibration = ground_watching_pair(
             options.width,
             options.height,
@@ -448,7 +449,7 @@ class GroundCameras:
         camera = StereoCamera(
             renderer=source,
             unit=context.unit,
-            noise_std=context.scenario.rig.noise,
+            noise_std=context.rig.noise,
             rng=context.stream("camera noise"),
             keep_colour=context.keep_colour,
         )

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Final, Literal, TypeVar
 
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator, model_validator
 
+from controllers.trailer_steering.guard import Degradation
 from controllers.trailer_steering.policy import shipped_networks
 from estimators.off_tracking.viso_ot import VisoOt
 from scenarios.catalogue import Catalogue, resolve
@@ -30,7 +31,6 @@ from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.surroundings import SurfaceOptions, TrafficOptions, TrafficTable, WindOptions
 from scenarios.options.vehicle_and_driver import (
     BrakeOptions,
-    DegradationOptions,
     DriverOptions,
     DriverTable,
     OutsideOptions,
@@ -118,7 +118,7 @@ class Scenario(ScenarioTable):
     world: WorldOptions = WorldOptions()
     traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
     faults: Faults = option("Faults of sensors and loop, as text kind:amount@start+duration or as tables.", ())
-    degradation: DegradationOptions = DegradationOptions()  # handling of bad estimates
+    degradation: Degradation = Degradation()  # handling of bad estimates
     outside: OutsideOptions = OutsideOptions()  # demands of a controller on a bench
     reference_unit: bool = option("Carry a GNSS-aided reference unit, to judge estimates as in field tests.", True)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from scenarios.extras import check_extra
+from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
 from vehicle.frames import FloatArray
 
@@ -52,17 +53,16 @@ def read_crg(path: Path) -> CrgSurface:
     Raises:
         ValueError: one line naming file, value and limit.
     """
-    if importlib.util.find_spec("pyopencrg") is None:
-        raise ValueError(f"{path}: OpenCRG files need the extra 'roads': pip install 'offtrack[roads]'")
+    check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
     if b"$ROAD_CRG_FILE" in read_bytes(path, FileKind.SURFACE)[:65_536].upper():
         raise ValueError(f"{path}: refers to another file ($ROAD_CRG_FILE): save header and heights as one file")
     road = _opened(path)
     v, u_step = np.asarray(road.v, dtype=np.float64), float(road.u_inc)
     missing = float(np.mean(~np.isfinite(np.asarray(road.z))))
-    _check(path, "share of missing heights", missing, 0.0, _MOST_MISSING, "")
-    _check(path, "length", (road.nu - 1) * u_step, *_LENGTH, " m")
-    _check(path, "width", float(v[-1] - v[0]), *_WIDTH, " m")
-    _check(path, "spacing along the road", u_step, *_STEP, " m")
+    check_number(f"{path}: share of missing heights", missing, 0.0, _MOST_MISSING)
+    check_number(f"{path}: length", (road.nu - 1) * u_step, *_LENGTH, "m")
+    check_number(f"{path}: width", float(v[-1] - v[0]), *_WIDTH, "m")
+    check_number(f"{path}: spacing along the road", u_step, *_STEP, "m")
     road = road.apply_mods().fill_nan(2)  # what its modifiers leave missing
     even = _even(v)
     is_even = even is v
@@ -112,11 +112,6 @@ def _means(values: NDArray[Any], rows: int, columns: int) -> FloatArray:
     blocks = values[: n * rows, : m * columns].reshape(n, rows, m, columns)
     means: FloatArray = blocks.mean(axis=(1, 3), dtype=np.float64)
     return means
-
-
-def _check(path: Path, name: str, value: float, least: float, most: float, unit: str) -> None:
-    if not least <= value <= most:
-        raise ValueError(f"{path}: {name} = {value:g}{unit} must be between {least:g} and {most:g}{unit}")
 
 
 def _even(v: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from sensors.camera.lens import UNDISTORTED, CameraModel, RawStereoRig
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage, GreyImage
 from sensors.textures import fractal_noise
+from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, cross, inverse, skew, so3_exp, transform
 
 _TARGET: Final = 118.0  # mean level of the control: 18 % reflectance at the usual gamma of 2.2 [grey levels]
@@ -57,8 +58,7 @@ class NoiseBank:
         Raises:
             ValueError: if ``std`` is out of range.
         """
-        if not 0.0 <= std <= _MAX_STD:
-            raise ValueError(f"noise_std = {std} grey levels must be between 0 and {_MAX_STD:g}")
+        check_number("noise_std", std, 0.0, _MAX_STD, "grey levels")
         noise = rng.standard_normal(max(_BANK, 2 * pixels), dtype=np.float32)
         noise *= np.float32(std)
         return cls(np.rint(noise).astype(np.int16))
@@ -86,8 +86,7 @@ class LightNoise:
             ValueError: if a deviation is out of range.
         """
         for name, std in (("read_noise", read), ("shot_noise", shot)):
-            if not 0.0 <= std <= _MAX_STD:
-                raise ValueError(f"{name} = {std} grey levels must be between 0 and {_MAX_STD:g}")
+            check_number(name, std, 0.0, _MAX_STD, "grey levels")
         return cls(rng.standard_normal(max(_BANK, 2 * pixels), dtype=np.float32), read, shot)
 
     def sensed(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator) -> GreyImage:

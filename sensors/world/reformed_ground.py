@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sensors.camera.rig import StereoCalibration
 from sensors.camera.stereo_camera import PairSource
 from sensors.messages import ColourImage
+from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, inverse, transform
 from vehicle.surface import Surface
 
@@ -44,8 +45,7 @@ class ReformedGround:
         """
         if not width > 0.0:
             raise ValueError(f"width of the re-formed strip = {width} m must be positive")
-        if not 0.0 <= flow <= 1.0:
-            raise ValueError(f"flow of the re-formed ground = {flow} must be between 0 and 1")
+        check_number("flow of the re-formed ground", flow, 0.0, 1.0)
         if len(wheels) > len(_OFFSETS):
             raise ValueError(f"{len(wheels)} groups of wheels: at most {len(_OFFSETS)} can be distinguished")
         self._source, self._surface, self._width, self._flow = source, surface, width, flow

@@ -25,6 +25,7 @@ from sensors.world.ground import (
 from sensors.world.scenery import Instances, Site, grain_fields, kerbs, patched, planted
 from sensors.world.shapes import Mesh
 from sensors.world.sky import Sunlight, daylight
+from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
@@ -134,8 +135,7 @@ def _check(
     narrowest, widest = float(np.min(road_half_width)), float(np.max(road_half_width))
     if narrowest <= 0.0:
         raise ValueError(f"road_half_width = {narrowest} m must be positive")
-    if not 0.0 <= scenery_density <= _MAX_DENSITY:
-        raise ValueError(f"scenery_density = {scenery_density} must be between 0 and {_MAX_DENSITY:g}")
+    check_number("scenery_density", scenery_density, 0.0, _MAX_DENSITY)
     if clearance < widest:
         raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {widest} m")
 

@@ -26,8 +26,14 @@ import numpy as np
 from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.agreement import Agreement, agreement
-from offtrack.exchange.recordings.estimation import Chosen, Estimation, estimate, off_tracking_source
-from offtrack.exchange.recordings.estimation_summary import motion_errors, straight_frames
+from offtrack.exchange.recordings.estimation import (
+    Chosen,
+    Estimation,
+    estimate,
+    motion_errors,
+    off_tracking_source,
+    straight_frames,
+)
 from offtrack.exchange.recordings.mounting import MountingOptions
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from scenarios.catalogue import ODOMETRY, resolve

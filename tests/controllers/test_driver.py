@@ -1,4 +1,4 @@
-"""The driver, on a tractor that rolls without slip and on given perceptions."""
+"""Tractor drivers: preview driver with its design, recorded drives, and speed along a path."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.driver import DriverMemory, PreviewDriver
-from controllers.path import Path, Segment, arc, line
-from controllers.tractor import TractorGeometry
+from controllers import preview_law as design
+from controllers.driver import DriverMemory, DriverTrace, PreviewDriver, TraceDriver
+from controllers.path import Path, Segment, SpeedProfile, arc, line
+from controllers.tractor import STATES, TractorAxle, TractorDynamics, TractorGeometry, path_matrices, tractor_model
 from controllers.trailer_steering.signal_laws import Unsteered
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
@@ -23,11 +24,6 @@ from vehicle.frames import Pose2
 
 TRACTOR = TractorGeometry(wheelbase=3.8, x_ref=5.2, y_ref=-1.275, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1)
 PATH = Path(Pose2(5.2, -1.275, 0.0), (line(10.0), arc(60.0, 0.08), line(10.0)))
-COURSES = {
-    "left": roundabout(front_x=5.2, width=2.55),
-    "right": roundabout(front_x=5.2, width=2.55, direction="right"),
-    "eight": figure_of_eight(front_x=5.2, width=2.55),
-}
 
 
 def ego(tick: int = 0, /, **motion: float) -> EgoState:
@@ -35,21 +31,22 @@ def ego(tick: int = 0, /, **motion: float) -> EgoState:
     return replace(at_rest, **motion)  # type: ignore[arg-type]  # of any field, for mypy
 
 
-@pytest.mark.parametrize("course", COURSES)
+@pytest.mark.slow
 @pytest.mark.parametrize(("speed_kmh", "allowed"), [(10.0, 0.01), (15.0, 0.02)])
-def test_the_guided_point_stays_on_its_course(drive: Any, course: str, speed_kmh: float, allowed: float) -> None:
+def test_the_guided_point_stays_on_a_figure_of_eight(drive: Any, speed_kmh: float, allowed: float) -> None:
     """Without tyre slip only the steering's delay is left: a third of what 3 cm allow with slip at 10 km/h."""
-    run = drive(COURSES[course], TRAILER, Unsteered(TRAILER), speed_kmh=speed_kmh)
+    run = drive(figure_of_eight(front_x=5.2, width=2.55), TRAILER, Unsteered(TRAILER), speed_kmh=speed_kmh)
     assert run.guided.max() < allowed
 
 
 def test_steering_round_a_circle_has_the_closed_form_angle(drive: Any) -> None:
     """Front corner on R: the rear axle runs on sqrt(R^2 - x_ref^2) - width/2, and tan(delta) = wheelbase / that."""
-    run = drive(COURSES["left"], TRAILER, Unsteered(TRAILER))
+    run = drive(roundabout(front_x=5.2, width=2.55), TRAILER, Unsteered(TRAILER))
     rear_radius = math.sqrt(12.5**2 - 5.2**2) - 1.275
     round_circle = run.tractor_steer[(run.station > 95.0) & (run.station < 105.0)]
     # The entry dies out over x_ref / cos(chi) = 5.7 m, chi = asin(5.2/12.5): exp(-65/5.7) of 0.4 rad is left.
     assert round_circle == pytest.approx(math.atan(3.8 / rear_radius), abs=1e-5)
+    assert run.guided.max() < 0.01
 
 
 def test_steer_demand_stays_within_the_limit() -> None:
@@ -153,3 +150,148 @@ def test_an_impossible_driver_is_refused(speed: float, gain: float, message: str
     """By name, value and unit."""
     with pytest.raises(ValueError, match=message):
         PreviewDriver(TRACTOR, PATH, speed, gain=gain)
+
+
+# Design of the preview driver
+
+
+DYNAMICS = TractorDynamics(
+    mass=8000.0,
+    yaw_inertia=28900.0,
+    cg_x=2.36,
+    hitch_mass=10500.0,
+    hitch_x=0.77,
+    axles=(
+        TractorAxle(3.8, 2.8e5, 0.5, trail=0.04, steer_ratio=1.0),
+        TractorAxle(0.0, 5.8e5, 0.5, trail=0.04),
+    ),
+)
+LADEN = TractorGeometry(
+    wheelbase=3.8, x_ref=5.2, y_ref=0.0, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1, dynamics=DYNAMICS
+)
+FAST = np.geomspace(design.CREEP, design.FASTEST, 24)[-3:]  # speeds of designs, at which nothing is interpolated
+
+
+@pytest.mark.parametrize("speed", FAST.tolist())
+def test_a_steady_turn_needs_no_offset(speed: float) -> None:
+    """On a path of constant curvature the law asks for the steer angle of the steady turn, with no offset.
+
+    The path counts 3 s ahead; what lies beyond has weights of a hundredth of the sum.
+    """
+    A, B, E = path_matrices(tractor_model(LADEN), LADEN, LADEN.actuator_lag, speed)
+    kappa = 0.1 / speed
+    unknowns = np.column_stack([A[:, 1:], B])  # heading error, motion, slips, steer and demand; the offset is zero
+    *state, demand = np.linalg.solve(unknowns, -E * kappa).tolist()
+    row = design.gains(LADEN, 0.6).at(np.array([speed]))[0]
+    asked = float(row[STATES:].sum() * kappa - row[1:STATES] @ np.array(state))
+    assert asked == pytest.approx(demand, rel=0.02)
+
+
+def test_a_slow_tractor_is_steered_as_one_that_rolls() -> None:
+    """Below 2 m/s slip, side speed and yaw rate are no states of the design."""
+    row = design.gains(LADEN, 0.6).at(np.array([1.0]))[0]
+    assert not row[2:6].any()
+    assert row[0] > 0.0
+    assert row[1] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": 0.0}, "mass = 0.0"),
+        ({"hitch_mass": -1.0}, "hitch_mass = -1.0 kg"),
+        ({"axles": DYNAMICS.axles[:1]}, "axles"),
+        ({"axles": (DYNAMICS.axles[0]._replace(stiffness=-1.0), DYNAMICS.axles[1])}, "stiffness = -1.0"),
+    ],
+)
+def test_impossible_dynamics_are_refused(change: dict[str, object], message: str) -> None:
+    """By name and value."""
+    with pytest.raises(ValueError, match=message):
+        replace(DYNAMICS, **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("speed", [-1.0, 0.0, 0.2, 0.27, 3.0, 24.99, 45.0, 60.0, float("nan")])
+def test_a_row_of_gains_is_that_of_the_table_bit_for_bit(speed: float) -> None:
+    """One driver and a thousand environments are steered alike."""
+    gains = design.gains(LADEN, 0.1)
+    assert gains.row(speed) == gains.at(np.array([speed]))[0].tolist()
+
+
+# Recorded drives and speed profiles
+
+
+TIME = np.array([0.0, 1.0, 3.0])
+
+
+def moving(tick: int, v_x: float) -> EgoState:
+    return EgoState(tick=tick, x=0.0, y=0.0, psi=0.0, v_x=v_x, v_y=0.0, yaw_rate=0.0)
+
+
+def test_steer_angles_are_those_recorded_and_stay_after_the_end() -> None:
+    """Linear between samples; the last one holds."""
+    driver = TraceDriver(DriverTrace(time=TIME, steer=np.array([0.0, 0.1, -0.1]), acceleration=np.ones(3)))
+    memory, demands = driver.init(), []
+    for tick in (0, 500, 1000, 2000, 9000):
+        memory, command = driver.step(memory, tick, moving(tick, 3.0))
+        demands.append(command)
+    assert [d.steer for d in demands] == pytest.approx([0.0, 0.05, 0.1, 0.0, -0.1], abs=1e-12)
+    assert [d.acceleration for d in demands] == [1.0, 1.0, 1.0, 1.0, 0.0]
+
+
+def test_a_recorded_speed_is_held() -> None:
+    """A point mass that does as demanded follows a ramp of 0.5 m/s2 within 2 cm/s, and ends at the last speed."""
+    trace = DriverTrace(time=np.array([0.0, 4.0, 10.0]), steer=np.zeros(3), speed=np.array([2.0, 4.0, 4.0]))
+    driver = TraceDriver(trace)
+    memory, v, worst = driver.init(), 2.0, 0.0
+    for tick in range(0, 10000, 20):
+        memory, command = driver.step(memory, tick, moving(tick, v))
+        worst = max(worst, abs(v - float(np.interp(tick * 1e-3, trace.time, [2.0, 4.0, 4.0]))))
+        v += command.acceleration * 0.02
+    assert worst < 0.02
+    assert v == pytest.approx(4.0, abs=1e-3)
+    assert (driver.start_speed, driver.duration) == (2.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("time", "values", "complaint"),
+    [
+        ([0.0], [1.0], "two samples"),
+        ([1.0, 2.0], [1.0, 1.0], "start at 0 s"),
+        ([0.0, 2.0, 2.0], [1.0, 1.0, 1.0], "increase"),
+        ([0.0, 2.0], [1.0], "1 values for 2 times"),
+    ],
+)
+def test_what_is_no_trace_is_refused(time: list[float], values: list[float], complaint: str) -> None:
+    """One line that says why."""
+    with pytest.raises(ValueError, match=complaint):
+        DriverTrace(time=np.array(time), steer=np.zeros(len(time)), speed=np.array(values))
+
+
+def test_a_trace_has_to_say_how_fast() -> None:
+    """Steer angles alone are no drive."""
+    with pytest.raises(ValueError, match="speed or an acceleration"):
+        DriverTrace(time=TIME, steer=np.zeros(3))
+
+
+def test_turns_are_taken_at_the_limit_and_approached_in_time() -> None:
+    """sqrt(a R) round the arc; before it v^2 falls by 2 a per metre at most, and behind it rises by as much."""
+    path = Path(Pose2(0.0, 0.0, 0.0), (line(100.0), arc(30.0, -1.0 / 20.0), line(100.0)))
+    profile = SpeedProfile.of(path, 10.0, 0.8, 0.7)
+    assert profile.at(115.0) == pytest.approx(4.0, abs=1e-9)  # sqrt(0.8 * 20)
+    assert profile.at(10.0) == profile.at(220.0) == 10.0
+    rises = np.diff(profile.speeds**2) / np.diff(profile.stations)
+    assert np.abs(rises).max() <= 2.0 * 0.7 + 1e-9
+    assert profile.duration > path.length / 10.0
+
+
+def test_a_straight_path_is_driven_at_set_speed() -> None:
+    """Nothing to slow down for; the time is way over speed."""
+    profile = SpeedProfile.of(Path(Pose2(0.0, 0.0, 0.0), (line(50.0),)), 5.0, 0.1, 0.7)
+    assert set(profile.speeds.tolist()) == {5.0}
+    assert profile.duration == pytest.approx(10.0)
+
+
+def test_a_limit_must_be_one() -> None:
+    """Zero lateral acceleration is standing still at the first turn."""
+    with pytest.raises(ValueError, match="max_lateral_acceleration"):
+        SpeedProfile.of(Path(Pose2(0.0, 0.0, 0.0), (line(50.0),)), 5.0, 0.0, math.inf)

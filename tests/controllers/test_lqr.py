@@ -1,25 +1,31 @@
-"""Linear-quadratic steering at speed: its design, what it makes of the model's motion, and the law as it runs."""
+"""Linear-quadratic steering at speed, and the law for all speeds made of it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from controllers.trailer import Combination
-from controllers.trailer_steering.lqr import KMH, Lqr, Weights, closed_loop, path_nodes, plant
+from controllers.trailer import Combination, TrailerSteering
+from controllers.trailer_steering.lqr import KMH, Combined, Lqr, Weights, closed_loop, path_nodes, plant
+from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
+from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
 from estimators.estimates import Health, OffTracking
 from offtrack.studies.standards.lane_change import lane_change
 from offtrack.studies.standards.yaw_stability import pulse
 from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
+from tests.trailers import COMBINATION, estimate
+from tests.trailers import signals as readings
+from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
-VEHICLE = load_vehicle("uk_longer_semitrailer")
-COMBINATION, TRAILER = Combination(VEHICLE, 1), trailer_geometry(VEHICLE, 1)
+VEHICLE = COMBINATION.vehicle
+TRAILER = trailer_geometry(VEHICLE, 1)
 WEIGHTS = Weights(0.04, 0.03)  # the law's own
 UNSTEERED = Weights(1e-12, 1e-12)
 SLOWEST_ACTUATOR = 1.0 / TRAILER.actuator_lag - 0.2  # modes of the yaw plane lie below, the path's beyond [1/s]
@@ -36,33 +42,14 @@ def signals(
     tick: int, *, speed: float = 24.0, steer: float = 0.0, yaw_rate: float = 0.0, articulation: float = 0.0
 ) -> CombinationSignals:
     """All units at one yaw rate."""
-    return CombinationSignals(
-        tick=tick,
-        angles=np.zeros(2),
-        speed=speed,
-        steer=steer,
-        articulation=np.array([articulation]),
-        yaw_rates=np.full(2, yaw_rate),
-        lateral_acceleration=0.0,
-    )
+    gamma, yaw_rates = np.array([articulation]), np.full(2, yaw_rate)
+    return readings(tick, speed=speed, steer=steer, articulation=gamma, yaw_rates=yaw_rates)
 
 
 def beside(tick: int, offset: float, health: Health = Health.OK) -> OffTracking:
     """Straight travel along a path that runs to the hitch from ``offset`` [m] beside the follow point."""
     x = -np.linspace(0.0, 16.0, 40)
-    return OffTracking(
-        tick=tick,
-        value=offset,
-        std=0.01,
-        health=health,
-        path=np.column_stack([x, -offset * x / 14.0]),
-        hitch_direction=0.0,
-        hitch_direction_rate=0.0,
-        path_tangent=0.0,
-        v_x=24.0,
-        v_y=0.0,
-        yaw_rate=0.0,
-    )
+    return estimate(tick, value=offset, health=health, path=np.column_stack([x, -offset * x / 14.0]), v_x=24.0)
 
 
 @pytest.mark.parametrize("kmh", [50.0, 70.0, 88.0, 110.0])
@@ -92,6 +79,7 @@ def closed_loop_of_path(speed: float) -> FloatArray:
     return closed_loop(COMBINATION, TRAILER, UNSTEERED, speed)[-nodes:, -nodes:]
 
 
+@pytest.mark.slow
 def test_lane_change_and_pulse_are_calmer_by_a_third() -> None:
     """ISO 14791 at 88 km/h: rearward amplification and transient off-tracking 30 % below the unsteered trailer's.
 
@@ -139,8 +127,8 @@ def test_a_path_to_the_left_turns_the_rear_to_the_left_and_a_lost_one_does_nothi
     assert not lost.angles.any()
 
 
-def test_commands_keep_to_rate_and_angle_and_flip_with_the_side() -> None:
-    """However wild the readings: 20 deg/s and 30 deg, mirrored to the last digits."""
+def test_commands_keep_to_rate_and_angle() -> None:
+    """However wild the readings: 20 deg/s and 30 deg. Mirrored readings give mirrored commands."""
     law, commands = Lqr(TRAILER, combination=COMBINATION), []
     for side in (1.0, -1.0):
         memory, angles = law.init(), []
@@ -162,7 +150,7 @@ def test_linked_axles_turn_in_their_ratio() -> None:
     law = Lqr(trailer, combination=Combination(grouped, 1))
     memory = law.init()
     for tick in range(0, 400, 20):
-        memory, command = law.step(memory, tick, None, replace(signals(tick, steer=0.02), angles=np.zeros(2)))
+        memory, command = law.step(memory, tick, None, signals(tick, steer=0.02))
     ratios = np.array(trailer.steer_ratios)
     np.testing.assert_allclose(command.angles / ratios, command.angles[0] / ratios[0], rtol=1e-12)
     assert command.angles.any()
@@ -172,3 +160,73 @@ def test_the_law_fades_in_over_a_band_of_speeds() -> None:
     """From a lower speed to a higher one."""
     with pytest.raises(ValueError, match=r"full_speed_kmh = 50.0 km/h must exceed"):
         Lqr.Parameters.of({"from_speed_kmh": 60.0, "full_speed_kmh": 50.0})
+
+
+# One law for all speeds
+
+
+ALONE: dict[str, Callable[[], TrailerSteering[Any]]] = {
+    "command_steer": lambda: CommandSteer(TRAILER, combination=COMBINATION),
+    "ct_at": lambda: CtAt(TRAILER, combination=COMBINATION),
+    "path_preview": lambda: PathPreview(TRAILER),
+    "virtual_driver": lambda: VirtualDriver(TRAILER),
+}
+
+
+def swerve(tick: int, speed: float) -> CombinationSignals:
+    """A swerve."""
+    wave = np.sin(0.004 * tick)
+    return readings(
+        tick, speed=speed, steer=0.02 * wave, articulation=np.array([0.02 * wave]), yaw_rates=np.full(2, 0.05 * wave)
+    )
+
+
+def inclined(tick: int, speed: float) -> OffTracking:
+    """The path 0.2 m to the left of the follow point, and inclined."""
+    x = -np.linspace(0.0, 16.0, 40)
+    path = np.column_stack([x, -0.2 * x / TRAILER.follow_distance])
+    return estimate(tick, value=0.2, path=path, hitch_direction=0.01, path_tangent=0.01, v_x=speed)
+
+
+def commands(law: TrailerSteering[Any], speeds: FloatArray, *, estimates: bool = False) -> FloatArray:
+    """Commands (n, n_steered) while the speed runs through ``speeds`` [m/s]; estimates are of 0.1 s ago."""
+    memory, angles = law.init(), []
+    for k, speed in enumerate(speeds.tolist()):
+        tick = 20 * k
+        newest = inclined(100 * (tick // 100 - 1), speed) if estimates and tick >= 100 else None
+        memory, command = law.step(memory, tick, newest, swerve(tick, speed))
+        angles.append(command.angles)
+    return np.array(angles)
+
+
+def test_at_speed_it_is_the_lqr() -> None:
+    """The low-speed law has no part in it."""
+    speeds = np.full(100, 24.0)
+    combined = commands(Combined(TRAILER, combination=COMBINATION), speeds, estimates=True)
+    assert combined.any()
+    expected = commands(Lqr(TRAILER, combination=COMBINATION), speeds, estimates=True)
+    np.testing.assert_array_equal(combined, expected)
+
+
+@pytest.mark.parametrize("low_speed", ALONE)
+def test_at_walking_pace_it_is_the_low_speed_law(low_speed: str) -> None:
+    """The LQR is silent there; the sum is the low-speed law's command, to the last bit."""
+    speeds = np.full(100, 3.0)
+    law = Combined(TRAILER, combination=COMBINATION, parameters=Combined.Parameters.of({"low_speed": low_speed}))
+    combined = commands(law, speeds, estimates=True)
+    assert np.abs(combined).max() > 1e-3  # every law steers here
+    np.testing.assert_array_equal(combined, commands(ALONE[low_speed](), speeds, estimates=True))
+
+
+def test_every_low_speed_law_is_compared() -> None:
+    """The choices that the law declares."""
+    assert set(Combined.Parameters.option("low_speed").choices) == set(ALONE)
+
+
+def test_speeding_up_and_slowing_down_is_seamless() -> None:
+    """Through the band of speeds where hands change: within the rate limit, no step where the band begins or ends."""
+    ramp = np.linspace(3.0, 16.0, 200)
+    law = Combined(TRAILER, combination=COMBINATION, parameters=Combined.Parameters(low_speed="command_steer"))
+    angles = commands(law, np.concatenate([ramp, ramp[::-1]]))
+    steps = np.abs(np.diff(angles, axis=0)).max(axis=1)
+    assert steps.max() < 0.9 * TRAILER.max_steer_rate * 20 * TICK  # a step would be caught by the rate limit, at it

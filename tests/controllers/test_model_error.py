@@ -14,6 +14,7 @@ HEAVY_SOFT_SLOW = ("plant.mass_scale=1.2", "plant.cornering_stiffness_scale=0.8"
 LIGHT_STIFF_QUICK = ("plant.mass_scale=0.8", "plant.cornering_stiffness_scale=1.2", "plant.steer_lag_scale=0.8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [HEAVY_SOFT_SLOW, LIGHT_STIFF_QUICK], ids=["heavy", "light"])
 @pytest.mark.parametrize(("law", "bar"), [("path_preview", 0.018), ("mpc", 0.012)], ids=["path_preview", "mpc"])
 def test_the_follow_point_keeps_to_the_path_in_spite_of_a_model_error(

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from controllers.trailer import Linkage, SteerCommand, TrailerGeometry
-from controllers.trailer_steering.path_preview import PathPreview, PathPreviewMemory
+from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview
 from controllers.trailer_steering.signal_laws import Unsteered
 from estimators.estimates import Health, OffTracking
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER
-from tests.trailers import TWO_OF_THREE, signals
+from tests.trailers import TWO_OF_THREE, estimate, signals
 
 SINGLE = replace(TRAILER, axle_distances=(9.31,), steered=(True,))
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
@@ -66,14 +65,6 @@ def test_required_angles_and_rates_in_the_roundabout(drive: Any) -> None:
     assert degrees.max(axis=0) == pytest.approx([5.5, 2.8, 1.2], abs=0.6)
 
 
-def test_left_and_right_roundabouts_are_steered_alike(drive: Any) -> None:
-    """Mirror symmetry of the whole loop; roundings grow no faster than the loop forgets."""
-    left = drive(ROUNDABOUT, TWO_OF_THREE, PathPreview(TWO_OF_THREE), until=20.0)
-    right_course = roundabout(front_x=5.2, width=2.55, direction="right")
-    right = drive(right_course, TWO_OF_THREE, PathPreview(TWO_OF_THREE), until=20.0)
-    np.testing.assert_allclose(right.steer, -left.steer, atol=1e-6)
-
-
 class BelievesEstimatesFresh(PathPreview):
     """The same law, told that every estimate is of this moment and that its actuators are immediate."""
 
@@ -81,8 +72,8 @@ class BelievesEstimatesFresh(PathPreview):
         super().__init__(replace(trailer, actuator_lag=0.0))
 
     def step(
-        self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[PathPreviewMemory, SteerCommand]:
+        self, memory: PathLawMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[PathLawMemory, SteerCommand]:
         return super().step(memory, tick, off_tracking and replace(off_tracking, tick=tick), signals)
 
 
@@ -131,27 +122,15 @@ def test_cornering_on_softer_tyres_than_assumed_stays_within_the_bars(drive: Any
 
 # The law alone, on given estimates.
 
-PATH = np.column_stack([-np.linspace(0.0, 16.0, 60), np.full(60, 0.0)])
+PATH = estimate(0).path
 
 
-def estimate(tick: int, *, offset: float = 0.0, health: Health = Health.OK, v_x: float = 2.8) -> OffTracking:
+def beside(tick: int, *, offset: float = 0.0, **changes: Any) -> OffTracking:
     """Straight travel with the path ``offset`` to the left of the trailer's axis."""
-    return OffTracking(
-        tick=tick,
-        value=offset,
-        std=0.01,
-        health=health,
-        path=PATH + np.array([0.0, offset]),
-        hitch_direction=0.0,
-        hitch_direction_rate=0.0,
-        path_tangent=0.0,
-        v_x=v_x,
-        v_y=0.0,
-        yaw_rate=0.0,
-    )
+    return estimate(tick, value=offset, path=PATH + np.array([0.0, offset]), **changes)
 
 
-def steps(law: PathPreview, until: int, seen: Any, memory: PathPreviewMemory | None = None, start: int = 0) -> Any:
+def steps(law: PathPreview, until: int, seen: Any, memory: PathLawMemory | None = None, start: int = 0) -> Any:
     """Memory after, and commands (n, axles) of the steps in between; ``seen(tick)`` is what has arrived by then."""
     memory = law.init() if memory is None else memory
     angles, commands = np.array(memory.demand), []
@@ -164,36 +143,14 @@ def steps(law: PathPreview, until: int, seen: Any, memory: PathPreviewMemory | N
 
 def arriving(**about: Any) -> Any:
     """A new estimate every 0.1 s, 0.1 s old."""
-    return lambda tick: estimate(tick // 100 * 100 - 100, **about) if tick >= 100 else None
-
-
-def test_a_path_to_the_left_turns_the_rear_to_the_left() -> None:
-    """All axles steer left, and the farther back the more: the rear swings towards the path."""
-    _, commands = steps(PathPreview(TRAILER), 400, arriving(offset=0.2))
-    assert (np.diff(commands[-1]) > 0.0).all()
-    assert commands[-1][0] > 0.0
-
-
-def test_linked_axles_keep_their_ratio() -> None:
-    """Two axles on one actuator, the second at 1.4 of its angle: rate and angle are the actuator's."""
-    linked = replace(TWO_OF_THREE, linkages=(Linkage((0, 1), (1.0, 1.4)),))
-    _, commands = steps(PathPreview(linked), 600, arriving(offset=0.5))
-    np.testing.assert_allclose(commands[:, 1], 1.4 * commands[:, 0], atol=1e-12)
-    assert np.abs(np.diff(commands[:, 0])).max() == pytest.approx(linked.max_steer_rate * 0.02, rel=1e-9)
-
-
-def test_without_any_usable_estimate_the_wheels_stay_straight() -> None:
-    """None and LOST alike."""
-    law = PathPreview(TRAILER)
-    assert not steps(law, 1000, lambda tick: None)[1].any()
-    assert not steps(law, 1000, arriving(offset=0.2, health=Health.LOST))[1].any()
+    return lambda tick: beside(tick // 100 * 100 - 100, **about) if tick >= 100 else None
 
 
 def test_the_axles_stay_where_they_are_when_the_news_is_too_old() -> None:
     """A path of 2 s ago says nothing of where the trailer is: who guards the law gives the axles to something else."""
     law = PathPreview(TRAILER)
     memory, _ = steps(law, 1000, arriving(offset=0.2))
-    lost = estimate(950, offset=0.2, health=Health.LOST)
+    lost = beside(950, offset=0.2, health=Health.LOST)
     _, after = steps(law, 6000, lambda tick: lost, memory, 1000)
     still = after[100:]  # from 2 s after the last usable one's capture, and a tenth
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
@@ -201,7 +158,7 @@ def test_the_axles_stay_where_they_are_when_the_news_is_too_old() -> None:
 
 def short_of_the_follow_point(tick: int, *, v_y: float, length: float = 8.0) -> OffTracking:
     """An estimate while the buffer fills: no health, as the path does not reach back yet, but a motion."""
-    seen = estimate(tick, health=Health.LOST)
+    seen = beside(tick, health=Health.LOST)
     return replace(seen, path=PATH[-PATH[:, 0] <= length], v_y=v_y, hitch_direction=math.atan2(v_y, seen.v_x))
 
 
@@ -237,7 +194,7 @@ def test_the_law_is_gone_before_the_trailer_swings_at_speed(v_x: float, least: f
     The path 5 cm to the left asks for 1 deg of the rearmost axle; a hundredth of the law is left at 10.95 m/s.
     """
     quick = replace(TRAILER, max_steer_rate=100.0, actuator_lag=0.0)
-    _, commands = steps(PathPreview(quick), 120, lambda tick: estimate(0, offset=0.05, v_x=v_x))
+    _, commands = steps(PathPreview(quick), 120, lambda tick: beside(0, offset=0.05, v_x=v_x))
     assert least <= np.abs(commands[-1]).max() <= most
 
 
@@ -257,19 +214,3 @@ def test_a_standing_trailer_does_not_wind_up() -> None:
     memory, _ = steps(law, 1000, arriving(offset=0.2))
     after, _ = steps(law, 61000, arriving(offset=0.2, v_x=0.0), memory._replace(bias=0.03), 1000)
     assert after.bias == pytest.approx(0.03, abs=0.02)  # the last moving estimate still counts for 0.1 s
-
-
-def test_law_and_memory_travel_to_other_processes() -> None:
-    """Resumed there, the run goes on bit for bit."""
-    law = PathPreview(TWO_OF_THREE)
-    memory, _ = steps(law, 1000, arriving(offset=0.2))
-    law_copy, memory_copy = pickle.loads(pickle.dumps((law, memory)))
-    _, here = steps(law, 2000, arriving(offset=0.2), memory, 1000)
-    _, there = steps(law_copy, 2000, arriving(offset=0.2), memory_copy, 1000)
-    np.testing.assert_array_equal(here, there)
-
-
-def test_a_trailer_without_steered_axles_is_refused() -> None:
-    """It could not follow anything."""
-    with pytest.raises(ValueError, match="no steered axle"):
-        PathPreview(replace(TRAILER, steered=(False, False, False)))

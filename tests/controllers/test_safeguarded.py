@@ -1,4 +1,4 @@
-"""Safeguards around a steering law: bad estimates and signals, reversing, failed actuators, wrong output."""
+"""Safeguards around a steering law: bad estimates and signals, reversing, failed actuators, wrong output; fallback."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from hypothesis import strategies as st
 from controllers.checked import LawError
 from controllers.equations import settle
 from controllers.trailer import Actuation, SteerCommand
-from controllers.trailer_steering.fallback import FallbackName
+from controllers.trailer_steering.fallback import Fallback, FallbackName
 from controllers.trailer_steering.guard import Degradation
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.safeguarded import Safeguarded, SafeguardedCommand
 from controllers.trailer_steering.signal_laws import CommandSteer
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from tests.trailers import COMBINATION, signals
+from tests.trailers import COMBINATION, estimate, signals
 from tests.trailers import TWO_OF_THREE as TRAILER
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 SPEED = 2.8  # [m/s]
@@ -31,7 +32,6 @@ PERIOD, CAMERA = 20, 100  # of steps and estimates [ticks]
 RATE = TRAILER.max_steer_rate
 WANTED = 0.2  # angle of the law by any estimate that it gets [rad]
 COMMAND_STEER = Degradation(fallback="command_steer")  # the signals here are those of no real motion
-PATH = np.column_stack([-np.linspace(0.0, 16.0, 60), np.zeros(60)])
 
 
 class Believes:
@@ -47,24 +47,6 @@ class Believes:
         if off_tracking is None or off_tracking.health is Health.LOST:
             return memory, SteerCommand(angles=np.zeros(2))
         return (*memory, off_tracking.tick), SteerCommand(angles=np.full(2, math.copysign(WANTED, off_tracking.value)))
-
-
-def estimate(tick: int, **changes: Any) -> OffTracking:
-    """Straight travel, the path 0.1 m to the left."""
-    seen = OffTracking(
-        tick=tick,
-        value=0.1,
-        std=0.01,
-        health=Health.OK,
-        path=PATH,
-        hitch_direction=0.0,
-        hitch_direction_rate=0.0,
-        path_tangent=0.0,
-        v_x=SPEED,
-        v_y=0.0,
-        yaw_rate=0.0,
-    )
-    return replace(seen, **changes)
 
 
 Faulty = Callable[[OffTracking], OffTracking | None]  # None: it does not arrive
@@ -88,7 +70,10 @@ def drive(
     speed: Callable[[int], float] = lambda tick: SPEED,  # of the wheels [m/s]
     law: type[Believes] = Believes,
 ) -> Drive:
-    """A drive on a line with sound actuators, and an estimate of 0.1 s ago every 0.1 s."""
+    """A drive on a line with sound actuators, and an estimate of 0.1 s ago every 0.1 s.
+
+    The path lies 0.1 m to the left.
+    """
     safeguarded = Safeguarded(law(), "believes", TRAILER, COMBINATION, degradation)
     angle = articulation if math.isfinite(articulation) else 0.0
     motion = {"v_x": speed(0) * math.cos(angle), "v_y": speed(0) * math.sin(angle)}  # of the hitch
@@ -96,7 +81,7 @@ def drive(
     ticks = np.arange(0, until, PERIOD)
     for tick in ticks.tolist():
         if tick % CAMERA == 0 and tick:
-            newest = faulty(estimate(tick - CAMERA, **motion)) or newest
+            newest = faulty(estimate(tick - CAMERA, value=0.1, **motion)) or newest
         read = signals(tick, articulation=np.array([articulation]), speed=speed(tick), angles=angles)
         memory, command = safeguarded.step(memory, tick, newest, read)
         angles = settle(angles, command.angles, PERIOD * 1e-3, lag=TRAILER.actuator_lag, max_rate=RATE)
@@ -214,7 +199,7 @@ def test_a_jump_that_stays_is_believed_after_a_while() -> None:
 
 def test_a_slow_change_is_no_jump() -> None:
     """A path that comes nearer as the trailer turns to it is what the motion says; 0.3 rad make 0.084 m a frame."""
-    turned = estimate(0, path_tangent=0.3)
+    turned = estimate(0, value=0.1, path_tangent=0.3)
     nearing = within(
         0, 99999, lambda seen: replace(turned, tick=seen.tick, value=0.1 + 0.3093 * SPEED * seen.tick * 1e-3)
     )
@@ -281,7 +266,7 @@ def test_a_users_setting_takes_effect(change: dict[str, Any]) -> None:
     """Each of them changes the end of a long fault in a turn."""
     fault = within(3000, 99999, FAULTS["lost"])
     plain = drive(fault, 7000, articulation=0.3).commands
-    changed = drive(fault, 7000, replace(COMMAND_STEER, **change), articulation=0.3).commands
+    changed = drive(fault, 7000, COMMAND_STEER.model_copy(update=change), articulation=0.3).commands
     assert np.abs(plain - changed).max() > 0.01
 
 
@@ -321,7 +306,7 @@ def test_no_sequence_of_faults_exceeds_the_actuators_limits(faults: list[Faulty]
 def test_a_setting_outside_its_limits_is_refused(name: str, value: float) -> None:
     """By name, value and limits."""
     with pytest.raises(ValueError, match=rf"{name} = {value} .*must be between"):
-        replace(Degradation(), **{name: value})  # type: ignore[arg-type]  # of any field, for mypy
+        Degradation.of({name: value})
 
 
 # Reversing
@@ -524,3 +509,48 @@ def test_a_good_command_passes_unchanged_and_the_law_is_closed() -> None:
     assert stub.closed == [True]
     none = Safeguarded(Stub(angles(), []), "none", unsteered, COMBINATION, Degradation())
     assert none.step(none.init(), 1200, None, signals(1200, angles=np.empty(0)))[1].angles.shape == (0,)
+
+
+# Fallback
+
+
+STUCK_AT = 4000  # [ticks]
+
+
+def in_turn(tick: int, articulation: float | None = None) -> CombinationSignals:
+    """A turn that begins after 2 s and grows smoothly; the articulation changes by the difference of the yaw rates."""
+    since = max(0.0, tick * TICK - 2.0)
+    gamma = 0.15 * (1.0 - math.cos(0.6 * since)) if articulation is None else articulation
+    rates = [0.15 * 0.6 * math.sin(0.6 * since), 0.0]
+    return signals(tick, speed=2.8, articulation=np.array([gamma]), yaw_rates=np.array(rates))
+
+
+def fallen_back(stuck: bool) -> tuple[FloatArray, FloatArray]:
+    """Angles of dead reckoning and of command steer at the end of 7 s, the last five of them in the turn."""
+    fallback, alone = (
+        Fallback(TRAILER, combination=COMBINATION, name=name) for name in ("dead_reckoning", "command_steer")
+    )
+    memory, last = fallback.init(), np.zeros(2)
+    for tick in range(0, 7000, 20):
+        read = in_turn(tick, 0.1 if stuck and tick >= STUCK_AT else None)
+        memory = fallback.observed(memory, tick, None, read)
+        memory, last = fallback.steered(memory, tick, read, last)
+    return last, alone.steered(alone.init(), 7000, read, last)[1]
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_sensors_that_contradict_each_other_leave_command_steer(stuck: bool) -> None:
+    """An articulation that stays while two gyros differ by 3 deg/s: the path can not be reckoned, but steered by it."""
+    reckoned, command_steer = fallen_back(stuck)
+    assert (np.abs(reckoned - command_steer).max() < 1e-6) == stuck
+
+
+def test_command_steer_is_the_law_of_that_name() -> None:
+    """At manoeuvring speed, and without its limit of rate, which the guard has."""
+    fallback = Fallback(TRAILER, combination=COMBINATION, name="command_steer")
+    law, read = CommandSteer(TRAILER, combination=COMBINATION), signals(0, speed=2.8, articulation=np.array([0.2]))
+    memory = law.init()
+    for tick in range(0, 3000, 20):
+        memory, command = law.step(memory, tick, None, read)
+    _, angles = fallback.steered(fallback.init(), 0, read, np.zeros(2))
+    np.testing.assert_allclose(angles, command.angles, atol=1e-12)

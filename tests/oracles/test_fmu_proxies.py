@@ -25,26 +25,23 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.validation import validate_fmu
 
 import offtrack
-from estimators.estimates import Health, OffTracking
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.mapping import map_file
-from offtrack.exchange.fmi_import.numbered_signals import estimate_signals, estimate_values, reading_values
+from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
 from offtrack.exchange.fmi_proxy.driver_and_ground import driver_proxy
 from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
 from offtrack.exchange.fmi_proxy.sensor_proxy import sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
 from scenarios.options.scenario import load_scenario
-from sensors.messages import CombinationSignals
 from tests.fmu_hosts import host_here
 from tests.fmu_plants import Slave
-from tests.fmu_proxies import alive, stand_in
+from tests.fmu_proxies import USED, alive, estimate, reading, stand_in
 from tests.fmu_systems import off_tracking, run_in_order
 from vehicle.combination.description import load_vehicle
 
 VEHICLE = "uk_longer_semitrailer"
-USED = frozenset(one.name for one in estimate_signals(coarse=False))
 
 
 def law(folder: Path, version: int, name: str = "path_preview", platforms: tuple[str, ...] = ("linux64",)) -> Path:
@@ -100,24 +97,6 @@ def test_every_law_is_the_same_as_an_fmu(name: str, tmp_path: Path) -> None:
     other = offtrack.run("roundabout", settings=settings | {"trailer_steering": str(law(tmp_path, 3, name))})
     for signal_name in own.log.names:
         np.testing.assert_array_equal(other[signal_name], own[signal_name], signal_name)
-
-
-def estimate(tick: int, speed: float) -> OffTracking:
-    """An estimate at a speed [m/s] on a circle of 14 m radius, the rear 0.3 m inside."""
-    s = np.linspace(0.0, 16.0, 60)
-    return OffTracking(
-        tick=tick,
-        value=0.3,
-        std=0.02,
-        health=Health.OK,
-        path=np.column_stack([-s, -0.035 * s**2]),
-        hitch_direction=0.5,
-        hitch_direction_rate=0.0,
-        path_tangent=-0.5,
-        v_x=speed,
-        v_y=0.5 * speed,
-        yaw_rate=0.07 * speed,
-    )
 
 
 def children() -> set[int]:
@@ -179,20 +158,11 @@ def test_two_instances_in_two_threads_are_independent_and_the_same_as_one_alone(
 
     def demands(speed: float, into: dict[float, list[float]]) -> None:
         slave = Slave(file, tmp_path / f"unpacked{threading.get_ident()}", {}, {"python": sys.executable})
-        reading = CombinationSignals(
-            tick=0,
-            angles=np.zeros(2),
-            speed=speed,
-            steer=0.3,
-            articulation=np.array([0.5]),
-            yaw_rates=np.array([0.2, 0.2]),
-            lateral_acceleration=0.5,
-        )
         rows: list[float] = []
-        slave.set(reading_values(reading))
+        slave.set(reading_values(reading(0, speed)))
         for tick in range(0, 4000, 10):
             if tick % 100 == 0 and tick > 0:
-                slave.set(estimate_values(tick, estimate(tick - 100, speed), USED))
+                slave.set(estimate_values(tick, estimate(tick - 100, v_x=speed), USED))
             slave.step()
             rows += slave.get(slave.outputs)
         into[speed] = rows

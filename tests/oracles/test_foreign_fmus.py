@@ -21,6 +21,7 @@ from offtrack.exchange.fmi_import.fmu_parts import law_of, signals_of
 from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
+from tests.fmu_proxies import reading
 from vehicle.combination.description import load_vehicle
 
 _PACKAGE = importlib.util.find_spec("gemseo_fmu")
@@ -82,18 +83,9 @@ def test_a_damped_mass_of_openmodelica_swings_as_in_fmpy(tmp_path: Path) -> None
     file = fmu("Mass_Damper.fmu", law + '[outputs]\ny = "steer_demand_1"\n', tmp_path)
     vehicle = load_vehicle(VEHICLE)
     steering = law_of(file)(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1))
-    reading = CombinationSignals(
-        tick=0,
-        angles=np.zeros(1),
-        speed=3.0,
-        steer=0.0,
-        articulation=np.zeros(1),
-        yaw_rates=np.zeros(2),
-        lateral_acceleration=0.0,
-    )
     memory, swing = steering.init(), []
     for tick in range(0, 10_000, 20):
-        memory, command = steering.step(memory, tick, None, reading)
+        memory, command = steering.step(memory, tick, None, reading(0, 3.0, axles=1))
         swing.append(float(command.angles[0]))
     alone = simulate_fmu(
         file,

@@ -14,13 +14,12 @@ from typing import Final
 
 import pytest
 
-from offtrack.exchange.fmi_import import instance as process
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import law_signals
-from offtrack.exchange.fmi_import.instance import FmuError, FmuInstance
-from offtrack.exchange.fmi_import.mapping import map_file, read_map
+from offtrack.exchange.fmi_import.instance import FmuInstance
+from offtrack.exchange.fmi_import.mapping import read_map
 from tests.fmus import LAW as QUANTITIES
-from tests.fmus import MISHAPS, TOKEN, description, description_3, proportional_law
+from tests.fmus import TOKEN, description, description_3, proportional_law
 
 SIGNALS: Final = law_signals(2, 2)
 LIBRARY: Final = "binaries/linux64/law.so"
@@ -186,10 +185,10 @@ def rewritten(path: Path, change: Change) -> None:
             archive.writestr(member, content)
 
 
-def opened(path: Path, **parameters: float) -> FmuInstance:
+def opened(path: Path) -> FmuInstance:
     """The FMU as a law, as a run opens it."""
     fmu = open_fmu(path)
-    return FmuInstance(fmu, read_map(fmu, SIGNALS), parameters)
+    return FmuInstance(fmu, read_map(fmu, SIGNALS), {})
 
 
 def check_refused(path: Path, line: str) -> None:
@@ -250,44 +249,3 @@ def test_files_that_are_no_archives_are_one_line(own_law: Path) -> None:
     check_refused(own_law, "damaged")
     own_law.unlink()
     check_refused(own_law, "cannot be read")
-
-
-def stepped(path: Path, mishap: str, timeout: float = 5.0) -> None:
-    """Five steps that go well, and one with a mishap."""
-    map_file(path).write_text(
-        f'timeout = {timeout}\n[inputs]\noff_tracking = "off_tracking"\n[outputs]\n'
-        'steer_demand_1 = "steer_demand_1"\nsteer_demand_2 = "steer_demand_2"\n',
-        encoding="utf-8",
-    )
-    instance = opened(path, mishap=float(MISHAPS[mishap]), mishap_at=0.05)
-    try:
-        for _ in range(6):
-            instance.step(10, {"off_tracking": 0.1})
-    finally:
-        assert mishap not in MISHAPS or instance.ticks in (50, 60)
-        instance.close()
-
-
-IN_STEPS: Final = {
-    "crash": "at 0.05 s: its process was ended by SIGSEGV",
-    "endless": "at 0.05 s: does not return within 0.3 s",
-    "nan": "at 0.05 s its output steer_demand_1 is nan",
-    "error": 'fmi2DoStep failed with status 3 (error) (it said: "the water is too cold")',
-    "exit": "at 0.05 s: its process exited (7)",
-}
-
-
-@pytest.mark.parametrize("mishap", IN_STEPS)
-def test_a_mishap_in_a_step_is_one_line(own_law: Path, mishap: str) -> None:
-    """More of them in tests/oracles."""
-    with pytest.raises(FmuError) as caught:
-        stepped(own_law, mishap, timeout=0.3 if mishap == "endless" else 5.0)
-    assert IN_STEPS[mishap] in str(caught.value)
-    assert str(caught.value).startswith(str(own_law))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_start_that_does_not_return_is_one_line(own_law: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process, "_START", 1.0)
-    with pytest.raises(ValueError, match="cannot be started: does not return within 1 s"):
-        opened(own_law, mishap=float(MISHAPS["start endless"]))

@@ -174,36 +174,59 @@ def numbers(*arguments: str | Path, odometry: str = "oracles:Oracle") -> dict[st
     return found
 
 
-def rows() -> list[dict[str, str]]:
-    with Path("out/off_tracking.csv").open(encoding="utf-8") as file:
+def rows(out: Path = Path("out")) -> list[dict[str, str]]:
+    with (out / "off_tracking.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
-def test_everything_is_written_and_agrees(drawn_yard: Path) -> None:
-    """With a perfect odometry the off-tracking is that of the poses, and all files tell the same."""
-    found = numbers(drawn_yard, "--no-video")
-    assert {path.name for path in Path("out").iterdir()} == WRITTEN
-    assert json.loads(Path("out/summary.json").read_text(encoding="utf-8")) == found
+@pytest.fixture(scope="module")
+def perfect(original: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Results with a perfect odometry: the directory and the summary as printed."""
+    out = tmp_path_factory.mktemp("results") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "oracles", sys.modules[__name__])
+        result = estimated(original, "--out", out, "--json", "--no-video")
+    assert result.exit_code == 0, result.output
+    return out, json.loads(result.stdout)
+
+
+def test_everything_is_written_and_agrees(perfect: tuple[Path, dict[str, Any]]) -> None:
+    """The off-tracking is that of the poses, and all files tell the same; every column of the Parquet has its unit.
+
+    Images without texture tell nothing of the right camera: what is assumed before any stands in all files.
+    """
+    out, found = perfect
+    assert {path.name for path in out.iterdir()} == WRITTEN
+    assert json.loads((out / "summary.json").read_text(encoding="utf-8")) == found
     assert found["outcome"] == "completed"
     assert found["frames"] == {"total": FRAMES, "used": FRAMES, "dropped": 0, "duration_s": 7.9}
     assert found["off_tracking"]["estimate_error_max_m"] < 1e-6  # poses are written with twelve digits
     assert found["off_tracking"]["valid_fraction"] == 1.0
-    log = read_log(Path("out/off_tracking.parquet"))
-    table = rows()
+    log, table = read_log(out / "off_tracking.parquet"), rows(out)
     assert len(table) == len(log) == FRAMES
     value = np.array([float(row["off_tracking_m"] or "nan") for row in table])
     np.testing.assert_allclose(value, log["off_tracking"], atol=1e-6)  # micrometres are written
     assert [row["health"] for row in table] == [
         "" if k == 0 else "lost" if np.isnan(v) else "ok" for k, v in enumerate(value)
     ]
-    report = Path("out/report.html").read_text(encoding="utf-8")  # shows the image of the middle half with most tracks
+    schema = pq.read_schema(out / "off_tracking.parquet")
+    units = {field.name: field.metadata[b"unit"].decode() for field in schema}
+    assert units["off_tracking"] == units["off_tracking_std"] == "m"
+    assert set(units.values()) == {"-", "s", "m", "rad", "m/s", "rad/s"}
+    calibrated = found["self_calibration"]
+    assert [calibrated[f"{name}_deg"] for name in ("roll", "yaw", "pitch")] == [0.0, 0.0, 0.0]
+    assert calibrated["yaw_std_deg"] == pytest.approx(0.4, abs=0.01)
+    assert calibrated["delay_std_ms"] == pytest.approx(20.0, abs=0.1)
+    assert found["warnings"] == []
+    assert float(table[1]["right_yaw_rad"]) == 0.0
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "Rotation of the right camera" in report  # and the image of the middle half with most tracks
     assert "000039.png, 3.9 s after the first frame: 300 matches, 279 of them inliers" in report
 
 
-def test_off_tracking_is_that_of_the_hitch_path(yard: Path) -> None:
+def test_off_tracking_is_that_of_the_hitch_path(perfect: tuple[Path, dict[str, Any]]) -> None:
     """Against the closed search on the true path: samples 0.5 m apart on 20 m leave cubics of some 0.01 mm."""
-    numbers(yard, "--no-video")
-    log = read_log(Path("out/off_tracking.parquet"))
+    log = read_log(perfect[0] / "off_tracking.parquet")
     poses = np.array([trailer_pose(k) for k in range(FRAMES)])
     psi = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
     true = true_off_tracking(poses[:, 0, 3], poses[:, 1, 3], psi, FOLLOW)
@@ -213,23 +236,12 @@ def test_off_tracking_is_that_of_the_hitch_path(yard: Path) -> None:
     np.testing.assert_allclose(log["off_tracking"][there], true[there], atol=2e-3)  # where the curvature jumps
 
 
-def test_units_travel_with_the_parquet_columns(yard: Path) -> None:
-    """Every column says its unit; metres, radians and seconds only."""
-    numbers(yard, "--no-video")
-    schema = pq.read_schema("out/off_tracking.parquet")
-    units = {field.name: field.metadata[b"unit"].decode() for field in schema}
-    assert units["off_tracking"] == units["off_tracking_std"] == "m"
-    assert units["time"] == "s"
-    assert set(units.values()) == {"-", "s", "m", "rad", "m/s", "rad/s"}
-
-
-def test_trajectories_are_those_of_the_camera(yard: Path) -> None:
+def test_trajectories_are_those_of_the_camera(perfect: tuple[Path, dict[str, Any]], original: Path) -> None:
     """KITTI: a line a frame, equal to the recording's poses; TUM: time, position, quaternion."""
-    numbers(yard, "--no-video")
-    kitti, poses = np.loadtxt("out/trajectory_kitti.txt"), np.loadtxt(yard / "poses.txt")
+    kitti, poses = np.loadtxt(perfect[0] / "trajectory_kitti.txt"), np.loadtxt(original / "poses.txt")
     np.testing.assert_allclose(kitti, poses, atol=1e-9)  # sums of 80 rounded poses of twelve digits
-    tum = np.loadtxt("out/trajectory_tum.txt")
-    np.testing.assert_allclose(tum[:, 0], np.loadtxt(yard / "times.txt"))
+    tum = np.loadtxt(perfect[0] / "trajectory_tum.txt")
+    np.testing.assert_allclose(tum[:, 0], np.loadtxt(original / "times.txt"))
     np.testing.assert_allclose(tum[:, 1:4], poses.reshape(-1, 3, 4)[:, :, 3], atol=1e-8)
     np.testing.assert_allclose(np.linalg.norm(tum[:, 4:], axis=1), 1.0, atol=1e-8)
 
@@ -312,14 +324,6 @@ def test_broken_and_missing_images_are_dropped_frames_and_the_run_goes_on(yard: 
     np.testing.assert_allclose(np.loadtxt("out/trajectory_tum.txt")[:, 1:4], true, atol=1e-8)
 
 
-def test_a_broken_first_frame_is_no_obstacle(yard: Path) -> None:
-    """The path begins with the first frame that can be read."""
-    (yard / "image_0" / "000000.png").write_bytes(b"")
-    found = numbers(yard, "--no-video")
-    assert found["frames"]["dropped"] == 1
-    assert found["off_tracking"]["estimate_error_max_m"] < 2e-3
-
-
 def test_lost_frames_are_told_and_bridged(yard: Path) -> None:
     """No value while lost, a degraded one while the bridge is in the buffer."""
     found = numbers(yard, "--no-video", odometry="oracles:LosingOracle")
@@ -329,38 +333,31 @@ def test_lost_frames_are_told_and_bridged(yard: Path) -> None:
     assert health[-1] == "ok"
 
 
-def test_times_are_kept_as_they_were_recorded(yard: Path) -> None:
-    """Seconds since 1970 stay what they are in the files, and count from zero in the figures."""
+def test_times_are_kept_and_a_broken_first_frame_is_no_obstacle(yard: Path) -> None:
+    """Seconds since 1970 stay what they are in the files, and count from zero in the figures.
+
+    The path begins with the first frame that can be read.
+    """
+    (yard / "image_0" / "000000.png").write_bytes(b"")
     (yard / "times.txt").write_text("".join(f"{1403636579.7 + 0.1 * k:.3f}\n" for k in range(FRAMES)), encoding="utf-8")
     found = numbers(yard, "--no-video")
     assert found["frames"]["duration_s"] == pytest.approx(7.9)
-    assert np.loadtxt("out/trajectory_tum.txt")[0, 0] == pytest.approx(1403636579.7, abs=1e-3)
+    assert found["frames"]["dropped"] == 1
+    assert found["off_tracking"]["estimate_error_max_m"] < 2e-3
+    assert np.loadtxt("out/trajectory_tum.txt")[0, 0] == pytest.approx(1403636579.8, abs=1e-3)
     assert rows()[0]["time_s"] == "1403636579.700000"
 
 
-def test_what_is_known_of_the_right_camera_is_told(yard: Path) -> None:
-    """Images without texture tell nothing: what is assumed before any, in summary, table and report; no warnings."""
-    found = numbers(yard, "--no-video")
-    assert [found["self_calibration"][f"{name}_deg"] for name in ("roll", "yaw", "pitch")] == [0.0, 0.0, 0.0]
-    assert found["self_calibration"]["yaw_std_deg"] == pytest.approx(0.4, abs=0.01)
-    assert found["self_calibration"]["delay_std_ms"] == pytest.approx(20.0, abs=0.1)
-    assert found["warnings"] == []
-    assert float(rows()[1]["right_yaw_rad"]) == 0.0
-    assert "Rotation of the right camera" in Path("out/report.html").read_text(encoding="utf-8")
+def test_what_the_recording_does_not_say_is_assumed_aloud_and_options_leave_nothing_to_assume(yard: Path) -> None:
+    """A bare KITTI folder runs; the assumptions stand on the terminal, in the summary and on top of the report.
 
-
-def test_what_the_recording_does_not_say_is_assumed_aloud(yard: Path) -> None:
-    """A bare KITTI folder runs; the assumptions stand on the terminal, in the summary and on top of the report."""
+    Said again what the rig said, the result is the same.
+    """
     (yard / "rig.toml").unlink()
-    result = estimated(yard, "--out", "out", "--no-video", "--facing", "rear")
+    result = estimated(yard, "--out", "bare", "--no-video", "--facing", "rear")
     assert result.exit_code == 0, result.output
     assert "Assumed: follow point 14 m behind the hitch (--follow-distance)" in result.stdout.splitlines()
-    assert "Assumed" in Path("out/report.html").read_text(encoding="utf-8")
-
-
-def test_options_leave_nothing_to_assume(yard: Path) -> None:
-    """Said again what the rig said, the result is the same."""
-    (yard / "rig.toml").unlink()
+    assert "Assumed" in Path("bare/report.html").read_text(encoding="utf-8")
     said = ("--facing", "rear", "--follow-distance", "10", "--camera-x", "-10", "--camera-height", "3")
     found = numbers(yard, "--no-video", *said, "--direction-std", "0")
     assert found["assumed"] == []
@@ -380,7 +377,7 @@ def test_an_interrupt_keeps_what_is_finished(yard: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(stereo_sequence, "_read", interrupted_at)
     result = estimated(yard, "--out", "out", "--quiet")
-    assert result.exit_code == 130
+    assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "offtrack: interrupted; what was estimated until then is in out\n"
     assert {path.name for path in Path("out").iterdir()} == WRITTEN | {".interrupted"}
     found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
@@ -449,13 +446,6 @@ def test_an_interrupt_while_the_video_is_drawn_keeps_the_estimates(yard: Path, m
     assert (found["outcome"], found["frames"]["used"]) == ("interrupted", FRAMES)
     with av.open("out/video.mp4") as container:
         assert sum(1 for _ in container.decode(video=0)) > 10  # the encoder holds some back
-
-
-def test_nothing_but_the_summary_is_printed_for_a_program_and_nothing_when_quiet(yard: Path) -> None:
-    """--json and --quiet."""
-    assert json.loads(estimated(yard, "--out", "a", "--no-video", "--json").stdout)["outcome"] == "completed"
-    quiet = estimated(yard, "--out", "b", "--no-video", "--quiet")
-    assert quiet.stdout == ""
 
 
 @pytest.mark.parametrize(

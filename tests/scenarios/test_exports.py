@@ -95,7 +95,7 @@ def test_what_can_not_be_exported_is_one_line(run: Path) -> None:
         ([str(run), "--to", "csv"], "exists already"),
         ([str(run / "none")], "is no directory of a finished run"),
         ([str(run), "--to", "mat", "--out", str(run / "none" / "x.mat")], "there is no folder"),
-        ([str(run), "--to", "xls"], "xls"),
+        ([str(run), "--to", "msf4"], "--to: unknown name 'msf4'; did you mean 'mf4'?"),
     )
     for arguments, line in cases:
         answer = CliRunner().invoke(app, ["export", *arguments])
@@ -161,4 +161,4 @@ def _messages(reader: Any) -> Iterator[tuple[Any, Any, Any, Any]]:
 def test_images_are_for_mcap_and_bags(run: Path) -> None:
     answer = CliRunner().invoke(app, ["export", str(run), "--images", str(run)])
     assert answer.exit_code == 2
-    assert "only MCAP and bags hold images: add --to mcap or --to rosbag2" in answer.output
+    assert "csv takes no images: choose --to mcap or rosbag2" in answer.output

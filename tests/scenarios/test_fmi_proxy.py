@@ -27,7 +27,6 @@ from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from offtrack.exchange.fmi_import.numbered_signals import (
     PATH_POINTS,
     estimate_of,
-    estimate_signals,
     estimate_values,
     reading_values,
     truth_of,
@@ -52,9 +51,8 @@ from scenarios.assembly.trailer_run import assemble, opened_ground
 from scenarios.loop.channel import InLine
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
-from sensors.messages import CombinationSignals
 from tests.fmu_plants import Slave, c_compiler
-from tests.fmu_proxies import alive, stand_in
+from tests.fmu_proxies import USED, alive, estimate, reading, stand_in
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.layout import command_sizes, ground_input_sizes
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
@@ -63,7 +61,6 @@ from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
 VEHICLE = "uk_longer_semitrailer"
-USED = frozenset(one.name for one in estimate_signals(coarse=False))
 
 
 @pytest.fixture(scope="module")
@@ -84,36 +81,6 @@ def slave_of(fmus: Mapping[int, Path], version: int, python: str = sys.executabl
     return Slave(fmus[version], fmus[version].with_suffix(""), values, {"python": python})
 
 
-def estimate(tick: int, points: int = 60) -> OffTracking:
-    """An estimate on a circle of 14 m radius, with a path of some points."""
-    s = np.linspace(0.0, 16.0, points)
-    return OffTracking(
-        tick=tick,
-        value=0.3 * np.sin(tick / 300.0),
-        std=0.02,
-        health=Health.OK,
-        path=np.column_stack([-s, -0.035 * s**2]),
-        hitch_direction=0.5,
-        hitch_direction_rate=0.01,
-        path_tangent=-0.5,
-        v_x=2.8,
-        v_y=1.4,
-        yaw_rate=0.2,
-    )
-
-
-def reading(tick: int) -> CombinationSignals:
-    return CombinationSignals(
-        tick=tick,
-        angles=np.array([0.1, 0.05]),
-        speed=2.8,
-        steer=0.27,
-        articulation=np.array([0.58]),
-        yaw_rates=np.array([0.2, 0.2]),
-        lateral_acceleration=0.56,
-    )
-
-
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_finds_no_problem(fmus: dict[int, Path], version: int) -> None:
     assert validate_fmu(str(fmus[version])) == []
@@ -125,7 +92,7 @@ def test_the_law_in_its_process_steers_as_the_same_law_here(fmus: dict[int, Path
     law = trailer_law("path_preview", trailer_geometry(vehicle, 1), Combination(vehicle, 1), {"gain": 0.5})
     memory, slave, newest = law.init(), slave_of(fmus, 3), None
     for tick in range(0, 1000, 10):
-        newest = estimate(tick - 100) if tick % 100 == 0 and tick >= 100 else newest
+        newest = estimate(tick - 100, 0.3 * np.sin(tick / 300.0)) if tick % 100 == 0 and tick >= 100 else newest
         slave.set(estimate_values(tick, newest, USED) | reading_values(reading(tick)))
         slave.step()
         if tick % 20 == 0:
@@ -225,17 +192,17 @@ def test_signals_keep_an_estimate() -> None:
     for one in (
         estimate(1000),
         replace(estimate(900), health=Health.LOST, std=np.inf, value=0.0),
-        replace(estimate(0, 1), health=Health.DEGRADED, bridged=0.3),
+        replace(estimate(0, points=1), health=Health.DEGRADED, bridged=0.3),
     ):
         other = estimate_of(1100, estimate_values(1100, one, USED))
         assert other is not None
         for name in OffTracking.__dataclass_fields__:
             np.testing.assert_array_equal(getattr(other, name), getattr(one, name), name)
     assert estimate_of(50, dict.fromkeys(USED, 0.0) | estimate_values(50, None, USED)) is None
-    long = estimate_of(0, estimate_values(0, estimate(0, 1000), USED))
+    long = estimate_of(0, estimate_values(0, estimate(0, points=1000), USED))
     assert long is not None
     assert len(long.path) == PATH_POINTS
-    np.testing.assert_array_equal(long.path[[0, -1]], estimate(0, 1000).path[[0, -1]])
+    np.testing.assert_array_equal(long.path[[0, -1]], estimate(0, points=1000).path[[0, -1]])
 
 
 class Clock:
@@ -329,7 +296,7 @@ def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> 
     session, _ = drive
     truth, vehicle = session.rows[-1].truth, session.parts.vehicle
     values = truth_values(truth)
-    assert list(values) == [one.name for one in truth_signals(vehicle)]
+    assert values.keys() == {one.name for one in truth_signals(vehicle)}
     other = truth_of(truth.tick, values, vehicle, lambda *_: np.eye(4))
     np.testing.assert_array_equal(other.poses, truth.poses)
     np.testing.assert_array_equal(other.velocities, truth.velocities)

@@ -151,7 +151,7 @@ def test_a_speed_needs_a_paced_run_and_sense() -> None:
     """One line each, and exit code 2."""
     for arguments, line in (
         (["--speed", "2"], "--speed 2: needs --paced"),
-        (["--paced", "--speed", "0"], "--speed 0.0: must be from 0.01 to 100"),
+        (["--paced", "--speed", "0"], "--speed = 0.0 must be between 0.01 and 100"),
     ):
         result = CliRunner().invoke(app, ["run", "roundabout", *arguments])
         assert (result.exit_code, line in result.stderr) == (2, True)

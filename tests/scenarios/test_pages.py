@@ -15,7 +15,7 @@ from typing import Final, cast
 import numpy as np
 import pytest
 
-from offtrack.exchange.recordings import recording_page, slip_report
+from offtrack.exchange.recordings import recording_page, slip_estimation
 from offtrack.exchange.recordings.estimation import Estimation
 from offtrack.exchange.recordings.rover_recording import RoverRecording
 from offtrack.exchange.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
@@ -163,7 +163,7 @@ def slip_html(_: RunResult) -> str:
         recording=cast(RoverRecording, SimpleNamespace(view=lambda k: BAD)),
         estimator=BAD, outcome=BAD, dropped={2: BAD}, log=log, seconds=1.0,
     )  # fmt: skip
-    return slip_report.report_page(estimation, {"recording": BAD, "frames": {"images": 5}})
+    return slip_estimation.slip_page(estimation, {"recording": BAD, "frames": {"images": 5}})
 
 
 def study_html(_: RunResult) -> str:

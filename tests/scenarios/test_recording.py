@@ -41,48 +41,31 @@ def record(directory: Path, calibration: StereoCalibration, frames: int) -> None
             recording.add(frame(k), pose(k))
 
 
-def test_images_come_back_unchanged(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """PNG loses nothing: estimators see on disk what they saw in the loop."""
-    record(tmp_path / "a", calibration, 3)
-    for k in range(3):
+def test_a_recording_is_read_by_anyone_who_reads_kitti(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """PNG loses nothing; times are in seconds, to the tick; poses are X_C0Ck = X_SC^-1 X_WS0^-1 X_WSk X_SC.
+
+    A point 10 m ahead on the axis projects to the principal point on the left, f b / Z further left on the right. KITTI
+    has no place for the rig, which is exact.
+    """
+    record(tmp_path / "a", calibration, 4)
+    for k in range(4):
         for side, image in ((0, frame(k).left), (1, frame(k).right)):
             back = cv2.imread(str(tmp_path / "a" / f"image_{side}" / f"{k:06d}.png"), cv2.IMREAD_UNCHANGED)
             np.testing.assert_array_equal(back, image)
-
-
-def test_times_are_those_of_the_captures(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """In seconds, to the tick."""
-    record(tmp_path / "a", calibration, 3)
-    assert (tmp_path / "a" / "times.txt").read_text().split() == ["0.050", "0.150", "0.250"]
-
-
-def test_poses_are_those_of_the_left_camera_from_the_first_one(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """X_C0Ck = X_SC^-1 X_WS0^-1 X_WSk X_SC; the first is the identity."""
-    record(tmp_path / "a", calibration, 4)
+    assert (tmp_path / "a" / "times.txt").read_text().split() == ["0.050", "0.150", "0.250", "0.350"]
     poses = np.loadtxt(tmp_path / "a" / "poses.txt").reshape(-1, 3, 4)
     np.testing.assert_allclose(poses[0], np.eye(4)[:3], atol=1e-11)  # twelve digits are written
     expected = inverse(calibration.X_SC) @ inverse(pose(0)) @ pose(3) @ calibration.X_SC
     np.testing.assert_allclose(poses[3], expected[:3], atol=1e-10)
-
-
-def test_the_projections_reproject(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """A point 10 m ahead on the axis: the principal point on the left, f b / Z further left on the right."""
-    record(tmp_path / "a", calibration, 1)
     lines = (tmp_path / "a" / "calib.txt").read_text().splitlines()
     assert [line[:3] for line in lines] == ["P0:", "P1:"]
     P0, P1 = (np.array(line[3:].split(), dtype=float).reshape(3, 4) for line in lines)
     left, right = (P @ [0.0, 0.0, 10.0, 1.0] / 10.0 for P in (P0, P1))
     assert left[:2] == pytest.approx([31.5, 15.5])
     assert left[0] - right[0] == pytest.approx(calibration.focal_length * 0.5 / 10.0)
-
-
-def test_the_rig_is_exact(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """KITTI has no place for it."""
-    record(tmp_path / "a", calibration, 1)
     rig = tomllib.loads((tmp_path / "a" / "rig.toml").read_text(encoding="utf-8"))
     np.testing.assert_array_equal(np.array(rig["X_SC"]), calibration.X_SC)
-    assert rig["baseline"] == 0.5
-    assert rig["follow_distance"] == 11.9
+    assert (rig["baseline"], rig["follow_distance"]) == (0.5, 11.9)
 
 
 def test_a_raw_rig_is_written_whole_and_in_the_place_of_projections(tmp_path: Path) -> None:
@@ -132,8 +115,8 @@ def test_what_a_killed_recording_left_is_in_nobodys_way(tmp_path: Path, calibrat
     assert {path.name for path in tmp_path.iterdir()} == {"a", "a.recording", ".a.mine.unfinished", ".ab.1.unfinished"}
 
 
-def test_a_recording_with_an_error_leaves_nothing(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """A full disk, for example."""
+def test_an_error_leaves_nothing_and_what_is_there_is_kept(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """A full disk, for example; a directory with something in it is refused before anything is written."""
 
     def on_a_full_disk() -> None:
         with RecordingWriter(tmp_path / "a", calibration, 11.9) as recording:
@@ -143,10 +126,6 @@ def test_a_recording_with_an_error_leaves_nothing(tmp_path: Path, calibration: S
     with pytest.raises(OSError, match="full"):
         on_a_full_disk()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_directory_with_something_in_it_is_refused(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """Before anything is written."""
     (tmp_path / "mine.txt").touch()
     with pytest.raises(ValueError, match="not empty"):
         record(tmp_path, calibration, 1)

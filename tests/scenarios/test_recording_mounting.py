@@ -29,17 +29,10 @@ from sensors.messages import StereoFrame
 from vehicle.frames import inverse, rotation_zyx, transform
 
 # calib.txt as the KITTI odometry benchmark has it: a grey pair, and a colour pair that is off it in all three axes
-KITTI = """\
-P0: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 0.000000000000e+00 0.000000000000e+00 7.188560000000e+02 \
-1.852157000000e+02 0.000000000000e+00 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 0.000000000000e+00
-P1: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 -3.861448000000e+02 0.000000000000e+00 7.188560000000e+02 \
-1.852157000000e+02 0.000000000000e+00 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 0.000000000000e+00
-P2: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 4.538225000000e+01 0.000000000000e+00 7.188560000000e+02 \
-1.852157000000e+02 -1.130887000000e-01 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 3.779761000000e-03
-P3: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 -3.372877000000e+02 0.000000000000e+00 7.188560000000e+02 \
-1.852157000000e+02 2.369057000000e+00 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 4.915215000000e-03
-Tr: 4.276802385584e-04 -9.999672484946e-01 -8.084491683471e-03 -1.198459927713e-02
-"""
+_LINE = "7.188560000000e+02 0 6.071928000000e+02 {:.12e} 0 7.188560000000e+02 1.852157000000e+02 {:.12e} 0 0 1 {:.12e}"
+_GREY = ((0.0, 0.0, 0.0), (-386.1448, 0.0, 0.0))
+_COLOUR = ((45.38225, -0.1130887, 3.779761e-3), (-337.2877, 2.369057, 4.915215e-3))
+KITTI = "".join(f"P{k}: {_LINE.format(*offset)}\n" for k, offset in enumerate((*_GREY, *_COLOUR)))
 RIG = StereoRig(facing="left", width=64, height=32, hfov=math.radians(100), x=-7.0, y=1.2, z=3.0, baseline=0.5)
 CAMERA = CameraModel(width=64, height=32, fx=40.0, fy=40.0, cx=31.5, cy=15.5, distortion=(-0.1, 0.01, 0.0, 0.0, 0.0))
 RAW = RawStereoRig(
@@ -220,15 +213,9 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
         def step(self, memory: None, frame: StereoFrame) -> tuple[None, Motion]:
             X_PC, tracks = transform(np.eye(3), 0.4 * np.array(way)), np.zeros((0, 4), np.float32)
             return None, Motion(
-                tick=frame.tick,
-                previous_tick=frame.tick - 100,
-                X_PC=X_PC,
-                covariance=np.eye(6),
-                matches=300,
-                inliers=300,
-                health=Health.OK,
-                tracks=tracks,
-            )
+                tick=frame.tick, previous_tick=frame.tick - 100, X_PC=X_PC, covariance=np.eye(6), health=Health.OK,
+                tracks=tracks, matches=300, inliers=300,
+            )  # fmt: skip
 
     monkeypatch.setattr("offtrack.exchange.recordings.mounting.CircularOdometry", Moving)
     grey = np.zeros((32, 64), np.uint8)

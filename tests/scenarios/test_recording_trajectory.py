@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from offtrack.exchange.recordings.estimation_summary import drift
+from offtrack.exchange.recordings.estimation import drift
 from offtrack.exchange.recordings.stereo_reader import camera_poses, kitti_text, read_kitti_poses, tum_text
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 

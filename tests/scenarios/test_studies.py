@@ -232,7 +232,7 @@ def test_seeds_may_be_a_range() -> None:
         (["--seeds", "²"], "--seeds ²: expected whole numbers"),
         (["--seeds", "1-100000000"], "--seeds 1-100000000: 100000000 seeds; a study has at most 20000 runs"),
         (["--seeds", "1-15000", "--vary", "speed_kmh=10,20"], "90000 runs: a study has at most 20000"),
-        (["--jobs", "100000"], "--jobs 100000: must be from 1 to 1024"),
+        (["--jobs", "100000"], "--jobs = 100000 must be between 1 and 1024"),
     ],
 )
 def test_what_can_not_be_compared_is_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:

@@ -132,8 +132,8 @@ def test_what_killed_workers_left_in_a_journal_does_not_stop_the_next(tmp_path: 
     ("changed", "said"),
     [
         (["--range", "gian=0:1"], "path_preview has no such parameter; did you mean 'gain'?"),
-        (["--trials", "1000000"], "--trials 1000000: must be from 1 to 100000"),
-        (["--jobs", "0"], "--jobs 0: must be from 1 to 1024"),
+        (["--trials", "1000000"], "--trials = 1000000 must be between 1 and 100000"),
+        (["--jobs", "0"], "--jobs = 0 must be between 1 and 1024"),
         (["--range", "gain=1:0"], "--range gain=1:0: expected LOW:HIGH"),
         (["--objectives", "off_tracking.true_rms"], "no such summary metric"),
     ],

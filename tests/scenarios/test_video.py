@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from offtrack.reports import camera_pictures
+from offtrack.reports import run_video
 from offtrack.reports import run_video as video
 from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
 from scenarios.results.log import Log
@@ -86,7 +86,7 @@ def test_the_flow_is_drawn_where_the_features_are() -> None:
     """A black picture of another size: the stroke ends, scaled, where the feature is now."""
     jpeg = cv2.imencode(".jpg", np.zeros((196, 640, 3), np.uint8))[1].tobytes()
     tracks = np.array([[100.0, 100.0, 160.0, 100.0]], dtype=np.float32)
-    picture = camera_pictures.camera_picture(CameraFrame(tick=0, jpeg=jpeg, tracks=tracks, matches=1, inliers=1))
+    picture = run_video.camera_picture(CameraFrame(tick=0, jpeg=jpeg, tracks=tracks, matches=1, inliers=1))
     assert picture.shape == (392, 1280, 3)
     lit = np.argwhere(picture[40:].max(axis=-1) > 60) + np.array([40, 0])
     assert lit[:, 1].min() == pytest.approx(200.5, abs=2)  # [px] thickness of the stroke
@@ -98,7 +98,7 @@ def test_a_tall_camera_leaves_room_for_the_rest() -> None:
     """4:3 pictures are fitted in, not cropped."""
     jpeg = cv2.imencode(".jpg", np.full((480, 640), 255, np.uint8))[1].tobytes()
     frame = CameraFrame(tick=0, jpeg=jpeg, tracks=np.empty((0, 4), np.float32), matches=0, inliers=0)
-    picture = camera_pictures.camera_picture(frame)
+    picture = run_video.camera_picture(frame)
     assert picture.shape == (480, 1280, 3)
     assert colour_count(picture[40:], (255, 255, 255)) == pytest.approx(440 * 640, rel=0.01)
 
@@ -107,7 +107,7 @@ def test_what_is_no_picture_is_refused() -> None:
     """A damaged frame, with its tick."""
     frame = CameraFrame(tick=700, jpeg=b"no picture", tracks=np.empty((0, 4), np.float32), matches=0, inliers=0)
     with pytest.raises(ValueError, match="tick 700"):
-        camera_pictures.camera_picture(frame)
+        run_video.camera_picture(frame)
 
 
 def test_a_long_course_is_followed(blind_run: RunResult) -> None:

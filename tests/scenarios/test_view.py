@@ -28,20 +28,8 @@ def offtrack(*arguments: str) -> Any:
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two short runs of a truck that differ in the law, and one of a rover."""
     root = tmp_path_factory.mktemp("runs")
-    base = [
-        "--set",
-        "off_tracking=truth",
-        "--set",
-        "course.turn_deg=20",
-        "--set",
-        "speed_kmh=15",
-        "--set",
-        "course.exit=8",
-        "--set",
-        "course.entry=24",
-        "--no-video",
-        "--quiet",
-    ]
+    keys = ("off_tracking=truth", "course.turn_deg=20", "speed_kmh=15", "course.exit=8", "course.entry=24")
+    base = [*(word for key in keys for word in ("--set", key)), "--no-video", "--quiet"]
     for law in LAWS:
         done = offtrack("run", "turn-90", "--set", f"trailer_steering={law}", *base, "--out", str(root / law))
         assert done.exit_code == 0, done.output

@@ -7,13 +7,14 @@ with its yaw inertias put right. Both have tyres in proportion to load and no dr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import control
 import numpy as np
 import pytest
 
 from offtrack.studies.validation.linear_checks import audited_vehicle
+from offtrack.studies.validation.simple_drives import on_single_axles
+from tests.vehicle.chains import with_axles
 from vehicle.combination.data_sheet import coupling_loads
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.handling import (
@@ -23,7 +24,6 @@ from vehicle.combination.handling import (
 )
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
-from vehicle.combination.unit import Axle
 
 LANE_CHANGE_SPEED = 88.0 / 3.6  # [m/s] ISO 14791
 
@@ -31,22 +31,8 @@ LANE_CHANGE_SPEED = 88.0 / 3.6  # [m/s] ISO 14791
 @pytest.fixture(scope="module")
 def openpbs() -> Vehicle:
     """The shipped record without rolling resistance, each group of axles as one in its middle."""
-    shipped = load_vehicle("openpbs_tractor_semitrailer_6x2")
-    tractor, trailer = shipped.units
-    front, *rear = tractor.axles
-    groups = ((front,), rear), (trailer.axles,)
-    units = [
-        unit.model_copy(update={"axles": tuple(in_the_middle(group) for group in of_unit)})
-        for unit, of_unit in zip(shipped.units, groups, strict=True)
-    ]
-    return shipped.model_copy(update={"units": tuple(units)})
-
-
-def in_the_middle(group: Sequence[Axle]) -> Axle:
-    """One axle, free of drag, in the place of a group."""
-    tyre = group[0].tyre.model_copy(update={"rolling_resistance": 0.0})
-    middle = sum(axle.x for axle in group) / len(group)
-    return group[0].model_copy(update={"x": middle, "tyre": tyre, "bogie": None})
+    single = on_single_axles(load_vehicle("openpbs_tractor_semitrailer_6x2"))
+    return with_axles(single, tyre={"rolling_resistance": 0.0})
 
 
 def lane_change(vehicle: Vehicle, rearmost_axle: int) -> dict[str, float]:

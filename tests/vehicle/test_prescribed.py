@@ -78,6 +78,7 @@ def test_another_speed_than_the_constant_one_is_refused(longer_semitrailer: Vehi
         plant.initial_state(Pose2(0.0, 0.0, 0.0), 4.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [12.5, -12.5])
 def test_a_slow_turn_is_the_kinematic_one(tractor_semitrailer: Vehicle, radius: float) -> None:
     """Quarter of a circle to either side at 1 m/s on stiff tyres, every unit's pose all along."""

@@ -193,7 +193,7 @@ def test_a_drawbar_transmits_no_moment() -> None:
     assert stiffer[3] < roll_gradients(vehicle)[3]
 
 
-@pytest.mark.parametrize("name", vehicle_names())
+@pytest.mark.parametrize("name", [name for name in vehicle_names() if load_vehicle(name).has_springs])
 def test_every_shipped_vehicle_tips_within_the_measured_range(name: str) -> None:
     """Laden combinations 0.35 to 0.5 g, light ones to 0.55 g; more with half the load, and twice that without.
 

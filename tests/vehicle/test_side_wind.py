@@ -69,7 +69,8 @@ def test_a_gust_moves_the_vehicle_to_leeward(tractor_semitrailer: Vehicle) -> No
     assert plant.observe(before, 900).poses[0, 1] == pytest.approx(0.0, abs=1e-9)
     after = plant.observe(plant.step(before, VehicleCommand(0.0, 0.0, ()), 2000), 2900)
     assert 0.05 < after.poses[0, 1] < 3.0
-    mirrored = Plant(tractor_semitrailer, Surface(friction=0.8, gust=Gust(speed=-20.0, start=30.0, length=30.0)))
+    opposite = Surface(friction=0.8, gust=Gust(speed=-20.0, start=30.0, length=30.0))
+    mirrored = Plant(tractor_semitrailer, opposite)
     other = mirrored.step(mirrored.initial_state(ORIGIN, 22.0), VehicleCommand(0.0, 0.0, ()), 2900)
     assert mirrored.observe(other, 2900).poses[0, 1] == pytest.approx(-after.poses[0, 1], rel=1e-6)
 

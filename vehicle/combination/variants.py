@@ -57,11 +57,6 @@ def with_load(vehicle: Vehicle, case: str) -> Vehicle:
     return vehicle.model_copy(update={"units": units, "summary": f"{vehicle.summary} ({case})".strip()})
 
 
-def payload_mass(vehicle: Vehicle) -> float:
-    """Mass of all payloads in the file [kg]."""
-    return sum(unit.payload.mass for unit in vehicle.units if unit.payload is not None)
-
-
 def _lightened(unit: Unit, removed: float, key: str) -> Unit:
     """The unit without the share ``removed`` of its payload, which is no part of it any more.
 

@@ -198,14 +198,17 @@ def _as_tuple(value: Any) -> Any:
     return tuple(map(_as_tuple, value)) if isinstance(value, list) else value
 
 
-def check_number(key: str, value: float | None, low: float, high: float, unit: str = "-") -> None:
+def check_number(
+    key: str, value: float | None, low: float, high: float, unit: str = "-", *, above: bool = False, why: str = ""
+) -> None:
     """Refuse a number outside its limits, and one that is not finite; None is accepted.
 
     Raises:
         ValueError: one line with key, value, limits and unit.
     """
     if value is not None:
-        Option(key, 0.0, "", unit, low, high).check(value, key)
+        number = value if isinstance(value, int) else float(value)
+        Option(key, 0.0, "", unit, low, high, above=above, why=why).check(number, key)
 
 
 def checked(

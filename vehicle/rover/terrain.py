@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
 from vehicle.foundation.data_file import read_array, table_text
+from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
 
@@ -142,10 +143,8 @@ class Terrain:
 
     def __post_init__(self) -> None:
         for name, slope in (("slope_x", self.slope_x), ("slope_y", self.slope_y)):
-            if not -1.0 <= slope <= 1.0:
-                raise ValueError(f"{name} = {slope} must be between -1 and 1 (a slope: 0.1 rises 1 m in 10 m)")
-        if not 0.0 < self.friction <= 2.0:
-            raise ValueError(f"friction = {self.friction} must be above 0 and at most 2")
+            check_number(name, slope, -1.0, 1.0, why="a slope: 0.1 rises 1 m in 10 m")
+        check_number("friction", self.friction, 0.0, 2.0, above=True)
         bells = np.array([(mound.x, mound.y, mound.height, mound.radius) for mound in self.mounds]).reshape(-1, 4)
         object.__setattr__(self, "_bells", bells)
 

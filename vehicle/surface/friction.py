@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from vehicle.foundation.polyline import dense, is_left
+from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
@@ -40,8 +41,8 @@ def friction_of(friction: Friction, x: ArrayLike, y: ArrayLike) -> FloatArray:
 
 def check_friction(name: str, value: object) -> None:
     """Check the limits of a friction coefficient; a map checks its own."""
-    if isinstance(value, int | float) and not LOWEST <= value <= HIGHEST:
-        raise ValueError(f"{name} = {value} must be between {LOWEST} and {HIGHEST}")
+    if isinstance(value, int | float):
+        check_number(name, value, LOWEST, HIGHEST)
 
 
 class SplitFriction:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface.friction import Friction, check_friction, friction_of
 from vehicle.surface.relief import GroundRelief
@@ -34,8 +35,7 @@ class Gust:
             ("edge", self.edge, 0.1, 1e3, "m"),
             ("start", self.start, -1e6, 1e6, "m"),
         ):
-            if not low <= value <= high:
-                raise ValueError(f"gust: {name} = {value} must be between {low:g} and {high:g} {unit}")
+            check_number(f"gust: {name}", value, low, high, unit)
 
     def velocity_at(self, x: ArrayLike) -> FloatArray:
         """Velocity along W's y [m/s] at x [m], of its shape."""
@@ -69,8 +69,7 @@ class Surface:
     def __post_init__(self) -> None:
         check_friction("friction", self.friction)
         for name, slope in (("cross_fall", self.cross_fall), ("grade", self.grade)):
-            if not -0.2 <= slope <= 0.2:
-                raise ValueError(f"{name} = {slope} must be between -0.2 and 0.2 (a slope: 0.025 is 2.5 %)")
+            check_number(name, slope, -0.2, 0.2, why="a slope: 0.025 is 2.5 %")
 
     @property
     def is_uniform(self) -> bool:

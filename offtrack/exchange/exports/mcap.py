@@ -6,19 +6,19 @@ Messages have Foxglove's own schemas, so that panels show them without set-up. W
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
+from offtrack.exchange.exports.catalogue import ExportedRun
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence
 from scenarios.assembly.adapters import outlines, vehicle_of
+from scenarios.extras import check_extra
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
-from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import check_new_file, replacing
 from scenarios.results.log import Log
 from vehicle.foundation.polyline import rows_every
@@ -49,35 +49,41 @@ class _Line(NamedTuple):
     colour: tuple[float, float, float, float]
 
 
-def write_mcap(
-    log: Log, scenario: Path, path: Path, *, images: Path | None = None, progress: Progress = no_progress
-) -> Path:
-    """Write a run's log as MCAP; ``images`` is the recording that the same run made.
+class Mcap:
+    """An MCAP file.
 
     Topics: ``/tf`` (frames of all units in W), ``/scene`` (bodies, path of the hitch or rover, path of the follow
     point), ``/signals`` (all signals of the log by name, one JSON object for each 10 ms; units and meanings in the
     schema), ``/camera/left`` and ``/camera/right`` (PNG images as recorded).
-
-    Raises:
-        ValueError: one line, if the package is missing, the file exists, or the recording is no stereo recording.
     """
-    if importlib.util.find_spec("foxglove") is None:
-        raise ValueError("MCAP needs the extra 'export': pip install 'offtrack[export]'")
-    import foxglove
 
-    check_new_file(path)
-    sequence = None if images is None else find_sequence(images, None)
-    bodies, lines = _drawn(log, scenario)
-    context = foxglove.Context()
-    with replacing(path) as unfinished, foxglove.open_mcap(unfinished, context=context, allow_overwrite=True):
-        _write_scene(context, bodies, lines)
-        total = len(log) + (0 if sequence is None else 2 * len(sequence.frames))
-        for done in _write_log(context, log, bodies):
-            progress(done, total, "signals")
-        if sequence is not None:
-            for count in _write_images(context, sequence):
-                progress(len(log) + count, total, "images")
-    return path
+    file: ClassVar = "signals.mcap"
+    takes_images: ClassVar = True
+
+    @staticmethod
+    def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
+        """Write the file.
+
+        Raises:
+            ValueError: one line, if the package is missing, the file exists, or the recording is no stereo recording.
+        """
+        check_extra("export", "MCAP needs", "foxglove")
+        import foxglove.channels
+        import foxglove.messages
+
+        check_new_file(path)
+        log, sequence = run.log, None if run.images is None else find_sequence(run.images, None)
+        bodies, lines = _drawn(log, run.scenario)
+        context = foxglove.Context()
+        with replacing(path) as unfinished, foxglove.open_mcap(unfinished, context=context, allow_overwrite=True):
+            _write_scene(foxglove, context, bodies, lines)
+            total = len(log) + (0 if sequence is None else 2 * len(sequence.frames))
+            for done in _write_log(foxglove, context, log, bodies):
+                run.progress(done, total, "signals")
+            if sequence is not None:
+                for count in _write_images(foxglove, context, sequence):
+                    run.progress(len(log) + count, total, "images")
+        return (path,)
 
 
 def _drawn(log: Log, scenario: Path) -> tuple[list[_Body], list[_Line]]:
@@ -126,9 +132,8 @@ def _places(log: Log, suffix: str = "", ahead: float = 0.0) -> FloatArray:
     return places if len(places) < 2 else places[rows_every(places, _BETWEEN_POINTS)]
 
 
-def _write_scene(context: Any, bodies: list[_Body], lines: list[_Line]) -> None:
-    from foxglove import messages as m
-    from foxglove.channels import SceneUpdateChannel
+def _write_scene(foxglove: Any, context: Any, bodies: list[_Body], lines: list[_Line]) -> None:
+    m = foxglove.messages
 
     def at(x: float, y: float, z: float) -> Any:
         return m.Pose(position=m.Vector3(x=x, y=y, z=z), orientation=m.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
@@ -171,15 +176,14 @@ def _write_scene(context: Any, bodies: list[_Body], lines: list[_Line]) -> None:
         )
         for line in lines
     ]
-    SceneUpdateChannel("/scene", context=context).log(m.SceneUpdate(entities=[*boxes, *strips]), log_time=0)
+    foxglove.channels.SceneUpdateChannel("/scene", context=context).log(
+        m.SceneUpdate(entities=[*boxes, *strips]), log_time=0
+    )
 
 
-def _write_log(context: Any, log: Log, bodies: list[_Body]) -> Iterator[int]:
+def _write_log(foxglove: Any, context: Any, log: Log, bodies: list[_Body]) -> Iterator[int]:
     """Signals and frames row by row; yields the number of rows written."""
-    import foxglove
-    from foxglove import messages as m
-    from foxglove.channels import FrameTransformsChannel
-
+    m = foxglove.messages
     properties = {
         signal.name: {"type": ["number", "null"], "title": f"{signal.description} [{signal.unit}]"}
         for signal in log.signals
@@ -190,7 +194,7 @@ def _write_log(context: Any, log: Log, bodies: list[_Body]) -> Iterator[int]:
         context=context,
         metadata={f"unit.{signal.name}": signal.unit for signal in log.signals},
     )
-    frames = FrameTransformsChannel("/tf", context=context)
+    frames = foxglove.channels.FrameTransformsChannel("/tf", context=context)
     poses = [np.column_stack([log[f"{name}{body.suffix}"] for name in ("x", "y", "psi")]) for body in bodies]
     every = max(1, round(_FRAME_PERIOD / float(log["time"][1] - log["time"][0]))) if len(log) > 1 else 1
     for k, (time, row) in enumerate(zip(log["time"].tolist(), log.rows.tolist(), strict=True)):
@@ -212,12 +216,11 @@ def _write_log(context: Any, log: Log, bodies: list[_Body]) -> Iterator[int]:
         yield k + 1
 
 
-def _write_images(context: Any, sequence: StereoSequence) -> Iterator[int]:
+def _write_images(foxglove: Any, context: Any, sequence: StereoSequence) -> Iterator[int]:
     """Recorded images as they are; yields the number of images written."""
-    from foxglove import messages as m
-    from foxglove.channels import CompressedImageChannel
-
-    channels = {side: CompressedImageChannel(f"/camera/{side}", context=context) for side in ("left", "right")}
+    m = foxglove.messages
+    channel = foxglove.channels.CompressedImageChannel
+    channels = {side: channel(f"/camera/{side}", context=context) for side in ("left", "right")}
     count = 0
     for frame in sequence.frames:
         stamp = round(frame.time * _NANOSECONDS)

@@ -17,7 +17,6 @@ Written by rosbags (extra ``export``), which needs no ROS.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import os
@@ -25,17 +24,18 @@ import shutil
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from estimators.calibration.rectification import Rectifier
+from offtrack.exchange.exports.catalogue import ExportedRun
 from offtrack.exchange.recordings.bags import FRAMES, RECORDING, SIDES
 from offtrack.exchange.recordings.mounting import read_rig
 from offtrack.exchange.recordings.stereo_reader import read_projections
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
+from scenarios.extras import check_extra
 from scenarios.image_file import read_grey
-from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import check_new_file
 from scenarios.results.log import Log
 from sensors.camera.lens import CameraModel, load_raw_rig
@@ -107,39 +107,44 @@ _FILES: Final = ("calib.txt", "rig.toml", "poses.txt")  # of a recording
 _UNKNOWN: Final = -1.0  # in the first element of a covariance: the quantity is not measured
 
 
-def write_rosbag2(
-    log: Log, scenario: Path, path: Path, *, images: Path | None = None, progress: Progress = no_progress
-) -> Path:
-    """Write a run's log as a ROS 2 bag, a folder; ``images`` is the recording that the same run made.
+class Rosbag2:
+    """A ROS 2 bag, which is a folder."""
 
-    Raises:
-        ValueError: one line, if the package is missing, the folder exists, or the recording is no stereo recording.
-    """
-    if importlib.util.find_spec("rosbags") is None:
-        raise ValueError("ROS 2 bags need the extra 'export': pip install 'offtrack[export]'")
-    check_new_file(path)
-    sequence = None if images is None else find_sequence(images, None)
-    infos = None if sequence is None else camera_infos(sequence)
-    units = _units(log)
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    file: ClassVar = "rosbag2"
+    takes_images: ClassVar = True
 
-    # the writer names the file in the folder after the folder, so the unfinished bag has its name already
-    unfinished = path.parent / f".{path.name}.{os.getpid()}.unfinished"
-    shutil.rmtree(unfinished, ignore_errors=True)
-    unfinished.mkdir()
-    try:
-        with Writer(unfinished / path.name, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
-            bag = _Bag(writer)
-            total = len(log) + (0 if sequence is None else len(sequence.frames))
-            for done in _write_log(bag, log, units):
-                progress(done, total, "signals")
-            if sequence is not None and infos is not None:
-                for count in _write_images(bag, sequence, infos):
-                    progress(len(log) + count, total, "images")
-        (unfinished / path.name).rename(path)
-    finally:
+    @staticmethod
+    def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
+        """Write the folder.
+
+        Raises:
+            ValueError: one line, if the package is missing, the folder exists, or the recording is no stereo recording.
+        """
+        check_extra("export", "ROS 2 bags need", "rosbags")
+        check_new_file(path)
+        log, sequence = run.log, None if run.images is None else find_sequence(run.images, None)
+        infos = None if sequence is None else camera_infos(sequence)
+        units = _units(log)
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        # the writer names the file in the folder after the folder, so the unfinished bag has its name already
+        unfinished = path.parent / f".{path.name}.{os.getpid()}.unfinished"
         shutil.rmtree(unfinished, ignore_errors=True)
-    return path
+        unfinished.mkdir()
+        bag_file = unfinished / path.name
+        try:
+            with Writer(bag_file, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
+                bag = _Bag(writer)
+                total = len(log) + (0 if sequence is None else len(sequence.frames))
+                for done in _write_log(bag, log, units):
+                    run.progress(done, total, "signals")
+                if sequence is not None and infos is not None:
+                    for count in _write_images(bag, sequence, infos):
+                        run.progress(len(log) + count, total, "images")
+            bag_file.rename(path)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        return (path,)
 
 
 def _units(log: Log) -> list[tuple[str, str]]:

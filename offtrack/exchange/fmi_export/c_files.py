@@ -5,7 +5,6 @@ They are written from the standard's own header, so that none is forgotten. The 
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections.abc import Iterable, Mapping
 from importlib import resources
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from offtrack.exchange.fmi_export.variables import Interface
+from scenarios.extras import check_extra
 from vehicle.engine.native import c_source, numbers_source
 from vehicle.engine.program import Entry, TapeProgram
 
@@ -114,10 +114,10 @@ def headers_folder() -> Path:
     Raises:
         ValueError: one line, if FMPy is not installed.
     """
-    found = importlib.util.find_spec("fmpy")
-    if found is None or found.origin is None:
-        raise ValueError("offtrack fmu needs the extra 'fmi': pip install 'offtrack[fmi]'")
-    return Path(found.origin).parent / "c-code"
+    check_extra("fmi", "offtrack fmu needs", "fmpy")
+    import fmpy
+
+    return Path(fmpy.__file__).parent / "c-code"
 
 
 def source_text(name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import math
 import platform
@@ -16,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
 
+from scenarios.extras import check_extra
 from vehicle.foundation.user_file import MAX_MEMBERS, FileKind, read_bytes, shown
 from vehicle.option import Option
 
@@ -90,8 +90,7 @@ def open_fmu(path: Path) -> FmuFile:
     Raises:
         ValueError: one line with the file and what is wrong with it.
     """
-    if importlib.util.find_spec("fmpy") is None:
-        raise ValueError(f"{path}: FMUs need the extra 'fmi': pip install 'offtrack[fmi]'")
+    check_extra("fmi", f"{path}: FMUs need", "fmpy")
     content = io.BytesIO(read_bytes(path, FileKind.FMU))
     try:
         with zipfile.ZipFile(content) as archive:

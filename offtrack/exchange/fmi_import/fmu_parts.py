@@ -21,9 +21,12 @@ from offtrack.exchange.fmi_import.fmu_plant import plant_signals
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import PartSignals, Signal, read_map
 from offtrack.exchange.fmi_import.numbered_signals import (
+    MOTION,
+    articulation_signals,
     estimate_of,
     estimate_signals,
     estimate_values,
+    numbered_values,
     reading_signals,
     reading_values,
     truth_signals,
@@ -135,19 +138,14 @@ _AHEAD: Final = 60  # points of the path that an FMU can take, a metre apart
 
 def driver_signals(n_units: int) -> PartSignals:
     """Signals of a driver of a combination of ``n_units``."""
-    points, hitches = range(_AHEAD + 1), range(1, n_units)
+    points = range(_AHEAD + 1)
     return PartSignals(
         kind="driver",
         inputs=(
             Signal("time", "s", "since the start"),
             Signal("set_speed", "m/s", "speed that the scenario asks for"),
-            Signal("x", "m", "position of the tractor's rear axle"),
-            Signal("y", "m", "position of the tractor's rear axle"),
-            Signal("psi", "rad", "heading of the tractor, + left"),
-            Signal("v_x", "m/s", "velocity of its rear axle along its x axis"),
-            Signal("v_y", "m/s", "along its y axis"),
-            Signal("yaw_rate", "rad/s", "of the tractor, + left"),
-            *(Signal(f"articulation_{k}", "rad", f"at hitch {k}: unit ahead minus unit behind") for k in hitches),
+            *MOTION,
+            *articulation_signals(n_units),
             Signal("station", "m", "of the guided point along the path"),
             Signal("lateral_error", "m", "of the guided point from the path, + when it lies left of the path"),
             Signal("heading_error", "rad", "tractor's heading minus that of the path at the guided point"),
@@ -254,18 +252,13 @@ def driver_inputs(
     signals = {
         "time": tick * TICK,
         "set_speed": speed,
-        "x": ego.x,
-        "y": ego.y,
-        "psi": ego.psi,
-        "v_x": ego.v_x,
-        "v_y": ego.v_y,
-        "yaw_rate": ego.yaw_rate,
+        **{signal.name: getattr(ego, signal.name) for signal in MOTION},
         "station": station,
         "lateral_error": left,
         "heading_error": math.remainder(ego.psi - on_path.psi, math.tau),
         "curvature": path.curvature(station),
     }
-    return station, signals | {f"articulation_{k}": angle for k, angle in enumerate(ego.articulation, start=1)}
+    return station, signals | numbered_values("articulation", ego.articulation)
 
 
 def driver_of(file: str) -> type[FmuDriver]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -20,7 +20,7 @@ from controllers.equations import settle
 from offtrack.exchange.fmi_import.fmu_file import FmuFile, open_fmu
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import FmuMap, PartSignals, Signal, read_map
-from offtrack.exchange.fmi_import.numbered_signals import GroundUnder, ground_signals
+from offtrack.exchange.fmi_import.numbered_signals import GroundUnder, ground_signals, numbered_values
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import steering_actuators, turned_axles
@@ -210,10 +210,10 @@ class FmuPlant:
             "steer": command.steer,
             "acceleration": command.acceleration,
             "gear": command.gear,
-            **_numbered("steer_trailer", command.trailer_steer),
-            **_numbered("friction", ground.friction_at(x, y)),
-            **_numbered("slope_x", c * slopes[:, 0] + s * slopes[:, 1]),
-            **_numbered("slope_y", c * slopes[:, 1] - s * slopes[:, 0]),
+            **numbered_values("steer_trailer", command.trailer_steer),
+            **numbered_values("friction", ground.friction_at(x, y)),
+            **numbered_values("slope_x", c * slopes[:, 0] + s * slopes[:, 1]),
+            **numbered_values("slope_y", c * slopes[:, 1] - s * slopes[:, 0]),
             **self._ground.values(poses),
         }
 
@@ -305,10 +305,6 @@ def _turned(pitch: float, roll: float) -> FloatArray:
     """Rotation (3, 3) by roll, then pitch."""
     cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-
-
-def _numbered(name: str, values: Iterable[float]) -> dict[str, float]:
-    return {f"{name}_{k}": float(value) for k, value in enumerate(values, start=1)}
 
 
 def _column(found: Mapping[str, float], name: str, count: int) -> FloatArray:

@@ -16,7 +16,7 @@ import os
 import struct
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, BinaryIO, Final, Protocol
+from typing import Any, BinaryIO, Final, cast
 
 KINDS: Final = ("Real", "Float64")
 _STATUS: Final = ("ok", "warning", "discard", "error", "fatal", "pending")
@@ -100,22 +100,14 @@ SIZE: Final = struct.Struct("=I")
 HEAD: Final = 1 + SIZE.size  # of an answer [bytes]
 
 
-class Writer(Protocol):
-    """Anything that takes bytes."""
-
-    def write(self, data: bytes, /) -> object:
-        """Write all of them."""
-
-
-def answer(out: Writer, content: bytes) -> None:
+def answer(out: BinaryIO, content: bytes, mark: bytes = DONE) -> None:
     """Answer with content."""
-    out.write(DONE + SIZE.pack(len(content)) + content)
+    out.write(mark + SIZE.pack(len(content)) + content)
 
 
-def refuse(out: Writer, error: Exception) -> None:
+def refuse(out: BinaryIO, error: Exception) -> None:
     """Answer with a failure."""
-    text = f"{type(error).__name__}: {error}".encode(errors="replace")
-    out.write(FAILED + SIZE.pack(len(text)) + text)
+    answer(out, f"{type(error).__name__}: {error}".encode(errors="replace"), FAILED)
 
 
 class Host:
@@ -132,17 +124,12 @@ class Host:
 
     def _begin(self, start: dict[str, Any]) -> None:
         fmu = self._fmu
+        fmu.instantiate(loggingOn=False)
         if self._version == 2:
-            fmu.instantiate(loggingOn=False)
             fmu.setupExperiment(startTime=0.0)
-        else:
-            fmu.instantiate(loggingOn=False)
         for kind, reference, value in start["parameters"]:
             _set(fmu, kind, [reference], [value])
-        if self._version == 2:
-            fmu.enterInitializationMode()
-        else:
-            fmu.enterInitializationMode(startTime=0.0)
+        fmu.enterInitializationMode()  # at time 0
         fmu.exitInitializationMode()
 
     def step(self, time: float, length: float, inputs: bytes) -> bytes:
@@ -154,26 +141,21 @@ class Host:
 
     def state(self) -> bytes:
         """State of the instance."""
-        if self._version == 2:
-            state = self._fmu.getFMUstate()
-            content = self._fmu.serializeFMUstate(state)
-            self._fmu.freeFMUstate(state)
-        else:
-            state = self._fmu.getFMUState()
-            content = self._fmu.serializeFMUState(state)
-            self._fmu.freeFMUState(state)
+        state = self._of_state("get")()
+        content = self._of_state("serialize")(state)
+        self._of_state("free")(state)
         return bytes(content)
 
     def set_state(self, content: bytes) -> None:
         """Go on from a state."""
-        if self._version == 2:
-            state = self._fmu.deSerializeFMUstate(content)
-            self._fmu.setFMUstate(state)
-            self._fmu.freeFMUstate(state)
-        else:
-            state = self._fmu.deserializeFMUState(content)
-            self._fmu.setFMUState(state)
-            self._fmu.freeFMUState(state)
+        state = self._of_state("deSerialize" if self._version == 2 else "deserialize")(content)
+        self._of_state("set")(state)
+        self._of_state("free")(state)
+
+    def _of_state(self, verb: str) -> Callable[..., Any]:
+        """Function of the state, which the versions of FMI spell differently."""
+        function: Callable[..., Any] = getattr(self._fmu, verb + ("FMUstate" if self._version == 2 else "FMUState"))
+        return function
 
     def end(self) -> None:
         """Terminate and free the instance."""
@@ -250,7 +232,7 @@ def _getter(fmu: Any, version: int, variables: Sequence[Sequence[Any]]) -> Calla
 
 def main() -> None:
     """Serve one FMU until the requests end."""
-    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb", buffering=0)
+    requests, answers = os.fdopen(os.dup(0), "rb"), cast(BinaryIO, os.fdopen(os.dup(1), "wb", buffering=0))
     os.dup2(2, 1)  # the FMU's prints
     sys.stdout = sys.stderr
     start = json.loads(requests.readline())
@@ -263,7 +245,7 @@ def main() -> None:
     _serve(host, requests, answers, len(start["inputs"]))
 
 
-def _serve(host: Host, requests: BinaryIO, answers: Any, n_inputs: int) -> None:
+def _serve(host: Host, requests: BinaryIO, answers: BinaryIO, n_inputs: int) -> None:
     head = struct.Struct("=2d")
     size_of_step = head.size + 8 * n_inputs
     while True:

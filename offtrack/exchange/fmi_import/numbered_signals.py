@@ -24,8 +24,25 @@ from vehicle.surface import Surface
 METRES: Final = 30  # of the hitch's path that an FMU can take, a metre apart
 PATH_POINTS: Final = 200  # of the path as it is; a longer one is thinned out
 NO_STD: Final = 1e3  # stands for an unknown standard deviation [m]
+NO_ESTIMATE: Final = {"off_tracking_std": NO_STD, "off_tracking_health": 2.0, "off_tracking_time": -1.0}  # others: 0
 _HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}
 _OF_HEALTH: Final = {value: health for health, value in _HEALTH.items()}
+
+
+MOTION: Final = (
+    Signal("x", "m", "position of the tractor's rear axle"),
+    Signal("y", "m", "position of the tractor's rear axle"),
+    Signal("psi", "rad", "heading of the tractor, + left"),
+    Signal("v_x", "m/s", "velocity of its rear axle along its x axis"),
+    Signal("v_y", "m/s", "along its y axis"),
+    Signal("yaw_rate", "rad/s", "of the tractor, + left"),
+)  # of the tractor, as its driver knows it
+
+
+def articulation_signals(n_units: int) -> tuple[Signal, ...]:
+    """Signals of the articulation angles of a combination of ``n_units``."""
+    hitches = range(1, n_units)
+    return tuple(Signal(f"articulation_{k}", "rad", f"at hitch {k}: unit ahead minus unit behind") for k in hitches)
 
 
 def estimate_signals(*, coarse: bool) -> tuple[Signal, ...]:
@@ -59,11 +76,11 @@ def estimate_signals(*, coarse: bool) -> tuple[Signal, ...]:
 
 def reading_signals(n_steered: int, n_units: int) -> tuple[Signal, ...]:
     """Signals of the sensors for a trailer with ``n_steered`` steered axles in a combination of ``n_units``."""
-    hitches, units, axles = range(1, n_units), range(1, n_units + 1), range(1, n_steered + 1)
+    units, axles = range(1, n_units + 1), range(1, n_steered + 1)
     return (
         Signal("speed", "m/s", "of the tractor, by its wheels"),
         Signal("steer", "rad", "of the tractor's foremost steered axle, + left"),
-        *(Signal(f"articulation_{k}", "rad", f"at hitch {k}: unit ahead minus unit behind") for k in hitches),
+        *articulation_signals(n_units),
         *(Signal(f"yaw_rate_{k}", "rad/s", f"gyro of unit {k}, the tractor is 1") for k in units),
         Signal("lateral_acceleration", "m/s2", "of the trailer's body above its axles, + left"),
         *(Signal(f"steer_trailer_{k}", "rad", f"encoder of steered axle {k}") for k in axles),
@@ -76,13 +93,7 @@ def estimate_values(tick: int, estimate: OffTracking | None, used: Set[str]) -> 
     The points of the path are given only where they are ``used``.
     """
     if estimate is None:
-        unknown = dict.fromkeys((name for name in used if name.startswith("path_")), 0.0)
-        return unknown | {
-            **dict.fromkeys(_ZEROS, 0.0),
-            "off_tracking_std": NO_STD,
-            "off_tracking_health": 2.0,
-            "off_tracking_time": -1.0,
-        }
+        return dict.fromkeys((*_ZEROS, *(name for name in used if name.startswith("path_"))), 0.0) | NO_ESTIMATE
     values = {
         "off_tracking": estimate.value,
         "off_tracking_std": min(estimate.std, NO_STD),
@@ -165,9 +176,15 @@ def reading_of(tick: int, values: Mapping[str, float], n_steered: int, n_units: 
     )
 
 
-def numbered_values(name: str, values: FloatArray) -> dict[str, float]:
+def numbered_values(name: str, values: Iterable[float]) -> dict[str, float]:
     """Values by ``name_1``, ``name_2``, …."""
     return {f"{name}_{k}": float(value) for k, value in enumerate(values, start=1)}
+
+
+def _numbered_columns(names: Iterable[str], table: FloatArray) -> dict[str, float]:
+    """Columns of a table by their names, numbered by its rows."""
+    columns = zip(names, table.T, strict=True)
+    return {key: value for name, column in columns for key, value in numbered_values(name, column).items()}
 
 
 def _at_every_metre(path: FloatArray) -> dict[str, float]:
@@ -186,11 +203,7 @@ def _points(path: FloatArray) -> dict[str, float]:
     if count > PATH_POINTS:
         path = path[np.linspace(0, count - 1, PATH_POINTS).round().astype(int)]
     kept = np.concatenate([path, np.repeat(path[-1:], PATH_POINTS - len(path), axis=0)])
-    return {
-        "path_points": float(len(path)),
-        **numbered_values("path_point_x", kept[:, 0]),
-        **numbered_values("path_point_y", kept[:, 1]),
-    }
+    return {"path_points": float(len(path)), **_numbered_columns(("path_point_x", "path_point_y"), kept)}
 
 
 _BODY = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -218,14 +231,11 @@ def truth_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
 def truth_values(truth: Truth) -> dict[str, float]:
     """Signals [SI] of a ground truth."""
     return {
-        **{f"{name}_{k}": value for name, column in zip(("x", "y", "psi"), truth.poses.T, strict=True)
-           for k, value in enumerate(column.tolist(), start=1)},
-        **{f"{name}_{k}": value for name, column in zip(("v_x", "v_y", "yaw_rate"), truth.velocities.T, strict=True)
-           for k, value in enumerate(column.tolist(), start=1)},
-        **{f"body_{axis}_{k}": value for k, body in enumerate(truth.bodies, start=1)
-           for axis, value in zip(_BODY, _six(body), strict=True)},
-        **{f"steer_angle_{k}": value for k, value in enumerate(truth.steer.tolist(), start=1)},
-    }  # fmt: skip
+        **_numbered_columns(("x", "y", "psi"), truth.poses),
+        **_numbered_columns(("v_x", "v_y", "yaw_rate"), truth.velocities),
+        **_numbered_columns([f"body_{axis}" for axis in _BODY], np.array([_six(body) for body in truth.bodies])),
+        **numbered_values("steer_angle", truth.steer),
+    }
 
 
 def truth_of(tick: int, values: Mapping[str, float], vehicle: Vehicle, on_ground: OnGround) -> Truth:
@@ -319,7 +329,7 @@ class GroundUnder:
         columns[_HEIGHT] = smooth[self._smooth.height]
         for axis, of_supports in (("x", self._smooth.slope_x), ("y", self._smooth.slope_y)):
             columns[f"body_slope_{axis}"] = _means(smooth[of_supports]) - columns[f"ground_slope_{axis}"]
-        return {f"{name}_{k}": x for name, column in columns.items() for k, x in enumerate(column.tolist(), start=1)}
+        return {key: x for name, column in columns.items() for key, x in numbered_values(name, column).items()}
 
 
 def _means(of_supports: FloatArray) -> FloatArray:

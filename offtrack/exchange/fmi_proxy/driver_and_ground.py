@@ -12,8 +12,16 @@ from controllers.driver import DriverCommand
 from offtrack.exchange.fmi_export.variables import Quantity
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
-from offtrack.exchange.fmi_import.numbered_signals import GroundUnder, ground_signals
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, moments, quantity, scenario_files, scenario_in
+from offtrack.exchange.fmi_import.numbered_signals import MOTION, GroundUnder, articulation_signals, ground_signals
+from offtrack.exchange.fmi_proxy.proxy import (
+    Computation,
+    Opening,
+    Proxy,
+    moments,
+    quantity,
+    scenario_files,
+    scenario_in,
+)
 from scenarios.assembly.adapters import course_of, plant_kind, plant_vehicle, vehicle_of
 from scenarios.assembly.drivers_and_laws import opened_driver
 from scenarios.assembly.trailer_run import opened_ground
@@ -26,15 +34,6 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.surface import Surface
-
-_MOTION: Final = (
-    Signal("x", "m", "position of the tractor's rear axle"),
-    Signal("y", "m", "position of the tractor's rear axle"),
-    Signal("psi", "rad", "heading of the tractor, + left"),
-    Signal("v_x", "m/s", "velocity of its rear axle along its x axis"),
-    Signal("v_y", "m/s", "along its y axis"),
-    Signal("yaw_rate", "rad/s", "of the tractor, + left"),
-)
 
 
 def driver_proxy(scenario: Scenario) -> Proxy:
@@ -51,14 +50,12 @@ def driver_proxy(scenario: Scenario) -> Proxy:
     vehicle = vehicle_of(scenario)
     opened = opened_driver(scenario, vehicle, course_of(scenario, vehicle))
     close_part(opened.driver)
-    hitches = range(1, len(vehicle.units))
-    articulation = [Signal(f"articulation_{k}", "rad", f"at hitch {k}: unit ahead minus behind") for k in hitches]
     changes = {"trailer_steering": "none", "steering": {}, "off_tracking": "truth", "estimator": {}}
     return Proxy(
         kind="driver",
         name=f"{scenario.name}_driver",
         summary=f"driver of offtrack on the course of {scenario.name}",
-        inputs=[quantity(signal) for signal in (*_MOTION, *articulation)],
+        inputs=[quantity(signal) for signal in (*MOTION, *articulation_signals(len(vehicle.units)))],
         outputs=[
             Quantity("steer", "rad", "road-wheel angle of the tractor's foremost steered axle, + left"),
             Quantity("acceleration", "m/s2", "above 0 drives, below 0 brakes"),
@@ -75,7 +72,7 @@ def driver_proxy(scenario: Scenario) -> Proxy:
     )
 
 
-class DriverComputation:
+class DriverComputation(Computation):
     """A driver in the process of its FMU."""
 
     def __init__(self, opening: Opening) -> None:
@@ -93,16 +90,12 @@ class DriverComputation:
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Demands at the end of a step; inputs hold during it."""
         is_there = tick > 0 or any(values.values())
-        motion = {signal.name: values[signal.name] for signal in _MOTION}
+        motion = {signal.name: values[signal.name] for signal in MOTION}
         articulation = tuple(value for name, value in values.items() if name.startswith("articulation_"))
         for now in moments(tick, ticks, CONTROL.period) if is_there else ():
             ego = EgoState(tick=now, articulation=articulation, **motion)
             self._memory, self._demand = self._driver.step(self._memory, now, ego)
         return {name: float(value) for name, value in self._demand._asdict().items()}
-
-    def text(self, name: str) -> str:
-        """It has no text."""
-        raise ValueError(f"there is no output {name}")
 
     def close(self) -> None:
         """Close the driver."""
@@ -167,7 +160,7 @@ def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
     )
 
 
-class GroundComputation:
+class GroundComputation(Computation):
     """A ground in the process of its FMU."""
 
     def __init__(self, opening: Opening) -> None:
@@ -186,10 +179,3 @@ class GroundComputation:
         if poses[:, :2].any():
             self._values = self._ground.under.values(poses)
         return self._values
-
-    def text(self, name: str) -> str:
-        """It has no text."""
-        raise ValueError(f"there is no output {name}")
-
-    def close(self) -> None:
-        """Nothing to finish."""

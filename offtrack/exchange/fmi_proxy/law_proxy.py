@@ -8,16 +8,16 @@ from typing import Any, Final
 
 from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.trailer import Combination
-from controllers.trailer_steering.guard import LIMITS, Degradation
+from controllers.trailer_steering.guard import Degradation
 from offtrack.exchange.fmi_export.variables import Quantity
 from offtrack.exchange.fmi_import.numbered_signals import (
-    NO_STD,
+    NO_ESTIMATE,
     estimate_of,
     estimate_signals,
     reading_of,
     reading_signals,
 )
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, quantity
+from offtrack.exchange.fmi_proxy.proxy import Computation, Opening, Proxy, quantity
 from scenarios.assembly.adapters import trailer_geometry, vehicle_of
 from scenarios.assembly.drivers_and_laws import (
     bare_law,
@@ -36,11 +36,6 @@ from vehicle.option import Option, Parameter, declared_options
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
 _FIRST: Final = "first_step"
-_STARTS: Final = {
-    "off_tracking_std": NO_STD,
-    "off_tracking_health": 2.0,
-    "off_tracking_time": -1.0,
-}  # without an estimate
 
 
 def steered_unit(vehicle: Vehicle) -> int:
@@ -62,8 +57,7 @@ def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | Non
         ValueError: one line, if it can't be constructed for the vehicle.
     """
     given = steering_parameters(scenario)
-    limits = scenario.degradation.degradation()
-    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, limits, first_step, unit)
+    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, scenario.degradation, first_step, unit)
 
 
 def law_proxy(
@@ -106,7 +100,7 @@ def law_proxy(
         kind="law",
         name=f"{name.rpartition(':')[2]}_{vehicle.name}",
         summary=f"trailer steering law {name} of offtrack for {vehicle.name}",
-        inputs=[quantity(signal, _STARTS.get(signal.name, 0.0)) for signal in inputs],
+        inputs=[quantity(signal, NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
         outputs=[
             Quantity(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
         ],
@@ -137,10 +131,10 @@ def _is_number(option: Option, given: Mapping[str, Parameter]) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and option.kind is float
 
 
-def _parameter(option: Option, given: Mapping[str, Parameter]) -> Quantity:
+def _parameter(option: Option, given: Mapping[str, Parameter], prefix: str = "") -> Quantity:
     value = given.get(option.name, option.default)
     assert isinstance(value, int | float)
-    return Quantity(option.name, option.unit, option.meaning, float(value), option.low, option.high)
+    return Quantity(prefix + option.name, option.unit, option.meaning, float(value), option.low, option.high)
 
 
 def _is_file(value: Parameter) -> bool:
@@ -148,14 +142,13 @@ def _is_file(value: Parameter) -> bool:
 
 
 def _guard_parameters(degradation: Degradation) -> list[Quantity]:
-    limits = [
-        Quantity(_DEGRADATION + name, unit, "of the guard against bad estimates", getattr(degradation, name), low, high)
-        for name, (low, high, unit) in LIMITS.items()
-    ]
+    given = degradation.model_dump()
+    numbers = [option for option in declared_options(Degradation) if _is_number(option, given)]
+    limits = [_parameter(option, given, _DEGRADATION) for option in numbers]
     return [Quantity(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
 
 
-class LawComputation:
+class LawComputation(Computation):
     """A law in the process of its FMU."""
 
     def __init__(self, opening: Opening) -> None:
@@ -172,8 +165,9 @@ class LawComputation:
         given |= {key: _value(value, opening.folder) for key, value in settings["fixed"].items()}
         trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
         if parameters.get(GUARDED, 1.0) >= 0.5:
-            limits = {key: parameters[_DEGRADATION + key] for key in LIMITS if _DEGRADATION + key in parameters}
-            degradation = Degradation(fallback=settings["fallback"], **limits)
+            of_guard = [key for key in parameters if key.startswith(_DEGRADATION)]
+            limits = {key.removeprefix(_DEGRADATION): parameters[key] for key in of_guard}
+            degradation = Degradation.of({"fallback": settings["fallback"], **limits}, "degradation")
             self._law = trailer_law(name, trailer, combination, given, degradation)
         else:
             self._law = bare_law(name, trailer, combination, given)
@@ -192,10 +186,6 @@ class LawComputation:
                 self._memory, command = self._law.step(self._memory, now, estimate, reading)
                 self._demands = {f"steer_demand_{k}": float(x) for k, x in enumerate(command.angles, start=1)}
         return self._demands
-
-    def text(self, name: str) -> str:
-        """It has no text."""
-        raise ValueError(f"there is no output {name}")
 
     def close(self) -> None:
         """Close the law."""

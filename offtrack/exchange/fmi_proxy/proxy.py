@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 from offtrack.exchange.fmi_export.c_files import common_files, rows, source_text
 from offtrack.exchange.fmi_export.plant_model import Exported
@@ -147,20 +148,19 @@ class Opening:
     texts: Mapping[str, str]
 
 
-class Computation(Protocol):
+class Computation(ABC):
     """A model behind an FMU, stepped from communication point to communication point."""
 
+    @abstractmethod
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Outputs [SI] at the end of a step over ``ticks`` that begins at ``tick`` with these inputs [SI]."""
-        ...
 
     def text(self, name: str) -> str:
         """Value of an output that is a text."""
-        ...
+        raise ValueError(f"there is no output {name}")
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 -- most have nothing to finish
         """Finish files and free what it holds."""
-        ...
 
 
 def moments(tick: int, ticks: int, period: int) -> range:

@@ -10,7 +10,7 @@ from typing import Final
 from offtrack.exchange.fmi_export.variables import Quantity
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
-    NO_STD,
+    NO_ESTIMATE,
     estimate_signals,
     estimate_values,
     reading_signals,
@@ -18,7 +18,16 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_of,
     truth_signals,
 )
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, Text, moments, quantity, scenario_files, scenario_in
+from offtrack.exchange.fmi_proxy.proxy import (
+    Computation,
+    Opening,
+    Proxy,
+    Text,
+    moments,
+    quantity,
+    scenario_files,
+    scenario_in,
+)
 from offtrack.exchange.recordings.writers import RecordingWriter
 from scenarios.assembly.adapters import course_of, plant_vehicle, rig_schedule, vehicle_of, watched_units
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, assemble
@@ -36,7 +45,6 @@ _HASH_FILE: Final = "frames_sha256.txt"  # in the folder of the images
 _SEED: Final = "seed"
 _FRAMES: Final = "frames"
 _UNIT: Final = "unit"  # setting: index of the trailer
-_STARTS: Final = {"off_tracking_std": NO_STD, "off_tracking_health": 2.0, "off_tracking_time": -1.0}
 _USED: Final = frozenset(one.name for one in estimate_signals(coarse=False))
 
 
@@ -66,7 +74,7 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         summary=f"off-tracking by {scenario.off_tracking} of offtrack, in the world of {scenario.name}",
         inputs=[quantity(signal) for signal in truth_signals(vehicle)],
         outputs=[
-            *(quantity(signal, _STARTS.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
+            *(quantity(signal, NO_ESTIMATE.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
             *map(quantity, readings),
             Quantity("off_tracking_count", "-", "estimates so far"),
         ],
@@ -89,7 +97,7 @@ def _measured(signals: Iterable[Signal]) -> list[Signal]:
     return [signal._replace(name=MEASURED + signal.name) for signal in signals]
 
 
-class SensorComputation:
+class SensorComputation(Computation):
     """World, cameras and estimator in the process of an FMU."""
 
     def __init__(self, opening: Opening) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import pkgutil
 import re
 import struct
 import sys
@@ -20,6 +21,12 @@ from offtrack.exchange.fmi_proxy.proxy import FORMAT, MODEL_FILE, Computation, O
 
 _SIZE: Final = struct.Struct("=I")
 _STEP: Final = struct.Struct("=qq")  # tick of the beginning, length [ticks]
+_COMPUTATIONS: Final = {
+    "law": "offtrack.exchange.fmi_proxy.law_proxy:LawComputation",
+    "sensor": "offtrack.exchange.fmi_proxy.sensor_proxy:SensorComputation",
+    "driver": "offtrack.exchange.fmi_proxy.driver_and_ground:DriverComputation",
+    "ground": "offtrack.exchange.fmi_proxy.driver_and_ground:GroundComputation",
+}  # by the kind of an FMU
 _LONGEST: Final = 700  # of a failure's text [bytes]
 
 
@@ -82,23 +89,10 @@ class Server:
 
 
 def _opened(kind: str, opening: Opening) -> Computation:
-    if kind == "law":
-        from offtrack.exchange.fmi_proxy.law_proxy import LawComputation
-
-        return LawComputation(opening)
-    if kind == "sensor":
-        from offtrack.exchange.fmi_proxy.sensor_proxy import SensorComputation
-
-        return SensorComputation(opening)
-    if kind == "driver":
-        from offtrack.exchange.fmi_proxy.driver_and_ground import DriverComputation
-
-        return DriverComputation(opening)
-    if kind == "ground":
-        from offtrack.exchange.fmi_proxy.driver_and_ground import GroundComputation
-
-        return GroundComputation(opening)
-    raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
+    if kind not in _COMPUTATIONS:
+        raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
+    computation: Computation = pkgutil.resolve_name(_COMPUTATIONS[kind])(opening)
+    return computation
 
 
 def folder_of(resources: str) -> Path:

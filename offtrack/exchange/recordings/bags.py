@@ -6,7 +6,6 @@ their CameraInfo says, with K, D, R and P. Read by rosbags (extra ``export``), w
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,6 +16,7 @@ from typing import Any, Final, NamedTuple
 import cv2
 import numpy as np
 
+from scenarios.extras import check_extra
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage
 from vehicle.foundation.parameter_file import nearest
@@ -141,8 +141,7 @@ def unpacked_bag(bag: Path, topics: Mapping[str, str], progress: Progress = no_p
     Raises:
         ValueError: one line, if the package is missing, or the bag can not be read or used.
     """
-    if importlib.util.find_spec("rosbags") is None:
-        raise ValueError(f"{bag}: bags need the extra 'export': pip install 'offtrack[export]'")
+    check_extra("export", f"{bag}: bags need", "rosbags")
     with tempfile.TemporaryDirectory(prefix="offtrack-bag-") as temporary:
         folder = Path(temporary) / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()

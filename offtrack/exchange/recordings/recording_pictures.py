@@ -10,13 +10,18 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 
-from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate
-from offtrack.exchange.recordings.estimation_summary import error_of_estimate
+from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, error_of_estimate
 from offtrack.reports import canvas, plots
-from offtrack.reports.camera_pictures import camera_picture
+from offtrack.reports.canvas import Reel, write_reel
 from offtrack.reports.page import Figure
-from offtrack.reports.run_video import PLAN_WIDTH, READINGS, ROW_HEIGHT, off_tracking_panel, side_by_side
-from offtrack.reports.video import Reel, write_reel
+from offtrack.reports.run_video import (
+    PLAN_WIDTH,
+    READINGS,
+    ROW_HEIGHT,
+    camera_picture,
+    off_tracking_panel,
+    side_by_side,
+)
 from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import LOST, Log

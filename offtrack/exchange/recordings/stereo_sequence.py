@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 from scenarios.image_file import pixel_size, read_grey
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
+from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text, shown
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
@@ -177,8 +178,7 @@ def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered:
 
 
 def _times_at(rate_hz: float, count: int) -> list[float]:
-    if not 0.0 < rate_hz <= 1.0 / TICK:
-        raise ValueError(f"--rate = {rate_hz:g} Hz must be above 0 and at most {1.0 / TICK:g}")
+    check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
     return [k / rate_hz for k in range(count)]
 
 

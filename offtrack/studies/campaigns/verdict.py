@@ -25,7 +25,6 @@ DETECT, HARMLESS, ALLOWED = "time_to_detect_s", "harmless_below_m", "outcomes"
 RECOVER, BELOW = "time_to_recover_s", "recovered_below_m"
 _OWN: Final = (ALLOWED, DETECT, HARMLESS, RECOVER, BELOW)
 _LARGEST: Final = 1e12
-_UNITS: Final = {"_deg_s": "°/s", "_deg": "°", "_percent": "%", "_m": "m", "_s": "s"}
 GROUPS: Final = ("off_tracking", "swept_path", "road", "steer", "tyres", "slip", "odometry", "position", "wheels")
 
 
@@ -73,10 +72,10 @@ class Requirements:
 
 
 def label_and_unit(path: str) -> tuple[str, str]:
-    """Label of a number and the unit that its name ends with."""
+    """Label of a number and its unit in the summary; empty for none."""
     group, _, name = path.partition(".")
-    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
-    return groups()[group].numbers[name].label, unit
+    number = groups()[group].numbers[name]
+    return number.label, number.own_unit.removeprefix("-")
 
 
 def read_requirements(place: str, table: Iterable[tuple[str, Any]]) -> Requirements:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from offtrack.exchange.drawings import DrivenPath, Format, axle_steer, drawing, unit_poses, write_drawing
+from offtrack.exchange.drawings import DrivenPath, axle_steer, drawing, unit_poses, write_drawing
 from offtrack.reports.page import (
     Cell,
     Column,
@@ -33,7 +33,7 @@ from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 
 
-def write_drawings(case: Assessment, folder: Path, before: str, kinds: Sequence[Format]) -> None:
+def write_drawings(case: Assessment, folder: Path, before: str, kinds: Sequence[str]) -> None:
     """Write ``<before><manoeuvre>.<format>`` of every manoeuvre that has a path and moved along it."""
     for manoeuvre in case.manoeuvres:
         if manoeuvre.course is not None and len(manoeuvre.log) > 1:
@@ -203,7 +203,7 @@ def _measured(assessment: Assessment, manoeuvre: Manoeuvre) -> Table:
     return Table([Column("name"), *numbers, Column("note")], rows)
 
 
-def write_assessment(assessment: AssessmentMatrix, directory: Path, drawings: Sequence[Format] = ()) -> None:
+def write_assessment(assessment: AssessmentMatrix, directory: Path, drawings: Sequence[str] = ()) -> None:
     """Write ``report.html``, ``assessment.json`` and ``<manoeuvre>.parquet``; the directory appears complete.
 
     With several cases the logs are ``<load>-<hand>-<manoeuvre>.parquet``. Drawings have the same names as the logs.

@@ -29,10 +29,10 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
 _REMEMBERED: Final = ("demand", "steer", "front_slip", "rear_slip", "side", "turn")  # besides v_y and yaw rate
-_SEEN: Final = 4  # y, psi, v_y, yaw rate
+_OBSERVED: Final = 4  # y, psi, v_y, yaw rate
 _STEP: Final = 1e-6  # of the differences: rounding and curvature both cost 1e-9
 _STATION: Final = 50.0  # anywhere on the straight [m]
-_AT_REST: Final = 1e-9  # eigenvalues of a memory that only stores what was seen
+_AT_REST: Final = 1e-9  # eigenvalues of a memory that only stores observations
 
 
 def driver_modes(vehicle: Vehicle, driven: Vehicle, speed: float, ahead: float) -> ComplexArray:
@@ -51,13 +51,13 @@ def driver_modes(vehicle: Vehicle, driven: Vehicle, speed: float, ahead: float) 
     held = np.zeros((n + 1, n + 1))
     held[:n] = np.column_stack([model.A, model.B[:, 0]])
     over_period = expm(PERIOD * held)[:n]
-    seen = np.zeros((_SEEN, n))
-    seen[0, model.states.index("y")] = seen[1, model.states.index("psi")] = 1.0
+    observed = np.zeros((_OBSERVED, n))
+    observed[0, model.states.index("y")] = observed[1, model.states.index("psi")] = 1.0
     for row, output in ((2, "lateral_velocity_0"), (3, "yaw_rate_0")):
-        seen[row] = model.C[model.outputs.index(output)]
+        observed[row] = model.C[model.outputs.index(output)]
     driver = _driver(vehicle, speed, ahead)
     m = len(driver)
-    by_memory, by_state = driver[:, :m], driver[:, m:] @ seen
+    by_memory, by_state = driver[:, :m], driver[:, m:] @ observed
     loop = np.zeros((n + m, n + m))
     loop[:n, :n] = over_period[:, :n] + np.outer(over_period[:, n], by_state[0])
     loop[:n, n:] = np.outer(over_period[:, n], by_memory[0])
@@ -68,7 +68,7 @@ def driver_modes(vehicle: Vehicle, driven: Vehicle, speed: float, ahead: float) 
 
 
 def _driver(vehicle: Vehicle, speed: float, ahead: float) -> FloatArray:
-    """New memory of the driver by old memory and what is seen, (m, m + 4); the first is the steer demand."""
+    """New memory of the driver by old memory and observation, (m, m + 4); the first is the steer demand."""
     driver = PreviewDriver(
         tractor_guided_at(vehicle, (ahead, 0.0)), Path(Pose2(0.0, 0.0, 0.0), (line(10.0 * _STATION),)), speed
     )
@@ -80,12 +80,12 @@ def _driver(vehicle: Vehicle, speed: float, ahead: float) -> FloatArray:
         before = Motion(speed, v_y_before, yaw_rate_before)
         memory = DriverMemory(0, _STATION, demand, steer, front, 0.0, rear, side, turn, before)
         x = _STATION + speed * PERIOD - ahead * math.cos(psi)
-        seen = EgoState(tick=tick, x=x, y=y, psi=psi, v_x=speed, v_y=v_y, yaw_rate=yaw_rate)
-        after, _ = driver.step(memory, tick, seen)
+        observed = EgoState(tick=tick, x=x, y=y, psi=psi, v_x=speed, v_y=v_y, yaw_rate=yaw_rate)
+        after, _ = driver.step(memory, tick, observed)
         return np.array([*(getattr(after, name) for name in _REMEMBERED), after.motion.v_y, after.motion.yaw_rate])
 
-    steps = (_STEP * np.eye(m + _SEEN)).tolist()
-    opposite = (-_STEP * np.eye(m + _SEEN)).tolist()
+    steps = (_STEP * np.eye(m + _OBSERVED)).tolist()
+    opposite = (-_STEP * np.eye(m + _OBSERVED)).tolist()
     return np.column_stack([(step(a) - step(b)) / (2.0 * _STEP) for a, b in zip(steps, opposite, strict=True)])
 
 

@@ -313,11 +313,11 @@ def _of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:
     state, u = straight_running(vehicle, _AMPLIFICATION_SPEED, _AMPLIFICATION_FRICTION)
     drive = float(Input(*parts(u, input_sizes(vehicle))).acceleration[0])  # that holds the speed
     straight = (0.0,) * vehicle.n_by_law
-    seen = []
+    velocities = []
     for demand in steer.tolist():
-        seen.append(plant.observe(state, 0).velocities)
+        velocities.append(plant.observe(state, 0).velocities)
         state = plant.step(state, VehicleCommand(demand, drive, straight), _PERIOD)
-    v_x, v_y, yaw_rate = np.moveaxis(np.array(seen), 2, 0)
+    v_x, v_y, yaw_rate = np.moveaxis(np.array(velocities), 2, 0)
     at_cg = v_y + np.array([unit.cg_x for unit in vehicle.units]) * yaw_rate
     lateral: FloatArray = np.gradient(at_cg, _PERIOD * TICK, axis=0) + v_x * yaw_rate
     return lateral

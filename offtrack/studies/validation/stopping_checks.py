@@ -69,7 +69,7 @@ def without_abs(vehicle: Vehicle) -> Vehicle:
 
 
 _SPEED: Final = 80.0 / 3.6  # [m/s]
-_SLOW: Final = 5.0  # slips below this speed are not judged [m/s]
+_SLOW: Final = 5.0  # slips are evaluated above it [m/s]
 _FULL: Final = 9.0  # demand of a full brake application [m/s2]
 _FRICTIONS: Final = (0.8, 0.3, 0.1)
 _USED: Final = {0.3: (0.95, 1.03), 0.1: (0.92, 1.03)}  # of the friction by ABS; rolling resistance adds 0.006 g
@@ -233,7 +233,7 @@ def parking(quick: bool) -> CheckSection:
         checks=(
             *(
                 Check(
-                    f"{name} {where}: way in ten minutes",
+                    f"{name} {where}: distance moved in ten minutes",
                     1e3 * creep(load_vehicle(name), grade, cross_fall),
                     "mm",
                     tolerance=1.0,
@@ -251,7 +251,7 @@ def creep(vehicle: Vehicle, grade: float, cross_fall: float, duration: float = _
     """Largest distance [m] that a unit of the parked vehicle moves in ``duration`` [s], after settling."""
     plant = Plant(vehicle, Surface(friction=_FRICTION, grade=grade, cross_fall=cross_fall))
     start = plant.initial_state(Pose2(0.0, 0.0, 0.0), 0.0)
-    return _moved(plant, plant.step(start, _braking(vehicle), round(_SETTLING / TICK)), vehicle, duration)
+    return _drift(plant, plant.step(start, _braking(vehicle), round(_SETTLING / TICK)), vehicle, duration)
 
 
 def _stop(vehicle: Vehicle) -> Check:
@@ -260,18 +260,19 @@ def _stop(vehicle: Vehicle) -> Check:
     moving = plant.initial_state(Pose2(0.0, 0.0, 0.0), 8.0)
     stopped = plant.step(moving, _braking(vehicle), round((2.0 * _SETTLING) / TICK))
     return Check(
-        f"{vehicle.name} braked to a stop up-hill: way in the ten minutes after that",
-        1e3 * _moved(plant, stopped, vehicle, _PARKED),
+        f"{vehicle.name} braked to a stop up-hill: distance moved in the ten minutes after",
+        1e3 * _drift(plant, stopped, vehicle, _PARKED),
         "mm",
         tolerance=1.0,
         source="brakes hold, and no tyre is wound up after a stop",
     )
 
 
-def _moved(plant: Plant, state: FloatArray, vehicle: Vehicle, duration: float) -> float:
+def _drift(plant: Plant, state: FloatArray, vehicle: Vehicle, duration: float) -> float:
+    """Largest distance [m] that a unit moves in ``duration`` [s] under full brakes."""
     later = plant.step(state, _braking(vehicle), round(duration / TICK))
-    way = plant.observe(later, 0).poses - plant.observe(state, 0).poses
-    return float(np.hypot(*way[:, :2].T).max())
+    moved = plant.observe(later, 0).poses - plant.observe(state, 0).poses
+    return float(np.hypot(*moved[:, :2].T).max())
 
 
 def _braking(vehicle: Vehicle) -> VehicleCommand:
