@@ -449,7 +449,7 @@ def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
         (["path_preview", "--vehicle", "rigid_truck"], "no axle of a trailer is steered"),
         (["path_preview", "--vehicle", VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
         (["path_preview", "--vehicle", VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
-        (["path_preview", "--vehicle", VEHICLE, "--set", "steering.gian=3"], "has no such parameter"),
+        (["path_preview", "--vehicle", VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'"),
         (["path_preview", "--vehicle", VEHICLE, "-o", "law.zip"], "must end in .fmu"),
     ],
 )
