@@ -81,7 +81,7 @@ OFF_TRACKING: Final = Catalogue(
 )
 SLIP_ESTIMATOR: Final = Catalogue(
     {
-        "truth": "estimators.slip.reference_slip:ReferenceSlip",
+        "truth": "estimators.slip.rover_odometry:ReferenceSlip",
         "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
         "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
     },

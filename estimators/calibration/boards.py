@@ -40,7 +40,8 @@ def board_view(name: str, image: GreyImage, board: Checkerboard) -> BoardView:
     """Detect the board's corners in an image, to a few hundredths of a pixel."""
     size = (image.shape[1], image.shape[0])
     pattern = (board.columns, board.rows)
-    found, corners = cv2.findChessboardCorners(image, pattern, flags=_plain_flags())
+    flags = int(cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK)
+    found, corners = cv2.findChessboardCorners(image, pattern, flags=flags)
     if not found:  # slower, for poor light
         found, corners = cv2.findChessboardCornersSB(image, pattern, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
@@ -58,10 +59,6 @@ def in_same_order(reference: Corners, corners: Corners) -> Corners:
     """
     along = reference[-1] - reference[0]
     return corners if float(along @ (corners[-1] - corners[0])) > 0.0 else corners[::-1]
-
-
-def _plain_flags() -> int:
-    return int(cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK)
 
 
 def _spacing(grid: NDArray[np.float32]) -> float:
@@ -132,7 +129,8 @@ def calibrated(views: Sequence[BoardView], board: Checkerboard) -> CameraCalibra
         _check_count(len(used), len(views), board)
         fit = _fitted(used, size, board)
     corners = np.concatenate([corners_of(view) for view in used]).astype(np.float64)
-    coverage = _coverage(corners, size)
+    cells = np.clip(np.floor(corners / size * _CELLS).astype(int), 0, np.array(_CELLS) - 1)
+    coverage = len(np.unique(cells, axis=0)) / (_CELLS[0] * _CELLS[1])
     _check_quality(fit, coverage)
     return CameraCalibration(
         camera=camera_model(size, fit.matrix, fit.distortion),
@@ -222,11 +220,6 @@ def _check_count(usable: int, given: int, board: Checkerboard) -> None:
         )
 
 
-def _coverage(corners: FloatArray, size: tuple[int, int]) -> float:
-    cell = np.floor(corners / size * _CELLS).astype(int)
-    return len(np.unique(np.clip(cell, 0, np.array(_CELLS) - 1), axis=0)) / (_CELLS[0] * _CELLS[1])
-
-
 def _check_quality(fit: _Fit, coverage: float) -> None:
     """Refuse a set that fits badly, or that determines the camera badly."""
     rms = float(np.sqrt(np.mean(fit.errors**2)))
@@ -305,7 +298,12 @@ def calibrated_pair(
         dropped |= {name: f"error of {error:.2f} px in both images together" for name, error in bad}
         pairs = [pair for pair in pairs if pair.name not in dropped]
         _check_pairs(pairs)
-    _check_agreement(fit)
+    rms = float(np.sqrt(np.mean(fit.errors**2)))
+    if rms > HIGHEST_ERROR:
+        raise ValueError(
+            f"the pairs are {rms:.1f} px RMS off one pose of the right camera (limit {HIGHEST_ERROR:g} px): were both "
+            "images of each taken at the same moment?"
+        )
     fit = _pair_fitted(pairs, cameras, board, cv2.CALIB_USE_INTRINSIC_GUESS)
     rotation_std, position_std = _spread(pairs, fit, board)
     centres = np.array([camera.std[2:4] / camera.camera.fx for camera in cameras])  # of the principal points [rad]
@@ -370,15 +368,6 @@ def _check_pairs(pairs: Sequence[_Pair]) -> None:
         raise ValueError(
             f"only {len(pairs)} pairs can be used; at least {FEWEST} must show the board to both cameras, "
             "taken at the same moment"
-        )
-
-
-def _check_agreement(fit: _PairFit) -> None:
-    rms = float(np.sqrt(np.mean(fit.errors**2)))
-    if rms > HIGHEST_ERROR:
-        raise ValueError(
-            f"the pairs are {rms:.1f} px RMS off one pose of the right camera (limit {HIGHEST_ERROR:g} px): were both "
-            "images of each taken at the same moment?"
         )
 
 

@@ -48,13 +48,8 @@ class Rectifier:
         R_ClC = _common_axes(raw)
         cameras = ((raw.left, R_ClC), (raw.right, raw.X_ClCr[:3, :3].T @ R_ClC))
         self._raw = raw
-        self._calibration = _calibration(raw, R_ClC, cameras)
-        self._maps = [_map(self._calibration, camera, R) for camera, R in cameras]
-
-    @property
-    def calibration(self) -> StereoCalibration:
-        """Calibration of the rectified pair."""
-        return self._calibration
+        self.calibration = _calibration(raw, R_ClC, cameras)  # of the rectified pair
+        self._maps = [_map(self.calibration, camera, R) for camera, R in cameras]
 
     def step(self, frame: StereoFrame) -> StereoFrame:
         """Rectified pair of a raw one.
@@ -95,9 +90,10 @@ def _calibration(
     size = np.array([width - 1, height - 1])
     focal_length = max(own, float((size / (high - low)).max()))
     if not focal_length < _LARGEST_CROP * own or (high <= low).any():
+        angle = np.degrees(np.arccos(np.clip(0.5 * (np.trace(raw.X_ClCr[:3, :3]) - 1.0), -1.0, 1.0)))
         raise ValueError(
-            "the two cameras see too little in common to be rectified: they are turned "
-            f"{np.degrees(_angle(raw.X_ClCr[:3, :3])):.1f} deg against each other"
+            f"the two cameras see too little in common to be rectified: they are turned {angle:.1f} deg against each "
+            "other"
         )
     c = 0.5 * np.array([raw.left.cx + raw.right.cx, raw.left.cy + raw.right.cy])
     cx, cy = np.clip(c, size - focal_length * high, -focal_length * low)
@@ -161,8 +157,3 @@ def _rectified(image: GreyImage, camera: CameraModel, remap: _Map | None, side: 
     # linear: OpenCV's cubic kernel shifts features by up to 0.04 px, and takes four times as long
     rectified = cv2.remap(image, *remap, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(rectified, dtype=np.uint8)
-
-
-def _angle(R: FloatArray) -> float:
-    """Angle [rad] of a rotation."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(R) - 1.0), -1.0, 1.0)))

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from estimators.calibration.epipolar import RightRotation, homography, moved, sensitivity
 from estimators.calibration.mount_state import PairGeometry
-from estimators.odometry.exposure import match_clipping
 from estimators.odometry.image_points import (
     LEVELS,
     LEVELS_NEAR,
@@ -160,20 +159,6 @@ def rematched(
     return first, Images(left.points[kept], right.points[kept], variance, geometry)
 
 
-def both_clipped(
-    calibration: StereoCalibration,
-    view: View,
-    frame: StereoFrame,
-    geometry: PairGeometry,
-    X_PC: FloatArray,
-    rotation: RightRotation,
-) -> tuple[View, StereoFrame]:
-    """View and frame, both clipped where one of them is: the same objects if they are so already."""
-    first, second = rematched(calibration, view, frame, geometry, X_PC, rotation)
-    limited = match_clipping(view.image, frame, np.hstack([first.left, second.left]))
-    return (view, frame) if limited is None else (view._replace(image=limited[0]), limited[1])
-
-
 def bearings(calibration: StereoCalibration, left: Points, straight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rays (n, 3) of depth 1 and inverse depths (n,) [1/m] of points from their left and straightened right images."""
     f = calibration.focal_length
@@ -271,7 +256,8 @@ def from_motion(
         r, J, precision = _residuals(calibration, first, second, R, t, RightRotation(*angles))
         error = np.sqrt(np.einsum("ni,nij,nj->n", r, precision, r) / 3.0)
         scale = max(1.0, float(np.median(error)) / _MEDIAN)
-        weight = _weight(error, scale, _TUNING[min(k, len(_TUNING) - 1)]) / (_CORRELATION * scale**2)
+        normalised = error / (_TUNING[min(k, len(_TUNING) - 1)] * scale)
+        weight = 1.0 / np.square(1.0 + np.square(normalised)) / (_CORRELATION * scale**2)  # Geman and McClure
         weighted = weight[:, None, None] * (precision @ J)
         normal = np.einsum("nik,nil->kl", J, weighted) + prior_information
         gradient = np.einsum("nik,ni->k", weighted, r)
@@ -348,12 +334,6 @@ def _angle_jacobian(calibration: StereoCalibration, straight: FloatArray) -> Flo
     shift = sensitivity(calibration, straight)
     G[:, 1], G[:, 2] = 0.5 * shift[:, 1], shift[:, 0]
     return G
-
-
-def _weight(error: FloatArray, scale: float, tuning: float) -> FloatArray:
-    """Geman and McClure's weight (n,) of errors with this robust scale."""
-    weight: FloatArray = 1.0 / np.square(1.0 + np.square(error / (tuning * scale)))
-    return weight
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

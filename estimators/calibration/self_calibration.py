@@ -56,11 +56,11 @@ from estimators.calibration.mount_state import (
     with_fit,
     with_information,
 )
-from estimators.calibration.rotation_fit import FEWEST, View, both_clipped, from_motion, new_view, rematched
+from estimators.calibration.rotation_fit import FEWEST, View, from_motion, new_view, rematched
 from estimators.context import Memory, Odometry
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.exposure import clipped_share, match_exposures
+from estimators.odometry.exposure import clipped_share, match_clipping, match_exposures
 from estimators.odometry.image_points import LEVELS_NEAR, detect_corners, rays_through, track
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.rigid_motion import chained, rotation_vector
@@ -144,11 +144,6 @@ def significant_shift(fit: EpipolarFit) -> float:
     """Displacement [m] of the right camera along the optical axis by a single pair; 0 if it is not significant."""
     shift = float(fit.values[3])
     return shift if abs(shift) > max(_SHIFTED, _SIGNIFICANT * float(np.sqrt(fit.covariance[3, 3]))) else 0.0
-
-
-def first_look(state: MountState) -> float:
-    """Distance from a new reference view at which yaw is measured first [m]."""
-    return _FIRST_LOOK_IN_DOUBT if _in_doubt(state) else _FIRST_LOOK
 
 
 def look_due(memory: SelfCalibrationMemory[Memory]) -> bool:
@@ -396,7 +391,10 @@ class SelfCalibratedOdometry(Generic[Memory]):
             return memory
         geometry = pair_geometry(memory, self._calibration.baseline)
         if memory.clipped > _CLIPPED:
-            view, frame = both_clipped(self._calibration, view, frame, geometry, X_VC, new.rotation)
+            first, second = rematched(self._calibration, view, frame, geometry, X_VC, new.rotation)
+            limited = match_clipping(view.image, frame, np.hstack([first.left, second.left]))
+            if limited is not None:  # both are clipped where one of them is
+                view, frame = view._replace(image=limited[0]), limited[1]
         for _ in range(_REMATCHED):
             last = new.mean[:3]
             pair = rematched(self._calibration, view, frame, geometry, X_VC, new.rotation)
@@ -424,7 +422,8 @@ class SelfCalibratedOdometry(Generic[Memory]):
             clipped=memory.clipped > _CLIPPED,
         )
         seen = view if len(view.left) >= FEWEST else None
-        return memory._replace(view=seen, X_VC=np.eye(4), look=first_look(memory.state), rest=0.0)
+        look = _FIRST_LOOK_IN_DOUBT if _in_doubt(memory.state) else _FIRST_LOOK
+        return memory._replace(view=seen, X_VC=np.eye(4), look=look, rest=0.0)
 
     def _message(self, motion: Motion, memory: SelfCalibrationMemory[Memory]) -> SelfCalibratedMotion:
         """Motion message with what is known of the calibration; of its two pairs the worse one counts."""

@@ -40,16 +40,11 @@ def detect_corners(image: GreyImage, *, per_bucket: int) -> Points:
     strength = np.asarray(cv2.cornerMinEigenVal(halved, _BLOCK), dtype=np.float32)
     neighbours = np.ones((_APART, _APART), np.uint8)
     is_maximum = (strength >= cv2.dilate(strength, neighbours)) & (strength > _WEAKEST)
-    u, v = _true_pixels(is_maximum[_BORDER:-_BORDER, _BORDER:-_BORDER]) + _BORDER
+    inside = is_maximum[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    found = cv2.findNonZero(inside.astype(np.uint8)) if inside.any() else None  # a fifth of the time of np.nonzero
+    u, v = (np.empty((0, 2)) if found is None else np.asarray(found)).astype(np.int32).reshape(-1, 2).T + _BORDER
     points = np.stack([2 * u + 0.5, 2 * v + 0.5], axis=1)  # centre of 2 x 2 pixels
     return points[strongest_in_buckets(points, strength[v, u], per_bucket)].astype(np.float32)
-
-
-def _true_pixels(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Columns and rows (2, n) of the true pixels, row by row; in a fifth of the time of ``np.nonzero``."""
-    if not mask.any():
-        return np.empty((2, 0), np.int32)
-    return np.asarray(cv2.findNonZero(mask.astype(np.uint8)), dtype=np.int32).reshape(-1, 2).T
 
 
 def strongest_in_buckets(points: NDArray[np.float64], strength: NDArray[np.float32], count: int) -> NDArray[np.intp]:

@@ -64,8 +64,10 @@ def new_keyframe(
     calibration: StereoCalibration, frame: StereoFrame, X_OK: FloatArray, rng: np.random.Generator
 ) -> Keyframe:
     """Keyframe from a frame at pose ``X_OK``."""
-    left, right = _stereo_pairs(calibration, frame)
-    shift = right_shift(frame)
+    left, right = stereo_pairs(calibration, frame, detect_corners(frame.left, per_bucket=_PER_BUCKET))
+    back, found = track(frame.right, frame.left, right, left, LEVELS_NEAR)
+    closed = found & (np.abs(back - left).max(axis=1, initial=0.0) < _CLOSURE)
+    left, right, shift = left[closed], right[closed], right_shift(frame)
     disparity = left[:, 0] - as_calibrated(calibration, left, right, shift)[:, 0]
     planes = local_planes(calibration, left, disparity.astype(np.float64), rng)
     image = frame.left.astype(np.float32)
@@ -95,14 +97,6 @@ def new_keyframe(
         planes=planes[chosen],
         misses=np.zeros(len(chosen), np.int64),
     )
-
-
-def _stereo_pairs(calibration: StereoCalibration, frame: StereoFrame) -> tuple[Points, Points]:
-    """Corners in the left and right image that track there and back."""
-    left, right = stereo_pairs(calibration, frame, detect_corners(frame.left, per_bucket=_PER_BUCKET))
-    back, found = track(frame.right, frame.left, right, left, LEVELS_NEAR)
-    closed = found & (np.abs(back - left).max(axis=1, initial=0.0) < _CLOSURE)
-    return left[closed], right[closed]
 
 
 _FEWEST_INLIERS = 25  # fewer may agree by chance
@@ -148,10 +142,12 @@ def tracked(
     for k, candidate in enumerate(candidates):
         if max(candidate.keyframe.clipped, clipped) < _CLIPPED:
             continue
-        of_this = number == k
-        limited = _limited(candidate, frame, left.points[of_this])
-        if limited is not None:
-            again = _matched(calibration, [limited[0]], limited[1], X_CK[k : k + 1], z[of_this])
+        of_this, keyframe = number == k, candidate.keyframe
+        tracks = np.hstack([keyframe.centres[candidate.feature], left.points[of_this]])
+        limited = match_clipping(keyframe.image, frame, tracks)
+        if limited is not None:  # both are clipped where one of them is
+            as_clipped = candidate._replace(keyframe=keyframe._replace(image=limited[0]))
+            again = _matched(calibration, [as_clipped], limited[1], X_CK[k : k + 1], z[of_this])
             for matches, of_one in zip((left, right), again, strict=True):
                 for values, changed in zip(matches, of_one, strict=True):
                     values[of_this] = changed
@@ -184,14 +180,6 @@ def _matched(
     guess, displacement = z[:, [2, 1]] + shift, _displacement(calibration, candidates, X_CK, of_right)
     right = match_patches(templates(right_patches), frame.right.astype(np.float32), guess + displacement)
     return left, right._replace(points=right.points - displacement)
-
-
-def _limited(candidate: _Candidates, frame: StereoFrame, found: Points) -> tuple[_Candidates, StereoFrame] | None:
-    """Keyframe and frame that are both clipped where one is, by its points found there; None if they are so already."""
-    keyframe = candidate.keyframe
-    tracks = np.hstack([keyframe.centres[candidate.feature], found])
-    limited = match_clipping(keyframe.image, frame, tracks)
-    return limited and (candidate._replace(keyframe=keyframe._replace(image=limited[0])), limited[1])
 
 
 def _candidates(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_CK: FloatArray) -> list[_Candidates]:

@@ -32,7 +32,7 @@ _NEARLY = 0.5  # largest last step of a motion that counts as converged [standar
 _FAR = 10.0  # step beyond which the Jacobian is computed anew within a round: 1 cm at 5 m [standard deviations]
 _TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
 _CUT = 4.0  # inliers have smaller residuals [sigma]
-_CORRELATION = 1.2  # factor for correlated errors of neighbours and of the four images of a point: measured
+CORRELATION = 1.2  # factor for correlated errors of neighbours and of the four images of a point: measured
 _MEDIAN = 0.888  # median of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
 _FINEST = 0.02  # least tracking error [px]
 _FEWEST = 6  # matches that leave residuals to estimate the variance from
@@ -98,10 +98,10 @@ def refined(
     contributions = _contributions(of_inliers, observations.variance[inliers], sigma)
     sums = summed(contributions)
     whole = estimated(stacked([sums]), contributions.least)
-    covariance = _CORRELATION**2 * whole.covariance[0]
-    own = _CORRELATION**2 * own_part(contributions, sums.number, whole)
+    covariance = CORRELATION**2 * whole.covariance[0]
+    own = CORRELATION**2 * own_part(contributions, sums.number, whole)
     in_halves = halves(z[:, inliers], None if newest is None else newest[inliers])
-    differences = halves_differences(contributions, sums, in_halves) / _CORRELATION
+    differences = halves_differences(contributions, sums, in_halves) / CORRELATION
     return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)
 
 

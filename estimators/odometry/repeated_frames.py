@@ -40,7 +40,9 @@ def is_repeated(before: GreyImage, image: GreyImage, noise: float, last: Motion 
     """True if an image repeats the one before, for the camera's ``noise`` [grey levels] and the last known motion."""
     if last is None:
         return repeats(before, image, math.inf, must_differ=False)
-    return repeats(before, image, noise, must_differ=_must_move(last))
+    span = (last.tick - last.previous_tick) * TICK
+    too_fast = float(np.linalg.norm(last.X_PC[:3, 3])) > _BRAKING * span**2  # to stand one frame later
+    return repeats(before, image, noise, must_differ=too_fast)
 
 
 def repeats(before: GreyImage, image: GreyImage, noise: float, *, must_differ: bool) -> bool:
@@ -56,12 +58,6 @@ def repeats(before: GreyImage, image: GreyImage, noise: float, *, must_differ: b
     if must_differ:
         return bool(difference < _ALIKE)
     return bool(difference < _EQUAL and noise > _LEAST_NOISE)
-
-
-def _must_move(last: Motion) -> bool:
-    """True if the vehicle was too fast to stand one frame later."""
-    span = (last.tick - last.previous_tick) * TICK
-    return float(np.linalg.norm(last.X_PC[:3, 3])) > _BRAKING * span**2
 
 
 # By the rims; the ground then moves by several pixels. The image shows the wheel, so that one that slips in place is
@@ -92,7 +88,8 @@ class NewViews(Estimator[NewViewsMemory, Any, SlipAngle]):
         """Memory and slip angle; LOST for a repeated view, which leaves the estimator's memory as it was."""
         if isinstance(message, RoverView):
             if memory.last is not None:
-                rolled = self._rolled(memory.last, message)
+                speeds = np.abs(memory.last.wheel_speeds).mean() + np.abs(message.wheel_speeds).mean()
+                rolled = math.fabs(0.5 * float(speeds)) * self._radius * (message.tick - memory.last.tick) * TICK
                 if repeats(memory.last.image, message.image, memory.noise, must_differ=rolled > _MOVED):
                     return memory, lost_slip(message.tick)
                 if rolled == 0.0:
@@ -104,8 +101,3 @@ class NewViews(Estimator[NewViewsMemory, Any, SlipAngle]):
     def close(self) -> None:
         """Close the estimator."""
         close_part(self.wrapped)
-
-    def _rolled(self, last: RoverView, view: RoverView) -> float:
-        """Distance that the wheels have rolled between two views [m]."""
-        speed = 0.5 * (np.abs(last.wheel_speeds).mean() + np.abs(view.wheel_speeds).mean())
-        return math.fabs(float(speed)) * self._radius * (view.tick - last.tick) * TICK

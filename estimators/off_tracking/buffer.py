@@ -76,6 +76,12 @@ class BodyMotion:
     health: Health
     anchor: Anchor | None = None  # as in ``estimates.Motion``, for the body
 
+    @classmethod
+    def lost(cls, tick: int, previous_tick: int) -> BodyMotion:
+        """Motion without information."""
+        unknown = np.diag(np.full(6, np.inf))
+        return cls(tick=tick, previous_tick=previous_tick, X_PC=np.eye(4), covariance=unknown, health=Health.LOST)
+
 
 class BufferMemory(NamedTuple):
     """Samples of the path and the state of standstill detection and smoother."""
@@ -122,7 +128,9 @@ class OffTrackingBuffer:
             memory = _with_motion(memory, motion)
             memory = _smoothed(memory, motion) if self._smoothing else memory
             motion = memory.last or motion
-        elif memory.last is not None and motion.tick - memory.last.tick <= _longest_gap(memory):
+        elif memory.last is not None and motion.tick - memory.last.tick <= (
+            _LONGEST_REST if memory.withheld else _LONGEST_GAP
+        ):
             motion = _bridge(memory.last, motion)
             memory = memory._replace(samples=_bridged(memory.samples, motion))
         else:
@@ -279,11 +287,6 @@ def _after_rest(samples: tuple[Sample, ...], since: int, until: int, stands: boo
     shift = _SHIFTED * blind**2 * math.sqrt(blind / _HALT)
     covariance = np.diag([(shift / _SHARPEST) ** 2] * 3 + [shift**2] * 3)
     return rested(up_to(samples, since), until, covariance, doubtful=True, keyframe=None)
-
-
-def _longest_gap(memory: BufferMemory) -> int:
-    """Longest loss that keeps the path [ticks]."""
-    return _LONGEST_REST if memory.withheld else _LONGEST_GAP
 
 
 def _bridged(samples: tuple[Sample, ...], bridge: BodyMotion) -> tuple[Sample, ...]:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.off_tracking.parity import ARTICULATION_NOISE, GYRO_BIAS, GYRO_NOISE, SPEED_NOISE, agree, noise_level
+from estimators.off_tracking.parity import ARTICULATION_NOISE, GYRO_BIAS, GYRO_NOISE, SPEED_NOISE, noise_level
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -84,7 +84,6 @@ class Reckoned(NamedTuple):
     pose: FloatArray  # (3,) yaw [rad], x and y [m]
     covariance: FloatArray  # (3, 3)
     cross: FloatArray  # (p, 3) covariance of the parameters at the end with the pose
-    walked: FloatArray  # (p, p) variance of the parameters that is added on the way
     distance: float  # [m]
 
     @property
@@ -173,10 +172,6 @@ class DeadReckoning:
         """A history without any message (0, columns)."""
         return np.empty((0, 6 + 2 * self._unit))
 
-    def agree(self, history: FloatArray) -> bool:
-        """Test the signals against each other."""
-        return agree(history, self._unit)
-
     def row(self, signals: CombinationSignals) -> FloatArray:
         """Tick, speed, steer angle, slip by scrub, articulations, yaw rates, and pull of the bank, of a message."""
         scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
@@ -257,7 +252,7 @@ class DeadReckoning:
         covariance += np.einsum("nap,np,nbp->ab", after, walk, after) + np.einsum("nai,nbi->ab", white, white)
         cross = known @ J.T + np.einsum("np,nap->pa", walk, after)
         pose = np.array([yaw[-1], x[-1], y[-1]])
-        return Reckoned(pose, covariance, cross, np.diag(walk.sum(axis=0)), float(step.sum()))
+        return Reckoned(pose, covariance, cross, float(step.sum()))
 
 
 def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:

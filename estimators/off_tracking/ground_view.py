@@ -183,12 +183,6 @@ def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatAr
     return first.positions[from_first], second.positions[from_second]
 
 
-def pooled(*pairs: Pairs) -> Pairs:
-    """Pairs of several cameras on one body as one set."""
-    first, second = (np.concatenate([part[i] for part in pairs]) for i in range(2))
-    return Pairs(first, second, sum(part.matches for part in pairs))
-
-
 def planar_motion(pairs: Pairs) -> UncertainMotion:
     """X_FS (4, 4) of the second trailer frame in the first: least-squares rotation and translation by SVD."""
     p, q = pairs.first, pairs.second
@@ -223,10 +217,9 @@ class _GroundMotion(NamedTuple):
 
 def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
     """Least-squares motion for the pairs of each camera, given with the centre (2,) of its view in S [m]."""
-    together = pooled(*(pairs for pairs, _ in views))
+    p, q = (np.concatenate([pairs[i] for pairs, _ in views]) for i in range(2))
     middles = np.concatenate([np.broadcast_to(middle, pairs.first.shape) for pairs, middle in views])
-    p, q = together.first, together.second
-    X = planar_motion(together).X
+    X = planar_motion(Pairs(p, q, sum(pairs.matches for pairs, _ in views))).X
     R, t, k = X[:2, :2], X[:2, 3], np.zeros(2)
     for _ in range(_ITERATIONS):
         turned = q @ R.T
@@ -239,7 +232,8 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
         prior = np.concatenate([np.zeros(3), k]) * (_NOISE / _TILT) ** 2
         step = np.linalg.solve(normal, A.T @ residual.ravel() - prior)
         R, t, k = so3_exp(np.array([0.0, 0.0, step[0]]))[:2, :2] @ R, t + step[1:3], k + step[3:]
-    means = [residual[start:end].mean(axis=0) for start, end in _stretches(views)]
+    ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in views)]).tolist()
+    means = [residual[start:end].mean(axis=0) for start, end in pairwise(ends)]  # of each camera
     disagreement = float(np.linalg.norm(means[0] - means[-1]))
     X = X.copy()
     X[:2, :2], X[:2, 3] = R, t
@@ -248,12 +242,6 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[:, :, None] * b[:, None, :])
-
-
-def _stretches(views: Sequence[tuple[Pairs, FloatArray]]) -> list[tuple[int, int]]:
-    """First row of each camera's pairs and the row after its last."""
-    ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in views)]).tolist()
-    return list(pairwise(ends))
 
 
 def _motion_covariance(residual: FloatArray, normal: FloatArray, disagreement: float) -> FloatArray:

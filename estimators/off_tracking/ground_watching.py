@@ -137,13 +137,7 @@ class GroundWatching:
         self, memory: GroundMemory, tick: int, views: Views, matched: list[Pairs]
     ) -> tuple[GroundMemory, CameraOffTracking]:
         """Lost frame: it is skipped, or restarts the views after a long loss."""
-        lost = BodyMotion(
-            tick=tick,
-            previous_tick=memory.tick,
-            X_PC=np.eye(4),
-            covariance=np.diag(np.full(6, np.inf)),
-            health=Health.LOST,
-        )
+        lost = BodyMotion.lost(tick, memory.tick)
         buffer, off_tracking = self._buffer.step(memory.buffer, lost)
         memory = memory._replace(buffer=buffer)
         if tick - memory.tick >= _LONGEST_SPAN:

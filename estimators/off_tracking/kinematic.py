@@ -23,7 +23,7 @@ from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
+from vehicle.frames import Pose2, rotation_zyx, transform
 
 _PUBLISHED = 100  # output period, as of a camera [ticks]
 _LONGEST_GAP = 500  # longest gap between signals; after it the path restarts [ticks]
@@ -125,10 +125,6 @@ class KinematicOffTracking:
             tick=tick,
             previous_tick=since,
             X_PC=transform(rotation_zyx(moved.psi, 0.0, 0.0), np.array([moved.x, moved.y, 0.0])),
-            covariance=_diagonal(0.0, 0.0, yaw, along, across, 0.0),
+            covariance=np.diag([0.0, 0.0, yaw, along, across, 0.0]),
             health=Health.OK,
         )
-
-
-def _diagonal(*variances: float) -> FloatArray:
-    return np.diag(np.array(variances))

@@ -187,7 +187,8 @@ Withheld = tuple[Step, ...]  # oldest first
 
 def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion | None]:
     """Withheld motions after one more, and the released motion; None: the trailer stands."""
-    noise_alone = _can_be_noise(step.motion)
+    moved, std = _planar(step.motion.X), np.sqrt(np.diag(step.motion.covariance)[_STILL_PLANAR])
+    noise_alone = bool(np.all(np.abs(moved) < _MOST) and np.all(std < _MOST))
     if not (noise_alone or withheld):
         return (), step.motion
     steps = (*withheld, step)[-_WINDOW:]
@@ -196,12 +197,6 @@ def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion 
     if noise_alone and max(scores) < _STILL_GATE:
         return steps, None
     return (), sums[int(np.argmax(scores))]
-
-
-def _can_be_noise(motion: UncertainMotion) -> bool:
-    """True if the motion and its standard deviation are both small."""
-    std = np.sqrt(np.diag(motion.covariance)[_STILL_PLANAR])
-    return bool(np.all(np.abs(_planar(motion.X)) < _MOST) and np.all(std < _MOST))
 
 
 def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:

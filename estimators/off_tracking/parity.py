@@ -35,7 +35,7 @@ ARTICULATION_NOISE = math.radians(0.15)  # [rad]
 GYRO_NOISE = math.radians(0.1)  # [rad/s]
 GYRO_BIAS = math.radians(0.12)  # [rad/s]
 
-_SPEED, _FIRST = 1, 4  # columns of the speed and of the first articulation
+SPEED, STEER, FIRST = 1, 2, 4  # columns of the speed, the steer angle and the first articulation
 _VISIBLE = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _LEVEL_OF = 50  # samples that the noise is measured from: to 10 %
 _NOISIER = 1.5  # noise above which the assumed one is replaced by the measured one [its standard deviations]
@@ -49,10 +49,10 @@ def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float
     From second differences of the newest rows of ``history`` (n, columns): motion hardly has any within 40 ms. It is 1
     with less than so many rows.
     """
-    recent = history[-_LEVEL_OF:, _FIRST : _FIRST + 2 * unit + 1]
+    recent = history[-_LEVEL_OF:, FIRST : FIRST + 2 * unit + 1]
     if len(recent) < least:
         return 1.0
-    measured = np.sqrt(np.mean(np.square(np.diff(recent, n=2, axis=0)), axis=0) / 6.0)  # 1 + 4 + 1 of its variance
+    measured = _white_noise(recent)
     assumed = np.array([ARTICULATION_NOISE] * unit + [GYRO_NOISE] * (unit + 1))
     level = float(np.median(measured / assumed))
     return level if level > _NOISIER else 1.0
@@ -70,7 +70,7 @@ def agree(history: FloatArray, unit: int) -> bool:
         return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
     time = recent[:, 0] * TICK
-    gammas, rates = recent[:, _FIRST : _FIRST + unit], recent[:, _FIRST + unit : _FIRST + 2 * unit + 1]
+    gammas, rates = recent[:, FIRST : FIRST + unit], recent[:, FIRST + unit : FIRST + 2 * unit + 1]
     differences = -np.diff(rates, axis=1)
     turned = np.sum(0.5 * np.diff(time)[:, None] * (differences[1:] + differences[:-1]), axis=0)
     residual = gammas[-1] - gammas[0] - turned
@@ -82,11 +82,16 @@ def agree(history: FloatArray, unit: int) -> bool:
 
 def _speed_repeats(recent: FloatArray, unit: int) -> bool:
     """True if the speed is the same in all rows, although the signals are noisy."""
-    if len(recent) < _LEVEL_OF or np.ptp(recent[:, _SPEED]) > 0.0:
+    if len(recent) < _LEVEL_OF or np.ptp(recent[:, SPEED]) > 0.0:
         return False
-    rates = recent[:, _FIRST + unit : _FIRST + 2 * unit + 1]
-    noise = np.sqrt(np.mean(np.square(np.diff(rates, n=2, axis=0)), axis=0) / 6.0)
-    return bool(np.median(noise) > _VISIBLE * GYRO_NOISE)
+    rates = recent[:, FIRST + unit : FIRST + 2 * unit + 1]
+    return bool(np.median(_white_noise(rates)) > _VISIBLE * GYRO_NOISE)
+
+
+def _white_noise(columns: FloatArray) -> FloatArray:
+    """Standard deviations (k,) of the white noise of columns (n, k), from second differences."""
+    noise: FloatArray = np.sqrt(np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0)  # 1 + 4 + 1
+    return noise
 
 
 # Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.
@@ -99,8 +104,6 @@ _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
 _BEND: Final = 0.3  # lateral acceleration beyond which a lightly loaded rear axle may slip by any angle [m/s2]
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
-
-SPEED, STEER, FIRST = 1, 2, 4  # columns of the speed, the steer angle and the first articulation
 
 
 class MotionReference(NamedTuple):

@@ -134,14 +134,11 @@ def _thinned(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample,
 
     If the last but one is the ``keyframe`` (a tick) that later motions are measured from, the one before it is dropped.
     """
-    while len(near := _first_of_path(samples)) > 2 and _distance(samples[near[1]], samples[near[2]]) < _STEP:
+    while len(near := list(islice((k for k, sample in enumerate(samples) if sample.on_path), 3))) > 2:
+        if not np.linalg.norm(samples[near[1]].X_OS[:3, 3] - samples[near[2]].X_OS[:3, 3]) < _STEP:
+            break
         samples = _without(samples, near[2] if samples[near[1]].tick == keyframe else near[1])
     return samples
-
-
-def _first_of_path(samples: tuple[Sample, ...]) -> list[int]:
-    """Indices of the newest three samples of the path."""
-    return list(islice((k for k, sample in enumerate(samples) if sample.on_path), 3))
 
 
 def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
@@ -203,10 +200,6 @@ def _reanchored(sample: Sample, gone: Sample) -> Sample:
         UncertainMotion(np.eye(4), gone.covariance), UncertainMotion(shift, sample.covariance)
     ).covariance
     return sample._replace(anchor=gone.anchor, covariance=covariance, doubtful=sample.doubtful or gone.doubtful)
-
-
-def _distance(a: Sample, b: Sample) -> float:
-    return float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3]))
 
 
 def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[Sample, ...]:

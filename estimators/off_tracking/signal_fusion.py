@@ -31,7 +31,7 @@ import numpy as np
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
-from estimators.off_tracking.parity import MotionReference
+from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import CombinationSignals
@@ -88,17 +88,6 @@ def spatial(covariance: FloatArray) -> FloatArray:
     return spatial
 
 
-def lost_motion(path: BufferMemory, tick: int) -> BodyMotion:
-    """A motion without information from the newest sample of the path."""
-    return BodyMotion(
-        tick=tick,
-        previous_tick=path.samples[0].tick,
-        X_PC=np.eye(4),
-        covariance=np.diag(np.full(6, np.inf)),
-        health=Health.LOST,
-    )
-
-
 REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
 _LOOKED_AT = 25  # newest messages
 _BEFORE = 2000  # signals kept before the reference, to interpolate and to compare them with each other [ticks]
@@ -113,19 +102,14 @@ def extended_history(history: FloatArray, arrived: Sequence[FloatArray], referen
     oldest = max(tick - REMEMBERED, reference - _BEFORE)
     kept = history[np.searchsorted(history[:, 0], oldest) :]
     new: list[FloatArray] = []
-    may_repeat = _without_noise(kept)
+    repeats = np.any(np.diff(kept[-_LOOKED_AT:, 1:], axis=0) == 0.0, axis=0)
+    may_repeat = bool(2 * np.sum(repeats) > len(repeats))  # most signals have measured the same twice lately
     for row in arrived:
         last = new[-1] if new else history[-1] if len(history) else None
         later = last is None or (row[0] > last[0] and (may_repeat or not np.array_equal(row[1:], last[1:])))
         if later and np.all(np.isfinite(row)):
             new.append(row)
     return np.vstack([kept, *new]) if new else kept
-
-
-def _without_noise(history: FloatArray) -> bool:
-    """True if most signals have measured the same twice lately."""
-    repeats = np.any(np.diff(history[-_LOOKED_AT:, 1:], axis=0) == 0.0, axis=0)
-    return bool(2 * np.sum(repeats) > len(repeats))
 
 
 # A correction of 0.1 m over this time moves the axles at 4 deg/s with a law of 0.77 rad/m. Longer would keep a known
@@ -225,7 +209,7 @@ class SignalFusion:
         Raises:
             ValueError: if the unit is not towed.
         """
-        self._reckoning = DeadReckoning(vehicle, unit)
+        self._reckoning, self._unit = DeadReckoning(vehicle, unit), unit
         self._follow_distance, self._buffer = follow_distance, buffer
         self._monitor = SignalMonitor(vehicle, unit, tuple(-axle.x for axle in vehicle.units[unit].axles))
 
@@ -253,20 +237,20 @@ class SignalFusion:
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
             before = memory
-            memory, believed = self._judged(memory, path, motion)
+            memory, believed = self._believed(memory, path, motion)
             if believed is not None:
                 # the closing error of a bridge is that of its end at the motion's
                 bridge = self._bridged(before, path, motion.tick) if path.reckoned else None
-                path, estimate = self._buffer.step(path if bridge is None else bridge[1], believed)
+                path, estimate = self._buffer.step(path if bridge is None else bridge[0], believed)
                 if bridge is not None:
                     correction = corrected(
-                        memory.correction, bridge[2], estimate, believed.previous_tick, self._follow_distance
+                        memory.correction, bridge[1], estimate, believed.previous_tick, self._follow_distance
                     )
                     memory = memory._replace(correction=correction)
         if estimate is None or estimate.tick < tick:
-            memory, path, estimate = self._bridged(memory, path, tick) or (memory, path, estimate)
+            path, estimate = self._bridged(memory, path, tick) or (path, estimate)
         if estimate is None and path.samples:
-            path, estimate = self._buffer.step(path, lost_motion(path, tick))
+            path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
@@ -287,9 +271,7 @@ class SignalFusion:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
         return memory, tuple(self._monitor.corrected(monitor, message) for message in signals)
 
-    def _bridged(
-        self, memory: FusionMemory, path: BufferMemory, tick: int
-    ) -> tuple[FusionMemory, BufferMemory, OffTracking] | None:
+    def _bridged(self, memory: FusionMemory, path: BufferMemory, tick: int) -> tuple[BufferMemory, OffTracking] | None:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
         reference, history = memory.reference, memory.history
         assert reference is not None
@@ -305,7 +287,7 @@ class SignalFusion:
             return None if whole is None else spatial(whole.covariance)
 
         step = reckoned(newest)
-        if step is None or tick <= newest or not self._reckoning.agree(history):
+        if step is None or tick <= newest or not agree(history, self._unit):
             return None
         motion = BodyMotion(
             tick=tick,
@@ -315,7 +297,7 @@ class SignalFusion:
             health=Health.DEGRADED,
         )
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
-        return memory, path, replace(estimate, bridged=(tick - reference.tick) * TICK)
+        return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
 
     def _since(self, reference: Known, path: BufferMemory, tick: int) -> Parameters:
         """Parameters at a tick after the reference, without a measurement since."""
@@ -323,7 +305,7 @@ class SignalFusion:
         distance = sum(float(np.hypot(*(a - b))) for a, b in pairwise(places))
         return self._reckoning.forgotten(reference.parameters, distance, max(0, tick - reference.tick) * TICK)
 
-    def _judged(
+    def _believed(
         self, memory: FusionMemory, path: BufferMemory, motion: BodyMotion
     ) -> tuple[FusionMemory, BodyMotion | None]:
         """Memory with the parameters corrected, and the motion as the path gets it; None: it is not believed."""
@@ -362,7 +344,7 @@ class SignalFusion:
             return None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
-        if reckoned is None or not self._reckoning.agree(memory.history):
+        if reckoned is None or not agree(memory.history, self._unit):
             return None
         yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
         innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose

@@ -101,12 +101,14 @@ class SensedTrailer:
             schedule=rig_schedule(scenario.rig),
             rng=own("sensor"),
             options=scenario.sensing,
-            scenario=scenario,
+            rig=scenario.rig,
+            ground_rig=scenario.ground_rig,
+            ground=scenario.surface,
             trailer=replace(trailer_geometry(vehicle, unit), follow_distance=follow_distance),
             signals=self._signals,
             stream=own,
         )
-        sensing = opened_sensing(mount)
+        sensing = opened_sensing(scenario, mount)
         self._worker, self._estimator = worker, sensing.estimator
         use_cameras = images and sensing.cameras is None
         source = opened_sensor("stereo_camera", mount) if use_cameras else sensing

@@ -80,7 +80,7 @@ class SensedRover:
             ValueError: one line, for whatever of the scenario does not fit.
         """
         mount = rover_mount(scenario, rover, terrain, path, seed=seed, signal_noise=signal_noise)
-        sensing = rover_sensing(mount)
+        sensing = rover_sensing(scenario, mount)
         if sensing.view is None:
             raise ValueError(f"sensing: the sensor of scenario {scenario.name} is no camera; observation needs one")
         self._rig, self._instruments, self._trace = mount.rig, mount.instruments, sensing.view

@@ -10,8 +10,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from offtrack.reports.player.playback import Playback, PlayedRun
-from offtrack.reports.player.rover_playback import played_rover, rover_playback
-from offtrack.reports.player.trailer_playback import played_trailer, trailer_playback
+from offtrack.reports.player.run_playback import played_rover, played_trailer, rover_playback, trailer_playback
 from scenarios.assembly.adapters import course_of, ground_friction, outlines, vehicle_of
 from scenarios.assembly.plants import plant_vehicle
 from scenarios.assembly.rover_run import rover_path

@@ -14,7 +14,7 @@ from offtrack.reports import canvas, plots
 from offtrack.reports.canvas import Reel, write_reel
 from offtrack.reports.page import Figure, Photo, Photos, Player, Section
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.rover_playback import rover_playback
+from offtrack.reports.player.run_playback import rover_playback
 from offtrack.reports.run_video import picture as trace_picture
 from offtrack.reports.run_video import traced
 from offtrack.reports.sections import number_table, provenance_sections, run_html, timing_section

@@ -16,9 +16,17 @@ from numpy.typing import NDArray
 from offtrack.reports import plots
 from offtrack.reports.page import Column, Figure, Items, Player, Row, Section, Table
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.trailer_playback import trailer_playback
+from offtrack.reports.player.run_playback import trailer_playback
 from offtrack.reports.run_video import flow_photos
-from offtrack.reports.sections import groups, number_table, provenance_sections, run_html, timing_section
+from offtrack.reports.sections import (
+    ERROR_TEXT,
+    FEATURES_TEXT,
+    groups,
+    number_table,
+    provenance_sections,
+    run_html,
+    timing_section,
+)
 from scenarios.results.log import LOST
 from scenarios.results.run_summary import manifest
 from scenarios.results.summary_numbers import Summary
@@ -204,7 +212,7 @@ def _drawn(result: RunResult) -> Iterator[Section]:
     yield Section("Plan view", _PLAN.format(result.follow_distance, result.leader), [plan_view(result)])
     yield Section("Off-tracking", _OFF_TRACKING.format(result.leader, result.trailer.name), [off_tracking(result)])
     if np.isfinite(result.signal("health")).any():
-        yield Section("Error of the estimate", _ERROR, [estimate_error(result)])
+        yield Section("Error of the estimate", ERROR_TEXT, [estimate_error(result)])
     else:
         yield Section("No estimate", "This run had no estimator of the off-tracking.")
     if result.steer_signals():
@@ -215,7 +223,7 @@ def _drawn(result: RunResult) -> Iterator[Section]:
     else:
         yield Section("No camera images", "This run kept no camera images.")
     if np.isfinite(result.signal("matches")).any():
-        yield Section("Features", _MATCHES, [matches(result)])
+        yield Section("Features", FEATURES_TEXT, [matches(result)])
 
 
 _PLAN: Final = (
@@ -226,13 +234,11 @@ _OFF_TRACKING: Final = (
     "Lateral distance from the follow point to the path of the {0}, in the frame of the {1}. It is known once the {1} "
     "has driven its own length. Each estimate is drawn at the time its image was taken."
 )
-_ERROR: Final = "About 95 % of the errors lie inside the band if the estimator states its standard deviation correctly."
 _STEER: Final = "Solid: actual angles of the road wheels. Dashed: angles that the controller commanded."
 _TRAILERS: Final = (
     "Each trailer follows its own hitch. The figures above show the last trailer. The off-tracking and steering in the "
     "table above belong to the trailer with the largest off-tracking."
 )
-_MATCHES: Final = "Features matched in all images of a frame, and the inliers: matches that agree on one motion."
 
 
 def _trailers(result: RunResult) -> Table:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import json
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from offtrack.reports.kinds import KINDS
 from scenarios.progress import Progress, no_progress
@@ -36,8 +37,8 @@ def write_run(result: Result, directory: Path, *, video: bool = True, progress: 
         scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
         (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
         write_log(result.log, folder / "signals.parquet")
-        _write_json(folder / "manifest.json", manifest(result))
-        _write_json(folder / "summary.json", numbers)
+        write_json(folder / "manifest.json", manifest(result))
+        write_json(folder / "summary.json", numbers)
         if result.traceback:
             (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
         mark_interrupted(folder)  # until all is drawn
@@ -68,5 +69,18 @@ def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
         failures.append(f"{line}\n{traceback.format_exc()}")
 
 
-def _write_json(path: Path, content: Mapping[str, object]) -> None:
+def finish_results(folder: Path, numbers: dict[str, Any], draw: Callable[[Path], object] | None) -> None:
+    """Draw the video of an estimation and write its summary; an interrupt of the video keeps everything else."""
+    if draw is not None:
+        try:
+            draw(folder / "video")
+        except KeyboardInterrupt:
+            numbers["outcome"] = "interrupted"
+    write_json(folder / "summary.json", numbers)
+    if numbers["outcome"] == "interrupted":
+        mark_interrupted(folder)
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write a table as JSON."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -161,6 +161,10 @@ def _name(text: str) -> str:
     return Path(text).name if "/" in text else text
 
 
+ERROR_TEXT: Final = (
+    "About 95 % of the errors lie inside the band if the estimator states its standard deviation correctly."
+)
+FEATURES_TEXT: Final = "Features matched in all images of a frame, and the inliers: matches that agree on one motion."
 _COLOURS = ("#1f5fa8", "#2a9d8f", "#e0761a", "#b8c0c8")
 
 

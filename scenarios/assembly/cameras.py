@@ -195,7 +195,7 @@ class StereoCameras:
             ValueError: if the lenses are not possible or cannot be calibrated.
             RendererUnavailableError: if OpenGL does not work here.
         """
-        options, views = context.scenario.rig, context.views
+        options, views = context.rig, context.views
         rig = rig_on(context.vehicle.units[context.unit], context.trailer, options)
         noise = context.stream("camera noise")
         imperfections = _imperfections(options)
@@ -235,7 +235,7 @@ def _pinholes(context: MountContext, calibration: StereoCalibration, noise: np.r
     camera = StereoCamera(
         renderer=renderer,
         unit=context.unit,
-        noise_std=context.scenario.rig.noise,
+        noise_std=context.rig.noise,
         rng=noise,
         keep_colour=context.keep_colour,
     )
@@ -276,7 +276,7 @@ class GroundCameras:
             ValueError: if the rear camera would not be behind the front one.
             RendererUnavailableError: if OpenGL does not work here.
         """
-        options, ground = context.scenario.ground_rig, context.scenario.surface
+        options, ground = context.ground_rig, context.ground
         calibration = ground_watching_pair(
             options.width,
             options.height,
@@ -293,7 +293,7 @@ class GroundCameras:
         camera = StereoCamera(
             renderer=source,
             unit=context.unit,
-            noise_std=context.scenario.rig.noise,
+            noise_std=context.rig.noise,
             rng=context.stream("camera noise"),
             keep_colour=context.keep_colour,
         )

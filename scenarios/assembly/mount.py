@@ -11,9 +11,8 @@ import numpy as np
 from controllers.trailer import TrailerGeometry
 from estimators.calibration.rectification import Rectifier
 from scenarios.courses import Course
-from scenarios.options.perception import WorldOptions
-from scenarios.options.scenario import Scenario
-from scenarios.options.surroundings import TrafficOptions
+from scenarios.options.perception import GroundRigOptions, RigOptions, WorldOptions
+from scenarios.options.surroundings import SurfaceOptions, TrafficOptions
 from scenarios.progress import Progress, no_progress
 from sensors.camera.lens import RawStereoRig
 from sensors.camera.rig import StereoCalibration
@@ -118,11 +117,13 @@ SIGNALS = Schedule.at_rate(50.0, latency=0.02)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MountContext(TrailerSensorContext):
-    """Context of the built-in sensors: they read the whole scenario."""
+    """Context of the built-in sensors, with the options that they read."""
 
     views: Views
     nominal: Vehicle  # the data sheet of controllers and estimators
-    scenario: Scenario
+    rig: RigOptions
+    ground_rig: GroundRigOptions
+    ground: SurfaceOptions  # under the wheels: it may be re-formed by them
     trailer: TrailerGeometry
     signals: CombinationSensors  # of this trailer
     stream: Callable[[str], np.random.Generator]  # random stream of this trailer, by name

@@ -81,9 +81,9 @@ class TraceView:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoverMountContext(RoverSensorContext):
-    """Context of the built-in sensors: they read the whole scenario."""
+    """Context of the built-in sensors, with the options that they read."""
 
-    scenario: RoverScenario
+    webcam: Webcam
     path: Path  # reference path; the rover follows it roughly
     rig: TraceRig
     build_world: Callable[[], SandWorld]
@@ -105,19 +105,9 @@ class TraceCameraSensor:
 
     @classmethod
     def of(cls, context: RoverMountContext) -> OpenedRoverSensor:
-        """Camera of the scenario's rig.
-
-        Raises:
-            ValueError: one line, if the ground shows no wheel trace.
-        """
-        scenario = context.scenario
-        if scenario.surface.soil == "none" and scenario.slip_estimator != "truth":
-            raise ValueError(
-                f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) shows no wheel trace"
-            )
+        """Camera of the rover's rig."""
         world = context.build_world()
-        webcam = Webcam(read_noise=scenario.rig.noise, shot_noise=scenario.rig.shot_noise)
-        camera = TraceCamera(world, context.rig, webcam, context.stream("camera noise"))
+        camera = TraceCamera(world, context.rig, context.webcam, context.stream("camera noise"))
         view = TraceView(world, camera, context.instruments)
         return OpenedRoverSensor(sensor=view, schedule=context.schedule, view=view)
 
@@ -217,7 +207,7 @@ def assemble_rover(
     soil = None if scenario.surface.soil == "none" else load_soil(scenario.surface.soil)
     driver = _driver(scenario, geometry, path)
     mount = rover_mount(scenario, rover, terrain, path, seed=seed)
-    sensing = rover_sensing(mount)
+    sensing = rover_sensing(scenario, mount)
     return RoverAssembly(
         scenario=scenario,
         seed=seed,
@@ -244,7 +234,7 @@ def rover_mount(
         schedule=rig_schedule(scenario.rig, PERIOD),
         rng=stream(seed, "sensor"),
         options=scenario.sensing,
-        scenario=scenario,
+        webcam=Webcam(read_noise=scenario.rig.noise, shot_noise=scenario.rig.shot_noise),
         path=path,
         rig=nominal_rig(rover),
         build_world=lambda: sand_world(scenario.world, stream(seed, "sand"), rover, terrain, path),
@@ -253,15 +243,19 @@ def rover_mount(
     )
 
 
-def rover_sensing(mount: RoverMountContext) -> RoverSensing:
+def rover_sensing(scenario: RoverScenario, mount: RoverMountContext) -> RoverSensing:
     """Open the scenario's sensor and slip estimator.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
     """
-    scenario = mount.scenario
     part: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
-    opened = opened_rover_sensor(part.sensor if scenario.sensor is None else scenario.sensor, mount)
+    sensor = part.sensor if scenario.sensor is None else scenario.sensor
+    if sensor == "trace_camera" and scenario.surface.soil == "none" and scenario.slip_estimator != "truth":
+        raise ValueError(
+            f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) shows no wheel trace"
+        )
+    opened = opened_rover_sensor(sensor, mount)
     context = RoverContext(
         rover=rover_geometry(mount.rover),
         rig=mount.rig,

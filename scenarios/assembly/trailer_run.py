@@ -34,8 +34,8 @@ from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
-from sensors.faults.fault import with_faults
-from sensors.faults.signal_kinds import SignalFault
+from sensors.faults.fault import Fault, with_faults
+from sensors.faults.message_kinds import SignalFault
 from sensors.instruments.combination import CombinationSensors, TrailerViewSensor
 from sensors.messages import Message, Sensor, StereoFrame, check_receives
 from vehicle.clock import Schedule
@@ -83,14 +83,13 @@ def course_duration(scenario: Scenario) -> float:
     return course_of(scenario, vehicle_of(scenario)).length / scenario.speed
 
 
-def opened_sensing(context: MountContext) -> Sensing:
+def opened_sensing(scenario: Scenario, context: MountContext) -> Sensing:
     """Open the scenario's sensor and estimator for one trailer.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
-    scenario = context.scenario
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     options = _estimator_options(scenario)
     check_options(declared_options(part), options, "estimator")
@@ -120,7 +119,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     check_made("off_tracking", scenario.off_tracking, estimator, ("init", "step"))
     check_receives(f"off_tracking = {scenario.off_tracking}", estimator, opened.sensor)
     sensing = Sensing(
-        sensor=_with_faults(opened, context),
+        sensor=_with_faults(opened, sensor_faults(scenario.faults), context),
         schedule=opened.schedule,
         period=opened.schedule.period,
         estimator=Rectified(estimator, cameras.rectifier) if cameras and cameras.rectifier else estimator,
@@ -150,9 +149,10 @@ def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
     return dict(scenario.estimator)
 
 
-def _with_faults(opened: OpenedSensor, context: MountContext) -> Sensor[Truth, Message]:
-    """The sensor with the scenario's faults, applied in their order; those of signals act on the own sensors."""
-    faults = sensor_faults(context.scenario.faults)
+def _with_faults(
+    opened: OpenedSensor, faults: list[tuple[int, Fault]], context: MountContext
+) -> Sensor[Truth, Message]:
+    """The sensor with the scenario's ``faults``, applied in their order; those of signals act on the own sensors."""
     of_signals = [(k, fault) for k, fault in faults if issubclass(fault.kind, SignalFault)]
     of_sensor = [(k, fault) for k, fault in faults if not issubclass(fault.kind, SignalFault)]
     context.signals.fail([fault for _, fault in of_signals], lambda k: context.stream(f"fault {of_signals[k][0]}"))
@@ -303,7 +303,9 @@ def _assembled(
             schedule=schedule,
             rng=own("sensor"),
             options=scenario.sensing,
-            scenario=scenario,
+            rig=scenario.rig,
+            ground_rig=scenario.ground_rig,
+            ground=scenario.surface,
             trailer=geometries[unit],
             signals=CombinationSensors(simulated, unit, rng=signals, noise=scenario.signals.noise),
             stream=own,
@@ -314,7 +316,7 @@ def _assembled(
     mounts = {unit: mount(unit) for unit in units}
     sensing: dict[int, Sensing] = {}
     for unit in reversed(units):  # the last owns the renderer
-        sensing[unit] = opened_sensing(mounts[unit])
+        sensing[unit] = opened_sensing(scenario, mounts[unit])
         opened.callback(close_part, sensing[unit].estimator)
     records_only = record and sensing[last].cameras is None
     recording = opened_sensor("stereo_camera", mounts[last]) if records_only else None

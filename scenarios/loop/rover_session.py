@@ -8,8 +8,7 @@ from concurrent.futures import Executor
 from typing import Final
 
 from estimators.estimates import SlipAngle
-from estimators.slip.reference_slip import LaserSlip
-from estimators.slip.rover_odometry import RoverOdometry
+from estimators.slip.rover_odometry import LaserSlip, RoverOdometry
 from scenarios.assembly.rover_run import PERIOD, RoverAssembly
 from scenarios.loop.bench import Bench
 from scenarios.loop.channel import Channel, estimator_thread

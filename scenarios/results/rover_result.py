@@ -12,8 +12,7 @@ import numpy as np
 
 from controllers.path import Path
 from estimators.estimates import Health, SlipAngle
-from estimators.slip.reference_slip import LaserSlip
-from estimators.slip.rover_odometry import RoverPose
+from estimators.slip.rover_odometry import LaserSlip, RoverPose
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, LOST, MOTION, Column, Log, Row, Signal, columns_by_parts
 from scenarios.results.run_summary import Result

@@ -84,11 +84,6 @@ class CameraModel:
         distorted: FloatArray = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
         return distorted if self.distortion == UNDISTORTED else _undistorted(distorted, self.distortion)
 
-    def undistort_points(self, pixels: FloatArray) -> FloatArray:
-        """Pixels (..., 2) in the image of a pinhole of the same K."""
-        ideal: FloatArray = self.rays(pixels) * [self.fx, self.fy] + [self.cx, self.cy]
-        return ideal
-
     def _check_fold(self) -> None:
         """Refuse a lens whose image folds back before its corner: a pixel there would belong to two rays."""
         u, v = (-self.cx, self.width - 1 - self.cx), (-self.cy, self.height - 1 - self.cy)

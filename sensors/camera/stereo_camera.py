@@ -41,11 +41,9 @@ class PairSource(Protocol):
     @property
     def calibration(self) -> StereoCalibration:
         """Calibration of both cameras."""
-        ...
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right RGB image of cameras carried by a body at X_WB (4, 4)."""
-        ...
 
 
 class StereoCamera:
@@ -108,15 +106,12 @@ class ViewSource(Protocol):
     @property
     def calibration(self) -> StereoCalibration:
         """Calibration of the pinholes."""
-        ...
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right RGB image."""
-        ...
 
     def nearness(self) -> tuple[NearnessImage, NearnessImage]:
         """Inverse depth of the last images [1/m]."""
-        ...
 
 
 def pinholes_for(rig: RawStereoRig, imperfections: Imperfections) -> StereoCalibration:
@@ -157,7 +152,7 @@ class RawStereoCamera:
     ) -> None:
         if unit < 0:
             raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
-        self._renderer, self._rig, self._imperfections, self._unit = renderer, rig, imperfections, unit
+        self._renderer, self.rig, self._imperfections, self._unit = renderer, rig, imperfections, unit
         self._sun = sun if imperfections.glare > 0.0 else None
         self._rng, noise_rng, *lens_rngs = rng.spawn(4)
         self._keep_colour = keep_colour
@@ -178,11 +173,6 @@ class RawStereoCamera:
         self._noise = LightNoise.draw(noise_rng, imperfections.read_noise, imperfections.shot_noise, pixels)
         self._previous: tuple[int, FloatArray] | None = None  # tick and pose of the body at the last capture
         self._exposure: tuple[float, float] | None = None  # gain and light level of the last capture
-
-    @property
-    def rig(self) -> RawStereoRig:
-        """True rig without twist."""
-        return self._rig
 
     def sample(self, truth: Truth) -> StereoFrame:
         """Stereo pair whose mid-exposure is at the truth's tick."""
@@ -208,7 +198,7 @@ class RawStereoCamera:
         twisted = transform(
             mount_rotation(*(load_transfer * angle for angle in self._imperfections.twist)), np.zeros(3)
         )
-        return self._rig.X_SC, self._rig.X_SC @ self._rig.X_ClCr @ twisted
+        return self.rig.X_SC, self.rig.X_SC @ self.rig.X_ClCr @ twisted
 
     def _motion(self, tick: int, X_WB: FloatArray) -> tuple[Twist, float]:
         """Velocity of the body, and the time since the last capture [s]."""

@@ -1,19 +1,20 @@
 """Faults as plain data, the protocol of a fault kind, the names of the kinds, and sensors with faults.
 
-``sensors.faults.fault`` lists the kinds. A kind of one's own is a class with the members of ``FaultKind``; the base
+``FAULTS`` lists the kinds. A kind of one's own is a class with the members of ``FaultKind``; the base
 classes in ``message_kinds`` and ``image_kinds`` define most of them.
 """
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final, Generic, Protocol, TypeGuard, TypeVar
+from typing import ClassVar, Final, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
+from sensors.camera.lens import CameraModel
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import Message, Sensor, Stamped, message_type
 from vehicle.clock import to_ticks
 from vehicle.option import Option
@@ -21,28 +22,8 @@ from vehicle.option import Option
 T = TypeVar("T", bound=Stamped)
 
 
-class Pinhole(Protocol):
-    """Size and intrinsics of images; a ``StereoCalibration`` or a ``CameraModel`` will do."""
-
-    @property
-    def width(self) -> int:
-        """Columns [px]."""
-
-    @property
-    def height(self) -> int:
-        """Rows [px]."""
-
-    @property
-    def focal_length(self) -> float:
-        """Focal length [px]."""
-
-    @property
-    def cx(self) -> float:
-        """Principal point, column [px]."""
-
-    @property
-    def cy(self) -> float:
-        """Principal point, row [px]."""
+Pinhole: TypeAlias = StereoCalibration | CameraModel
+"""Size and intrinsics of images."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,11 +196,11 @@ FAULTS: Final = {
     "glare": "sensors.faults.image_kinds:Glare",
     "gain": "sensors.faults.image_kinds:Gain",
     "blackout": "sensors.faults.image_kinds:Blackout",
-    "articulation_offset": "sensors.faults.signal_kinds:ArticulationOffset",
-    "articulation_stuck": "sensors.faults.signal_kinds:ArticulationStuck",
-    "gyro_bias": "sensors.faults.signal_kinds:GyroBias",
-    "gyro_drift": "sensors.faults.signal_kinds:GyroDrift",
-    "wheel_speed_dropout": "sensors.faults.signal_kinds:WheelSpeedDropout",
+    "articulation_offset": "sensors.faults.message_kinds:ArticulationOffset",
+    "articulation_stuck": "sensors.faults.message_kinds:ArticulationStuck",
+    "gyro_bias": "sensors.faults.message_kinds:GyroBias",
+    "gyro_drift": "sensors.faults.message_kinds:GyroDrift",
+    "wheel_speed_dropout": "sensors.faults.message_kinds:WheelSpeedDropout",
 }
 
 
@@ -229,14 +210,10 @@ def checked_kind(name: str, part: object) -> type[FaultKind]:
     Raises:
         ValueError: one line naming the members that are missing.
     """
-    if not _is_kind(part):
-        missing = [member for member in _MEMBERS if not hasattr(part, member)]
+    missing = [member for member in _MEMBERS if not hasattr(part, member)]
+    if missing or not isinstance(part, type):
         raise ValueError(f"{name} is no fault kind: {', '.join(missing) or 'it is no class'} missing")
     return part
 
 
 _MEMBERS: Final = ("options", "needs", "applies_to", "sample")
-
-
-def _is_kind(part: object) -> TypeGuard[type[FaultKind]]:
-    return inspect.isclass(part) and all(hasattr(part, member) for member in _MEMBERS)

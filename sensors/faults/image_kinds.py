@@ -11,7 +11,6 @@ import numpy as np
 
 from sensors.camera.image_formation import (
     STILL,
-    Floats,
     Twist,
     behind_dirt,
     dirt_layer,
@@ -105,8 +104,11 @@ class Glare(ImageFault):
     )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
-        (strength,) = amount
-        self._veil = _glare(camera_of(context), context.rng, strength)
+        (strength,), c, rng = amount, camera_of(context), context.rng
+        u0, v0 = rng.uniform(0.1, 0.9) * c.width, rng.uniform(0.0, 0.4) * c.height
+        v, u = np.mgrid[0 : c.height, 0 : c.width].astype(np.float32)
+        angle = np.arctan(np.hypot(u - np.float32(u0), v - np.float32(v0)) / np.float32(c.focal_length))
+        self._veil = glare_veil(angle, strength)  # [grey levels]
 
     def degraded(self, image: GreyImage, camera: int) -> GreyImage:
         """The image under a veil of light."""
@@ -131,14 +133,6 @@ class Gain(ImageFault):
             return image
         levels = np.rint(self._factor * np.arange(256.0) + self._offset).clip(0.0, 255.0).astype(np.uint8)
         return levels[image]
-
-
-def _glare(c: Pinhole, rng: np.random.Generator, strength: float) -> Floats:
-    """A veil [grey levels] around a sun somewhere in the upper half of the image."""
-    u0, v0 = rng.uniform(0.1, 0.9) * c.width, rng.uniform(0.0, 0.4) * c.height
-    v, u = np.mgrid[0 : c.height, 0 : c.width].astype(np.float32)
-    angle = np.arctan(np.hypot(u - np.float32(u0), v - np.float32(v0)) / np.float32(c.focal_length))
-    return glare_veil(angle, strength)
 
 
 class StereoFault:
@@ -197,21 +191,15 @@ class Decalibration(StereoFault, ImageFault):
     )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
-        self._H = _rotation_homography(camera_of(context), np.radians(amount))
+        c = camera_of(context)
+        K = np.array([[c.focal_length, 0.0, c.cx], [0.0, c.focal_length, c.cy], [0.0, 0.0, 1.0]])
+        # from the image of the straight camera to that of the turned one; exact for a pinhole
+        self._H: FloatArray = K @ mount_rotation(*np.radians(amount)).T @ np.linalg.inv(K)
 
     def degraded(self, image: GreyImage, camera: int) -> GreyImage:
         """The left image as it is, the right image as the turned camera sees the scene."""
-        return image if camera == 0 else _warped(image, self._H)
-
-
-def _rotation_homography(c: Pinhole, angles: FloatArray) -> FloatArray:
-    """The homography (3, 3) from the image of the straight camera to that of the turned one; exact for a pinhole."""
-    K = np.array([[c.focal_length, 0.0, c.cx], [0.0, c.focal_length, c.cy], [0.0, 0.0, 1.0]])
-    H: FloatArray = K @ mount_rotation(*angles).T @ np.linalg.inv(K)
-    return H
-
-
-def _warped(image: GreyImage, H: FloatArray) -> GreyImage:
-    size = (image.shape[1], image.shape[0])
-    warped = cv2.warpPerspective(image, H, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(warped, dtype=np.uint8)
+        if camera == 0:
+            return image
+        flags, border = cv2.INTER_CUBIC, cv2.BORDER_REPLICATE
+        warped = cv2.warpPerspective(image, self._H, image.shape[::-1], flags=flags, borderMode=border)
+        return np.asarray(warped, dtype=np.uint8)

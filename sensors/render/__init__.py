@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage, NearnessImage
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from sensors.render.pair import PairRenderer
 
 __all__ = ["RendererUnavailableError", "StereoRenderer", "check_renderer"]
-
-OutputT = TypeVar("OutputT")
 
 
 class RendererUnavailableError(RuntimeError):
@@ -56,9 +55,11 @@ class StereoRenderer:
     """
 
     def __init__(self, world: World, calibration: StereoCalibration) -> None:
-        self._calibration = calibration
-        self._pair: PairRenderer | None = _opened(world, calibration)
-        self._name = self._pair.name
+        self.calibration = calibration
+        with _opengl() as renderers:
+            pair: PairRenderer = renderers.PairRenderer(world, calibration)
+        self._pair: PairRenderer | None = pair
+        self.name = pair.name  # and version of the OpenGL renderer
 
     def on(self, calibration: StereoCalibration) -> StereoRenderer:
         """Renderer for another rig of equal pinholes in the same world; it shares this one's OpenGL objects.
@@ -66,29 +67,19 @@ class StereoRenderer:
         Raises:
             ValueError: if the pinholes differ.
         """
-        if _pinhole(calibration) != _pinhole(self._calibration):
+        if _pinhole(calibration) != _pinhole(self.calibration):
             raise ValueError("only rigs of equal pinhole cameras can share a renderer")
         shared = copy(self)
-        shared._calibration = calibration
+        shared.calibration = calibration
         return shared
 
     def __deepcopy__(self, _: object) -> StereoRenderer:
         """The same renderer: OpenGL's objects cannot be copied, and every picture is drawn anew."""
         return self
 
-    @property
-    def calibration(self) -> StereoCalibration:
-        """Calibration of the rendered cameras."""
-        return self._calibration
-
-    @property
-    def name(self) -> str:
-        """Name and version of the OpenGL renderer."""
-        return self._name
-
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
-        return self.render_from(*self._cameras(X_WB))
+        return self.render_from(*self.cameras(X_WB))
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right image, RGB, of two such cameras at any poses (4, 4)."""
@@ -106,20 +97,21 @@ class StereoRenderer:
         left, right = self._live().read_nearness()
         return left, right
 
-    def render_depth(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Left and right depth image (height, width) [m] of cameras carried by a body at X_WB (4, 4).
+    def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Depth images (height, width) [m] of two such cameras anywhere in the world (4, 4).
 
         The depth of a pixel is the z coordinate, in the camera's frame C, of the point that its centre shows; it is
         infinite in the sky. It is exact to the resolution of a 32-bit depth buffer: 0.2 mm at 30 m.
         """
-        return self.render_depth_from(*self._cameras(X_WB))
-
-    def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Depth images as of ``render_depth``, of two such cameras anywhere in the world (4, 4)."""
         pair = self._live()
         pair.draw(X_WC1, X_WC2)
         first, second = pair.read_depth()
         return first, second
+
+    def cameras(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Poses X_WC (4, 4) of the left and the right camera, carried by a body at X_WB (4, 4)."""
+        X_WCl = X_WB @ self.calibration.X_SC
+        return X_WCl, X_WCl @ self.calibration.X_ClCr
 
     def close(self) -> None:
         """Release the OpenGL context; closing twice does no harm."""
@@ -132,11 +124,6 @@ class StereoRenderer:
             raise ValueError("this StereoRenderer is closed: open a new one")
         return self._pair
 
-    def _cameras(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Poses X_WC of the left and the right camera."""
-        X_WCl = X_WB @ self._calibration.X_SC
-        return X_WCl, X_WCl @ self._calibration.X_ClCr
-
 
 def _pinhole(c: StereoCalibration) -> tuple[float, ...]:
     return c.width, c.height, c.focal_length, c.cx, c.cy
@@ -148,40 +135,20 @@ def check_renderer() -> None:
     Raises:
         RendererUnavailableError: if that fails.
     """
-
-    def open_and_close() -> None:
-        from sensors.render.context import open_context
-
-        open_context().close()
-
-    _in_opengl(open_and_close)
+    with _opengl() as renderers:
+        renderers.open_context().close()
 
 
-def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:
-    """Renderer on a new context.
-
-    Raises:
-        RendererUnavailableError: if anything fails in OpenGL.
-    """
-
-    def open_pair() -> PairRenderer:
-        from sensors.render.pair import PairRenderer
-
-        return PairRenderer.open(world, calibration)
-
-    return _in_opengl(open_pair)
-
-
-def _in_opengl(work: Callable[[], OutputT]) -> OutputT:
+@contextmanager
+def _opengl() -> Iterator[Any]:
+    """Module of the OpenGL renderer, whose errors become ``RendererUnavailableError``."""
     os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
     os.environ["PYGLET_HEADLESS"] = "true"
     try:
-        from OpenGL.error import Error as OpenGlError
-
-        import sensors.render.pair  # noqa: F401
+        from sensors.render import pair
     except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load
         raise RendererUnavailableError(error) from error
     try:
-        return work()
-    except (OSError, OpenGlError, RuntimeError) as error:  # no device, a refused call, a shader that does not compile
+        yield pair
+    except pair.FAILURES as error:  # no device, a refused call, a shader that does not compile
         raise RendererUnavailableError(error) from error

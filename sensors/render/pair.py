@@ -1,39 +1,306 @@
-"""Two views of a world in one framebuffer: pyrender's renderer with own shaders and drawing order.
+"""Two views of a world in one framebuffer: an OpenGL context without a window, and pyrender's renderer in it.
 
-Importing this module imports pyrender and loads EGL.
+The renderer has its own shaders, drawing order and instanced meshes: these are cut into blocks, and one call draws all
+instances of a part of a thing. Importing this module imports pyrender and loads EGL.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
+import pyrender
 from numpy.typing import NDArray
-from OpenGL import GL
-from pyrender import Mesh as GlMesh
-from pyrender import Scene
+from OpenGL import EGL, GL
+from OpenGL.error import Error as OpenGlError
+from OpenGL.raw.GL.VERSION import GL_1_1, GL_1_5, GL_3_1  # PyOpenGL's wrappers take longer than the calls
+from pyrender.platforms.egl import EGLDevice, EGLPlatform, query_devices
 from pyrender.renderer import Renderer
+from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from sensors.camera.rig import StereoCalibration
-from sensors.render.context import (
-    Context,
-    Program,
-    Uniforms,
-    open_context,
-    shader_cache,
-    upload_table,
-    upload_texture,
-)
-from sensors.render.instancing import Culler, InstancedPart, dome, draw, draw_run, in_blocks, in_view, primitive
 from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.ground import Condition, RoadMap, line_range
 from sensors.world.scenery import Instances
+from sensors.world.shapes import FaceArray, Mesh, grid_faces
+from sensors.world.things import Part
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
+
+Uniforms = Mapping[str, float | tuple[float, ...] | FloatArray]
+
+_SHADERS = Path(__file__).parent / "shaders"
+FAILURES = (OSError, OpenGlError, RuntimeError)  # of an OpenGL that does not work here
+_LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Context:
+    """A current OpenGL context of this process."""
+
+    platform: EGLPlatform
+    name: str
+
+    def make_current(self) -> None:
+        """Make this the context of the OpenGL calls that follow."""
+        self.platform.make_current()
+
+    def close(self) -> None:
+        """Destroy the context, but not EGL's display, which belongs to the whole process."""
+        display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
+        EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
+        EGL.eglDestroyContext(display, context)
+
+
+def open_context() -> Context:
+    """Context on the first device that works: an accessible graphics card, or else the processor.
+
+    Raises:
+        OSError: with the last device's error if none works.
+    """
+    failure = "EGL has no device"
+    for device in query_devices():
+        try:
+            return _opened_on(device)
+        except OpenGlError as error:
+            failure = f"{getattr(error.baseOperation, '__name__', 'EGL')} answers {error.err}"
+        except AssertionError:  # pyrender asserts that EGL's calls succeed
+            failure = "EGL refuses a call"
+    raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}")
+
+
+def _opened_on(device: EGLDevice) -> Context:
+    platform = EGLPlatform(1, 1, device=device)  # rendering is into a framebuffer object: the size does not matter
+    platform.init_context()
+    name, version = (GL.glGetString(key).decode() for key in (GL.GL_RENDERER, GL.GL_VERSION))
+    return Context(platform, f"{name}, OpenGL {version}")
+
+
+def upload_table(table: NDArray[np.float32]) -> int:
+    """Name of a new texture with a table (ny, nx, 4) of numbers, without filtering."""
+    texture = _new_texture(GL.GL_CLAMP_TO_EDGE, GL.GL_NEAREST, GL.GL_NEAREST)
+    ny, nx = table.shape[:2]
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA32F, nx, ny, 0, GL.GL_RGBA, GL.GL_FLOAT, np.ascontiguousarray(table))
+    return texture
+
+
+def upload_texture(image: NDArray[np.uint8], shrink: int) -> int:
+    """Name of a new repeating texture; v = 0 at its first row; ``shrink`` is OpenGL's minification filter."""
+    internal, layout = _LAYOUTS[image.shape[2]]
+    texture = _new_texture(GL.GL_REPEAT, GL.GL_LINEAR, shrink)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    data = np.ascontiguousarray(image)
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, image.shape[1], image.shape[0], 0, layout, GL.GL_UNSIGNED_BYTE, data)
+    GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
+    return texture
+
+
+def _new_texture(wrap: int, enlarge: int, shrink: int) -> int:
+    """Name of a new texture, which is bound, with this wrapping and these filters."""
+    texture = int(GL.glGenTextures(1))
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    for key in (GL.GL_TEXTURE_WRAP_S, GL.GL_TEXTURE_WRAP_T):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, key, wrap)
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAG_FILTER, enlarge)
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, shrink)
+    return texture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Program:
+    """A linked shader program with its uniforms."""
+
+    identity: int
+    locations: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, *defined: str) -> Program:
+        """Program of two files in ``shaders``, with preprocessor definitions; the cache owns it."""
+        defines = dict.fromkeys(defined, 1)
+        program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag", defines=defines)
+        program._add_to_context()
+        return cls(int(program._program_id))
+
+    def use(self, uniforms: Uniforms) -> None:
+        """Make this the current program and set uniforms: numbers, vectors, matrices, or ints for texture units."""
+        GL.glUseProgram(self.identity)
+        for name, value in uniforms.items():
+            if name not in self.locations:
+                self.locations[name] = int(GL.glGetUniformLocation(self.identity, name))
+            _set(self.locations[name], value)
+
+
+def _set(location: int, value: float | tuple[float, ...] | FloatArray) -> None:
+    if isinstance(value, int):
+        GL.glUniform1i(location, value)
+        return
+    array = np.ascontiguousarray(value, dtype=np.float32)
+    if array.ndim == 2:
+        GL.glUniformMatrix4fv(location, 1, GL.GL_TRUE, array)
+    else:
+        (GL.glUniform1fv, GL.glUniform2fv, GL.glUniform3fv)[max(array.size, 1) - 1](location, 1, array)
+
+
+_BLOCK = 300  # most faces of a block; smaller ones cost more in calls than they save in vertices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """Faces of a mesh, ordered by compact blocks."""
+
+    faces: FaceArray  # (m, 3)
+    starts: NDArray[np.intp]  # (n + 1,) first face of each block, and m
+    spheres: FloatArray  # (n, 4) centre and radius around each block [m]
+
+    def runs(self, selected: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+        """First face and number of faces of each run of consecutive selected blocks."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], selected, [False]]).astype(np.int8)))
+        for first, behind in edges.reshape(-1, 2):
+            yield int(self.starts[first]), int(self.starts[behind] - self.starts[first])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InstancedPart:
+    """All instances of one part of a thing."""
+
+    part: Part
+    primitive: pyrender.Primitive
+    matrices: NDArray[np.float32]  # (n, 4, 4) poses transposed for OpenGL; the last row is the instance's colour
+    spheres: FloatArray  # (n, 4) bounding spheres for culling: centre in W and radius [m]
+
+    @classmethod
+    def of(cls, instances: Instances, part: Part) -> InstancedPart:
+        """Instances of one part of a thing."""
+        matrices, spheres = _placed(instances, part)
+        transposed = np.ascontiguousarray(matrices.transpose(0, 2, 1), dtype=np.float32)
+        return cls(part, primitive(part.mesh, poses=matrices), transposed, spheres)
+
+    def place(self, instances: Instances) -> None:
+        """Move all instances; their number stays."""
+        matrices, self.spheres[:] = _placed(instances, self.part)
+        self.matrices[:] = matrices.transpose(0, 2, 1)
+
+
+class Culler:
+    """Joint culling of several instanced parts."""
+
+    def __init__(self, parts: Sequence[InstancedPart]) -> None:
+        self._parts = parts
+        sizes = [len(part.matrices) for part in parts]
+        self._starts = np.concatenate([[0], np.cumsum(sizes, dtype=int)])
+        self._owner = np.repeat(np.arange(len(parts)), sizes)
+        self._nearest, self._farthest = (
+            np.repeat([part.part.distances[end] for part in parts], sizes) for end in (0, 1)
+        )
+
+    def in_views(self, view_projections: Sequence[FloatArray], eye: FloatArray) -> list[tuple[InstancedPart, int]]:
+        """Parts with the number of instances in any view; their matrices are uploaded to the start of the buffers.
+
+        The nearest to the ``eye`` (3,) come first, as they hide others.
+        """
+        if not len(self._owner):
+            return []
+        spheres = np.concatenate([part.spheres for part in self._parts])
+        distance = np.linalg.norm(spheres[:, :3] - eye, axis=1)
+        visible = np.logical_or.reduce([in_view(VP, spheres) for VP in view_projections])
+        order = np.flatnonzero(visible & (distance >= self._nearest) & (distance < self._farthest))
+        order = order[np.lexsort([distance[order], self._owner[order]])]
+        ends = np.cumsum(np.bincount(self._owner[order], minlength=len(self._parts)))
+        drawn = []
+        for part, start, indices in zip(self._parts, self._starts, np.split(order, ends), strict=False):
+            if len(indices):
+                matrices = part.matrices[indices - start]
+                GL.glBindBuffer(GL.GL_ARRAY_BUFFER, part.primitive._buffers[1])  # [1]: the instances' matrices
+                GL_1_5.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, matrices.nbytes, matrices)
+                drawn.append((part, len(indices)))
+        return drawn
+
+
+def _placed(instances: Instances, part: Part) -> tuple[FloatArray, FloatArray]:
+    """Poses (n, 4, 4) with the colour as their last row, and bounding spheres (n, 4) [m]."""
+    middle = 0.5 * (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0))
+    reach = float(np.linalg.norm(part.mesh.vertices - middle, axis=1).max())
+    centres = instances.poses[:, :3, :3] @ middle + instances.poses[:, :3, 3]
+    radii = reach * np.linalg.norm(instances.poses[:, :3, 0], axis=1)
+    matrices = instances.poses.copy()
+    matrices[:, 3, :3] = instances.brightness[:, None] * np.array(part.colour)
+    return matrices, np.column_stack([centres, radii])
+
+
+def primitive(mesh: Mesh, poses: FloatArray | None = None) -> pyrender.Primitive:
+    """Pyrender primitive of a mesh, drawn once at each of the poses (n, 4, 4)."""
+    shade = np.repeat(mesh.shade[:, None], 4, axis=1)
+    return pyrender.Primitive(
+        positions=mesh.vertices,
+        normals=mesh.normals,
+        texcoord_0=mesh.uv,
+        color_0=shade,
+        indices=mesh.faces,
+        poses=poses,
+    )
+
+
+def in_view(VP: FloatArray, spheres: FloatArray) -> NDArray[np.bool_]:
+    """Mask of the spheres (n, 4) that reach into the view, by its left, right, lower, upper and near planes."""
+    planes = np.concatenate([VP[3] + VP[:3], VP[3] - VP[:2]]).reshape(5, 4)
+    planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    inside: NDArray[np.bool_] = ((spheres[:, :3] @ planes[:, :3].T + planes[:, 3]) > -spheres[:, 3:]).all(axis=1)
+    return inside
+
+
+def draw(primitive: pyrender.Primitive, instances: int) -> None:
+    """Draw all triangles of a number of instances of a primitive."""
+    GL.glBindVertexArray(primitive._vaid)
+    GL_3_1.glDrawElementsInstanced(GL.GL_TRIANGLES, primitive.indices.size, GL.GL_UNSIGNED_INT, None, instances)
+
+
+def in_blocks(mesh: Mesh) -> _Blocks:
+    """Faces of a mesh, halved at the median of the longer side until each block is small."""
+    corners = mesh.vertices[mesh.faces]  # (m, 3 corners, 3)
+    parts = list(_halved(corners.mean(axis=1)[:, :2], np.arange(len(mesh.faces))))
+    spheres = np.array([_sphere(corners[part].reshape(-1, 3)) for part in parts])
+    starts = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
+    return _Blocks(mesh.faces[np.concatenate(parts)], starts, spheres)
+
+
+def _halved(centres: FloatArray, part: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    if len(part) <= _BLOCK:
+        yield part
+        return
+    axis = int(np.ptp(centres[part], axis=0).argmax())
+    order = part[np.argsort(centres[part, axis], kind="stable")]
+    yield from _halved(centres, order[: len(order) // 2])
+    yield from _halved(centres, order[len(order) // 2 :])
+
+
+def _sphere(points: FloatArray) -> FloatArray:
+    """Centre of the bounding box and the distance of the farthest point (4,)."""
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return np.append(centre, np.linalg.norm(points - centre, axis=1).max())
+
+
+def dome(sides: int = 24, rings: int = 4) -> Mesh:
+    """Sky dome, visible from inside: unit directions as vertices, with coordinates on the panorama."""
+    levels = np.append(np.linspace(sky.LOWEST, sky.HIGHEST, rings), [1.1, 0.5 * np.pi])  # up to the zenith [rad]
+    elevation, azimuth = np.meshgrid(levels, np.linspace(0.0, 2.0 * np.pi, sides + 1), indexing="ij")
+    level = np.cos(elevation)
+    directions = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+    upwards = np.minimum((elevation - sky.LOWEST) / (sky.HIGHEST - sky.LOWEST), 0.999)
+    return Mesh(
+        vertices=directions,
+        normals=-directions,
+        uv=np.stack([azimuth / (2.0 * np.pi), upwards], axis=-1).reshape(-1, 2),
+        shade=np.ones(len(directions)),
+        faces=grid_faces(len(levels), sides + 1),
+    )
+
 
 _NEAR, _FAR = 0.3, 2500.0  # [m]
 _STRIP = (-0.7, 1.02)  # lowest relevant edge distance, and range: steps of 4 mm [m]
@@ -60,12 +327,13 @@ def projection(calibration: StereoCalibration) -> FloatArray:
 class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
     """Draws both views with one set of OpenGL objects; one call reads both back."""
 
-    def __init__(self, context: Context, world: World, calibration: StereoCalibration) -> None:
+    def __init__(self, world: World, calibration: StereoCalibration) -> None:
+        context = open_context()
         super().__init__(calibration.width, calibration.height)
         self._context, self._projection = context, projection(calibration)
         self._width, self._height = calibration.width, calibration.height
         self._rays = _rays(calibration)
-        self._program_cache = shader_cache()
+        self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
         self._programs = {
             name: Program.load(self._program_cache, vertex, name)
             for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
@@ -93,18 +361,13 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._culler = Culler(parts)
         self._blocks = in_blocks(world.ground)
         self._ground, self._sky = primitive(replace(world.ground, faces=self._blocks.faces)), primitive(dome())
-        scene = Scene()
-        scene.add(GlMesh([self._ground, self._sky, *(part.primitive for part in parts)]))
+        scene = pyrender.Scene()
+        scene.add(pyrender.Mesh([self._ground, self._sky, *(part.primitive for part in parts)]))
         self._update_context(scene, 0)
         self._set_constants(world)
         self.place(world.moving)
         self._make_framebuffer()
         self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
-
-    @classmethod
-    def open(cls, world: World, calibration: StereoCalibration) -> PairRenderer:
-        """Renderer on a new context."""
-        return cls(open_context(), world, calibration)
 
     @property
     def name(self) -> str:
@@ -238,7 +501,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             GL.glTexParameterf(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_LOD_BIAS, -math.log2(self._stretch(X_WC)))
             GL.glBindVertexArray(self._ground._vaid)
             for first, count in self._blocks.runs(in_view(VP, self._blocks.spheres)):
-                draw_run(first, count)
+                GL_1_1.glDrawElements(GL.GL_TRIANGLES, 3 * count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(12 * first))
 
     def _stretch(self, X_WC: FloatArray) -> float:
         """Length over width of the least elongated pixel on level ground, limited to ground.frag's samples."""

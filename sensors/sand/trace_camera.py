@@ -44,11 +44,9 @@ class Body(Protocol):
     @property
     def corners(self) -> FloatArray:
         """Corners of its bounding box (8, 3) in W [m]."""
-        ...
 
     def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
         """Intersections with rays (..., 3) from an eye."""
-        ...
 
 
 class VisibleGround(NamedTuple):
@@ -238,7 +236,7 @@ class TraceCamera:
     """
 
     def __init__(self, world: SandWorld, rig: TraceRig, webcam: Webcam, rng: np.random.Generator) -> None:
-        self._world, self._rig, self._webcam, self._rng = world, rig, webcam, rng
+        self._world, self.rig, self._webcam, self._rng = world, rig, webcam, rng
         self._view = GroundView.of(rig.camera)
         self._casters = Casters.of(world.rover, mast=world.kind.mast, lugs=LUGS)
         pixels = rig.camera.width * rig.camera.height
@@ -250,11 +248,6 @@ class TraceCamera:
         self._newest: tuple[RoverTruth, _Light] | None = None  # truth and light of the last image
         light = world.light
         self._sun, self._sky = np.array(light.sun_colour), np.array(light.sky_colour)
-
-    @property
-    def rig(self) -> TraceRig:
-        """True geometry of the camera."""
-        return self._rig
 
     def sample(self, truth: RoverTruth) -> GreyImage:
         """Image whose exposure has its middle at the truth's tick."""
@@ -280,7 +273,7 @@ class TraceCamera:
 
     def _light(self, truth: RoverTruth) -> _Light:
         """Light that reaches the pixels."""
-        X_WC, world, view = truth.X_WB @ self._rig.X_RC, self._world, self._view
+        X_WC, world, view = truth.X_WB @ self.rig.X_RC, self._world, self._view
         ground, shade = self._ground(truth)
         direct, ambient = view.light(ground, world)
         direct *= shade
@@ -289,7 +282,7 @@ class TraceCamera:
 
     def _ground(self, truth: RoverTruth) -> tuple[VisibleGround, Floats]:
         """Visible ground, and the share of the sun's light that reaches it past the rover."""
-        ground = self._view.look(truth.X_WB @ self._rig.X_RC, self._world)
+        ground = self._view.look(truth.X_WB @ self.rig.X_RC, self._world)
         shade = self._casters.shadows(truth, self._world.light.direction, ground.x, ground.y, ground.z)
         return ground, self._view.full(shade)
 
@@ -298,7 +291,7 @@ class TraceCamera:
         for rock in self._world.rocks:
             if math.dist(rock.place[:2], truth.pose[:2]) < _NEAR:
                 yield rock.body()
-        yield self._casters.wheel_body(truth, self._rig.watched)
+        yield self._casters.wheel_body(truth, self.rig.watched)
 
     def _level(self, light: _Light, albedo: np.float32 | Floats, sun: float, sky: float) -> Floats:
         """Grey levels at a gain of 1."""

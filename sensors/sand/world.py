@@ -15,7 +15,7 @@ from sensors.sand.field import Field, Reach, foreign_tracks
 from sensors.sand.grid import Bytes, Floats, Roll, Sand, Tread, Window, imprinted, slumped, strip_of, window_of
 from sensors.sand.relief import Relief, SandKind, kind_named
 from sensors.sand.solids import Rock, scattered
-from sensors.world.sky import Sunlight, daylight
+from sensors.world.sky import daylight
 from vehicle.frames import FloatArray, Pose2, wrap
 from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain
@@ -226,49 +226,17 @@ class SandWorld:
         step = route[min(len(route) - 1, 3)] - route[0]
         ahead = math.atan2(step[1], step[0])
         position = _sun(sun_rng, look, ahead) if sun is None else sun
-        self._kind, self._rover, self._terrain, self._sun = look, rover, terrain, position
-        self._light = daylight(position.azimuth, elevation=position.elevation, overcast=overcast)
-        self._rocks = scattered(rock_rng, look.rocks, route, terrain) if look.rocks else ()
+        self.kind, self.rover, self.terrain, self.sun = look, rover, terrain, position
+        self.light = daylight(position.azimuth, elevation=position.elevation, overcast=overcast)
+        self.rocks: tuple[Rock, ...] = scattered(rock_rng, look.rocks, route, terrain) if look.rocks else ()
         crest = ahead + relief_rng.uniform(-0.3, 0.3)
         tracks = foreign_tracks(track_rng, route, 0.5 * rover.tread) if look.foreign_tracks else ()
         relief = Relief.draw(relief_rng, look, terrain, crest)
-        self._field = Field(
-            relief=relief, sun=self._light, tracks=tracks, rocks=self._rocks, reach=Reach.of(self._light)
-        )
+        self._field = Field(relief=relief, sun=self.light, tracks=tracks, rocks=self.rocks, reach=Reach.of(self.light))
         tread = Tread(radius=rover.radius, width=rover.width, lugs=LUGS, lug_height=LUG_HEIGHT)
         self._wheels = [Wheel(tread) for _ in rover.wheels]
         self._watched = rover.rear_left
         self._history = WheelHistory()
-
-    @property
-    def kind(self) -> SandKind:
-        """Kind of sand."""
-        return self._kind
-
-    @property
-    def rover(self) -> Rover:
-        """Rover that leaves traces."""
-        return self._rover
-
-    @property
-    def terrain(self) -> Terrain:
-        """Large shape of the ground."""
-        return self._terrain
-
-    @property
-    def sun(self) -> Sun:
-        """Position of the sun."""
-        return self._sun
-
-    @property
-    def light(self) -> Sunlight:
-        """Light of sun and sky."""
-        return self._light
-
-    @property
-    def rocks(self) -> tuple[Rock, ...]:
-        """Rocks beside the route."""
-        return self._rocks
 
     def drive(self, truths: Sequence[RoverTruth]) -> None:
         """Imprint the wheels' paths through these moments, which continue the earlier ones."""
@@ -280,7 +248,7 @@ class SandWorld:
 
     def trace_truth(self, truth: RoverTruth) -> TraceTruth:
         """Trace of the left rear wheel relative to the rover's present pose."""
-        x, y = self._rover.wheel_places[self._watched].tolist()
+        x, y = self.rover.wheel_places[self._watched].tolist()
         return self._history.seen_from(truth, (x, y), float(truth.slip_angles[self._watched]))
 
     def height(self, window: Window) -> Floats:

@@ -32,7 +32,6 @@ PAINT, LIVERY = "paint", "livery"
 LORRY_AXLES, CAR_AXLES = (3.7, -3.0), (1.35, -1.3)  # front and rear, ahead of the middle [m]
 _GLASS: Colour = (0.16, 0.19, 0.22)
 _RUBBER: Colour = (0.10, 0.10, 0.11)
-_STEEL: Colour = (0.34, 0.35, 0.37)
 _COLOURS: tuple[Colour, ...] = (
     (0.86, 0.86, 0.84),
     (0.62, 0.12, 0.10),

@@ -34,6 +34,7 @@ ALLOWED: Final = {
     ("offtrack/reports/watching.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
     ("offtrack/reports/watching.py", "urllib"),  # splits addresses
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
+    ("offtrack/commands/cli.py", "import_module"),  # own commands, when they are called
     ("offtrack/__init__.py", "import_module"),  # own names, on their first use
     ("offtrack/runs.py", "import_module"),  # pandas
     ("offtrack/studies/reproduce/reproduction.py", "import_module"),  # own figures only

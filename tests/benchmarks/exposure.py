@@ -13,19 +13,19 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health
 from offtrack.exchange.recordings.estimation import Chosen, Estimation, estimate, off_tracking_source
 from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
 from offtrack.exchange.recordings.writers import recording_in
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse
 
@@ -104,17 +104,12 @@ _NOISE: Final = "noise"
 _NOISE_LEVELS: Final = 0.5  # [grey levels]
 
 
-@dataclass(frozen=True)
-class Exposed:
+class Exposed(Rectifier):
     """Rectification of a recording whose exposures are changed."""
 
-    recording: Recording
-    change: str
-
-    @property
-    def calibration(self) -> StereoCalibration:
-        """Calibration of the rectified pair."""
-        return self.recording.calibration
+    def __init__(self, recording: Recording, change: str) -> None:
+        self.recording, self.change = recording, change
+        self._calibration = recording.calibration
 
     def step(self, frame: StereoFrame) -> StereoFrame:
         """The pair with its grey levels changed."""

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.calibration.epipolar import RightRotation, homography
 from estimators.context import Memory, Odometry
 from estimators.estimates import Motion
 from estimators.rigid_motion import rotation_vector
@@ -171,6 +172,20 @@ class Drive:
     def dark(frame: StereoFrame) -> StereoFrame:
         """A frame of the same moment without any light."""
         return replace(frame, left=np.zeros_like(frame.left), right=np.zeros_like(frame.right))
+
+    def knocked(self, frame: StereoFrame, rotation: RightRotation) -> StereoFrame:
+        """The frame with its right camera turned: its image moves by the homography back from the straight one."""
+        H = homography(self.calibration, rotation.matrix().T)
+        size = (self.calibration.width, self.calibration.height)
+        right = cv2.warpPerspective(frame.right, H, size, borderMode=cv2.BORDER_REPLICATE)
+        return replace(frame, right=np.asarray(right, dtype=np.uint8))
+
+    @staticmethod
+    def dirty(frame: StereoFrame) -> StereoFrame:
+        """The frame with dirt over most of both lenses."""
+        left, right = np.full_like(frame.left, 90), np.full_like(frame.right, 90)
+        left[:, 500:800], right[:, 460:800] = frame.left[:, 500:800], frame.right[:, 460:800]
+        return replace(frame, left=left, right=right)
 
 
 def stereo_drive(calibration: StereoCalibration) -> Drive:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -177,23 +176,6 @@ def test_with_one_of_two_cameras_blind_it_goes_on_in_doubt(drive: list[StereoFra
     known = [o for o in followed(GroundWatching(CALIBRATION, FOLLOW), blind) if o.health is not Health.LOST]
     assert len(known) >= 12
     assert all(o.health is Health.DEGRADED for o in known)
-
-
-def test_a_step_is_pure_and_its_memory_travels(drive: list[StereoFrame]) -> None:
-    """The same memory and frame give the same estimate to the bit, in another process too."""
-    system = GroundWatching(CALIBRATION, FOLLOW)
-    memory = system.init()
-    for frame in drive[:24]:
-        memory, _ = system.step(memory, frame)
-    _, first = system.step(memory, drive[24])
-    other, remembered = pickle.loads(pickle.dumps((system, memory)))
-    _, again = other.step(remembered, drive[24])
-    assert first is not None
-    assert again is not None
-    assert first.motion is not None
-    assert again.motion is not None
-    assert first.off_tracking.value == again.off_tracking.value
-    np.testing.assert_array_equal(first.motion.covariance, again.motion.covariance)
 
 
 def test_the_motion_in_the_message_is_that_of_the_front_camera(drive: list[StereoFrame]) -> None:

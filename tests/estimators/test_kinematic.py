@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 
 import numpy as np
 import pytest
@@ -115,12 +114,6 @@ def test_after_a_long_silence_the_path_begins_anew() -> None:
     assert before[-1].health is Health.OK
     assert after[0].health is Health.LOST
     assert after[-1].health is Health.OK
-
-
-def test_memory_can_be_pickled() -> None:
-    """Runs are snapshotted."""
-    estimator = KinematicOffTracking(VEHICLE, 1, 8.3)
-    pickle.loads(pickle.dumps((estimator, estimator.init())))
 
 
 @pytest.mark.parametrize("unit", [0, 3])

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from estimators.calibration.corrections import SelfCalibratedMotion
-from estimators.calibration.epipolar import EpipolarFit, RightRotation, fitted_to_rays, homography
+from estimators.calibration.epipolar import EpipolarFit, RightRotation, fitted_to_rays
 from estimators.calibration.mount_state import (
     DELAY,
     LENS,
@@ -170,12 +169,7 @@ def late(drive: Drive) -> Drive:
 
 
 def run(odometry: Odometry[Any], frames: Sequence[StereoFrame]) -> list[SelfCalibratedMotion]:
-    memory, motions = odometry.init(), []
-    for frame in frames:
-        memory, motion = odometry.step(memory, frame)
-        if isinstance(motion, SelfCalibratedMotion):
-            motions.append(motion)
-    return motions
+    return [motion for motion in Drive.run(odometry, frames)[1] if isinstance(motion, SelfCalibratedMotion)]
 
 
 @pytest.mark.parametrize("kind", [KeyframeOdometry, CircularOdometry])
@@ -198,17 +192,9 @@ def test_an_odometry_that_cannot_compensate_is_lost(late: Drive) -> None:
     assert all(motion.health is Health.LOST for motion in motions)
 
 
-def knocked(frame: StereoFrame, calibration: StereoCalibration, rotation: RightRotation) -> StereoFrame:
-    """The frame with its right camera turned."""
-    H = homography(calibration, rotation.matrix().T)
-    size = (calibration.width, calibration.height)
-    right = cv2.warpPerspective(frame.right, H, size, borderMode=cv2.BORDER_REPLICATE)
-    return replace(frame, right=np.asarray(right, dtype=np.uint8))
-
-
 def test_a_degree_in_every_angle_is_found_from_the_start(drive: Drive) -> None:
     """The first pair applies what it shows; after a metre and a half the rotation is known to 0.01 deg."""
-    frames = [knocked(frame, drive.calibration, KNOCKED) for frame in drive.frames[:6]]
+    frames = [drive.knocked(frame, KNOCKED) for frame in drive.frames[:6]]
     motions = run(SelfCalibratedOdometry(drive.calibration, CircularOdometry(drive.calibration)), frames)
     assert all(motion.health is not Health.LOST for motion in motions)
     assert np.abs(np.degrees(np.array(motions[-1].right_rotation) - KNOCKED)).max() < 0.01
@@ -218,7 +204,7 @@ def test_a_degree_in_every_angle_is_found_from_the_start(drive: Drive) -> None:
 def test_a_knock_costs_one_frame(drive: Drive) -> None:
     """The first pair after it contradicts the estimate and is lost; the second one confirms it."""
     calibration = drive.calibration
-    frames = [knocked(f, calibration, KNOCKED) if k >= 8 else f for k, f in enumerate(drive.frames[:12])]
+    frames = [drive.knocked(f, KNOCKED) if k >= 8 else f for k, f in enumerate(drive.frames[:12])]
     motions = run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration)), frames)
     assert [motion.health is Health.LOST for motion in motions] == [k == 7 for k in range(11)]
     assert motions[8].previous_tick == frames[8].tick
@@ -229,7 +215,7 @@ def test_a_knock_costs_one_frame(drive: Drive) -> None:
 def test_a_passing_disturbance_leaves_the_calibration_as_it_was(drive: Drive) -> None:
     """The right camera is turned for five frames: after the second sound pair it is known as well as before."""
     calibration = drive.calibration
-    frames = [knocked(f, calibration, KNOCKED) if 10 <= k < 15 else f for k, f in enumerate(drive.frames[:18])]
+    frames = [drive.knocked(f, KNOCKED) if 10 <= k < 15 else f for k, f in enumerate(drive.frames[:18])]
     motions = run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration)), frames)
     before, after = motions[8], motions[15]
     assert all(motion.health is not Health.LOST for motion in motions[15:])
@@ -244,7 +230,7 @@ def test_a_calibration_that_is_only_watched_is_refuted(drive: Drive) -> None:
 
     def watched(yaw_deg: float) -> list[SelfCalibratedMotion]:
         rotation = RightRotation(0.0, float(np.radians(yaw_deg)), 0.0)
-        frames = [knocked(frame, calibration, rotation) for frame in drive.frames[:8]]
+        frames = [drive.knocked(frame, rotation) for frame in drive.frames[:8]]
         return run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration), correcting=False), frames)
 
     assert not any(motion.miscalibrated for motion in watched(0.0))

@@ -9,25 +9,21 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimators.estimates import Anchor, Health, OffTracking
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, OffTrackingBuffer
 from estimators.off_tracking.motion_smoother import Moments, started, updated
 from estimators.rigid_motion import UncertainMotion
-from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
+from tests.estimators.body_drive import FRAME, NOISE, anchored_motions, disturbed, followed, motion
+from vehicle.frames import FloatArray, rotation_zyx, transform
 
 LENGTH = 14.0  # hitch to follow point [m]
-FRAME, SPAN = 100, 0.1  # [ticks], [s]
-NOISE = np.diag([0.2e-3, 0.2e-3, 0.08e-3, 1.8e-3, 2.9e-3, 2e-3])  # of a motion of VISO2 at the hitch [rad, m]
+SPAN = 0.1  # [s]
 
 
 def moved(yaw: float, x: float, y: float) -> FloatArray:
     """The pose after a motion at constant velocities, in the frame before."""
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return transform(rotation_zyx(yaw, 0.0, 0.0), np.array([c * x - s * y, s * x + c * y, 0.0]))
-
-
-def disturbed(X_PC: FloatArray, error: FloatArray) -> FloatArray:
-    return transform(so3_exp(error[:3]) @ X_PC[:3, :3], X_PC[:3, 3] + error[3:])
 
 
 class Turn(NamedTuple):
@@ -46,27 +42,14 @@ def turn(frames: int = 220) -> Turn:
     return Turn([moved(*(SPAN * v)) for v in velocities], velocities)
 
 
-def followed(motions: list[BodyMotion], *, smoothing: bool) -> list[OffTracking]:
-    buffer = OffTrackingBuffer(LENGTH, smoothing=smoothing)
-    memory, results = buffer.init(), []
-    for motion in motions:
-        memory, result = buffer.step(memory, motion)
-        results.append(result)
-    return results
+def tracked(motions: list[BodyMotion], *, smoothing: bool) -> list[OffTracking]:
+    return followed(OffTrackingBuffer(LENGTH, smoothing=smoothing), motions)[1]
 
 
 def measured(true: list[FloatArray], rng: np.random.Generator, noise: FloatArray) -> list[BodyMotion]:
     """Each from the frame before, with errors ``noise`` n."""
-    return [
-        BodyMotion(
-            tick=FRAME * (k + 1),
-            previous_tick=FRAME * k,
-            X_PC=disturbed(X, noise @ rng.standard_normal(6)),
-            covariance=noise @ noise.T,
-            health=Health.OK,
-        )
-        for k, X in enumerate(true)
-    ]
+    found = [disturbed(X, noise @ rng.standard_normal(6)) for X in true]
+    return [motion(k, k + 1, X, covariance=noise @ noise.T) for k, X in enumerate(found)]
 
 
 def values(results: list[OffTracking]) -> FloatArray:
@@ -105,10 +88,10 @@ def test_innovations_and_velocities_are_as_uncertain_as_stated() -> None:
 def test_smoothing_does_not_lag() -> None:
     """Exact motions of a turn with the covariance of noisy ones: value and rate stay those of the same tick."""
     true = turn()
-    exact = followed(measured(true.motions, np.random.default_rng(0), np.zeros((6, 6))), smoothing=False)
+    exact = tracked(measured(true.motions, np.random.default_rng(0), np.zeros((6, 6))), smoothing=False)
     motions = measured(true.motions, np.random.default_rng(0), np.zeros((6, 6)))
     told = [replace(motion, covariance=NOISE @ NOISE.T) for motion in motions]
-    smooth = followed(told, smoothing=True)
+    smooth = tracked(told, smoothing=True)
     e, estimate = values(exact), values(smooth)
     there = np.flatnonzero(np.isfinite(e) & np.isfinite(estimate))
     assert np.ptp(e[there]) > 1.0  # [m] the case turns
@@ -125,11 +108,11 @@ def test_smoothing_does_not_lag() -> None:
 def test_smoothing_quietens_the_rate_without_costing_the_value() -> None:
     """White errors of the motions: noise in the rates goes, and the value has no more error than before."""
     true = turn(320)
-    exact = values(followed(measured(true.motions, np.random.default_rng(0), np.zeros((6, 6))), smoothing=False))
+    exact = values(tracked(measured(true.motions, np.random.default_rng(0), np.zeros((6, 6))), smoothing=False))
     rates, errors, turns = [], [], []
     for seed in range(3):
         motions = measured(true.motions, np.random.default_rng(seed), NOISE)
-        both = [followed(motions, smoothing=smoothing) for smoothing in (False, True)]
+        both = [tracked(motions, smoothing=smoothing) for smoothing in (False, True)]
         off = [(values(results) - exact)[np.isfinite(exact)] for results in both]
         rates.append([np.std(np.diff(error)[1:]) for error in off])
         errors.append([np.sqrt(np.mean(error[1:] ** 2)) for error in off])
@@ -147,7 +130,7 @@ def test_single_outlier_is_passed_over() -> None:
     wild = list(motions)
     wild[150] = replace(wild[150], X_PC=disturbed(wild[150].X_PC, np.array([0.0, 0.0, 6e-3, 0.0, 0.0, 0.0])))
     without, believed, passed_over = (
-        values(followed(which, smoothing=smoothing))
+        values(tracked(which, smoothing=smoothing))
         for which, smoothing in ((motions, True), (wild, False), (wild, True))
     )
     assert np.abs(believed - without)[151:170].max() > 0.06  # [m]
@@ -159,8 +142,8 @@ def test_manoeuvre_sharper_than_the_model_is_believed_in_the_end() -> None:
     velocities = np.column_stack([np.zeros(160), np.full(160, 2.8), np.zeros(160)])
     velocities[120:, 0] = 0.15
     true = [moved(*(SPAN * v)) for v in velocities]
-    exact = followed(measured(true, np.random.default_rng(0), np.zeros((6, 6))), smoothing=False)
-    smooth = followed(measured(true, np.random.default_rng(4), NOISE), smoothing=True)
+    exact = tracked(measured(true, np.random.default_rng(0), np.zeros((6, 6))), smoothing=False)
+    smooth = tracked(measured(true, np.random.default_rng(4), NOISE), smoothing=True)
     assert smooth[128].yaw_rate == pytest.approx(0.15, abs=0.02)
     off = values(smooth) - values(exact)
     assert np.abs(off[135:]).max() < 0.06  # [m] the errors of fifty motions, and no more than half a turn unseen
@@ -169,25 +152,12 @@ def test_manoeuvre_sharper_than_the_model_is_believed_in_the_end() -> None:
 def test_poses_measured_from_a_keyframe_are_smoothed_as_such() -> None:
     """Each pose errs anew against its keyframe: a quarter of the noise in the rate goes."""
     true, rng = turn(), np.random.default_rng(6)
-    own = 0.3 * NOISE
-    found, motions, poses = [np.eye(4)], [], [np.eye(4)]
-    for k, X in enumerate(true.motions, start=1):
+    own, poses = 0.3 * NOISE, [np.eye(4)]
+    for X in true.motions:
         poses.append(poses[-1] @ X)
-        key = 6 * ((k - 1) // 6)
-        X_AC = disturbed(inverse(poses[key]) @ poses[k], own @ rng.standard_normal(6))
-        found.append(found[key] @ X_AC)
-        motions.append(
-            BodyMotion(
-                tick=FRAME * k,
-                previous_tick=FRAME * (k - 1),
-                X_PC=inverse(found[k - 1]) @ found[k],
-                covariance=2.0 * own @ own.T,
-                health=Health.OK,
-                anchor=Anchor(tick=FRAME * key, X_AC=X_AC, covariance=own @ own.T),
-            )
-        )
-    exact = values(followed(measured(true.motions, rng, np.zeros((6, 6))), smoothing=False))
-    raw, smooth = (np.diff(values(followed(motions, smoothing=s)) - exact) for s in (False, True))
+    motions = anchored_motions(poses, lambda k: 6 * ((k - 1) // 6), lambda: own @ rng.standard_normal(6), own @ own.T)
+    exact = values(tracked(measured(true.motions, rng, np.zeros((6, 6))), smoothing=False))
+    raw, smooth = (np.diff(values(tracked(motions, smoothing=s)) - exact) for s in (False, True))
     assert np.nanstd(smooth) < 0.75 * np.nanstd(raw)
 
 
@@ -199,13 +169,10 @@ def test_smoothing_survives_lost_frames_stops_and_going_back() -> None:
     true = [moved(0.0, *(SPAN * v * direction)) for v in speeds]
     motions = measured(true, np.random.default_rng(8), NOISE)
     for k in (40, 41):
-        nothing = np.diag(np.full(6, math.inf))
-        motions[k] = replace(
-            motions[k], previous_tick=motions[40].previous_tick, X_PC=np.eye(4), covariance=nothing, health=Health.LOST
-        )
+        motions[k] = BodyMotion.lost(motions[k].tick, motions[40].previous_tick)
     across = disturbed(true[40] @ true[41] @ true[42], NOISE @ np.ones(6))
     motions[42] = replace(motions[42], previous_tick=motions[40].previous_tick, X_PC=across)
-    results = followed(motions, smoothing=True)
+    results = tracked(motions, smoothing=True)
     for result in results[75:]:
         assert result.health is Health.OK
         assert result.value == pytest.approx(-LENGTH * math.tan(0.2), abs=4.0 * result.std)

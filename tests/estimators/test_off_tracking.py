@@ -13,17 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from estimators.estimates import Anchor, Health, OffTracking
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
+from tests.estimators.body_drive import anchored_motions, body, disturbed, followed, motion, winding
+from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, transform
 
 LENGTH = 14.0  # hitch to follow point [m]
-FRAME = 100  # [ticks]
 STEP = 0.1  # [m]
-
-
-def body(pose: Pose2, pitch: float = 0.0, roll: float = 0.0) -> FloatArray:
-    return transform(rotation_zyx(pose.psi, pitch, roll), np.array([pose.x, pose.y, 0.0]))
 
 
 def motions(bodies: Iterable[FloatArray], health: Health = Health.OK) -> list[BodyMotion]:
@@ -31,18 +27,8 @@ def motions(bodies: Iterable[FloatArray], health: Health = Health.OK) -> list[Bo
     return [motion(k, k + 1, inverse(a) @ b, health) for k, (a, b) in enumerate(pairwise(bodies))]
 
 
-def motion(first: int, second: int, X_PC: FloatArray, health: Health = Health.OK) -> BodyMotion:
-    covariance = np.diag(np.full(6, math.inf)) if health is Health.LOST else np.zeros((6, 6))
-    return BodyMotion(tick=FRAME * second, previous_tick=FRAME * first, X_PC=X_PC, covariance=covariance, health=health)
-
-
 def run(sequence: Iterable[BodyMotion], length: float = LENGTH) -> tuple[BufferMemory, list[OffTracking]]:
-    buffer = OffTrackingBuffer(length)
-    memory, results = buffer.init(), []
-    for one in sequence:
-        memory, result = buffer.step(memory, one)
-        results.append(result)
-    return memory, results
+    return followed(OffTrackingBuffer(length), sequence)
 
 
 def straight(slip: float, steps: int = 200) -> list[Pose2]:
@@ -55,12 +41,6 @@ def circle(radius: float, axle: float, steps: int = 300) -> list[Pose2]:
     yaw = math.asin(axle / radius)
     turned = [STEP * k / radius for k in range(steps)]
     return [Pose2(radius * math.sin(a), radius * (1.0 - math.cos(a)), a - yaw) for a in turned]
-
-
-def winding(t: float) -> Pose2:
-    """A hitch path of varying curvature with a slip that varies as well; t is x [m]."""
-    heading = math.atan(0.3 * math.cos(t / 8.0) * 2.0)
-    return Pose2(t, 4.8 * math.sin(t / 8.0), heading - 0.15 - 0.1 * math.sin(t / 5.0))
 
 
 def winding_truth(now: float) -> float:
@@ -328,7 +308,7 @@ def test_standard_deviation_is_that_of_the_spread() -> None:
     for _ in range(200):
         bias = math.sqrt(0.04) * np.sqrt(np.diag(L @ L.T)) * rng.standard_normal(6)
         drawn = rng.standard_normal((len(true), 6)) @ L.T + bias
-        noisy = [disturbed(one, error, L @ L.T) for one, error in zip(true, drawn, strict=True)]
+        noisy = erring(true, drawn, L @ L.T)
         result = run(noisy, length=6.0)[1][-1]
         errors.append(result.value)
     spread = float(np.std(errors))
@@ -336,9 +316,11 @@ def test_standard_deviation_is_that_of_the_spread() -> None:
     assert result.std == pytest.approx(spread, rel=0.2)  # 4 sigma of the spread of 200, 1 / sqrt(400)
 
 
-def disturbed(true: BodyMotion, error: FloatArray, covariance: FloatArray) -> BodyMotion:
-    X = transform(so3_exp(error[:3]) @ true.X_PC[:3, :3], true.X_PC[:3, 3] + error[3:])
-    return BodyMotion(tick=true.tick, previous_tick=true.previous_tick, X_PC=X, covariance=covariance, health=Health.OK)
+def erring(true: Sequence[BodyMotion], errors: FloatArray, covariance: FloatArray) -> list[BodyMotion]:
+    return [
+        replace(one, X_PC=disturbed(one.X_PC, error), covariance=covariance)
+        for one, error in zip(true, errors, strict=True)
+    ]
 
 
 def test_anchored_motions_have_the_spread_of_their_keyframes() -> None:
@@ -364,17 +346,11 @@ def measured_from_keyframes(
     poses: list[FloatArray], keyframes: Sequence[int], rng: np.random.Generator, L: FloatArray, bias: FloatArray
 ) -> list[BodyMotion]:
     """Motions of which each carries its keyframe, the last before it, all with the covariance L L' against it."""
-    found, motions = [poses[0]], []
-    for k in range(1, len(poses)):
-        K = max(keyframe for keyframe in keyframes if keyframe < k)
-        true = inverse(poses[K]) @ poses[k]
-        error = L @ rng.standard_normal(6) + bias
-        X_AC = transform(so3_exp(error[:3]) @ true[:3, :3], true[:3, 3] + error[3:])
-        found.append(found[K] @ X_AC)
-        anchor = Anchor(tick=FRAME * K, X_AC=X_AC, covariance=L @ L.T)
-        between = motion(k - 1, k, inverse(found[k - 1]) @ found[k])
-        motions.append(replace(between, covariance=2.0 * L @ L.T, anchor=anchor))
-    return motions
+
+    def keyframe_of(k: int) -> int:
+        return max(keyframe for keyframe in keyframes if keyframe < k)
+
+    return anchored_motions(poses, keyframe_of, lambda: L @ rng.standard_normal(6) + bias, L @ L.T)
 
 
 def test_anchored_standstill_keeps_buffer_and_keyframe() -> None:
@@ -404,7 +380,7 @@ def test_odometry_noise_hardly_disturbs_directions_and_rate() -> None:
     rng = np.random.default_rng(2)
     exact = motions(map(body, [Pose2(p.x, p.y, p.psi) for p in circle(15.0, 9.0, 900)[::3]]))  # 0.3 m a frame
     noise = rng.standard_normal((len(exact), 6)) * [2e-5, 2e-5, 2e-5, 1e-3, 1e-3, 1e-3]
-    noisy = [disturbed(one, error, np.eye(6)) for one, error in zip(exact, noise, strict=True)]
+    noisy = erring(exact, noise, np.eye(6))
     results = run(noisy)[1][100:]
     direction = np.array([result.hitch_direction for result in results]) - math.asin(9.0 / 15.0)
     tangent = np.array([result.path_tangent for result in results])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.plausibility import Belief, believed
+from estimators.odometry.plausibility import HARDEST, Belief, believed, is_implausible
 from estimators.rigid_motion import UncertainMotion, composed
 from vehicle.frames import transform
 
@@ -86,3 +86,17 @@ def test_belief_predicts_from_the_newest_motion() -> None:
     assert belief.last is not None
     assert belief.newest is not None
     assert (belief.last.tick, belief.newest.tick) == (100, 300)
+
+
+@pytest.mark.parametrize(
+    ("share", "lost_for", "implausible"),
+    [(0.7, 400, False), (0.0, 400, True), (0.0, 2000, True), (1.4, 2000, False), (0.0, 6000, False)],
+)
+def test_what_is_seen_first_after_a_loss_must_go_on_as_before(share: float, lost_for: int, implausible: bool) -> None:
+    """In good health even, and if brakes could explain it: at rest is what a vehicle close behind would look like.
+
+    After five seconds nobody knows any more how fast it ought to be.
+    """
+    last = motion(400, 5.0)
+    first = motion(400 + lost_for, share * 5.0)
+    assert is_implausible(last, first, HARDEST) is implausible

@@ -9,7 +9,7 @@ import pytest
 
 from estimators.odometry.image_points import Matches
 from estimators.odometry.pose import (
-    _CORRELATION,
+    CORRELATION,
     Consensus,
     Observations,
     Solution,
@@ -132,7 +132,7 @@ def test_covariance_is_that_of_the_errors(calibration: StereoCalibration) -> Non
         rng = np.random.default_rng(100 + seed)
         _, solution = solved(calibration, matched(calibration, rng, 250, STD), seed)
         e = error(solution.X_PC)
-        squared.append(e @ np.linalg.solve(solution.covariance / _CORRELATION**2, e))
+        squared.append(e @ np.linalg.solve(solution.covariance / CORRELATION**2, e))
     # chi-squared of 6 degrees: mean 6, its standard error over 150 draws sqrt(12 / 150) = 0.28
     assert np.mean(squared) == pytest.approx(6.0, abs=0.9)
 
@@ -202,9 +202,9 @@ def test_own_part_of_the_covariance_is_the_difference_between_frames(calibration
     across = np.std([error(solution.X_PC) for solution in solutions], axis=0)
     seen = observations(calibration, Matches(previous, images(calibration, moved, rng, STD)))
     solution = refined(calibration, seen, MOTION, np.ones(len(points), np.bool_))
-    own = np.sqrt(np.diag(solution.own)) / _CORRELATION
+    own = np.sqrt(np.diag(solution.own)) / CORRELATION
     assert own == pytest.approx(across, rel=0.4)  # a standard deviation of 60: 9 %, times 4
-    assert np.all(own < np.sqrt(np.diag(solution.covariance)) / _CORRELATION)
+    assert np.all(own < np.sqrt(np.diag(solution.covariance)) / CORRELATION)
 
 
 @pytest.mark.parametrize(("wrong", "kept"), [(0.2, True), (0.45, False)])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from estimators.slip.reference_slip import LaserSlip
+from estimators.slip.rover_odometry import LaserSlip
 from sensors.messages import LaserFix
 
 

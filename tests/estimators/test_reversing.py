@@ -8,47 +8,25 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from estimators.estimates import Anchor, Health, OffTracking
-from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.buffer import BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.results.metrics import true_off_tracking
 from sensors.messages import BodyPose
-from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
+from tests.estimators.body_drive import anchored_motions, body, followed, motion, winding
+from vehicle.frames import FloatArray, Pose2, inverse
 
 LENGTH = 10.0  # hitch to follow point [m]
 STEP = 0.1  # from frame to frame [m]
-FRAME = 100  # [ticks]
-
-
-def body(pose: Pose2) -> FloatArray:
-    return transform(rotation_zyx(pose.psi, 0.0, 0.0), np.array([pose.x, pose.y, 0.0]))
-
-
-def winding(t: float) -> Pose2:
-    """A hitch path of varying curvature with a slip that varies as well; t is x [m]."""
-    heading = math.atan(0.6 * math.cos(t / 8.0))
-    return Pose2(t, 4.8 * math.sin(t / 8.0), heading - 0.15 - 0.1 * math.sin(t / 5.0))
 
 
 def run(
     poses: list[Pose2], reversing_distance: float = 20.0, covariance: FloatArray | None = None
 ) -> tuple[BufferMemory, list[OffTracking]]:
     """Off-tracking at every pose but the first, from exact motions of the given covariance."""
-    buffer = OffTrackingBuffer(LENGTH, reversing_distance=reversing_distance)
-    memory, results = buffer.init(), []
-    for k, (a, b) in enumerate(pairwise(map(body, poses))):
-        memory, result = buffer.step(
-            memory,
-            BodyMotion(
-                tick=FRAME * (k + 1),
-                previous_tick=FRAME * k,
-                X_PC=inverse(a) @ b,
-                covariance=np.zeros((6, 6)) if covariance is None else covariance,
-                health=Health.OK,
-            ),
-        )
-        results.append(result)
-    return memory, results
+    steps = enumerate(pairwise(map(body, poses)))
+    motions = [motion(k, k + 1, inverse(a) @ b, covariance=covariance) for k, (a, b) in steps]
+    return followed(OffTrackingBuffer(LENGTH, reversing_distance=reversing_distance), motions)
 
 
 def test_going_back_over_its_way_a_trailer_has_the_off_tracking_it_had_there() -> None:
@@ -162,24 +140,16 @@ def test_uncertainty_of_going_back_adds_to_that_of_the_path() -> None:
 
 def noisy_drive(poses: list[FloatArray], rng: np.random.Generator, L: FloatArray, *, anchored: bool) -> OffTracking:
     """The last off-tracking of a drive whose motions err by L n each, against the frame before or a keyframe."""
-    buffer = OffTrackingBuffer(LENGTH)
-    memory, found, key = buffer.init(), [poses[0]], 0
-    for k in range(1, len(poses)):
+    key = 0
+
+    def keyframe_of(k: int) -> int:
+        nonlocal key
         if not anchored or np.linalg.norm(inverse(poses[key])[:3, :3] @ (poses[k - 1] - poses[key])[:3, 3]) > 1.8:
             key = k - 1
-        true, error = inverse(poses[key]) @ poses[k], L @ rng.standard_normal(6)
-        X_AC = transform(so3_exp(error[:3]) @ true[:3, :3], true[:3, 3] + error[3:])
-        found.append(found[key] @ X_AC)
-        motion = BodyMotion(
-            tick=FRAME * k,
-            previous_tick=FRAME * (k - 1),
-            X_PC=inverse(found[k - 1]) @ found[k],
-            covariance=(2.0 if anchored else 1.0) * L @ L.T,
-            health=Health.OK,
-            anchor=Anchor(tick=FRAME * key, X_AC=X_AC, covariance=L @ L.T) if anchored else None,
-        )
-        memory, result = buffer.step(memory, motion)
-    return result
+        return key
+
+    motions = anchored_motions(poses, keyframe_of, lambda: L @ rng.standard_normal(6), L @ L.T, anchored=anchored)
+    return followed(OffTrackingBuffer(LENGTH), motions)[1][-1]
 
 
 def test_reversing_distance_must_not_be_negative() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.odometry.covariance import Contributions, estimated, own_part, stacked, summed
-from estimators.odometry.pose import _CORRELATION, Observations, Solution, point_covariance, refined
+from estimators.odometry.pose import CORRELATION, Observations, Solution, point_covariance, refined
 from sensors.camera.rig import StereoCalibration
 from tests.estimators.test_pose import MOTION, STD, VARIANCE, error, images, points_ahead
 from vehicle.frames import FloatArray
@@ -35,7 +35,7 @@ def test_errors_are_as_stated_where_weights_promise_too_much(calibration: Stereo
     ratios = []
     for seed in range(DRAWS):
         solution = promising_too_much(calibration, seed)
-        ratios.append(_CORRELATION * error(solution.X_PC) / np.sqrt(np.diag(solution.covariance)))
+        ratios.append(CORRELATION * error(solution.X_PC) / np.sqrt(np.diag(solution.covariance)))
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.2)
     assert np.sqrt(np.mean(np.square(ratios), axis=0)).max() < 1.4  # each component: 11 %, times 4
 

@@ -137,6 +137,7 @@ def test_stated_covariances_are_scaled_and_keep_their_correlations() -> None:
     assert stated(consistency, lost, FOCAL_LENGTH) == (consistency, lost)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ODOMETRY))
 def test_odometry_agrees_with_itself_within_its_standard_deviations(drive: Drive, name: str) -> None:
     """Halves of the images, and backwards in time: RMS over motions and components of some frames."""

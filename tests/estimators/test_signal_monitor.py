@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -161,10 +160,3 @@ def test_messages_that_are_no_numbers_or_late_are_passed_over() -> None:
     memory = MONITOR.received(MONITOR.init(), message)
     for bad in (message, replace(message, tick=20, speed=math.nan)):
         assert len(MONITOR.received(memory, bad).history) == 1
-
-
-def test_a_memory_can_be_pickled() -> None:
-    memory, _ = watched(FAULTS["no pulses"][0])
-    again = pickle.loads(pickle.dumps(memory))
-    message = replace(DRIVE.signals[-1], tick=30_000)
-    assert MONITOR.received(again, message).history.tolist() == MONITOR.received(memory, message).history.tolist()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,38 +9,24 @@ import pytest
 
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from vehicle.frames import FloatArray, rotation_zyx, so3_exp, transform
+from tests.estimators.body_drive import NOISE, disturbed, followed, motion
+from vehicle.frames import FloatArray, rotation_zyx, transform
 
 LENGTH = 8.0  # hitch to follow point [m]
-FRAME = 100  # [ticks]
 SLIP = 0.2  # of the trailer on its way [rad]
-# As VISO2 states them on rendered frames: 0.08 mrad of yaw, 1.8 mm along and 2.9 mm across at the hitch.
-NOISE = np.diag([0.2e-3, 0.2e-3, 0.08e-3, 1.8e-3, 2.9e-3, 2e-3])
-Case = tuple[BufferMemory, list[OffTracking]]
 
 
-def drive(speeds: FloatArray, seed: int = 0, noise: FloatArray = NOISE) -> list[BodyMotion]:
-    """Motions at these speeds [m/s] along the x axis, each measured from the frame before with this noise (6, 6)."""
-    rng, motions = np.random.default_rng(seed), []
+def drive(speeds: FloatArray, seed: int = 0) -> list[BodyMotion]:
+    """Motions at these speeds [m/s] along the x axis, each measured from the frame before with noise."""
+    rng, covariance = np.random.default_rng(seed), NOISE @ NOISE.T
     direction = rotation_zyx(SLIP, 0.0, 0.0) @ np.array([1.0, 0.0, 0.0])
-    for k, v in enumerate(speeds):
-        error = noise @ rng.standard_normal(6)
-        X_PC = transform(so3_exp(error[:3]), 0.1 * v * direction + error[3:])
-        motions.append(
-            BodyMotion(
-                tick=FRAME * (k + 1), previous_tick=FRAME * k, X_PC=X_PC, covariance=noise @ noise.T, health=Health.OK
-            )
-        )
-    return motions
+    exact = [transform(np.eye(3), 0.1 * v * direction) for v in speeds]
+    measured = [disturbed(X, NOISE @ rng.standard_normal(6)) for X in exact]
+    return [motion(k, k + 1, X, covariance=covariance) for k, X in enumerate(measured)]
 
 
-def run(motions: list[BodyMotion]) -> Case:
-    buffer = OffTrackingBuffer(LENGTH)
-    memory, results = buffer.init(), []
-    for motion in motions:
-        memory, result = buffer.step(memory, motion)
-        results.append(result)
-    return memory, results
+def run(motions: list[BodyMotion]) -> tuple[BufferMemory, list[OffTracking]]:
+    return followed(OffTrackingBuffer(LENGTH), motions)
 
 
 ARRIVING = np.concatenate([np.full(40, 2.8), np.linspace(2.8, 0.0, 28)])  # braking at 1 m/s2
@@ -51,9 +36,7 @@ STOP = len(ARRIVING)
 
 def blind(motion: BodyMotion, since: int | None = None) -> BodyMotion:
     """The frame shows nothing; ``since``: of the frames before it only the one at that tick had shown anything."""
-    start = motion.previous_tick if since is None else since
-    nothing = np.diag(np.full(6, math.inf))
-    return replace(motion, previous_tick=start, X_PC=np.eye(4), covariance=nothing, health=Health.LOST)
+    return BodyMotion.lost(motion.tick, motion.previous_tick if since is None else since)
 
 
 def test_a_minute_at_a_stop_neither_moves_nor_fills_the_buffer() -> None:
@@ -77,8 +60,8 @@ def test_way_of_a_start_is_not_lost(speeds: FloatArray) -> None:
     motions = drive(np.concatenate([ARRIVING, np.zeros(300), speeds]))
     memory, results = run(motions)
     told = np.eye(4)
-    for motion in (*motions[:STOP], *motions[STOP + 300 :]):
-        told = told @ motion.X_PC
+    for one in (*motions[:STOP], *motions[STOP + 300 :]):
+        told = told @ one.X_PC
     # Up to 15 motions of 1.8 mm that were noise come along with the first that is not, and the last may be withheld.
     assert memory.samples[0].X_OS[0, 3] == pytest.approx(told[0, 3], abs=0.03)  # [m]
     assert results[STOP + 299].health is Health.OK

@@ -180,15 +180,3 @@ def test_a_rover_that_stands_keeps_its_estimate(trace: list[Labelled]) -> None:
         standing = replace(last, tick=last.tick + 200 * k, wheel_speeds=np.zeros(4))
         memory, again = tracker.step(memory, standing)
         assert again is estimate
-
-
-def test_step_is_pure(trace: list[Labelled]) -> None:
-    """The same memory and view give the same bits, whatever was asked in between."""
-    tracker = FTracePlus(RIG)
-    memory = tracker.init()
-    for moment in trace[:6]:
-        memory, _ = tracker.step(memory, moment.view)
-    _, first = tracker.step(memory, trace[6].view)
-    tracker.step(memory, trace[30].view)
-    _, second = tracker.step(memory, trace[6].view)
-    assert (first.value, first.std, first.lagged_value) == (second.value, second.std, second.lagged_value)

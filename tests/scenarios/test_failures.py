@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from controllers.driver import PreviewDriver
 from controllers.rover_driver import RoverDriver
 from estimators.off_tracking.reference import ReferenceOffTracking
-from estimators.slip.reference_slip import ReferenceSlip
+from estimators.slip.rover_odometry import ReferenceSlip
 from offtrack.commands.cli import app
 from offtrack.reports.rover_report import rover_report_html
 from offtrack.reports.run_page import report_html

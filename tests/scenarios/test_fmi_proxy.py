@@ -33,16 +33,17 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_signals,
     truth_values,
 )
-from offtrack.exchange.fmi_proxy.driver_and_ground import (
+from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
+from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
+from offtrack.exchange.fmi_proxy.scenario_parts import (
     DriverComputation,
     GroundComputation,
+    SensorComputation,
     driver_proxy,
     ground_proxy,
     in_wind_of,
+    sensor_proxy,
 )
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
-from offtrack.exchange.fmi_proxy.sensor_proxy import SensorComputation, sensor_proxy
 from offtrack.exchange.fmi_proxy.server import folder_of
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
 from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
@@ -358,20 +359,18 @@ def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> N
     assert variables["plant", "start_speed"].quantity.start > 0.0
 
 
-def test_every_steered_trailer_has_its_sensor_and_law(loop: FmuSystem) -> None:
-    """Each law gets the estimates and readings of its own trailer, and steers that trailer's axles."""
+def test_every_steered_trailer_has_its_sensor_and_law_and_the_plant_its_ground(loop: FmuSystem) -> None:
+    """Each law gets the estimates and readings of its own trailer, and steers that trailer's axles.
+
+    The plant starts on its ground, also where a runner gives it zeros at first; all of it comes from one component.
+    """
     assert set(loop.components) == {"plant", "driver", "ground", "sensor_2", "law_2", "sensor", "law"}
     steered = [len(unit.steered_axles) for unit in load_vehicle("b_double_steered").units]
     sources = {one.input: (one.source, one.output) for one in loop.connections if one.target == "plant"}
-    for k in range(1, steered[1] + 1):
-        assert sources[f"steer_trailer_{k}"] == ("law_2", f"steer_demand_{k}")
-    for k in range(1, steered[2] + 1):
-        assert sources[f"steer_trailer_{steered[1] + k}"] == ("law", f"steer_demand_{k}")
+    for law, first, count in (("law_2", 0, steered[1]), ("law", steered[1], steered[2])):
+        for k in range(1, count + 1):
+            assert sources[f"steer_trailer_{first + k}"] == (law, f"steer_demand_{k}")
     assert {one.source for one in loop.connections if one.target == "law_2"} == {"sensor_2"}
-
-
-def test_the_plant_of_a_system_starts_on_its_ground(loop: FmuSystem) -> None:
-    """Also where a runner gives it zeros at first; all of the ground comes from a component of its own."""
     starts, ground = (
         {one.quantity.name: one.quantity.start for one in loop.components[name].variables if one.causality == causality}
         for name, causality in (("plant", "input"), ("ground", "output"))
@@ -379,8 +378,7 @@ def test_the_plant_of_a_system_starts_on_its_ground(loop: FmuSystem) -> None:
     assert ground.items() <= starts.items()
     assert starts["friction_wheel_1"] == 0.5
     assert abs(starts["ground_height_1"]) > 0.0
-    given = {one.input: one.source for one in loop.connections if one.target == "plant"}
-    assert all(given[name] == "ground" for name in ground)
+    assert all(sources[name][0] == "ground" for name in ground)
 
 
 UNEVEN = {
@@ -417,20 +415,16 @@ def test_the_ground_of_a_system_is_that_of_the_run(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("settings", "reason"),
+    ("settings", "step", "reason"),
     [
-        (["off_tracking=x.fmu"], "is an FMU already"),
-        (["plant.kind=constant_slip"], "a system has the plant multibody"),
+        (["off_tracking=x.fmu"], 0.01, "is an FMU already"),
+        (["plant.kind=constant_slip"], 0.01, "a system has the plant multibody"),
+        ([], 0.03, r"--step 0\.03 s: must be 0\.001 to 0\.02 s"),
     ],
 )
-def test_a_system_that_cannot_be_is_one_line(settings: list[str], reason: str) -> None:
+def test_a_system_that_cannot_be_is_one_line(settings: list[str], step: float, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        fmu_system(load_scenario("roundabout", settings), 1)
-
-
-def test_a_step_that_outlasts_the_controllers_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"--step 0\.03 s: must be 0\.001 to 0\.02 s"):
-        fmu_system(load_scenario("roundabout"), 1, 0.03)
+        fmu_system(load_scenario("roundabout", settings), 1, step)
 
 
 def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
@@ -442,36 +436,29 @@ def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
         folder_of("")
 
 
+PREVIEW = ["law", "path_preview", "--vehicle"]
+ROVER = "is a rover's: its camera sees the sand that its own wheels have just shaped"
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["nix", "--vehicle", VEHICLE], "unknown name 'nix'"),
-        (["path_preview", "--vehicle", "rigid_truck"], "no axle of a trailer is steered"),
-        (["path_preview", "--vehicle", VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
-        (["path_preview", "--vehicle", VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
-        (["path_preview", "--vehicle", VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'"),
-        (["path_preview", "--vehicle", VEHICLE, "-o", "law.zip"], "must end in .fmu"),
+        (["law", "nix", "--vehicle", VEHICLE], "unknown name 'nix'"),
+        ([*PREVIEW, "rigid_truck"], "no axle of a trailer is steered"),
+        ([*PREVIEW, VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
+        ([*PREVIEW, VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
+        ([*PREVIEW, VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'; did you mean 'gain'?"),
+        ([*PREVIEW, VEHICLE, "-o", "law.zip"], "must end in .fmu"),
+        *(([command, "rover-craters"], ROVER) for command in ("sensor", "driver", "ground", "system")),
     ],
 )
 def test_wrong_input_is_one_line(
     arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["fmu", "law", *arguments])
+    result = CliRunner().invoke(app, ["fmu", *arguments])
     assert result.exit_code == 2
     assert reason in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("command", ["sensor", "driver", "ground", "system"])
-def test_a_rovers_scenario_is_refused_with_the_reason(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["fmu", command, "rover-craters"])
-    assert result.exit_code == 2
-    assert "is a rover's: its camera sees the sand that its own wheels have just shaped" in result.stderr
     assert result.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 

@@ -50,34 +50,31 @@ def test_every_layout_and_format_is_found(tmp_path: Path, layout: Layout, kind: 
     assert image_size(sequence) == SIZE
 
 
-def test_the_grey_pair_goes_before_the_colour_pair(tmp_path: Path) -> None:
-    """KITTI has both of each frame; odometries work on grey."""
-    make(tmp_path, range(2), LAYOUTS[1])
-    make(tmp_path, range(2), LAYOUTS[0])
-    assert find_sequence(tmp_path, 10.0).layout.left == "image_0"
+def test_the_grey_pair_goes_before_the_colour_pair_and_a_rate_takes_the_place_of_times(tmp_path: Path) -> None:
+    """KITTI has both of each frame; at 20 Hz there is a frame every 50 ticks, whatever times.txt says."""
+    make(tmp_path, range(4), LAYOUTS[1])
+    write_times(make(tmp_path, range(4), LAYOUTS[0]), ["nonsense"])
+    sequence = find_sequence(tmp_path, 20.0)
+    assert sequence.layout.left == "image_0"
+    assert [f.tick for f in sequence.frames] == [0, 50, 100, 150]
 
 
-def test_a_rate_takes_the_place_of_times(tmp_path: Path) -> None:
-    """At 20 Hz a frame every 50 ticks, whatever times.txt says."""
-    write_times(make(tmp_path, range(4)), ["nonsense"])
-    assert [f.tick for f in find_sequence(tmp_path, 20.0).frames] == [0, 50, 100, 150]
-
-
-def test_names_of_the_two_cameras_may_differ_but_for_their_number(tmp_path: Path) -> None:
-    """left_0001.png belongs to right_0001.png."""
-    for side in ("left", "right"):
-        write_images(tmp_path / side, [f"{side}_{n:04d}.png" for n in (1, 2, 10)])
+@pytest.mark.parametrize(
+    "names",
+    [
+        [[f"{side}_{n:04d}.png" for n in (1, 2, 10)] for side in ("left", "right")],
+        [[f"{1403636579763555584 + 50_000_000 * k}.png" for k in range(3)]] * 2,
+    ],
+    ids=["numbers", "time stamps"],
+)
+def test_names_of_the_two_cameras_are_paired_by_their_number_or_their_order(
+    tmp_path: Path, names: list[list[str]]
+) -> None:
+    """left_0001.png belongs to right_0001.png; nanoseconds leave gaps between all numbers, which miss no frame."""
+    for side, files in zip(("left", "right"), names, strict=True):
+        write_images(tmp_path / side, files)
     frames = find_sequence(tmp_path, 10.0).frames
-    assert [(f.left.name, f.right.name) for f in frames if f.left.exists()] == [
-        (f"left_{n:04d}.png", f"right_{n:04d}.png") for n in (1, 2, 10)
-    ]
-
-
-def test_names_that_are_time_stamps_go_by_their_order(tmp_path: Path) -> None:
-    """Nanoseconds leave gaps between all numbers: none of them is a missing frame."""
-    for side in ("left", "right"):
-        write_images(tmp_path / side, [f"{1403636579763555584 + 50_000_000 * k}.png" for k in range(4)])
-    assert [f.tick for f in find_sequence(tmp_path, 20.0).frames] == [0, 50, 100, 150]
+    assert [[getattr(f, side).name for f in frames] for side in ("left", "right")] == names
 
 
 def test_a_number_without_images_is_a_frame_that_is_missing(tmp_path: Path) -> None:
@@ -176,21 +173,17 @@ def test_folders_that_are_not_there_are_named(tmp_path: Path) -> None:
         find_sequence(tmp_path)
 
 
-def test_images_of_different_sizes_are_refused_before_anything_is_estimated(tmp_path: Path) -> None:
-    """Both files are named, with their sizes."""
-    write_images(tmp_path / "left", ["0.png"])
-    write_images(tmp_path / "right", ["0.png"], (12, 8))
+def test_images_that_are_no_pairs_are_refused_before_anything_is_estimated(tmp_path: Path) -> None:
+    """Of different sizes, or text files called images: the files are named."""
+    write_images(tmp_path / "a" / "left", ["0.png"])
+    write_images(tmp_path / "a" / "right", ["0.png"], (12, 8))
     with pytest.raises(ValueError, match=r"right/0\.png has 12x8 px and .*left/0\.png 24x16 px"):
-        image_size(find_sequence(tmp_path, 10.0))
-
-
-def test_without_a_single_readable_pair_the_first_file_is_named(tmp_path: Path) -> None:
-    """Text files called images."""
+        image_size(find_sequence(tmp_path / "a", 10.0))
     for side in ("left", "right"):
-        (tmp_path / side).mkdir()
-        (tmp_path / side / "0.png").write_text("no image", encoding="utf-8")
+        (tmp_path / "b" / side).mkdir(parents=True)
+        (tmp_path / "b" / side / "0.png").write_text("no image", encoding="utf-8")
     with pytest.raises(ValueError, match=r"no pair of images can be read.*left/0\.png is corrupt or not an image"):
-        image_size(find_sequence(tmp_path, 10.0))
+        image_size(find_sequence(tmp_path / "b", 10.0))
 
 
 def test_broken_images_are_dropped_with_the_reason_and_the_rest_is_read(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def plain(bare_world: World, calibration: StereoCalibration) -> ColourImage:
 def places(bare_world: World, calibration: StereoCalibration) -> FloatArray:
     """x, y in W of what each pixel shows (height, width, 2) [m], far away where it is not the ground."""
     renderer = StereoRenderer(bare_world, calibration)
-    depth = renderer.render_depth(POSE)[0]
+    depth = renderer.render_depth_from(*renderer.cameras(POSE))[0]
     renderer.close()
     v, u = np.mgrid[0 : calibration.height, 0 : calibration.width]
     x, y = (u - calibration.cx) / calibration.focal_length, (v - calibration.cy) / calibration.focal_length

@@ -83,7 +83,7 @@ def test_tracked_points_land_where_the_ground_went(renderer: StereoRenderer, cal
     rng = np.random.default_rng(1)
     forward = transform(np.eye(3), np.array([0.28, 0.0, 0.0]))
     before, after = frame(renderer, STRAIGHT, rng), frame(renderer, STRAIGHT @ forward, rng)
-    depth = renderer.render_depth(STRAIGHT)[0]
+    depth = renderer.render_depth_from(*renderer.cameras(STRAIGHT))[0]
     ground = (depth < 40.0).astype(np.uint8)
     ground[:225] = 0  # things stand out above the ground's horizon
     corners = cv2.goodFeaturesToTrack(before, 600, 0.01, 8, mask=ground)[:, 0]

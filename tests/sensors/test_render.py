@@ -52,7 +52,8 @@ def test_ground_is_rendered_where_the_surface_is(
 ) -> None:
     """Points from rendered depth lie on the cone; half a pixel of row shift would lift those at 20 m by 18 mm."""
     X_WC = pose @ calibration.X_SC
-    for depth, X in zip(renderer.render_depth(pose), (X_WC, X_WC @ calibration.X_ClCr), strict=True):
+    poses = (X_WC, X_WC @ calibration.X_ClCr)
+    for depth, X in zip(renderer.render_depth_from(*poses), poses, strict=True):
         points = points_seen(depth, calibration, X)
         near = (depth < 40.0) & on_ground(points, 0.03)  # what is higher is kerbs and things
         error = points[near, 2] - SURFACE.height(points[near, 0], points[near, 1])
@@ -80,7 +81,7 @@ def test_a_wall_covers_the_pixels_that_its_corners_project_to(
     """
     Z = 29.0 - 13.6  # [m]
     f, cx, cy = calibration.focal_length, calibration.cx, calibration.cy
-    for depth, y_camera in zip(wall_only.render_depth(np.eye(4)), (-0.25, 0.25), strict=True):
+    for depth, y_camera in zip(wall_only.render_depth_from(*wall_only.cameras(np.eye(4))), (-0.25, 0.25), strict=True):
         wall = np.abs(depth[:280] - Z) < 1e-3  # [m] 32-bit depth at 15 m: 0.05 mm; ground as far off is lower
         rows, columns = np.flatnonzero(wall.any(axis=1)), np.flatnonzero(wall.any(axis=0))
         assert columns[0] == np.ceil(cx + f * (-3.0 - y_camera) / Z)  # looking to the rear, W's y points to the right
@@ -98,7 +99,7 @@ def test_depth_of_two_cameras_that_look_different_ways(
     seen, unseen = wall_only.render_depth_from(towards, away)
     wall = np.abs(seen[:200] - (29.0 - 13.6)) < 1e-3  # [m] above the ground that lies as far off
     assert wall.sum() > 10_000
-    assert np.array_equal(seen, wall_only.render_depth(np.eye(4))[0])
+    assert np.array_equal(seen, wall_only.render_depth_from(*wall_only.cameras(np.eye(4)))[0])
     assert np.isinf(unseen[:100]).all()  # the sky, where the wall would be
     ground = points_seen(unseen, calibration, away)[300:]
     assert on_ground(ground, 0.01).mean() > 0.95
@@ -116,7 +117,7 @@ def test_left_and_right_image_agree_along_rows(
 ) -> None:
     """A ground point seen at (u, v) on the left is seen at (u - f b / Z, v) on the right, and looks the same there."""
     left, right = (grey(image) for image in renderer.render(pose))
-    depth = renderer.render_depth(pose)[0]
+    depth = renderer.render_depth_from(*renderer.cameras(pose))[0]
     ground = on_ground(points_seen(depth, calibration, pose @ calibration.X_SC), 0.03) & (depth < 30.0)
     ground[:, :40] = False  # out of the right camera's view
 
@@ -132,7 +133,8 @@ def test_nothing_is_in_the_way_of_the_cameras(renderer: StereoRenderer, calibrat
     for angle in np.linspace(0.0, 2.0 * np.pi, 9):
         X_WB = SURFACE.pose_on(7.0 * np.sin(angle), RADIUS - 7.0 * np.cos(angle), angle + 0.5, (0.0, -8.0))
         X_WB[:3, 3] -= X_WB[:3, 0] * calibration.X_SC[0, 3]  # the cameras on the circle, wherever the hitch then is
-        assert renderer.render_depth(X_WB)[0].min() > 3.5  # [m] 8 m clearance, less 3 m, less a grazing look
+        depth, _ = renderer.render_depth_from(*renderer.cameras(X_WB))
+        assert depth.min() > 3.5  # [m] 8 m clearance, less 3 m, less a grazing look
 
 
 def test_same_world_gives_the_same_pixels_again(

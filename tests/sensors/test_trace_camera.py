@@ -90,8 +90,8 @@ def test_visible_points_lie_on_the_ground(sand: SandWorld, rig: TraceRig, truths
 def test_nominal_camera_has_the_field_of_view_of_the_paper(rover: Rover, rig: TraceRig) -> None:
     """Reina 2008: 0.60 m along by 0.80 m across, behind the left rear wheel."""
     H_inverse = np.linalg.inv(rig.image_of_ground())
-    edges = rig.camera.undistort_points(np.array([[0.0, 239.5], [639.0, 239.5], [319.5, 0.0], [319.5, 479.0]]))
-    ground = np.column_stack([edges, np.ones(4)]) @ H_inverse.T
+    edges = rig.camera.rays(np.array([[0.0, 239.5], [639.0, 239.5], [319.5, 0.0], [319.5, 479.0]]))
+    ground = np.column_stack([edges, np.ones(4)]) @ (H_inverse @ rig.camera.matrix).T
     right_of_it, left_of_it, far, near = ground[:, :2] / ground[:, 2:]
     x, y = rover.wheel_places[2]
     assert left_of_it[1] - right_of_it[1] == pytest.approx(0.80, rel=0.05)  # the lens's barrel adds some
@@ -138,6 +138,7 @@ def test_trace_in_the_image_is_on_the_true_line(sand: SandWorld, rig: TraceRig, 
     assert abs(np.mean(offsets)) < 6.0
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_image_to_the_last_bit(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
     """Sand, pebbles, rocks, sun, noise and compression all come from the generators."""
 
@@ -164,6 +165,7 @@ def test_rover_casts_its_shadow_away_from_the_sun(rover: Rover, truths: list[Rov
     assert share[0, 1] > 0.99
 
 
+@pytest.mark.slow
 def test_nothing_casts_a_shadow_under_clouds(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
     """The image does not depend on the position of the hidden sun; without clouds it does."""
     behind = Sun(azimuth=math.radians(-20.0), elevation=math.radians(40.0))  # would cast the rover's shadow into view

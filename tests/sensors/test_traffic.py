@@ -223,7 +223,7 @@ def test_a_lorry_hides_a_fifth_of_the_picture_and_shades_the_ground(
         for vehicles in (near_by.hidden, near_by.at(now), farther.at(now)):
             shown.place(vehicles)
             pictures.append(shown.render(now.bodies[0]))
-            depths.append(shown.render_depth(now.bodies[0]))
+            depths.append(shown.render_depth_from(*shown.cameras(now.bodies[0])))
     finally:
         shown.close()
     for eye in (0, 1):

@@ -161,6 +161,7 @@ def small_world() -> World:
     return _small(2)
 
 
+@pytest.mark.slow
 def test_seed_decides_the_world(world: World, small_world: World) -> None:
     """The same generator builds the same world to the last bit; another one another world."""
     one, same, other = small_world, _small(2), world

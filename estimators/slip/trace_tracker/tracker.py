@@ -100,12 +100,6 @@ def matched(ground: Ground, path: Histories, profiles: tuple[Profiles, Profiles]
     return look
 
 
-def with_sun(sun: FloatArray, look: Look, known: Profiles) -> FloatArray:
-    """Log likelihood of the sun's direction after matches of a trace."""
-    use = look.accepted & look.sunny
-    return weighed(sun, known, look.profiles[use], look.slips[use]) if use.any() else sun
-
-
 def _match(ground: Ground, prior: Histories, path: Histories, profiles: tuple[Profiles, Profiles]) -> Look:
     """One step of an iterated Kalman filter from ``prior``, with the measurement taken along ``path``."""
     line, rig = path.together, ground.rig
@@ -214,11 +208,6 @@ def wheel_direction(rig: TraceRig, slip: float, rate: float) -> float:
     return math.atan2(math.sin(slip) + rate * x, math.cos(slip) - rate * y)
 
 
-def steered_to(view: RoverView) -> float:
-    """Direction of the centre's travel relative to the body without sideslip [rad]."""
-    return math.atan(float(np.tan(view.steer).mean()))
-
-
 _MARKED: Final = 0.25  # least correlation of lug marks: edges of shadows reach 0.15, faint marks 0.35
 _SURE: Final = 0.33  # mean correlation of marks for confirmation; chance does not reach it in
 _IMAGES_TO_CONFIRM: Final = 3  # images
@@ -304,7 +293,10 @@ class FTracePlus:
             look = matched(ground, path, (expected(known, memory.sun), self._templates.shaded))
             path, pursuit = look.path, judged(pursuit, look.rut_score, float(look.marks.mean()))
             if pursuit.visible:
-                memory = memory._replace(sun=with_sun(memory.sun, look, known))
+                use = look.accepted & look.sunny
+                if use.any():
+                    sun = weighed(memory.sun, known, look.profiles[use], look.slips[use])
+                    memory = memory._replace(sun=sun)
                 estimate = slip_angle(self._rig, path, float(view.steer[self._rig.watched]), view.tick, look.rut_score)
             if pursuit.lost:
                 pursuit = None
@@ -318,12 +310,13 @@ class FTracePlus:
         seconds = (view.tick - memory.tick) * TICK
         distance = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
         length = (1.0 - _SLIP_RATIO) * distance
+        rolling = wheel_motion(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer)  # without slip
         if memory.unused + length < -SHORTEST:
             return self.init()._replace(tick=view.tick, sun=memory.sun)
         return memory._replace(
             tick=view.tick,
             unused=memory.unused + length,
-            turned=memory.turned + (1.0 - _SLIP_RATIO) * seconds * self._yaw_rate(view),
+            turned=memory.turned + (1.0 - _SLIP_RATIO) * seconds * rolling.yaw_rate,
             seconds=memory.seconds + seconds,
         )
 
@@ -342,17 +335,13 @@ class FTracePlus:
 
     def _path(self, memory: TraceMemory, view: RoverView) -> Histories:
         """Path states up to the view, by encoders and compass."""
-        steer = steered_to(view)
+        steer = math.atan(float(np.tan(view.steer).mean()))  # direction of the centre's travel without sideslip [rad]
         if memory.path is None:
             return path_state.begun_histories(view.heading, steer, view.tick, len(self._patch.bands))
         distance, yaw, seconds = memory.unused, memory.turned, memory.seconds
         return memory.path.each(
             lambda path: with_compass(moved(path, distance, yaw, seconds, steer, view.tick), view.heading)
         )
-
-    def _yaw_rate(self, view: RoverView) -> float:
-        """Yaw rate by the encoders, without slip [rad/s]."""
-        return wheel_motion(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer).yaw_rate
 
 
 def begun(find: Find) -> Pursuit:

@@ -23,9 +23,9 @@ _SIZE: Final = struct.Struct("=I")
 _STEP: Final = struct.Struct("=qq")  # tick of the beginning, length [ticks]
 _COMPUTATIONS: Final = {
     "law": "offtrack.exchange.fmi_proxy.law_proxy:LawComputation",
-    "sensor": "offtrack.exchange.fmi_proxy.sensor_proxy:SensorComputation",
-    "driver": "offtrack.exchange.fmi_proxy.driver_and_ground:DriverComputation",
-    "ground": "offtrack.exchange.fmi_proxy.driver_and_ground:GroundComputation",
+    "sensor": "offtrack.exchange.fmi_proxy.scenario_parts:SensorComputation",
+    "driver": "offtrack.exchange.fmi_proxy.scenario_parts:DriverComputation",
+    "ground": "offtrack.exchange.fmi_proxy.scenario_parts:GroundComputation",
 }  # by the kind of an FMU
 _LONGEST: Final = 700  # of a failure's text [bytes]
 

@@ -20,9 +20,8 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     reading_signals,
     truth_signals,
 )
-from offtrack.exchange.fmi_proxy.driver_and_ground import LaidGround, driver_proxy, ground_proxy
 from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
-from offtrack.exchange.fmi_proxy.sensor_proxy import MEASURED, sensor_proxy
+from offtrack.exchange.fmi_proxy.scenario_parts import MEASURED, LaidGround, driver_proxy, ground_proxy, sensor_proxy
 from scenarios.assembly.adapters import course_of, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import refuse_loop_faults
 from scenarios.assembly.drivers_and_laws import opened_driver

@@ -35,6 +35,7 @@ from scenarios.randomness import stream as random_stream
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
 from scenarios.results.run_warnings import calibration_warnings
+from scenarios.results.summary_numbers import number
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import BodyPose, StereoFrame
 from vehicle.clock import TICK
@@ -343,21 +344,21 @@ def _frames(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
         "total": len(estimation.recording.sequence.frames),
         "used": total - dropped,
         "dropped": dropped,
-        "duration_s": _number(estimation.frames[-1].files.tick * TICK if total else 0.0),
+        "duration_s": number(estimation.frames[-1].files.tick * TICK if total else 0.0),
     }
 
 
 def _off_tracking(log: Log) -> dict[str, float | int | None]:
     value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
     return {
-        "rms_m": _number(metrics.rms(value)),
-        "max_m": _number(metrics.peak(value)),
-        "std_mean_m": _number(metrics.mean(std)),
-        "valid_fraction": _number(_valid_fraction(log)),
-        "estimate_error_rms_m": _number(metrics.rms(error)),
-        "estimate_error_max_m": _number(metrics.peak(error)),
-        "within_2_5_sigma": _number(metrics.within_sigmas(error, std)),
-        "nees_mean": _number(metrics.nees(error, std)),
+        "rms_m": number(metrics.rms(value)),
+        "max_m": number(metrics.peak(value)),
+        "std_mean_m": number(metrics.mean(std)),
+        "valid_fraction": number(_valid_fraction(log)),
+        "estimate_error_rms_m": number(metrics.rms(error)),
+        "estimate_error_max_m": number(metrics.peak(error)),
+        "within_2_5_sigma": number(metrics.within_sigmas(error, std)),
+        "nees_mean": number(metrics.nees(error, std)),
     }
 
 
@@ -372,15 +373,15 @@ def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]
     steps = np.hypot(*np.diff(np.column_stack([log["x"], log["y"]]), axis=0).T) if len(log) > 1 else np.zeros(1)
     own = _drift(estimation, (estimation.recording.follow_distance,), every=1)
     return {
-        "matches_mean": _number(metrics.mean(log["matches"])),
-        "inliers_mean": _number(metrics.mean(log["inliers"])),
+        "matches_mean": number(metrics.mean(log["matches"])),
+        "inliers_mean": number(metrics.mean(log["inliers"])),
         "degraded_frames": int(np.sum(log["odometry_health"] == 1.0)),
         "lost_frames": int(np.sum(log["odometry_health"] >= LOST)),
-        "distance_m": _number(float(steps.sum())),
+        "distance_m": number(float(steps.sum())),
         "drift_percent": own["drift_percent"],
         "drift_deg_per_m": own["drift_deg_per_m"],
-        "motion_nees_mean": _number(metrics.mean(np.square(motion_errors(estimation)))),
-        "halves_ratio": _number(_halves_ratio(estimation)),
+        "motion_nees_mean": number(metrics.mean(np.square(motion_errors(estimation)))),
+        "halves_ratio": number(_halves_ratio(estimation)),
     }
 
 
@@ -399,7 +400,7 @@ def _drift(
     if result is None:
         return {"drift_percent": None, "drift_deg_per_m": None, "lengths_m": [], "subsequences": 0}
     return {
-        "drift_percent": _number(100.0 * result.translation),
+        "drift_percent": number(100.0 * result.translation),
         "drift_deg_per_m": round(math.degrees(result.rotation), 9),
         "lengths_m": list(result.lengths),
         "subsequences": result.subsequences,
@@ -408,33 +409,25 @@ def _drift(
 
 def _self_calibration(log: Log) -> dict[str, float | int | None]:
     """Last estimate of the right camera's rotation [deg] and delay [ms]; empty without one."""
-    rotation: dict[str, float | int | None] = {}
-    for name in ("roll", "yaw", "pitch"):
+    found: dict[str, float | int | None] = {}
+    degree = math.degrees(1.0)
+    for name, unit, scale in (("roll", "deg", degree), ("yaw", "deg", degree), ("pitch", "deg", degree),
+                              ("delay", "ms", 1e3)):  # fmt: skip
         for end in ("", "_std"):
-            values = log[f"right_{name}{end}"] if f"right_{name}" in log else np.empty(0)
+            values = log[f"right_{name}{end}"] if f"right_{name}{end}" in log else np.empty(0)
             known = values[np.isfinite(values)]
             if known.size:
-                rotation[f"{name}{end}_deg"] = _number(math.degrees(known[-1]))
-    for end in ("", "_std"):
-        values = log[f"right_delay{end}"] if f"right_delay{end}" in log else np.empty(0)
-        known = values[np.isfinite(values)]
-        if known.size:
-            rotation[f"delay{end}_ms"] = _number(1e3 * known[-1])
-    return rotation
+                found[f"{name}{end}_{unit}"] = number(scale * known[-1])
+    return found
 
 
 def _timing(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
     used = max(1, len(log) - int(log["dropped"].sum()))
     return {
-        "wall_s": _number(estimation.wall_s),
-        "odometry_s": _number(estimation.odometry_s),
-        "odometry_ms_per_frame": _number(1e3 * estimation.odometry_s / used),
+        "wall_s": number(estimation.wall_s),
+        "odometry_s": number(estimation.odometry_s),
+        "odometry_ms_per_frame": number(1e3 * estimation.odometry_s / used),
     }
-
-
-def _number(value: float) -> float | None:
-    """Value rounded to six decimals, or None for NaN and infinity."""
-    return round(float(value), 6) if math.isfinite(value) else None
 
 
 def agreement_numbers(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,8 +14,7 @@ import numpy as np
 from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health
 from offtrack.exchange.recordings import recording_pictures as figures
-from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate
-from offtrack.exchange.recordings.recording_pictures import camera_frame
+from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, summary
 from offtrack.exchange.recordings.stereo_reader import kitti_text, tum_text
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
@@ -33,13 +31,15 @@ from offtrack.reports.player.playback import (
     PlayedRun,
     Reading,
     Trail,
+    elapsed,
     health_spans,
 )
 from offtrack.reports.run_video import flow_photos
-from offtrack.reports.sections import number_cards, number_table
+from offtrack.reports.run_writer import finish_results, write_json
+from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal, write_log
-from scenarios.results.run_directory import appearing_at_once, mark_interrupted
+from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -165,11 +165,6 @@ def write_estimation(
     Raises:
         ValueError: if the directory exists and is not empty.
     """
-    from offtrack.exchange.recordings.estimation import summary
-
-    # matplotlib takes a second to import
-    from offtrack.exchange.recordings.recording_pictures import write_video
-
     log = estimate_log(estimation)
     numbers = {**summary(estimation, log, odometry), "estimator": estimator, "agreement": agreement or {}}
     with appearing_at_once(directory) as folder:
@@ -181,21 +176,11 @@ def write_estimation(
         (folder / "off_tracking.csv").write_text(csv_text(log), encoding="utf-8")
         write_log(log, folder / "off_tracking.parquet")
         (folder / "report.html").write_text(report_page(estimation, log, numbers), encoding="utf-8")
-        if video and len(log) > 1:
-            try:
-                write_video(estimation, log, folder / "video", progress=progress)
-            except KeyboardInterrupt:
-                numbers["outcome"] = "interrupted"
-        manifest = {
-            "recording": numbers["recording"],
-            "estimator": estimator,
-            "odometry": odometry,
-            "versions": versions(),
-        }
-        (folder / "summary.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
-        if numbers["outcome"] == "interrupted":
-            mark_interrupted(folder)
+        manifest = {"recording": numbers["recording"], "estimator": estimator, "odometry": odometry}
+        write_json(folder / "manifest.json", {**manifest, "versions": versions()})
+        drawn = video and len(log) > 1
+        film = (lambda path: figures.write_video(estimation, log, path, progress=progress)) if drawn else None
+        finish_results(folder, numbers, film)
     return numbers
 
 
@@ -210,7 +195,7 @@ def recording_playback(estimation: Estimation, log: Log) -> Playback:
     follow = recording.follow_distance
     half = 0.5 * _WIDTH
     outline: FloatArray = np.array([[0.0, half], [0.0, -half], [-follow, -half], [-follow, half]])
-    elapsed = _elapsed(log)
+    since_first = elapsed(log)
     true = estimation.true_X_S0S
     compared = bool(np.isfinite(log["off_tracking_poses"]).any())
     return Playback(
@@ -218,7 +203,7 @@ def recording_playback(estimation: Estimation, log: Log) -> Playback:
         runs=(
             PlayedRun(
                 name=recording.sequence.directory.resolve().name,
-                log=elapsed,
+                log=since_first,
                 bodies=(Body(name="trailer", outline=outline, wheels=(), pose=("x", "y", "psi"), heights=_HEIGHTS),),
                 trails=(
                     Trail("path of the hitch, odometry", "true", 0),
@@ -227,7 +212,7 @@ def recording_playback(estimation: Estimation, log: Log) -> Playback:
                 estimated=EstimatedPath(
                     "estimated path of the hitch", 0, (-follow, 0.0), "off_tracking", "off_tracking_std", "health"
                 ),
-                spans=tuple(health_spans(elapsed, "health")),
+                spans=tuple(health_spans(since_first, "health")),
                 pictures=list(_pictures(estimation)),
                 cameras=(Camera(0, c.X_SC, 0.5 * c.width / c.focal_length, 0.5 * c.height / c.focal_length),),
                 lines=() if true is None else (Line("path of the hitch, recorded poses", "grey", true[:, :2, 3]),),
@@ -246,19 +231,11 @@ def recording_playback(estimation: Estimation, log: Log) -> Playback:
     )
 
 
-def _elapsed(log: Log) -> Log:
-    """The log with times since its first frame."""
-    rows = log.rows.copy()
-    at = log.names.index("time")
-    rows[:, at] -= rows[0, at]
-    return Log(log.signals, rows)
-
-
 def _pictures(estimation: Estimation) -> Iterator[Picture]:
     usable = [frame for frame in estimation.frames if not frame.dropped]
     for frame in usable[:: max(1, -(-len(usable) // _MOST_PICTURES))]:
         try:
-            shown = camera_frame(estimation, frame)
+            shown = figures.camera_frame(estimation, frame)
         except ValueError:  # the image has disappeared since
             continue
         yield Picture(frame.files.tick * TICK, shown.jpeg, shown.tracks, _picture_caption(frame))
@@ -341,14 +318,14 @@ def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
     yield Section("Trajectory", _TRAJECTORY, [figures.plan_view(estimation)])
     yield Section("Off-tracking", _OFF_TRACKING, [figures.off_tracking(log)])
     if np.isfinite(log["off_tracking_poses"]).any():
-        yield Section("Error against the recorded poses", _ERROR, [figures.error(log)])
-    yield Section("Features and health", _FEATURES, [figures.features(log)])
+        yield Section("Error against the recorded poses", ERROR_TEXT, [figures.error(log)])
+    yield Section("Features and health", FEATURES_TEXT, [figures.features(log)])
     if "right_yaw" in log:
         yield Section("Rotation of the right camera", _ROTATION, [figures.right_rotation(log)])
     frame = _shown_frame(estimation)
     if frame is not None:
         try:
-            shown = [flow_photos(camera_frame(estimation, frame))]
+            shown = [flow_photos(figures.camera_frame(estimation, frame))]
         except ValueError:  # the image has disappeared since
             shown = []
         yield Section("Image of the left camera", _caption(frame), shown)
@@ -362,9 +339,7 @@ _OFF_TRACKING: Final = (
     "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known once the trailer "
     "has driven its own length."
 )
-_ERROR: Final = "About 95 % of the errors lie inside the band if the estimator states its standard deviation correctly."
 _ROTATION: Final = "Change since the calibration, estimated while driving. The bands are ±2 stated standard deviations."
-_FEATURES: Final = "Features matched in all images of a frame, and the inliers: matches that agree on one motion."
 
 
 def _notes(numbers: dict[str, Any]) -> list[str]:

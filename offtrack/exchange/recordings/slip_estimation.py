@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import time
 from collections.abc import Iterator
@@ -22,15 +21,16 @@ from offtrack.reports import canvas
 from offtrack.reports.canvas import Reel, write_reel
 from offtrack.reports.page import Figure, Items, Page, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import Chart, Curve, Picture, Playback, PlayedRun, Reading, health_spans
+from offtrack.reports.player.playback import Chart, Curve, Picture, Playback, PlayedRun, Reading, elapsed, health_spans
 from offtrack.reports.plots import BAND, ESTIMATED, TRUE, drawn, zero_line
 from offtrack.reports.run_video import draw_trace
+from offtrack.reports.run_writer import finish_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.progress import Progress, no_progress
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal, write_log
 from scenarios.results.rover_result import trace_line
-from scenarios.results.run_directory import appearing_at_once, mark_interrupted
+from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 from scenarios.results.summary_numbers import number
 from vehicle.clock import TICK
@@ -155,10 +155,7 @@ _DEGREES = 180.0 / np.pi
 
 def slip_playback(estimation: SlipEstimation, name: str) -> Playback:
     """Everything that a page shows of the recording over time."""
-    rows = estimation.log.rows.copy()
-    at = estimation.log.names.index("time")
-    rows[:, at] -= rows[0, at]
-    log = Log(estimation.log.signals, rows)
+    log = elapsed(estimation.log)
     slip = (
         Curve("slip_angle_std", "±2 σ", "estimated", "band", _DEGREES, base="slip_angle"),
         Curve("slip_angle", "estimated", "estimated", "dots", _DEGREES),
@@ -336,14 +333,10 @@ def write_slip_estimation(
         (folder / "slip.csv").write_text(csv_text(estimation.log), encoding="utf-8")
         write_log(estimation.log, folder / "slip.parquet")
         (folder / "report.html").write_text(slip_page(estimation, numbers), encoding="utf-8")
-        if video and len(estimation.log) > 1:
-            try:
-                write_video(estimation, folder / "video", progress=progress)
-            except KeyboardInterrupt:
-                numbers["outcome"] = "interrupted"
-        (folder / "summary.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        if numbers["outcome"] == "interrupted":
-            mark_interrupted(folder)
+        drawn = video and len(estimation.log) > 1
+        finish_results(
+            folder, numbers, (lambda path: write_video(estimation, path, progress=progress)) if drawn else None
+        )
     return numbers
 
 

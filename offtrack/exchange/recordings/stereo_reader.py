@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -185,19 +184,6 @@ def _pose(path: Path, number: int, row: list[str]) -> FloatArray:
     return transform(orthonormalised(matrix[:, :3]), matrix[:, 3])
 
 
-class Rectification(Protocol):
-    """Rectifies raw pairs, such as ``estimators.calibration.rectification.Rectifier``."""
-
-    @property
-    def calibration(self) -> StereoCalibration:
-        """Calibration of the rectified pair."""
-        ...
-
-    def step(self, frame: StereoFrame) -> StereoFrame:
-        """Rectify a pair."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
     """A stereo sequence with its calibration and mounting."""
@@ -205,7 +191,7 @@ class Recording:
     sequence: StereoSequence
     size: tuple[int, int]  # of all images [px]
     calibration: StereoCalibration  # of the rectified pair
-    rectification: Rectification | None  # None: the images are rectified already
+    rectification: Rectifier | None  # None: the images are rectified already
     follow_distance: float  # hitch to follow point [m]
     roll_axis_height: float  # of the axis about which the trailer's body rolls [m]
     direction_std: float  # 1 sigma of the left camera's direction in the trailer [rad]
@@ -227,7 +213,7 @@ class _Cameras:
     """Contents of a recording's calibration files."""
 
     calibration: StereoCalibration  # of the rectified pair; its X_SC is replaced by the mounting
-    rectification: Rectification | None
+    rectification: Rectifier | None
     rig: Rig
     X_CP: FloatArray  # (4, 4) pose in the rectified left camera of the camera whose poses are in ``poses.txt``
 
@@ -334,7 +320,7 @@ def _rectified_cameras(path: Path, layout: Layout, size: tuple[int, int], rig: R
 
 
 def _rectified(
-    sequence: StereoSequence, size: tuple[int, int], rectification: Rectification | None
+    sequence: StereoSequence, size: tuple[int, int], rectification: Rectifier | None
 ) -> Iterator[StereoFrame]:
     for _, frame in stream(sequence.frames, size):
         if not isinstance(frame, Dropped):

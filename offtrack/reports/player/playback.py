@@ -173,6 +173,14 @@ class Playback:
     nearest: float = 60.0  # most pixels per metre of the plan
 
 
+def elapsed(log: Log) -> Log:
+    """The log with times since its first row."""
+    rows = log.rows.copy()
+    at = log.names.index("time")
+    rows[:, at] -= rows[0, at]
+    return Log(log.signals, rows)
+
+
 _DEGRADED = HEALTH[Health.DEGRADED]
 _COLOURS: dict[str, Colour] = {"ok": "ok", "degraded": "degraded", "lost": "lost"}
 

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from estimators.estimates import Health, SlipAngle
-from estimators.slip.reference_slip import LaserSlip
+from estimators.slip.rover_odometry import LaserSlip
 from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
 from offtrack.studies.reproduce.reproduction import Reproduction, compared

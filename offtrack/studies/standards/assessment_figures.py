@@ -12,7 +12,7 @@ import numpy as np
 from offtrack.reports import plots
 from offtrack.reports.page import Figure
 from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail
-from offtrack.reports.player.trailer_playback import unit_body
+from offtrack.reports.player.run_playback import unit_body
 from offtrack.studies.standards import random_steer, steady_circle
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
 from offtrack.studies.standards.lane_change import PEAK
