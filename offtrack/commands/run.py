@@ -33,7 +33,7 @@ from offtrack.reports.run_writer import write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios import part_listing
 from scenarios.loop import runner
-from scenarios.loop.timing import Pacer
+from scenarios.loop.channel import Pacer
 from scenarios.options.scenario import load_any_scenario, scenario_names
 from scenarios.part_listing import Key
 from scenarios.progress import postponed_interrupts

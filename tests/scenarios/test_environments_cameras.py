@@ -15,7 +15,7 @@ from offtrack.environments.camera_observations import CameraObservations
 from offtrack.environments.pictures import reduced, reduced_shape
 from offtrack.environments.registry import CoreVectorEnv
 from offtrack.environments.rewards import Domain, Variation
-from scenarios.assembly.mount import built_world
+from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
 from scenarios.options.scenario import Scenario, load_scenario
 from sensors.world.world import World

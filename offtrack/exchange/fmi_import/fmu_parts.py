@@ -42,7 +42,7 @@ from vehicle.option import Option, Parameter, check_options
 
 if TYPE_CHECKING:
     from scenarios.assembly.drivers_and_laws import DriverContext
-    from scenarios.assembly.mount import MountContext, OpenedSensor
+    from scenarios.assembly.trailer_sensors import MountContext, OpenedSensor
     from scenarios.courses import Course
 
 
@@ -285,7 +285,7 @@ class WholeMotion:
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:
         """The sensor, without latency: that of the estimates is the FMU's own."""
-        from scenarios.assembly.mount import OpenedSensor
+        from scenarios.assembly.trailer_sensors import OpenedSensor
 
         return OpenedSensor(sensor=cls(), schedule=Schedule(period=_PERIOD))
 

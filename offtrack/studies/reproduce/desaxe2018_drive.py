@@ -28,9 +28,8 @@ from estimators.odometry.viso2 import Viso2Odometry
 from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.reports.plots import GREY
 from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, compared
-from scenarios.assembly.cameras import Rectified
-from scenarios.assembly.mount import Cameras
 from scenarios.assembly.trailer_run import Assembly, assemble
+from scenarios.assembly.trailer_sensors import Cameras, Rectified
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.processes import as_finished, default_jobs
