@@ -13,7 +13,7 @@ from controllers.equations import FLOATS
 from controllers.path import Path, SpeedProfile
 from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray, Pose2
 
 PERIOD: Final = law.PERIOD  # the driver's step [s]
@@ -122,7 +122,7 @@ class PreviewDriver(Driver[DriverMemory]):
         self, memory: DriverMemory, tick: int, ego: EgoState, speed_limit: float = math.inf
     ) -> tuple[DriverMemory, DriverCommand]:
         """New memory and command at ``tick``; no faster than ``speed_limit`` [m/s]."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         steer = self._settled(memory.steer, memory.demand, elapsed)
         motion = law.Motion(ego.v_x, ego.v_y, ego.yaw_rate)
         slips = law.slips_after(FLOATS, self.tractor, memory.slips, memory.motion, motion, steer, elapsed)
@@ -135,7 +135,7 @@ class PreviewDriver(Driver[DriverMemory]):
 
     def following(self, memory: DriverMemory, tick: int, ego: EgoState, demand: float) -> DriverMemory:
         """Memory while another driver steers with ``demand`` [rad]; the filters and the integral start anew."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         steer = self._settled(memory.steer, memory.demand, elapsed)
         point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(self.tractor.x_ref, self.tractor.y_ref, 0.0)
         station = self.path.project(point.x, point.y, memory.station)
@@ -222,7 +222,7 @@ class TraceDriver(Driver[TraceMemory]):
 
     def step(self, memory: TraceMemory, tick: int, ego: EgoState) -> tuple[TraceMemory, DriverCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         trace, now = self._trace, tick * TICK
         steer = float(np.interp(now, trace.time, trace.steer))
         acceleration = self._recorded_acceleration(now)

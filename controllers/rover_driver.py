@@ -15,7 +15,7 @@ from typing import Final, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
 from controllers.path import Path
 from estimators.context import RoverGeometry
 from estimators.slip.rover_odometry import RoverPose
-from vehicle.clock import TICK
+from vehicle.clock import elapsed_since
 from vehicle.frames import limited_angle, wrap
 from vehicle.option import Parameter, PartParameters, quantity
 from vehicle.rover.command import RoverCommand
@@ -139,7 +139,7 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
         yaw_rate = self._path.curvature(station) * self._speed + self._heading_gain * wrap(aim - pose.psi)
         fastest = self._speed / _TIGHTEST
         command = self._command(crab, max(-fastest, min(fastest, yaw_rate)))
-        elapsed = 0.0 if memory.tick is None else (pose.tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, pose.tick)
         command = command._replace(steer=_reachable(memory.steer, command.steer, _STEER_RATE * elapsed))
         return RoverDriverMemory(pose.tick, station, command.steer), command
 

@@ -17,7 +17,7 @@ from controllers.equations import FLOATS
 from controllers.preview_law import speed_control
 from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from sensors.messages import EgoState
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import Pose2
 
 _REVERSE_SPEED: Final = 1.2  # at most: brisk walking [m/s]
@@ -156,7 +156,7 @@ class ShuntingDriver(Driver[ShuntMemory]):
         if left <= _BRAKE_DISTANCE:
             return self._held(memory, tick, ego, demand, -_STOPPING)
         error = min(self._reverse_speed, _speed_limit(memory, tick, left)) + ego.v_x
-        elapsed = 0.0 if memory.forward.tick is None else (tick - memory.forward.tick) * TICK
+        elapsed = elapsed_since(memory.forward.tick, tick)
         integral, acceleration = speed_control(FLOATS, memory.integral, error, elapsed)
         forward = self._forward.following(memory.forward, tick, ego, demand)
         command = DriverCommand(demand, acceleration, gear=-1.0)

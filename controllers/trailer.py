@@ -39,6 +39,11 @@ class TrailerGeometry:
         return tuple(x for x, is_steered in zip(self.axle_distances, self.steered, strict=True) if is_steered)
 
     @property
+    def straight(self) -> tuple[float, ...]:
+        """Zero angle of each steered axle [rad]."""
+        return (0.0,) * sum(self.steered)
+
+    @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """Indices of the steered axles that share an actuator, in the order of their first axles."""
         linked = {axle for linkage in self.linkages for axle in linkage.axles}

@@ -90,10 +90,10 @@ SLIP_ESTIMATOR: Final = Catalogue(
 )
 SENSOR: Final = Catalogue(
     {
-        "stereo_camera": "scenarios.assembly.cameras:StereoCameras",
-        "ground_cameras": "scenarios.assembly.cameras:GroundCameras",
-        "reference_pose": "scenarios.assembly.mount:ReferencePose",
-        "combination_signals": "scenarios.assembly.mount:SignalsOfCombination",
+        "stereo_camera": "scenarios.assembly.trailer_sensors:StereoCameras",
+        "ground_cameras": "scenarios.assembly.trailer_sensors:GroundCameras",
+        "reference_pose": "scenarios.assembly.trailer_sensors:ReferencePose",
+        "combination_signals": "scenarios.assembly.trailer_sensors:SignalsOfCombination",
     },
     methods=("of",),
 )
@@ -120,8 +120,8 @@ ROVER_DRIVER: Final = Catalogue(
 )
 PLANT: Final = Catalogue(
     {
-        "multibody": "scenarios.assembly.plants:Multibody",
-        "constant_slip": "scenarios.assembly.plants:ConstantSlip",
+        "multibody": "scenarios.assembly.adapters:Multibody",
+        "constant_slip": "scenarios.assembly.adapters:ConstantSlip",
     },
     methods=("of",),
     fmu="plant",

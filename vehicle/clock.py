@@ -25,6 +25,11 @@ def to_ticks(seconds: float, name: str) -> int:
     return ticks
 
 
+def elapsed_since(last: int | None, tick: int) -> float:
+    """Time [s] from the tick of the last step to this one; 0 before the first step."""
+    return 0.0 if last is None else (tick - last) * TICK
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """Sample k is taken at tick ``offset + k * period`` and delivered ``latency`` ticks later."""

@@ -234,7 +234,7 @@ class ActuatorMonitor:
         row = np.concatenate([[tick], sent, angles, std])
         memory = memory._replace(history=np.vstack([kept, row]), expected=expected, pace=pace)
         memory = self._scored(memory, tick, (angles - expected) / std, elapsed)
-        return self._judged(memory, tick) if self._needs_judgement(memory) else memory
+        return self._with_faults(memory, tick) if self._has_alarm(memory) else memory
 
     def max_rates(self, memory: ActuatorMemory) -> FloatArray:
         """Rate limits (m,) of the actuators as far as they are known [rad/s]; 0: it does not answer."""
@@ -249,10 +249,10 @@ class ActuatorMonitor:
         quiet = np.where((scores > 0.0).any(axis=0), memory.quiet_at, float(tick))
         return memory._replace(scores=scores, quiet_at=quiet)
 
-    def _needs_judgement(self, memory: ActuatorMemory) -> bool:
+    def _has_alarm(self, memory: ActuatorMemory) -> bool:
         return bool(memory.scores.max() > self._limit) or memory.at_fault
 
-    def _judged(self, memory: ActuatorMemory, tick: int) -> ActuatorMemory:
+    def _with_faults(self, memory: ActuatorMemory, tick: int) -> ActuatorMemory:
         """Memory with the actuators whose score is too high at fault, and with known faults looked at anew."""
         for k, fault in enumerate(memory.faults):
             if fault is not None:
@@ -451,8 +451,7 @@ class ActuatorSupervision:
 
     def init(self) -> SupervisionMemory:
         """Memory of a new run: all actuators sound, wheels straight."""
-        straight = (0.0,) * len(self._trailer.steered_distances)
-        return SupervisionMemory(self._monitor.init(), straight, False, GripMemory(), ~self._all)
+        return SupervisionMemory(self._monitor.init(), self._trailer.straight, False, GripMemory(), ~self._all)
 
     def measured(self, memory: SupervisionMemory, signals: CombinationSignals) -> SupervisionMemory:
         """Memory with new readings of the steer angles."""

@@ -24,8 +24,8 @@ from controllers.trailer_steering.kinematics import (
     ReckonedPath,
     TractorMotion,
     corrected,
+    extended,
     motion_between,
-    moved,
     straight_behind,
     target_on,
 )
@@ -34,7 +34,7 @@ from controllers.trailer_steering.signal_laws import CommandSteer, CommandSteerM
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray
 
 _SLIP_DISTANCE = 2.0  # over which the remaining slip is learnt: some estimates [m]
@@ -85,11 +85,11 @@ class ReckonedDriver:
         self, memory: ReckonedDriverMemory, tick: int, estimate: OffTracking | None, signals: CombinationSignals
     ) -> ReckonedDriverMemory:
         """Memory at ``tick``, with an estimate if there is a new one that can be relied on."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         motion = self._motion(memory.learnt, signals)
         kept = math.exp(-abs(motion.v_x) * elapsed / _FORGOTTEN)
         learnt = memory.learnt._replace(slip=kept * memory.learnt.slip)
-        path = moved(memory.path, tick, motion, elapsed)
+        path = extended(memory.path, tick, motion, elapsed)
         memory = memory._replace(tick=tick, path=path, learnt=learnt)
         if estimate is None or (memory.estimate is not None and estimate.tick <= memory.estimate.tick):
             return memory
@@ -160,7 +160,7 @@ _FULL_UP_TO: Final = 8.3
 _NONE_FROM: Final = 13.9
 _COMPARED: Final = 2000  # signals that are tested against each other [ticks]
 _GAP: Final = 0.3  # without signals, after which the path is unknown [s]
-_CHANGE_TIME: Final = 2.0  # from one way of steering to the other [s]
+_CHANGE_TIME: Final = 2.0  # between dead reckoning and command steer [s]
 _UNLIMITED: Final = 1e3  # rate of the laws here; the guard limits it for all of them [rad/s]
 
 
@@ -197,7 +197,7 @@ class Fallback:
         if self._name != "dead_reckoning" or not _are_finite(signals):
             return memory
         before, length = memory.reckoning.tick, self._trailer.follow_distance
-        elapsed = 0.0 if before is None else (tick - before) * TICK
+        elapsed = elapsed_since(before, tick)
         reckoning = self._reckoning.reckoned(memory.reckoning, tick, estimate, signals)
         doubted = length if elapsed > _GAP else max(0.0, memory.doubted - abs(signals.speed) * elapsed)
         if reckoning.estimate is not memory.reckoning.estimate:
@@ -225,7 +225,7 @@ class Fallback:
         return memory, authority * angles
 
     def _with_share(self, memory: FallbackMemory, tick: int) -> FallbackMemory:
-        """Memory after a test of the signals; on the way from one way of steering to the other."""
+        """Memory after a test of the signals; on the way between dead reckoning and command steer."""
         if not agree(np.array(memory.rows), self._unit):
             memory = memory._replace(doubted=self._trailer.follow_distance)
         wanted = 0.0 if memory.doubted > 0.0 else 1.0

@@ -30,7 +30,7 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray
 from vehicle.option import PartParameters, option, quantity
 
@@ -43,76 +43,6 @@ _MISSING: Final = 0.1  # of the follow distance: a path error of about 0.1 rad t
 _INTERVAL: Final = 100  # between estimates, if it is not known [ticks]
 _LONGEST_INTERVAL: Final = 300  # over which the motion in an estimate is a mean [ticks]
 _SIGMAS: Final = 3.0  # of an estimate's own standard deviation: no jump
-
-
-class Limits(NamedTuple):
-    """Largest accepted values of an estimate."""
-
-    age: float  # on arrival [s]
-    std: float  # of a degraded estimate [m]
-    jump: float  # deviation from the value predicted by the trailer's motion [m]
-
-
-class Travel(NamedTuple):
-    """Distance travelled according to estimates and wheels."""
-
-    newest: OffTracking | None = None  # estimate that arrived last
-    missing: float = 0.0  # distance of the estimates less than that of the wheels [m]
-
-
-def moved_on(travel: Travel, estimate: OffTracking, motion: HitchMotion, follow_distance: float) -> Travel:
-    """Travel with a new estimate; missing distance decays over a follow distance."""
-    if travel.newest is None:
-        return Travel(estimate)
-    interval = (estimate.tick - travel.newest.tick) * TICK
-    rolled = abs(motion.v_x) * interval
-    kept = travel.missing * math.exp(-rolled / follow_distance)
-    # A lost motion is bridged at the velocity before it.
-    return Travel(estimate, kept + (motion.v_x - estimate.v_x) * interval)
-
-
-def motion_reference(estimate: OffTracking, before: OffTracking | None) -> MotionReference | None:
-    """The motion in an estimate, to compare signals with; None if it is lost, or taken from the signals themselves.
-
-    Its velocities are means since the estimate ``before``. While the path is still short the estimate is lost, but its
-    motion is not: the path grows.
-    """
-    values = (estimate.v_x, estimate.v_y, estimate.yaw_rate)
-    grows = before is not None and len(estimate.path) > len(before.path)
-    if (estimate.health is Health.LOST and not grows) or estimate.bridged > 0.0 or not all(map(math.isfinite, values)):
-        return None
-    previous = estimate.tick - _INTERVAL if before is None else max(before.tick, estimate.tick - _LONGEST_INTERVAL)
-    return MotionReference(estimate.tick, previous, *values)
-
-
-def usable(estimate: OffTracking, tick: int, limits: Limits) -> bool:
-    """True if the estimate is healthy enough and not too old."""
-    vague = estimate.health is Health.DEGRADED and estimate.std > limits.std
-    lost = estimate.health is Health.LOST or not math.isfinite(estimate.value)
-    return not (vague or lost) and estimate.age(tick) <= limits.age
-
-
-def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, follow_distance: float) -> bool:
-    """True if the motion of the trailer in the estimate agrees with its wheels and gyro."""
-    slower = abs(motion.v_x - estimate.v_x) > _SPEED + _SPEED_SHARE * abs(motion.v_x)
-    turns = abs(motion.yaw_rate - estimate.yaw_rate) > _YAW_RATE
-    return not (slower or turns or abs(travel.missing) > _MISSING * follow_distance)
-
-
-def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, limits: Limits) -> bool:
-    """True if the estimate deviates from the previous one, carried on by the trailer's motion.
-
-    The path stands still while the follow point moves: in the trailer's frame a point of the path at (-L_f, e) has the
-    lateral speed -v_y + r L_f, and the path, inclined by its tangent, passes at v_x - r e.
-    """
-    interval = (estimate.tick - before.tick) * TICK
-    tangent = math.tan(0.5 * (before.path_tangent + estimate.path_tangent))
-    rate = estimate.yaw_rate * follow_distance - estimate.v_y
-    rate += tangent * (estimate.v_x - estimate.yaw_rate * estimate.value)
-    deviation = estimate.value - before.value - rate * interval
-    return abs(deviation) > limits.jump + _SIGMAS * estimate.std
-
-
 _GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
 _HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]
 _GAP = 0.3  # accepted at any speed: two missing frames [s]
@@ -143,10 +73,65 @@ class Degradation(PartParameters):
         "Law without usable estimates; all but straight fade out between 30 and 50 km/h.", "dead_reckoning"
     )
 
-    @property
-    def limits(self) -> Limits:
-        """Limits of a single estimate."""
-        return Limits(self.max_age, self.max_std, self.max_jump)
+
+class Travel(NamedTuple):
+    """Distance travelled according to estimates and wheels."""
+
+    newest: OffTracking | None = None  # estimate that arrived last
+    missing: float = 0.0  # distance of the estimates less than that of the wheels [m]
+
+
+def travel_with(travel: Travel, estimate: OffTracking, motion: HitchMotion, follow_distance: float) -> Travel:
+    """Travel with a new estimate; missing distance decays over a follow distance."""
+    if travel.newest is None:
+        return Travel(estimate)
+    interval = (estimate.tick - travel.newest.tick) * TICK
+    rolled = abs(motion.v_x) * interval
+    kept = travel.missing * math.exp(-rolled / follow_distance)
+    # A lost motion is bridged at the velocity before it.
+    return Travel(estimate, kept + (motion.v_x - estimate.v_x) * interval)
+
+
+def motion_reference(estimate: OffTracking, before: OffTracking | None) -> MotionReference | None:
+    """The motion in an estimate, to compare signals with; None if it is lost, or taken from the signals themselves.
+
+    Its velocities are means since the estimate ``before``. While the path is still short the estimate is lost, but its
+    motion is not: the path grows.
+    """
+    values = (estimate.v_x, estimate.v_y, estimate.yaw_rate)
+    grows = before is not None and len(estimate.path) > len(before.path)
+    if (estimate.health is Health.LOST and not grows) or estimate.bridged > 0.0 or not all(map(math.isfinite, values)):
+        return None
+    previous = estimate.tick - _INTERVAL if before is None else max(before.tick, estimate.tick - _LONGEST_INTERVAL)
+    return MotionReference(estimate.tick, previous, *values)
+
+
+def usable(estimate: OffTracking, tick: int, criteria: Degradation) -> bool:
+    """True if the estimate is healthy enough and not too old."""
+    vague = estimate.health is Health.DEGRADED and estimate.std > criteria.max_std
+    lost = estimate.health is Health.LOST or not math.isfinite(estimate.value)
+    return not (vague or lost) and estimate.age(tick) <= criteria.max_age
+
+
+def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, follow_distance: float) -> bool:
+    """True if the motion of the trailer in the estimate agrees with its wheels and gyro."""
+    slower = abs(motion.v_x - estimate.v_x) > _SPEED + _SPEED_SHARE * abs(motion.v_x)
+    turns = abs(motion.yaw_rate - estimate.yaw_rate) > _YAW_RATE
+    return not (slower or turns or abs(travel.missing) > _MISSING * follow_distance)
+
+
+def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, largest: float) -> bool:
+    """True if the estimate deviates by more than ``largest`` [m] from the previous one, carried on by the motion.
+
+    The path stands still while the follow point moves: in the trailer's frame a point of the path at (-L_f, e) has the
+    lateral speed -v_y + r L_f, and the path, inclined by its tangent, passes at v_x - r e.
+    """
+    interval = (estimate.tick - before.tick) * TICK
+    tangent = math.tan(0.5 * (before.path_tangent + estimate.path_tangent))
+    rate = estimate.yaw_rate * follow_distance - estimate.v_y
+    rate += tangent * (estimate.v_x - estimate.yaw_rate * estimate.value)
+    deviation = estimate.value - before.value - rate * interval
+    return abs(deviation) > largest + _SIGMAS * estimate.std
 
 
 class GuardMemory(NamedTuple):
@@ -179,7 +164,7 @@ class EstimateGuard:
 
     def init(self) -> GuardMemory:
         """Memory without any estimate, wheels straight."""
-        straight = (0.0,) * len(self._trailer.steered_distances)
+        straight = self._trailer.straight
         return GuardMemory(
             monitor=self._monitor.init(),
             fallback=self._fallback.init(),
@@ -212,7 +197,7 @@ class EstimateGuard:
             memory = memory._replace(travel=Travel(newest))
         return memory, self._monitor.corrected(monitor, signals)
 
-    def estimate_judged(
+    def estimate_checked(
         self, memory: GuardMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[GuardMemory, OffTracking | None]:
         """Memory after the choice between law and fallback, and the estimate for the law.
@@ -237,7 +222,7 @@ class EstimateGuard:
 
         The remaining difference of the last handover is added.
         """
-        elapsed = _elapsed(memory, tick)
+        elapsed = elapsed_since(memory.tick, tick)
         last, difference = np.array(memory.demand), np.array(memory.difference)
         fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
         if not memory.law_steers:
@@ -255,13 +240,13 @@ class EstimateGuard:
     def _with_estimate(self, memory: GuardMemory, tick: int, estimate: OffTracking, motion: HitchMotion) -> GuardMemory:
         """Memory with a new estimate, which is good if it and those before it are plausible."""
         d, length = self._degradation, self._trailer.follow_distance
-        travel = moved_on(memory.travel, estimate, motion, length)
+        travel = travel_with(memory.travel, estimate, motion, length)
         memory = memory._replace(travel=travel)
-        if not (usable(estimate, tick, d.limits) and motion_agrees(estimate, travel, motion, length)):
+        if not (usable(estimate, tick, d) and motion_agrees(estimate, travel, motion, length)):
             return memory._replace(sound_since=None)
         before = memory.sound
         comparable = before is not None and (estimate.tick - before.tick) * TICK <= d.hold
-        if before is not None and comparable and jumps(before, estimate, length, d.limits):
+        if before is not None and comparable and jumps(before, estimate, length, d.max_jump):
             return memory._replace(sound=estimate, sound_since=None, trusted=False)
         since = tick if memory.sound_since is None else memory.sound_since
         memory = memory._replace(sound=estimate, sound_since=since)
@@ -278,7 +263,7 @@ class EstimateGuard:
             return memory
         hold, length = self._degradation.hold, self._trailer.follow_distance
         if memory.good is None:
-            rolled = memory.rolled + abs(motion.v_x) * _elapsed(memory, tick)
+            rolled = memory.rolled + abs(motion.v_x) * elapsed_since(memory.tick, tick)
             memory = memory._replace(rolled=rolled, good_at=memory.good_at if rolled > length else tick)
             is_recent = (tick - memory.good_at) * TICK <= hold + _GAP
         else:
@@ -287,11 +272,6 @@ class EstimateGuard:
         if is_recent:
             return memory
         return memory._replace(law_steers=False, trusted=False, sound_since=None, changed_at=tick)
-
-
-def _elapsed(memory: GuardMemory, tick: int) -> float:
-    """Time since the last step [s]."""
-    return 0.0 if memory.tick is None else (tick - memory.tick) * TICK
 
 
 def _is_new(memory: GuardMemory, estimate: OffTracking) -> bool:

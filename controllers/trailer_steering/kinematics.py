@@ -357,7 +357,7 @@ def straight_behind(follow_distance: float) -> ReckonedPath:
     return ReckonedPath(reach, Pose2(0.0, 0.0, 0.0), (), np.full(len(x), -np.inf), points)
 
 
-def moved(path: ReckonedPath, tick: int, motion: HitchMotion, elapsed: float) -> ReckonedPath:
+def extended(path: ReckonedPath, tick: int, motion: HitchMotion, elapsed: float) -> ReckonedPath:
     """The path after ``elapsed`` [s] of this motion up to ``tick``."""
     here, turn = path.X_OS, motion.yaw_rate * elapsed
     middle = here.psi + 0.5 * turn

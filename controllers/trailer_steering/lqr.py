@@ -42,8 +42,8 @@ from controllers.trailer_steering.kinematics import (
     check_steered,
     check_towed,
     corrected,
+    extended,
     hitch_motion,
-    moved,
     reachable,
     straight_behind,
 )
@@ -51,7 +51,7 @@ from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import elapsed_since
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.frames import FloatArray
 from vehicle.option import PartParameters, option, quantity
@@ -113,17 +113,6 @@ def schedule(combination: Combination, trailer: TrailerGeometry, weights: Weight
     return tuple(_gains(combination, trailer, weights, speed) for speed in SPEEDS)
 
 
-def closed_loop(combination: Combination, trailer: TrailerGeometry, weights: Weights, speed: float) -> FloatArray:
-    """System matrix under full state feedback at ``speed`` [m/s], without the driver's steer."""
-    p = plant(combination, trailer, speed)
-    A, B, _, _ = _with_path(p, trailer.follow_distance, speed)
-    A = A - np.outer(B, _feedback(p, trailer.follow_distance, weights, speed))
-    steer = [2 * p.units + 1, 2 * p.units + 2]  # after lateral speed, yaw rates, articulations, trailer steer
-    keep = np.setdiff1d(np.arange(len(A)), steer)
-    closed: FloatArray = A[np.ix_(keep, keep)]
-    return closed
-
-
 def plant(combination: Combination, trailer: TrailerGeometry, speed: float) -> Plant:
     """The combination's motion with its steering at ``speed`` [m/s]."""
     vehicle, unit = combination.vehicle, combination.unit
@@ -146,7 +135,7 @@ def _row(model: LateralModel, output: str, own: slice) -> FloatArray:
     return np.concatenate([model.C[k], [model.D[k, own].sum(), model.D[k, 0], 0.0]])
 
 
-def _with_path(p: Plant, follow_distance: float, speed: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def with_path(p: Plant, follow_distance: float, speed: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """A and B with the path, and the output rows of off-tracking and lateral acceleration."""
     n = len(p.A)
     A, B = np.zeros((n + _NODES, n + _NODES)), np.concatenate([p.B, np.zeros(_NODES)])
@@ -169,7 +158,7 @@ def _differentiation() -> FloatArray:
 def _feedback(p: Plant, follow_distance: float, weights: Weights, speed: float) -> FloatArray:
     import control  # the import takes seconds
 
-    A, B, e, a_y = _with_path(p, follow_distance, speed)
+    A, B, e, a_y = with_path(p, follow_distance, speed)
     cost = weights.off_tracking * np.outer(e, e) + weights.acceleration * np.outer(a_y, a_y)
     gain: FloatArray = control.lqr(A, B[:, None], cost, np.eye(1))[0][0]
     return gain
@@ -274,9 +263,9 @@ class Lqr(SteeringLaw[LqrMemory]):
         self, memory: LqrMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[LqrMemory, SteerCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         motion = self._filtered(memory, elapsed, signals)
-        path = moved(memory.path, tick, hitch_motion(self._combination, signals, float(motion[0])), elapsed)
+        path = extended(memory.path, tick, hitch_motion(self._combination, signals, float(motion[0])), elapsed)
         newest = memory.estimate_tick
         if off_tracking is not None and off_tracking.health is not Health.LOST and off_tracking.tick > newest:
             path, newest = corrected(path, off_tracking), off_tracking.tick
@@ -356,14 +345,13 @@ class Combined(SteeringLaw[CombinedMemory]):
 
     def init(self) -> CombinedMemory:
         """Wheels straight."""
-        straight = (0.0,) * len(self._trailer.steered_distances)
-        return CombinedMemory(None, self._low.init(), self._high.init(), straight)
+        return CombinedMemory(None, self._low.init(), self._high.init(), self._trailer.straight)
 
     def step(
         self, memory: CombinedMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[CombinedMemory, SteerCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         share = min(1.0, max(0.0, (_NONE_FROM - signals.speed) / (_NONE_FROM - _FULL_UP_TO)))  # of the low-speed law
         high, command = self._high.step(memory.high, tick, off_tracking, signals)
         wanted = command.angles

@@ -59,7 +59,7 @@ from controllers.trailer_steering.kinematics import (
 )
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray
 from vehicle.option import PartParameters, quantity
 
@@ -98,7 +98,7 @@ class PathLaw(SteeringLaw[PathLawMemory]):
 
     def init(self) -> PathLawMemory:
         """Memory without any estimate, wheels straight."""
-        return PathLawMemory(tick=None, demand=(0.0,) * len(self._trailer.steered_distances))
+        return PathLawMemory(tick=None, demand=self._trailer.straight)
 
     def actuated(self, memory: PathLawMemory, actuation: Actuation) -> PathLawMemory:
         """Memory with the state of the actuators."""
@@ -108,7 +108,7 @@ class PathLaw(SteeringLaw[PathLawMemory]):
         self, memory: PathLawMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[PathLawMemory, SteerCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         memory = memory._replace(tick=tick, history=recorded(memory.history, signals, _HISTORY))
         before = memory.estimate
         is_new = off_tracking is not None and (before is None or off_tracking.tick > before.tick)

@@ -26,7 +26,7 @@ from controllers.trailer_steering.kinematics import check_steered, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.foundation.data_file import read_arrays
 from vehicle.foundation.polyline import arc_length
 from vehicle.foundation.user_file import FileType, shown
@@ -155,13 +155,13 @@ class Policy(SteeringLaw[PolicyMemory]):
 
     def init(self) -> PolicyMemory:
         """Memory without any estimate, wheels straight."""
-        return PolicyMemory(None, None, 0, (0.0,) * len(self._trailer.steered_distances))
+        return PolicyMemory(None, None, 0, self._trailer.straight)
 
     def step(
         self, memory: PolicyMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[PolicyMemory, SteerCommand]:
         """New memory and command at ``tick``; wheels stay straight before the path is known."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         length = self._trailer.follow_distance
         usable = off_tracking is not None and off_tracking.health is not Health.LOST
         if off_tracking is not None and usable:

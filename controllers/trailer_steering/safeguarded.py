@@ -32,7 +32,7 @@ from controllers.trailer_steering.kinematics import reachable
 from estimators.estimates import OffTracking
 from estimators.off_tracking.signal_monitor import Finding
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import elapsed_since
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 
@@ -97,7 +97,7 @@ class Safeguarded:
             law=self.law.init(),
             guard=None if self._guard is None else self._guard.init(),
             is_locked=False,
-            wanted=(0.0,) * len(self._trailer.steered_distances),
+            wanted=self._trailer.straight,
             actuators=None if self._supervision is None else self._supervision.init(),
         )
 
@@ -113,7 +113,7 @@ class Safeguarded:
         if supervision is None or actuators is None:
             law, wanted = self._by_law(memory.law, tick, off_tracking, signals)
             return memory._replace(law=law), SafeguardedCommand(angles=wanted)
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         actuators = supervision.measured(actuators, signals)
         if memory.tick is not None and hasattr(self.law, "actuated"):
             aware = cast("ActuationAware[Any]", self.law)
@@ -148,7 +148,7 @@ class Safeguarded:
             law, wanted = self._by_law(memory.law, tick, off_tracking, signals)
             return memory._replace(law=law), wanted
         state, signals = guard.signals_checked(state, off_tracking, signals)
-        state, estimate = guard.estimate_judged(state, tick, off_tracking, signals)
+        state, estimate = guard.estimate_checked(state, tick, off_tracking, signals)
         law, wanted = self._by_law(memory.law, tick, estimate, signals)
         state, wanted = guard.steered(state, tick, wanted, signals)
         return memory._replace(law=law, guard=state), wanted

@@ -44,16 +44,16 @@ from controllers.trailer_steering.kinematics import (
     HitchMotion,
     ReckonedPath,
     check_steered,
+    extended,
     hitch_motion,
     limited_direction,
-    moved,
     reachable,
     straight_behind,
 )
 from estimators.estimates import OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import elapsed_since
 from vehicle.foundation.polyline import arc_length
 from vehicle.frames import FloatArray
 from vehicle.option import PartParameters, quantity
@@ -100,13 +100,13 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
 
     def init(self) -> CommandSteerMemory:
         """Wheels straight."""
-        return CommandSteerMemory(None, (0.0,) * len(self._trailer.steered_distances))
+        return CommandSteerMemory(None, self._trailer.straight)
 
     def step(
         self, memory: CommandSteerMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[CommandSteerMemory, SteerCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         wanted = last = np.array(memory.demand)
         if abs(signals.speed) >= _CREEP:
             lead = limited_direction(hitch_motion(self._combination, signals).direction)
@@ -174,16 +174,15 @@ class CtAt(SteeringLaw[CtAtMemory]):
 
     def init(self) -> CtAtMemory:
         """Straight road behind, wheels straight."""
-        straight = (0.0,) * len(self._trailer.steered_distances)
-        return CtAtMemory(None, straight_behind(self._trailer.follow_distance), straight)
+        return CtAtMemory(None, straight_behind(self._trailer.follow_distance), self._trailer.straight)
 
     def step(
         self, memory: CtAtMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[CtAtMemory, SteerCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         motion = hitch_motion(self._combination, signals)
-        path = moved(memory.path, tick, motion, elapsed)
+        path = extended(memory.path, tick, motion, elapsed)
         wanted = last = np.array(memory.demand)
         required = self._required_direction(path.in_trailer(), motion) if motion.v_x >= _CREEP else None
         if required is not None:

@@ -21,12 +21,15 @@ from rich.text import Text
 from offtrack.commands.console import (
     CHECK_FAILED,
     INTERRUPTED,
+    AsJson,
     PlainConsole,
     Quiet,
+    listing,
     one_line_errors,
     progress_bar,
     progress_display,
     remark,
+    table_of,
 )
 from offtrack.exchange.drawings import formats_of
 from offtrack.reports.vehicle_sheet.library import known_vehicles, open_sheet
@@ -38,10 +41,9 @@ from offtrack.studies.reproduce.reproduction import (
     names_of,
     write_reproduction,
 )
-from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, loaded
+from offtrack.studies.standards.assessment import KINDS, OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
-from offtrack.studies.standards.manoeuvre_kinds import KINDS, OTHER_NAMES, STANDARD_SET
 from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
 from offtrack.studies.validation.check import Check, CheckSection, number, tally
 from offtrack.studies.validation.suite import TASKS, validation_page
@@ -69,8 +71,8 @@ def vehicle(
         Path | None,
         typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N"),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no tables.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the data sheet as JSON and nothing else.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check a vehicle or rover file, print its data sheet and draw it to scale (side view and plan).
 
@@ -90,12 +92,10 @@ def _list_vehicles(*, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps({name: summary for group in known.values() for name, summary in group.items()}, indent=2))
         return
-    table = Table(box=None, show_header=False, pad_edge=False)
+    rows: list[tuple[str | Text, str]] = []
     for kind, summaries in known.items():
-        table.add_row(Text(kind, style="bold"), "")
-        for name, summary in summaries.items():
-            table.add_row(f"  {name}", summary)
-    PlainConsole().print(table)
+        rows += [(Text(kind, style="bold"), ""), *((f"  {name}", summary) for name, summary in summaries.items())]
+    PlainConsole().print(listing(rows))
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
@@ -188,7 +188,7 @@ def assess(
         ),
     ] = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the assessment as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Drive a vehicle through standard manoeuvres and compare it with the limits of the standards.
 
@@ -249,11 +249,8 @@ def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
 def _matrix(matrix: AssessmentMatrix) -> Table:
     """All quantities over the cases, with the levels reached; the report names the limits."""
     shown = matrix_table(matrix, limits=False)
-    table = Table(
-        title=f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)", title_justify="left"
-    )
-    for column in shown.columns:
-        table.add_column(column.title, justify="right" if column.kind == "number" else "left")
+    title = f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)"
+    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in shown.columns), title=title)
     styles = {"bad": "red", "good": "green"}
     for row in shown.rows:
         cells = [("", cell) if isinstance(cell, str) else (styles.get(cell.emphasis, ""), cell.text) for cell in row]
@@ -264,9 +261,8 @@ def _matrix(matrix: AssessmentMatrix) -> Table:
 
 def _figures(assessment: Assessment) -> Table:
 
-    table = Table(title=f"{assessment.vehicle.name}: measured", title_justify="left")
-    for column in ("", "quantity", "measured", "linear theory"):
-        table.add_column(column, justify="right" if column in ("measured", "linear theory") else "left")
+    columns = ("", "quantity", ">measured", ">linear theory")
+    table = table_of(*columns, title=f"{assessment.vehicle.name}: measured")
     for manoeuvre in assessment.manoeuvres:
         shown = [name for name, value in manoeuvre.figures.items() if value == value]
         head = manoeuvre.key.replace("_", " ")
@@ -281,9 +277,8 @@ def _figures(assessment: Assessment) -> Table:
 
 def _levels(assessment: Assessment) -> Table:
 
-    table = Table(title=f"{assessment.vehicle.name}: limits of the standards", title_justify="left")
-    for column in ("quantity", "measured", "reached", "limits", "standard"):
-        table.add_column(column, justify="right" if column == "measured" else "left")
+    columns = ("quantity", ">measured", "reached", "limits", "standard")
+    table = table_of(*columns, title=f"{assessment.vehicle.name}: limits of the standards")
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
         bad = judgement.reached in ("none", "missed", "not measured")
@@ -306,7 +301,7 @@ def validate(
         typer.Option(help="Output directory for the page; it must not exist yet.", show_default="runs/validate-N"),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Run fewer cases: about half a minute.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare the vehicle model with closed forms, published tables and independent models.
 
@@ -431,7 +426,7 @@ def reproduce(
         ),
     ] = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Reproduce a paper's table or figure and print it with the published numbers.
 
@@ -482,11 +477,8 @@ def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
 
 
 def _print_reproduction(result: Reproduction, directory: Path) -> None:
-    table = Table(title=f"{result.title} ({result.source})", title_justify="left")
-    table.add_column("quantity")
-    for column in ("published", "own"):
-        table.add_column(column, justify="right")
-    table.add_column("unit")
+    title = f"{result.title} ({result.source})"
+    table = table_of("quantity", ">published", ">own", "unit", title=title)
     for one in result.comparisons:
         table.add_row(one.quantity, one.published or "–", one.own_text, one.unit)
     console = PlainConsole()

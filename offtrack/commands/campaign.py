@@ -9,7 +9,15 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import BAD_INPUT, CHECK_FAILED, PlainConsole, one_line_errors
+from offtrack.commands.console import (
+    BAD_INPUT,
+    CHECK_FAILED,
+    PlainConsole,
+    SettingsOfAll,
+    listing,
+    one_line_errors,
+    table_of,
+)
 from offtrack.commands.study import StudyOptions, takes_study_options
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
 from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_text
@@ -45,10 +53,7 @@ def campaign(
             show_default=False,
         ),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario in all runs. May be repeated."),
-    ] = None,
+    settings: SettingsOfAll = None,
     seeds: Annotated[
         str | None, typer.Option(help="Seeds, as 1-5 or 1,2,7.", show_default="those of the file; 1-2")
     ] = None,
@@ -110,10 +115,7 @@ def _list(*, as_json: bool) -> None:
         rows = [{"name": n, "runs": len(c.cases()), "description": c.description} for n, c in loaded.items()]
         typer.echo(json.dumps(rows, indent=2))
         return
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for name, one in loaded.items():
-        table.add_row(name, f"{len(one.cases())} runs", one.description)
-    PlainConsole().print(table)
+    PlainConsole().print(listing((name, f"{len(one.cases())} runs", one.description) for name, one in loaded.items()))
 
 
 def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
@@ -194,9 +196,8 @@ def _time_texts(times: Times) -> list[str]:
 
 def _thresholds(searches: tuple[Search, ...]) -> Table:
 
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for heading in ("bisected", "law", "", "seed", "smallest that fails", ""):
-        table.add_column(heading)
+    columns = ("bisected", "law", "", "seed", "smallest that fails", "")
+    table = table_of(*columns, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for one in searches:
         note = "not monotone" if "not monotone" in note_of(one) else ""
         name = f"{one.entry.title}, {one.table.of}"

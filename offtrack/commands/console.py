@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, Final, cast
 
@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressDisplay
+from rich.table import Table
 from rich.text import Text
 from typer.core import TyperGroup
 
@@ -28,6 +29,15 @@ _DEBUG: Final = "OFFTRACK_DEBUG"
 _OPTION: Final = "--debug"
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON and nothing else.")]
+SettingsOfAll = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the scenario in all runs, e.g. off_tracking=truth. May be repeated.",
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
 ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")]
 
@@ -111,6 +121,32 @@ class PlainConsole(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         """The text, whose file names and names of units may come from anywhere."""
         return super().render_str(printable(text), **options)
+
+
+def table_of(*columns: str, title: str | None = None, **style: Any) -> Table:
+    """An empty table with these headings; a column that begins with ``>`` is aligned to the right."""
+    table = Table(title=title, title_justify="left", **style)
+    for column in columns:
+        table.add_column(column.removeprefix(">"), justify="right" if column.startswith(">") else "left")
+    return table
+
+
+def listing(rows: Iterable[Sequence[str | Text]]) -> Table:
+    """Rows without lines and headings."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def summary_table(title: str, groups: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Numbers of a summary by group and name."""
+    table = table_of("", "quantity", ">value", title=title)
+    for group, values in groups.items():
+        for k, (name, value) in enumerate(values.items()):
+            shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
+    return table
 
 
 def printable(text: str) -> str:

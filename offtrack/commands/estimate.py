@@ -19,6 +19,7 @@ from estimators.context import RoverContext
 from estimators.odometry.repeated_frames import NewViews
 from offtrack.commands.console import (
     INTERRUPTED,
+    AsJson,
     PlainConsole,
     Quiet,
     lines,
@@ -26,6 +27,8 @@ from offtrack.commands.console import (
     progress_bar,
     progress_display,
     remark,
+    summary_table,
+    table_of,
 )
 from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.calibration_files import (
@@ -162,7 +165,7 @@ def off_tracking(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Estimate the off-tracking of a trailer from recorded stereo images.
 
@@ -239,7 +242,7 @@ def slip(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Estimate the slip angle of a rover from recorded images of its wheel trace.
 
@@ -278,16 +281,10 @@ def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *
 
 def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) -> None:
     console = PlainConsole()
-    table = Table(title=f"{numbers['recording']}: {numbers['outcome']}", title_justify="left")
-    table.add_column("")
-    table.add_column("quantity")
-    table.add_column("value", justify="right")
-    for group in groups:
-        rows = [(name, value) for name, value in numbers[group].items() if value not in (None, [])]
-        for k, (name, value) in enumerate(rows):
-            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
-    console.print(table)
+    shown = {
+        group: {name: value for name, value in numbers[group].items() if value not in (None, [])} for group in groups
+    }
+    console.print(summary_table(f"{numbers['recording']}: {numbers['outcome']}", shown))
     for line in (*_remarks(numbers), f"Report: {directory / 'report.html'}"):
         console.print(line, soft_wrap=True)
 
@@ -336,8 +333,8 @@ def calibrate(
     out: Annotated[
         Path | None, typer.Option(help="Output file; it must not exist yet.", show_default="rig.toml or camera.toml")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no tables.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Calibrate a camera or a stereo pair with photographs of a checkerboard.
 
@@ -444,13 +441,8 @@ def _print_tables(
 
 
 def _image_table(name: str, calibration: CameraCalibration, views: Sequence[BoardView]) -> Table:
-    table = Table(
-        title=f"{name}: {len(calibration.errors)} of {len(views)} images used, {calibration.rms:.3f} px RMS",
-        title_justify="left",
-    )
-    table.add_column("image")
-    table.add_column("error [px]", justify="right")
-    table.add_column("reason if dropped")
+    title = f"{name}: {len(calibration.errors)} of {len(views)} images used, {calibration.rms:.3f} px RMS"
+    table = table_of("image", ">error [px]", "reason if dropped", title=title)
     for view in views:
         error = calibration.errors.get(view.name)
         table.add_row(view.name, "-" if error is None else f"{error:.3f}", calibration.dropped.get(view.name, ""))
@@ -458,11 +450,8 @@ def _image_table(name: str, calibration: CameraCalibration, views: Sequence[Boar
 
 
 def _parameter_table(cameras: dict[str, CameraCalibration]) -> Table:
-    table = Table(title="Parameters of each camera, with standard deviations", title_justify="left")
-    table.add_column("")
-    for name in cameras:
-        table.add_column(name, justify="right")
-        table.add_column("+-", justify="right")
+    columns = (column for name in cameras for column in (f">{name}", ">+-"))
+    table = table_of("", *columns, title="Parameters of each camera, with standard deviations")
     names = ("fx [px]", "fy [px]", "cx [px]", "cy [px]", "k1", "k2", "p1", "p2", "k3")
     for k, name in enumerate(names):
         digits, cells = 2 if k < 4 else 5, []

@@ -15,14 +15,17 @@ from rich.table import Table
 from offtrack.commands.console import (
     CHECK_FAILED,
     INTERRUPTED,
+    AsJson,
     PlainConsole,
     Quiet,
     ScenarioName,
     debugging,
+    listing,
     one_line_errors,
     progress_bar,
     progress_display,
     remark,
+    summary_table,
 )
 from offtrack.exchange.bench.links import opened_bench
 from offtrack.exchange.recordings.writers import recording_in
@@ -30,7 +33,7 @@ from offtrack.reports.run_writer import write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios import part_listing
 from scenarios.loop import runner
-from scenarios.loop.timing import Pacer
+from scenarios.loop.channel import Pacer
 from scenarios.options.scenario import load_any_scenario, scenario_names
 from scenarios.part_listing import Key
 from scenarios.progress import postponed_interrupts
@@ -106,7 +109,7 @@ def run(
     ] = 0,
     record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory.
 
@@ -163,17 +166,10 @@ def run(
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
     console = PlainConsole()
-    table = Table(title=f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}", title_justify="left")
-    table.add_column("")
-    table.add_column("quantity")
-    table.add_column("value", justify="right")
     groups = {**numbers, **numbers.get("trailers", {})}
-    for group, values in groups.items():
-        if isinstance(values, dict) and group != "trailers":
-            for k, (name, value) in enumerate(values.items()):
-                shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-                table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
-    console.print(table)
+    shown = {name: values for name, values in groups.items() if isinstance(values, dict) and name != "trailers"}
+    title = f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}"
+    console.print(summary_table(title, shown))
     for warning in numbers.get("warnings", ()):
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
@@ -181,7 +177,6 @@ def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
 
 PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
 KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
-AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 Find = Annotated[
     str, typer.Option(metavar="TEXT", help="Show only entries that contain this text.", show_default=False)
 ]
@@ -195,10 +190,8 @@ def scenarios(
     """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
     with one_line_errors():
         if name is None:
-            table = Table(box=None, show_header=False, pad_edge=False)
-            for known in scenario_names():
-                table.add_row(known, load_any_scenario(known).description)
-            PlainConsole().print(table)
+            rows = ((known, load_any_scenario(known).description) for known in scenario_names())
+            PlainConsole().print(listing(rows))
             return
         scenario = load_any_scenario(name)
         console = PlainConsole()

@@ -18,12 +18,15 @@ from rich.table import Table
 
 from offtrack.commands.console import (
     CHECK_FAILED,
+    AsJson,
     PlainConsole,
     Quiet,
+    SettingsOfAll,
     one_line_errors,
     progress_bar,
     progress_display,
     remark,
+    table_of,
 )
 from offtrack.studies.case import Outcome, Settings, listed, parameters_beside, seeds_of
 from offtrack.studies.draws import Sensitivity, analysed, analysis_json
@@ -65,7 +68,6 @@ Out = Annotated[
     Path | None,
     typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")]
 Where = Annotated[
     list[str] | None,
     typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
@@ -239,9 +241,8 @@ def print_sensitivity(design: Sensitivity, outcomes: Sequence[Outcome]) -> None:
     console, analyses = PlainConsole(), analysed(design, outcomes)
     for axes in dict.fromkeys(analysis.axes for analysis in analyses):
         point = " ".join(f"{key}={value}" for key, value in axes)
-        table = Table(title=f"Sensitivity{f', {point}' if point else ''}", title_justify="left", padding=(0, 0))
-        for heading in ("", "key", first, "±", second, "±", ""):
-            table.add_column(heading, justify="left" if heading in ("", "key") else "right")
+        title = f"Sensitivity{f', {point}' if point else ''}"
+        table = table_of("", "key", f">{first}", ">±", f">{second}", ">±", ">", title=title, padding=(0, 0))
         for analysis in (one for one in analyses if one.axes == axes):
             head = f"{analysis.quantity.label} [{analysis.quantity.unit}]"
             for index in analysis.indices:
@@ -298,10 +299,7 @@ def compare(
             "--off-tracking", "--slip-estimators", help="Comma-separated off-tracking sources, or slip estimators."
         ),
     ] = "truth",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario in all runs. May be repeated."),
-    ] = None,
+    settings: SettingsOfAll = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated."),

@@ -12,17 +12,19 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from controllers.trailer_steering.policy import load_network, save_network
 from offtrack.commands.console import (
+    AsJson,
     PlainConsole,
     Quiet,
     ScenarioName,
+    SettingsOfAll,
     one_line_errors,
     progress_bar,
     progress_display,
     remark,
+    table_of,
 )
 from offtrack.environments import registry
 from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
@@ -90,7 +92,7 @@ def train(
         ),
     ] = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Train a policy for offtrack/TrailerSteering-v0 with PPO, and compare it with steering laws.
 
@@ -179,10 +181,7 @@ def _check_extra() -> None:
 
 def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
     title = "Off-tracking of the follow point, RMS (largest) in metres; * ended in a mishap"
-    table = Table(title=title, title_justify="left")
-    table.add_column("")
-    for law in next(iter(scores.values())):
-        table.add_column(law, justify="right")
+    table = table_of("", *(f">{law}" for law in next(iter(scores.values()))), title=title)
     for name, laws in scores.items():
         marks = [f"{s.rms_m:.3f} ({s.max_m:.2f}){'*' * s.mishaps}" for s in laws.values()]
         table.add_row(name if name == "trained" else f"unseen {name}", *marks)
@@ -201,7 +200,7 @@ def fit_surrogate(
     out: Annotated[
         Path | None, typer.Option(help="Output file for the parameters and their source; it must not exist yet.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the parameters as JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fit a surrogate of an off-tracking estimator to the errors of camera runs.
 
@@ -257,14 +256,7 @@ def tune(
             help="Parameter to tune, with its range; by default those that the law declares. May be repeated.",
         ),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a key of the scenario in all runs, e.g. off_tracking=truth. May be repeated.",
-        ),
-    ] = None,
+    settings: SettingsOfAll = None,
     vary: Annotated[
         list[str] | None, typer.Option(metavar="KEY=VALUE,…", help="Axis of the grid of tuning runs. May be repeated.")
     ] = None,
@@ -293,7 +285,7 @@ def tune(
         typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
     ] = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only the result, as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Tune the parameters of a trailer steering law or rover driver on some runs, and judge them on others.
 
@@ -360,10 +352,7 @@ def _plain(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]]) 
 
 
 def _print_tuning(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]], directory: Path) -> None:
-    table = Table(title=f"{tuning.law} on the judging runs", title_justify="left")
-    table.add_column("")
-    for name in tuning.objectives:
-        table.add_column(name, justify="right")
+    table = table_of("", *(f">{name}" for name in tuning.objectives), title=f"{tuning.law} on the judging runs")
     for name, values in compared.items():
         table.add_row(name, *(f"{value:.4g}" for value in values))
     console = PlainConsole()

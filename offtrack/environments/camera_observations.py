@@ -24,8 +24,8 @@ from offtrack.environments.pictures import ImageObservation, SensedChannel, ster
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import check_schedule, rig_schedule, trailer_geometry
 from scenarios.assembly.applied_faults import refuse_loop_faults
-from scenarios.assembly.mount import MountContext, Views, built_world
 from scenarios.assembly.trailer_run import opened_sensing, opened_sensor, trailer_stream
+from scenarios.assembly.trailer_sensors import MountContext, Views, built_world
 from scenarios.courses import Course
 from scenarios.loop.trailer_session import OffTrackingEstimate, as_estimate
 from scenarios.options.scenario import Scenario

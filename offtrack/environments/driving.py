@@ -162,7 +162,7 @@ class TractorTrailerDriving:
         self._now = self._mover.step(self._steer_limit * demand[:, 0], acceleration)
         self._elapsed += PERIOD
         before, self._relative_goal = self._relative_goal, self._to_goal()
-        return self._judged(before, demand)
+        return self._result(before, demand)
 
     def observe(self) -> Observation:
         """Goal relative to the trailer's end, and state of the combination."""
@@ -200,7 +200,7 @@ class TractorTrailerDriving:
         turned = turned - math.tau * np.rint(turned / math.tau)
         return np.column_stack([c * d_x + s * d_y + self._ends, c * d_y - s * d_x, turned])
 
-    def _judged(self, before: FloatArray, demand: FloatArray) -> Result:
+    def _result(self, before: FloatArray, demand: FloatArray) -> Result:
         now, goal = self._now, self._relative_goal
         psi = now.poses[:, :, 2]
         distance = np.hypot(goal[:, 0], goal[:, 1])

@@ -19,8 +19,7 @@ from offtrack.environments.core import Feature, observation_space, within
 from offtrack.reports.canvas import ESTIMATED, INK, SHIFT, SOFT, TRUE, Colour, Picture, blank, curve, fixed_point, write
 from offtrack.reports.run_video import draw_flow
 from scenarios.courses import Course
-from scenarios.loop.channel import Channel
-from scenarios.loop.timing import Stopwatch
+from scenarios.loop.channel import Channel, Stopwatch
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from scenarios.results.trailer_signals import Estimate
 from sensors.messages import GreyImage, Message, Sensor, Stamped, StereoFrame, TrailerView

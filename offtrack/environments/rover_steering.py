@@ -258,7 +258,7 @@ class RoverSteering:
             episode.finite = False
             return True, False, "diverged"
         self._look(episode)
-        return self._judged(episode)
+        return self._result(episode)
 
     def _drive(self, episode: _Episode, command: RoverCommand) -> None:
         """Advance the plant by a control step."""
@@ -284,7 +284,7 @@ class RoverSteering:
             episode.sensed.look(truth)
             episode.slip_estimate = episode.sensed.slip_angle
 
-    def _judged(self, episode: _Episode) -> tuple[bool, bool, str]:
+    def _result(self, episode: _Episode) -> tuple[bool, bool, str]:
         if episode.plant.entrapped(episode.truth):
             return True, False, "entrapped"
         if abs(episode.cross_track) > _MAX_CROSS_TRACK:

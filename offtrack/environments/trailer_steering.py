@@ -237,7 +237,7 @@ class TrailerSteering:
         self._source.step(now, offset)
         moment = self._moment(before, now, offset)
         self._metrics.step(moment, self._axles(now))
-        return self._judged(moment)
+        return self._result(moment)
 
     def observe(self) -> Observation:
         """Observation of all episodes."""
@@ -288,7 +288,7 @@ class TrailerSteering:
             finite=self._fleet.finite,
         )
 
-    def _judged(self, moment: Moment) -> Result:
+    def _result(self, moment: Moment) -> Result:
         terminated = np.zeros(self.n, dtype=bool)
         outcome = np.full(self.n, "", dtype=object)
         for name, ending in reversed(tuple(self._endings.items())):

@@ -17,8 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from scenarios.assembly.adapters import course_of, outlines, vehicle_of
-from scenarios.assembly.plants import plant_vehicle
+from scenarios.assembly.adapters import course_of, outlines, plant_vehicle, vehicle_of
 from scenarios.extras import check_extra
 from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
 from scenarios.results.atomic_files import replacing

@@ -11,8 +11,7 @@ import numpy as np
 
 from offtrack.reports.player.playback import Playback, PlayedRun
 from offtrack.reports.player.run_playback import played_rover, played_trailer, rover_playback, trailer_playback
-from scenarios.assembly.adapters import course_of, ground_friction, outlines, vehicle_of
-from scenarios.assembly.plants import plant_vehicle
+from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
 from scenarios.assembly.rover_run import rover_path
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import Scenario

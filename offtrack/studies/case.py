@@ -212,7 +212,7 @@ def _text(value: bool | int | float | str) -> str:
 _CPU_FILE: Final = Path("/proc/cpuinfo")
 
 
-class Made(NamedTuple):
+class Provenance(NamedTuple):
     """Where and when a run was made."""
 
     host: str
@@ -224,7 +224,7 @@ class Made(NamedTuple):
     ended: str  # UTC, ISO 8601
 
     @classmethod
-    def of(cls, table: Any) -> Made | None:
+    def of(cls, table: Any) -> Provenance | None:
         """As it was saved; None for a run of before it was saved, or a damaged table."""
         try:
             return cls(**table)
@@ -237,9 +237,9 @@ class Made(NamedTuple):
         return f"{self.host} ({self.cpu})"
 
 
-def made(since: float) -> dict[str, Any]:
+def provenance(since: float) -> dict[str, Any]:
     """Provenance of a run that began at ``since``, on the clock `time.monotonic`."""
-    return Made(
+    return Provenance(
         host=platform.node(),
         cpu=_cpu(),
         python=platform.python_version(),
@@ -261,9 +261,9 @@ def _cpu() -> str:
     return next(models, "") or platform.processor() or platform.machine()
 
 
-def machines(provenance: Iterable[Made | None]) -> tuple[str, ...]:
+def machines(runs: Iterable[Provenance | None]) -> tuple[str, ...]:
     """Machines that made these runs, without repetition."""
-    return tuple(dict.fromkeys(one.machine for one in provenance if one is not None))
+    return tuple(dict.fromkeys(one.machine for one in runs if one is not None))
 
 
 MOST_CASES: Final = 20_000  # of a study
@@ -330,7 +330,7 @@ class Outcome:
     case: Case
     numbers: Mapping[str, Any]  # its summary; {"outcome": "failed: …"} if it has none
     signals: Path | None = None  # file of its signals
-    made: Made | None = None  # where and when; None: not known
+    provenance: Provenance | None = None  # where and when; None: not known
 
     def number(self, path: str) -> float | None:
         """The number ``group.name`` of the summary; None if there is none."""

@@ -209,7 +209,7 @@ class DaskExecutor:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+    def results(self, cases: Mapping[str, Case], cells: Path) -> Results:
         """Make runs; a run that is lost with its worker is made again elsewhere.
 
         Raises:

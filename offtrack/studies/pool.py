@@ -16,13 +16,13 @@ from typing import Any, Protocol
 
 from offtrack.studies.case import (
     Case,
-    Made,
     Outcome,
+    Provenance,
     Settings,
     identities,
-    made,
     named_files,
     opened_files,
+    provenance,
     watch_files,
 )
 from scenarios.loop.runner import run
@@ -32,7 +32,7 @@ from scenarios.results.atomic_files import digest, replacing
 from scenarios.results.log import write_log
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
-_MADE = "made"  # key of the provenance
+_PROVENANCE = "made"  # key of the provenance
 
 Results = Generator[tuple[str, str | BaseException], None, None]
 
@@ -40,7 +40,7 @@ Results = Generator[tuple[str, str | BaseException], None, None]
 class Executor(Protocol):
     """Makes runs somewhere."""
 
-    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+    def results(self, cases: Mapping[str, Case], cells: Path) -> Results:
         """Make runs, save those that succeed in a folder, and yield each name with its problem, empty if there is none.
 
         The problem is an outcome, or the exception that ended the run. Closing the generator stops what is running.
@@ -54,7 +54,7 @@ class Pool:
     jobs: int
     timeout: float | None = None  # of a run [s]
 
-    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+    def results(self, cases: Mapping[str, Case], cells: Path) -> Results:
         """Make runs; one whose process dies is tried once more."""
         tasks = {name: (case, cells, name, name) for name, case in cases.items()}
         jobs = max(1, min(self.jobs, len(tasks)))
@@ -91,7 +91,7 @@ def run_cases(
     done, failed = len(cases) - len(missing), dict[str, str]()
     options.progress(done, len(cases), "from an earlier run" if done else "")
     executor = options.executor or Pool(jobs=options.jobs, timeout=options.timeout)
-    with closing(executor.made(missing, cells)) as results:
+    with closing(executor.results(missing, cells)) as results:
         for name, result in results:
             if problem := problem_of(result):
                 failed[name] = problem
@@ -121,7 +121,7 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     signals = _signals(cells, name)
     with replacing(signals) as path:
         write_log(result.log, path)
-    numbers = {**result.summary(), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
+    numbers = {**result.summary(), _SIGNALS: digest(signals), _FILES: opened, _PROVENANCE: provenance(begin)}
     with replacing(summary_file(cells, name)) as path:  # the last: a run with a summary is complete
         path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
     return ""
@@ -164,8 +164,10 @@ def outcome_of(case: Case, cells: Path, identity: str, failed: Mapping[str, str]
     if identity in failed:
         return Outcome(case=case, numbers={"outcome": failed[identity]})
     saved = _read(summary_file(cells, identity))
-    numbers = {key: value for key, value in saved.items() if key not in (_SIGNALS, _FILES, _MADE)}
-    return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity), made=Made.of(saved.get(_MADE)))
+    numbers = {key: value for key, value in saved.items() if key not in (_SIGNALS, _FILES, _PROVENANCE)}
+    return Outcome(
+        case=case, numbers=numbers, signals=_signals(cells, identity), provenance=Provenance.of(saved.get(_PROVENANCE))
+    )
 
 
 def problem_of(result: str | BaseException) -> str:

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv as pa_csv
 
-from offtrack.studies.case import RUN, Case, FinishedCase, Made, Outcome, identities
+from offtrack.studies.case import RUN, Case, FinishedCase, Outcome, Provenance, identities
 from offtrack.studies.draws import made_in_batches
 from offtrack.studies.pool import RunOptions, run_cases, summary_file
 from offtrack.studies.study import FILE, Study
@@ -41,8 +41,10 @@ def runs_table(outcomes: Sequence[Outcome]) -> pa.Table:
         numbers = [outcome.number(quantity.path) for outcome in outcomes]
         if any(number is not None for number in numbers):
             columns[quantity.column] = list(numbers)
-    for name in Made._fields:
-        columns[name] = [None if outcome.made is None else getattr(outcome.made, name) for outcome in outcomes]
+    for name in Provenance._fields:
+        columns[name] = [
+            None if outcome.provenance is None else getattr(outcome.provenance, name) for outcome in outcomes
+        ]
     return pa.table(columns)
 
 

@@ -135,7 +135,7 @@ def study_page(
     facts = (study.scenario, _facts(outcomes[0].case, study.axes), _counted(outcomes), f"seeds {seeds}")
     file = Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
     changed = ", ".join(f"{key} = {value}" for key, value in study.fixed)
-    made_on = machines([outcome.made for outcome in outcomes])
+    made_on = machines([outcome.provenance for outcome in outcomes])
     return Page(
         title=title,
         heading=title,

@@ -10,10 +10,10 @@ from offtrack.studies.tuning import Trial, Tuning, pareto
 from scenarios.results.run_summary import versions
 
 
-def tuning_page(tuning: Tuning, trials: Sequence[Trial], best: Trial, judged: Mapping[str, tuple[float, ...]]) -> str:
-    """The page as HTML; ``judged``: the objectives on the judging set, for the default and the chosen parameters."""
+def tuning_page(tuning: Tuning, trials: Sequence[Trial], best: Trial, compared: Mapping[str, tuple[float, ...]]) -> str:
+    """The page as HTML; ``compared``: the objectives on other runs, for the default and the chosen parameters."""
     sections = [
-        Section("Result on other runs", _judging_text(tuning), [_objectives_table(tuning, judged)]),
+        Section("Result on other runs", _judging_text(tuning), [_objectives_table(tuning, compared)]),
         Section("Parameters", "Trials that no other trial beats in every objective. Bold: the chosen one.",
                 [_parameters_table(tuning, pareto(trials), best)]),
     ]  # fmt: skip
@@ -36,9 +36,9 @@ def _judging_text(tuning: Tuning) -> str:
     return f"Means over runs that no trial has used. Number of runs: {len(study.cases())} · seeds {seeds}{axes}."
 
 
-def _objectives_table(tuning: Tuning, judged: Mapping[str, tuple[float, ...]]) -> Table:
+def _objectives_table(tuning: Tuning, compared: Mapping[str, tuple[float, ...]]) -> Table:
     columns = [Column("name"), *(Column("number", name) for name in tuning.objectives)]
-    return Table(columns, [[name, *(f"{value:.4g}" for value in values)] for name, values in judged.items()])
+    return Table(columns, [[name, *(f"{value:.4g}" for value in values)] for name, values in compared.items()])
 
 
 def _parameters_table(tuning: Tuning, front: Sequence[Trial], best: Trial) -> Table:

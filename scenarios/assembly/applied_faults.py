@@ -91,22 +91,6 @@ def trailer_faults(
     )
 
 
-def brake_faults(faults: Numbered, vehicle: Vehicle, rng: Callable[[str], np.random.Generator]) -> BrakeFaults:
-    """Faults of the brakes of the simulated vehicle.
-
-    Raises:
-        ValueError: one line, if it cannot have one of them.
-    """
-    last = len(vehicle.units) - 1
-    return BrakeFaults(
-        [
-            _Built(fault, fault.built(LoopFaultContext(vehicle=vehicle, unit=last, rng=rng(f"fault {k}"))))
-            for k, fault in faults
-            if issubclass(fault.kind, BrakeShares)
-        ]
-    )
-
-
 # Kinds of plants with brakes and actuators of their own; others get the demands of the loop alone.
 _BRAKED = ("multibody",)
 _UNSTEERED = ("constant_slip",)
@@ -155,7 +139,14 @@ def opened_brake_faults(scenario: Scenario, vehicle: Vehicle, rng: Callable[[str
     Raises:
         ValueError: one line, if it cannot have one of them.
     """
-    return brake_faults(loop_faults(scenario.faults), vehicle, rng)
+    last = len(vehicle.units) - 1
+    return BrakeFaults(
+        [
+            _Built(fault, fault.built(LoopFaultContext(vehicle=vehicle, unit=last, rng=rng(f"fault {k}"))))
+            for k, fault in loop_faults(scenario.faults)
+            if issubclass(fault.kind, BrakeShares)
+        ]
+    )
 
 
 def opened_trailer_faults(

@@ -1,4 +1,4 @@
-"""A channel of the loop: a sensor, its schedule, its messages in flight, and the estimator that receives them.
+"""A sensor's channel with its estimator, rows kept on disk, and time in the loop: control schedule, pace, stopwatch.
 
 An estimate depends only on the messages before it. The estimator therefore runs in a worker thread between the capture
 of a message and its delivery, while the loop continues on another core. Cameras of a paced run are rendered between
@@ -7,18 +7,302 @@ the two as well, by a thread of their own. The results are bitwise the same as i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+import os
+import pickle
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
-from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, runtime_checkable
+from threading import Lock
+from typing import (
+    Any,
+    Concatenate,
+    Final,
+    Generic,
+    Literal,
+    NamedTuple,
+    ParamSpec,
+    Protocol,
+    TypeVar,
+    cast,
+    get_args,
+    overload,
+    runtime_checkable,
+)
 
 from controllers.checked import LawError, misbehaviour
+from controllers.driver import PERIOD
 from estimators.context import Estimator
 from estimators.estimates import check_estimate
-from scenarios.loop.kept import Kept
-from scenarios.loop.timing import Stopwatch
+from scenarios.results.summary_numbers import Paced, Timing
 from sensors.messages import Message, Sensor, Stamped
-from vehicle.clock import Pipe, Schedule
+from vehicle.clock import TICK, Pipe, Schedule, to_ticks
+
+# Python hands its lock on to another thread after this time. Its default of 5 ms, twice, is a whole step.
+_SWITCH: Final = 5e-4  # [s]
+
+
+class Pacer:
+    """Clock of a paced run.
+
+    Simulated time is bound to the clock once, at the first step. A run that has fallen behind therefore catches up
+    where it can, and does not stretch the rest.
+    """
+
+    def __init__(
+        self,
+        speed: float = 1.0,
+        *,
+        clock: Callable[[], float] = time.perf_counter,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Create a pacer.
+
+        Args:
+            speed: simulated time over wall time.
+            clock: wall time [s].
+            sleep: waits for a time [s].
+        """
+        self.speed = speed
+        self._clock, self._sleep = clock, sleep
+        self._origin: float | None = None  # wall time of tick 0
+        self._begun = self._waited = 0.0
+        self._first = self._last = 0  # ticks
+        self._steps = self._misses = 0
+        self._worst = self._behind = self._longest = self._longest_wait = self._busy = 0.0
+
+    def begin(self, tick: int, waited: float) -> None:
+        """Wait for the time of this tick; ``waited`` is the time that the run has waited for estimates so far [s]."""
+        now = self._clock()
+        if self._origin is None:
+            self._origin, self._first = now - self._duration(tick), tick
+        due = self._origin + self._duration(tick)
+        while now < due:
+            self._sleep(due - now)
+            now = self._clock()
+        self._begun, self._waited = now, waited
+
+    def end(self, tick: int, waited: float) -> None:
+        """Note that the step before this tick has ended."""
+        assert self._origin is not None
+        now = self._clock()
+        spent = now - self._begun
+        self._behind = max(0.0, now - self._origin - self._duration(tick))
+        self._steps += 1
+        self._misses += self._behind > 0.0
+        self._worst, self._longest = max(self._worst, self._behind), max(self._longest, spent)
+        self._longest_wait = max(self._longest_wait, waited - self._waited)
+        self._busy += spent
+        self._last = tick
+
+    def report(self) -> Paced:
+        """Deadlines kept and missed so far."""
+        simulated = (self._last - self._first) * TICK
+        return Paced(
+            speed=self.speed,
+            step_s=simulated / self._steps / self.speed if self._steps else 0.0,
+            steps=self._steps,
+            misses=self._misses,
+            worst_s=self._worst,
+            behind_s=self._behind,
+            longest_step_s=self._longest,
+            longest_wait_s=self._longest_wait,
+            busy_s=self._busy,
+            simulated_s=simulated,
+        )
+
+    def _duration(self, ticks: int) -> float:
+        """Wall time of simulated ticks [s]."""
+        return ticks * TICK / self.speed
+
+
+@contextmanager
+def steady_python() -> Iterator[None]:
+    """Keep Python's own pauses short: threads take turns quickly, and no search for garbage interrupts.
+
+    What refers to itself in a circle is freed after the block; a run makes little of it.
+    """
+    interval, collects = sys.getswitchinterval(), gc.isenabled()
+    sys.setswitchinterval(_SWITCH)
+    gc.disable()
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval)
+        if collects:
+            gc.enable()
+
+
+Stage = Literal["physics", "render", "odometry", "wait", "total"]  # wait: for the odometry's thread
+
+
+class _Timed(AbstractContextManager[None]):
+    """Adds the time spent inside; a generator would take four times as long, and the loop opens four a step."""
+
+    __slots__ = ("_begin", "_seconds", "_stage")
+
+    def __init__(self, seconds: dict[Stage, float], stage: Stage) -> None:
+        self._seconds, self._stage, self._begin = seconds, stage, 0.0
+
+    def __enter__(self) -> None:
+        self._begin = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self._seconds[self._stage] += time.perf_counter() - self._begin
+
+
+class Stopwatch:
+    """Wall time of every stage so far."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[Stage, float] = dict.fromkeys(get_args(Stage), 0.0)
+
+    def timed(self, stage: Stage) -> AbstractContextManager[None]:
+        """Add the time spent inside to the stage; the loop and the estimator's thread call this."""
+        return _Timed(self._seconds, stage)
+
+    def seconds(self, stage: Stage) -> float:
+        """Wall time of a stage so far [s]."""
+        return self._seconds[stage]
+
+    def timing(self, simulated_s: float) -> Timing:
+        """Computing time by stage of a run that simulated this time [s]."""
+        seconds = self._seconds
+        return Timing(
+            simulated_s=simulated_s,
+            wall_s=seconds["total"],
+            physics_s=seconds["physics"],
+            render_s=seconds["render"],
+            odometry_s=seconds["odometry"],
+            odometry_parallel_s=seconds["odometry"] - seconds["wait"],
+        )
+
+
+CONTROL: Final = Schedule(period=to_ticks(PERIOD, "control period"))
+
+
+ItemT = TypeVar("ItemT")
+
+
+class _File:
+    """A temporary file without a name; it goes with its last user."""
+
+    def __init__(self) -> None:
+        self._descriptor, name = tempfile.mkstemp(prefix="offtrack-")
+        os.unlink(name)
+
+    def __del__(self) -> None:
+        os.close(self._descriptor)
+
+    def stored(self, content: bytes) -> _Stored:
+        """Write behind what is there.
+
+        Raises:
+            OSError: if there is no room.
+        """
+        offset, rest = os.lseek(self._descriptor, 0, os.SEEK_END), memoryview(content)
+        while rest:
+            rest = rest[os.write(self._descriptor, rest) :]
+        return _Stored(self, offset, len(content))
+
+    def read(self, offset: int, size: int) -> bytes:
+        parts = bytearray()
+        while len(parts) < size:
+            parts += os.pread(self._descriptor, size - len(parts), offset + len(parts))
+        return bytes(parts)
+
+
+class _Stored(NamedTuple):
+    """A chunk in a file."""
+
+    file: _File
+    offset: int
+    size: int
+
+    def load(self) -> list[Any]:
+        return cast("list[Any]", pickle.loads(self.file.read(self.offset, self.size)))
+
+
+class Kept(Sequence[ItemT], Generic[ItemT]):
+    """A growing sequence whose memory does not grow: an hour has 360 000 rows of some kilobytes each.
+
+    Items must not be changed. Those that can not be pickled stay in memory, and so do all if there is no room on disk.
+    Copies share what is in the file. A thread may get single items while another one appends.
+    """
+
+    def __init__(self, chunk: int, items: Iterable[ItemT] = (), *, recent: int = 0) -> None:
+        """A sequence of ``items`` with the newest in memory: ``recent`` and one to two times ``chunk``."""
+        self._chunk, self._recent = chunk, recent
+        self._older: list[_Stored | list[ItemT]] = []  # of one chunk each
+        self._newest: list[ItemT] = []
+        self._file: _File | None = None
+        self._lock = Lock()  # while items change their place
+        for item in items:
+            self.append(item)
+
+    def append(self, item: ItemT) -> None:
+        """Add an item."""
+        self._newest.append(item)
+        if len(self._newest) >= self._recent + 2 * self._chunk:
+            oldest = self._stored(self._newest[: self._chunk])
+            with self._lock:
+                del self._newest[: self._chunk]
+                self._older.append(oldest)
+
+    def __len__(self) -> int:
+        return self._chunk * len(self._older) + len(self._newest)
+
+    def __iter__(self) -> Iterator[ItemT]:
+        for chunk in list(self._older):
+            yield from _items(chunk)
+        yield from self._newest
+
+    @overload
+    def __getitem__(self, index: int) -> ItemT: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[ItemT]: ...
+    def __getitem__(self, index: int | slice) -> ItemT | list[ItemT]:
+        if isinstance(index, slice):
+            opened: dict[int, list[ItemT]] = {}  # chunks, each read once
+            return [self._at(place, opened) for place in range(len(self))[index]]
+        with self._lock:
+            place = index + len(self) if index < 0 else index
+            if not 0 <= place < len(self):
+                raise IndexError(index)
+            return self._at(place, {})
+
+    def _at(self, place: int, opened: dict[int, list[ItemT]]) -> ItemT:
+        chunk, rest = divmod(place, self._chunk)
+        if chunk >= len(self._older):
+            return self._newest[place - self._chunk * len(self._older)]
+        if chunk not in opened:
+            opened[chunk] = _items(self._older[chunk])
+        return opened[chunk][rest]
+
+    def __deepcopy__(self, _: object) -> Kept[ItemT]:
+        copied = Kept[ItemT](self._chunk, recent=self._recent)
+        copied._older, copied._newest = list(self._older), list(self._newest)
+        return copied
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(Kept, recent=self._recent), (self._chunk, list(self))
+
+    def _stored(self, items: list[ItemT]) -> _Stored | list[ItemT]:
+        try:
+            content = pickle.dumps(items, protocol=pickle.HIGHEST_PROTOCOL)
+            self._file = self._file or _File()
+            return self._file.stored(content)
+        except Exception:  # of a user's class, which may do anything; or no room is left
+            return items
+
+
+def _items(chunk: _Stored | list[ItemT]) -> list[ItemT]:
+    return chunk.load() if isinstance(chunk, _Stored) else chunk
+
 
 _DELIVERED = 20  # estimates in memory; twice as many at most
 TruthT = TypeVar("TruthT", bound=Stamped)

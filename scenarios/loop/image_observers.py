@@ -11,9 +11,8 @@ from typing import Final, Generic, Protocol, TypeVar
 
 import cv2
 
-from scenarios.assembly.mount import Cameras
-from scenarios.loop.kept import Kept
-from scenarios.loop.timing import Stopwatch
+from scenarios.assembly.trailer_sensors import Cameras
+from scenarios.loop.channel import Kept, Stopwatch
 from sensors.messages import ColourImage, RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth

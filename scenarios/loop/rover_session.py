@@ -11,10 +11,9 @@ from estimators.estimates import SlipAngle
 from estimators.slip.rover_odometry import LaserSlip, RoverOdometry
 from scenarios.assembly.rover_run import PERIOD, RoverAssembly
 from scenarios.loop.bench import Bench
-from scenarios.loop.channel import Channel, estimator_thread
+from scenarios.loop.channel import Channel, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import RoverRecorder, TracePictures
 from scenarios.loop.session import RunSession
-from scenarios.loop.timing import Stopwatch
 from scenarios.results.rover_result import RoverRecord, RoverResult, TraceFrame, rover_log
 from scenarios.results.run_inputs import RunInputs
 from sensors.messages import LaserFix, Message, RoverReadings

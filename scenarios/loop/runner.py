@@ -12,10 +12,10 @@ from typing import Any, Final, TypedDict, Unpack, overload
 from scenarios.assembly.rover_run import assemble_rover, rover_path
 from scenarios.assembly.trailer_run import assemble, course_duration, rendered_images
 from scenarios.loop.bench import Bench
+from scenarios.loop.channel import Pacer
 from scenarios.loop.image_observers import Recorder
 from scenarios.loop.rover_session import RoverSession
 from scenarios.loop.session import RunSession
-from scenarios.loop.timing import Pacer
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import AnyScenario, Scenario

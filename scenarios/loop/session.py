@@ -9,8 +9,7 @@ from concurrent.futures import Executor
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 from controllers.checked import LawError, misbehaviour
-from scenarios.loop.kept import Kept
-from scenarios.loop.timing import Pacer, Stopwatch, steady_python
+from scenarios.loop.channel import Kept, Pacer, Stopwatch, steady_python
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Row
 from scenarios.results.run_inputs import RunInputs

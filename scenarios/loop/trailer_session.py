@@ -20,11 +20,10 @@ from scenarios.assembly.adapters import outlines
 from scenarios.assembly.applied_faults import BrakeFaults
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, trailer_stream
 from scenarios.loop.bench import DRIVER, RECORD_NAME, Bench, Exchange, Sensed, opened_exchange
-from scenarios.loop.channel import Channel, Stateful, estimator_thread
+from scenarios.loop.channel import CONTROL, Channel, Pacer, Stateful, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures, StereoRecorder
 from scenarios.loop.referee import CourseJudge, lift_warnings
 from scenarios.loop.session import RunSession
-from scenarios.loop.timing import CONTROL, Pacer, Stopwatch
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log

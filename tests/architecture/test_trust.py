@@ -39,7 +39,7 @@ ALLOWED: Final = {
     ("offtrack/runs.py", "import_module"),  # pandas
     ("offtrack/studies/reproduce/reproduction.py", "import_module"),  # own figures only
     ("offtrack/studies/cluster_executor.py", "import_module"),  # classes of dask-jobqueue, by a table
-    ("scenarios/loop/kept.py", "pickle"),  # own rows, in a temporary file that has no name
+    ("scenarios/loop/channel.py", "pickle"),  # own rows, in a temporary file that has no name
 }
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from scenarios.loop.channel import Pacer
 from scenarios.loop.runner import run
-from scenarios.loop.timing import Pacer
 from scenarios.options.scenario import load_scenario
 
 

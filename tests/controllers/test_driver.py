@@ -223,16 +223,12 @@ def test_a_row_of_gains_is_that_of_the_table_bit_for_bit(speed: float) -> None:
 TIME = np.array([0.0, 1.0, 3.0])
 
 
-def moving(tick: int, v_x: float) -> EgoState:
-    return EgoState(tick=tick, x=0.0, y=0.0, psi=0.0, v_x=v_x, v_y=0.0, yaw_rate=0.0)
-
-
 def test_steer_angles_are_those_recorded_and_stay_after_the_end() -> None:
     """Linear between samples; the last one holds."""
     driver = TraceDriver(DriverTrace(time=TIME, steer=np.array([0.0, 0.1, -0.1]), acceleration=np.ones(3)))
     memory, demands = driver.init(), []
     for tick in (0, 500, 1000, 2000, 9000):
-        memory, command = driver.step(memory, tick, moving(tick, 3.0))
+        memory, command = driver.step(memory, tick, ego(tick, v_x=3.0))
         demands.append(command)
     assert [d.steer for d in demands] == pytest.approx([0.0, 0.05, 0.1, 0.0, -0.1], abs=1e-12)
     assert [d.acceleration for d in demands] == [1.0, 1.0, 1.0, 1.0, 0.0]
@@ -244,7 +240,7 @@ def test_a_recorded_speed_is_held() -> None:
     driver = TraceDriver(trace)
     memory, v, worst = driver.init(), 2.0, 0.0
     for tick in range(0, 10000, 20):
-        memory, command = driver.step(memory, tick, moving(tick, v))
+        memory, command = driver.step(memory, tick, ego(tick, v_x=v))
         worst = max(worst, abs(v - float(np.interp(tick * 1e-3, trace.time, [2.0, 4.0, 4.0]))))
         v += command.acceleration * 0.02
     assert worst < 0.02

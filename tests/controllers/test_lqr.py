@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination, TrailerSteering
-from controllers.trailer_steering.lqr import KMH, Combined, Lqr, Weights, closed_loop, path_nodes, plant
+from controllers.trailer_steering.lqr import (
+    KMH,
+    Combined,
+    Lqr,
+    Weights,
+    at_speed,
+    path_nodes,
+    plant,
+    schedule,
+    with_path,
+)
 from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
 from estimators.estimates import Health, OffTracking
@@ -29,6 +39,16 @@ TRAILER = trailer_geometry(VEHICLE, 1)
 WEIGHTS = Weights(0.04, 0.03)  # the law's own
 UNSTEERED = Weights(1e-12, 1e-12)
 SLOWEST_ACTUATOR = 1.0 / TRAILER.actuator_lag - 0.2  # modes of the yaw plane lie below, the path's beyond [1/s]
+
+
+def closed_loop(weights: Weights, speed: float) -> FloatArray:
+    """System matrix with the law's gains at a speed [m/s], without the driver's steer and its rate."""
+    p = plant(COMBINATION, TRAILER, speed)
+    A, B, _, _ = with_path(p, TRAILER.follow_distance, speed)
+    A = A - np.outer(B, at_speed(schedule(COMBINATION, TRAILER, weights), speed).feedback)
+    keep = np.setdiff1d(np.arange(len(A)), [2 * p.units + 1, 2 * p.units + 2])
+    closed: FloatArray = A[np.ix_(keep, keep)]
+    return closed
 
 
 def yaw_damping(matrix: FloatArray) -> float:
@@ -55,9 +75,9 @@ def beside(tick: int, offset: float, health: Health = Health.OK) -> OffTracking:
 @pytest.mark.parametrize("kmh", [50.0, 70.0, 88.0, 110.0])
 def test_the_closed_loop_is_stable_and_better_damped(kmh: float) -> None:
     """By its eigenvalues, up to 110 km/h; the yaw damping rises where it is needed, from 70 km/h on."""
-    closed = closed_loop(COMBINATION, TRAILER, WEIGHTS, KMH * kmh)
+    closed = closed_loop(WEIGHTS, KMH * kmh)
     assert np.linalg.eigvals(closed).real.max() < -0.5  # what a transient halves by in 1.4 s
-    unsteered = closed_loop(COMBINATION, TRAILER, UNSTEERED, KMH * kmh)
+    unsteered = closed_loop(UNSTEERED, KMH * kmh)
     assert yaw_damping(closed) > (0.55 if kmh < 70.0 else 1.1 * yaw_damping(unsteered))
 
 
@@ -66,17 +86,11 @@ def test_the_path_behind_the_hitch_is_that_of_a_steady_turn() -> None:
     speed, sideways, yaw_rate = 20.0, 0.3, 0.1
     p = plant(COMBINATION, TRAILER, speed)
     motion = np.linalg.lstsq(np.stack([p.lateral_speed, p.yaw_rate]), np.array([sideways, yaw_rate]), rcond=None)[0]
-    matrix = closed_loop_of_path(speed)
     x = path_nodes(14.0)
+    matrix = with_path(p, 14.0, speed)[0][-len(x) :, -len(x) :]  # steering does not enter it
     parabola = (sideways * x + 0.5 * yaw_rate * x**2) / speed
     forced = -(p.lateral_speed @ motion) - x * (p.yaw_rate @ motion)
     np.testing.assert_allclose(matrix @ parabola + forced, 0.0, atol=1e-10)  # exact for polynomials: rounding
-
-
-def closed_loop_of_path(speed: float) -> FloatArray:
-    """The part of the closed loop's matrix that moves the path: steering does not enter it."""
-    nodes = len(path_nodes(14.0))
-    return closed_loop(COMBINATION, TRAILER, UNSTEERED, speed)[-nodes:, -nodes:]
 
 
 @pytest.mark.slow

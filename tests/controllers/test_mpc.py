@@ -42,7 +42,6 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import peak, rms
 from sensors.messages import CombinationSignals
 from tests.trailers import estimate, signals
-from tests.trailers import signals as signals_of
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.layout import parts
@@ -208,7 +207,7 @@ def test_a_path_too_short_for_the_follow_point_asks_for_nothing() -> None:
 
 
 def turning(tick: int, *, lead: float, own: float, articulation: float = 0.0) -> CombinationSignals:
-    return signals_of(tick, speed=SPEED, articulation=np.array([articulation]), yaw_rates=np.array([lead, own]))
+    return signals(tick, speed=SPEED, articulation=np.array([articulation]), yaw_rates=np.array([lead, own]))
 
 
 def travelling(tick: int, direction: float = 0.0, **changes: Any) -> OffTracking:

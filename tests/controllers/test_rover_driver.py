@@ -16,26 +16,21 @@ from vehicle.frames import Pose2
 from vehicle.rover.command import corner_wheels
 from vehicle.rover.description import load_rover
 
-WHEELS = corner_wheels(0.6, 0.55)
-STEERED = RoverGeometry(
-    wheels=WHEELS, wheel_radius=0.1, effective_track=0.55, max_steer=(1.0,) * 4, max_wheel_speed=5.0
-)
-SKID = RoverGeometry(wheels=WHEELS, wheel_radius=0.1, effective_track=0.9, max_steer=(0.0,) * 4, max_wheel_speed=5.0)
-SIX_PLACES = load_rover("six_wheel_rover").places
-SIX = RoverGeometry(wheels=SIX_PLACES, wheel_radius=0.1, effective_track=0.6, max_steer=(1.0,) * 6, max_wheel_speed=5.0)
-CORNERS = RoverGeometry(  # the middle wheels can not be steered
-    wheels=SIX_PLACES,
-    wheel_radius=0.1,
-    effective_track=0.6,
-    max_steer=(1.0, 1.0, 0.0, 0.0, 1.0, 1.0),
-    max_wheel_speed=5.0,
-)
-FRONT = RoverGeometry(  # as a car
-    wheels=WHEELS, wheel_radius=0.1, effective_track=0.55, max_steer=(1.0, 1.0, 0.0, 0.0), max_wheel_speed=5.0
-)
-SIX_SKID = RoverGeometry(
-    wheels=SIX_PLACES, wheel_radius=0.1, effective_track=1.3, max_steer=(0.0,) * 6, max_wheel_speed=5.0
-)
+WHEELS, SIX_PLACES = corner_wheels(0.6, 0.55), load_rover("six_wheel_rover").places
+
+
+def geometry(max_steer: tuple[float, ...], effective_track: float) -> RoverGeometry:
+    """A rover with four or six wheels, by the limits of their angles [rad]; wheels at 0 cannot be steered."""
+    wheels = WHEELS if len(max_steer) == 4 else SIX_PLACES
+    return RoverGeometry(
+        wheels=wheels, wheel_radius=0.1, effective_track=effective_track, max_steer=max_steer, max_wheel_speed=5.0
+    )
+
+
+STEERED, SIX = geometry((1.0,) * 4, 0.55), geometry((1.0,) * 6, 0.6)
+SKID, SIX_SKID = geometry((0.0,) * 4, 0.9), geometry((0.0,) * 6, 1.3)
+CORNERS = geometry((1.0, 1.0, 0.0, 0.0, 1.0, 1.0), 0.6)
+FRONT = geometry((1.0, 1.0, 0.0, 0.0), 0.55)  # as a car
 SPEED, DT = 0.08, 0.05
 STRAIGHT = Path(Pose2(0.0, 0.0, 0.0), (line(7.0),))
 

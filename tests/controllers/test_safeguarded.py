@@ -34,19 +34,30 @@ WANTED = 0.2  # angle of the law by any estimate that it gets [rad]
 COMMAND_STEER = Degradation(fallback="command_steer")  # the signals here are those of no real motion
 
 
-class Believes:
-    """A law that steers by whatever estimate it is given: WANTED times the sign of its value, straight without one."""
+class Law(NamedTuple):
+    """A law by a function of tick and estimate; its memory has the ticks of the good estimates that it has got."""
+
+    angles: Callable[[int, OffTracking | None], float]  # of both axles [rad]
 
     def init(self) -> tuple[int, ...]:
-        """Ticks of the estimates it has been given."""
         return ()
 
     def step(
         self, memory: tuple[int, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[tuple[int, ...], SteerCommand]:
-        if off_tracking is None or off_tracking.health is Health.LOST:
-            return memory, SteerCommand(angles=np.zeros(2))
-        return (*memory, off_tracking.tick), SteerCommand(angles=np.full(2, math.copysign(WANTED, off_tracking.value)))
+        good = None if off_tracking is None or off_tracking.health is Health.LOST else off_tracking
+        given = () if good is None else (good.tick,)
+        return (*memory, *given), SteerCommand(angles=np.full(2, self.angles(tick, good)))
+
+
+def to_the_path(tick: int, good: OffTracking | None) -> float:
+    """WANTED times the sign of the estimate's value, straight without one."""
+    return 0.0 if good is None else math.copysign(WANTED, good.value)
+
+
+def trembling(tick: int, good: OffTracking | None) -> float:
+    """The same, with a demand that goes to and fro at 6 deg/s on top."""
+    return to_the_path(tick, good) + 0.05 * math.sin(2e-3 * tick)
 
 
 Faulty = Callable[[OffTracking], OffTracking | None]  # None: it does not arrive
@@ -68,13 +79,13 @@ def drive(
     *,
     articulation: float = 0.0,
     speed: Callable[[int], float] = lambda tick: SPEED,  # of the wheels [m/s]
-    law: type[Believes] = Believes,
+    law: Callable[[int, OffTracking | None], float] = to_the_path,
 ) -> Drive:
     """A drive on a line with sound actuators, and an estimate of 0.1 s ago every 0.1 s.
 
     The path lies 0.1 m to the left.
     """
-    safeguarded = Safeguarded(law(), "believes", TRAILER, COMBINATION, degradation)
+    safeguarded = Safeguarded(Law(law), "mine", TRAILER, COMBINATION, degradation)
     angle = articulation if math.isfinite(articulation) else 0.0
     motion = {"v_x": speed(0) * math.cos(angle), "v_y": speed(0) * math.sin(angle)}  # of the hitch
     memory, newest, commands, angles = safeguarded.init(), None, [], np.zeros(2)
@@ -160,19 +171,17 @@ def test_a_freeze_leaves_a_gap_in_the_path_that_has_to_be_passed() -> None:
     assert (commands[-10:] == WANTED).all()
 
 
-class Straight(Believes):
-    """The same law with straight axles, as the signals are those of a straight drive."""
-
-    def step(
-        self, memory: tuple[int, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[tuple[int, ...], SteerCommand]:
-        return super().step(memory, tick, off_tracking, signals)[0], SteerCommand(angles=np.zeros(2))
-
-
 def test_a_wheel_speed_that_fails_does_not_cost_a_sound_estimate() -> None:
-    """It falls to zero at once, which no vehicle does; estimates and yaw rates go on. It is named."""
+    """It falls to zero at once, which no vehicle does; estimates and yaw rates go on. It is named.
+
+    The axles stay straight, as the signals are those of a straight drive.
+    """
     _, _, given_estimates, last = drive(
-        lambda seen: seen, 8000, Degradation(), law=Straight, speed=lambda tick: SPEED if tick < 3000 else 0.0
+        lambda seen: seen,
+        8000,
+        Degradation(),
+        law=lambda tick, good: 0.0,
+        speed=lambda tick: SPEED if tick < 3000 else 0.0,
     )
     missed = set(range(0, 7900, CAMERA)) - set(given_estimates)
     assert missed <= {2900, 3000}  # until it is clear which of the two is wrong
@@ -238,24 +247,14 @@ def test_a_first_estimate_that_does_not_come_is_not_waited_for() -> None:
     assert np.abs(np.diff(commands[:, 0])).max() / 0.02 <= 0.05 * (1.0 + 4.0)  # it is there after 4 s
 
 
-class Trembles(Believes):
-    """The same law, with a demand that goes to and fro at 6 deg/s on top."""
-
-    def step(
-        self, memory: tuple[int, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[tuple[int, ...], SteerCommand]:
-        memory, command = super().step(memory, tick, off_tracking, signals)
-        return memory, SteerCommand(angles=command.angles + 0.05 * math.sin(2e-3 * tick))
-
-
 def test_the_laws_moves_after_a_handover_are_followed_in_full() -> None:
     """Held back to the slow rate they would lag a quarter of a period, and a closed loop would swing on that."""
-    calm, trembling = (
+    calm, moving = (
         drive(within(3000, 8000, FAULTS["lost"]), 14000, law=law, articulation=0.3).commands
-        for law in (Believes, Trembles)
+        for law in (to_the_path, trembling)
     )
     ticks = np.arange(9000, 10800, PERIOD)  # the law steers, and the slow rate is that of both
-    moves = (trembling - calm)[ticks // PERIOD, 0]
+    moves = (moving - calm)[ticks // PERIOD, 0]
     np.testing.assert_allclose(np.diff(moves), np.diff(0.05 * np.sin(2e-3 * ticks)), atol=1e-9)
 
 
@@ -312,27 +311,15 @@ def test_a_setting_outside_its_limits_is_refused(name: str, value: float) -> Non
 # Reversing
 
 
-class Counting:
-    """Steers by 10 deg, and counts its steps."""
-
-    def init(self) -> int:
-        return 0
-
-    def step(
-        self, memory: int, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[int, SteerCommand]:
-        return memory + 1, SteerCommand(angles=np.full(2, math.radians(10.0)))
-
-
 def stepped(speeds: list[float]) -> tuple[int, FloatArray]:
     """Steps that the law has counted, and the angles at every step of 20 ms, (n, 2)."""
-    law, commands = Safeguarded(Counting(), "counting", TRAILER, COMBINATION), []
+    law, commands = Safeguarded(Law(lambda tick, good: math.radians(10.0)), "mine", TRAILER, COMBINATION), []
     memory, angles = law.init(), np.full(2, math.radians(10.0))
     for k, speed in enumerate(speeds):
-        memory, command = law.step(memory, 20 * k, None, signals(20 * k, speed=speed, angles=angles))
+        memory, command = law.step(memory, 20 * k, estimate(20 * k), signals(20 * k, speed=speed, angles=angles))
         angles = settle(angles, command.angles, 0.02, lag=TRAILER.actuator_lag, max_rate=RATE)
         commands.append(command.angles)
-    return memory.law, np.array(commands)
+    return len(memory.law), np.array(commands)
 
 
 def test_forwards_and_at_a_standstill_the_law_steers() -> None:

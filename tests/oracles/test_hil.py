@@ -19,8 +19,8 @@ import pytest
 from offtrack.exchange.bench.can_bus import CanLink
 from offtrack.exchange.bench.links import LinkedBench, UdpLink
 from offtrack.reports.run_writer import write_run
+from scenarios.loop.channel import Pacer
 from scenarios.loop.runner import run
-from scenarios.loop.timing import Pacer
 from scenarios.options.scenario import load_scenario
 from scenarios.results.trailer_result import RunResult
 from tests.bench_controller import Controller

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-import scenarios.assembly.mount
+import scenarios.assembly.trailer_sensors
 from scenarios.results.log import Log, Signal
 from scenarios.results.metrics import true_off_tracking
 from scenarios.results.summary_numbers import Timing
@@ -225,5 +225,5 @@ def kept_worlds() -> Worlds:
 def worlds(kept_worlds: Worlds) -> Iterator[Worlds]:
     """Build each world once, for modules that ask for it: elsewhere every run builds its own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenarios.assembly.mount, "build_world", kept_worlds.build)
+        patch.setattr(scenarios.assembly.trailer_sensors, "build_world", kept_worlds.build)
         yield kept_worlds

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.rigid_motion import rotation_vector
-from scenarios.assembly import cameras
-from scenarios.assembly.cameras import BoardCalibration, calibrated_with_boards
+from scenarios.assembly import trailer_sensors
+from scenarios.assembly.trailer_sensors import BoardCalibration, calibrated_with_boards
 from sensors.camera.lens import RawStereoRig
 from sensors.camera.rig import StereoRig
 from vehicle.frames import inverse
@@ -28,8 +28,8 @@ def small(baseline: float = 0.5) -> RawStereoRig:
 def calibrated(seed: int, reports: list[tuple[int, int]] | None = None) -> BoardCalibration:
     """From fewer pictures than a run takes: a third of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cameras, "_HELD", 14)
-        patch.setattr(cameras, "_SURVEYED", 6)
+        patch.setattr(trailer_sensors, "_HELD", 14)
+        patch.setattr(trailer_sensors, "_SURVEYED", 6)
 
         def report(done: float, total: float, note: str = "", /) -> None:
             if reports is not None:

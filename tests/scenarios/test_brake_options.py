@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.assembly.adapters import vehicle_of
-from scenarios.assembly.plants import plant_vehicle
+from scenarios.assembly.adapters import plant_vehicle, vehicle_of
 from scenarios.options.scenario import Scenario, load_scenario
 
 

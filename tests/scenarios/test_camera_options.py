@@ -13,10 +13,9 @@ import pytest
 
 from offtrack.exchange.recordings.writers import RecordingWriter
 from scenarios.assembly.adapters import rig_on, trailer_geometry
-from scenarios.assembly.cameras import BoardCalibration
-from scenarios.assembly.mount import Views
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
+from scenarios.assembly.trailer_sensors import BoardCalibration, Views
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.perception import RigOptions
 from scenarios.options.rover_scenario import RoverScenario
@@ -190,7 +189,7 @@ def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch:
         left = replace(true.left, fx=1.01 * true.left.fx, fy=1.01 * true.left.fy)
         return BoardCalibration(replace(true, left=left, right=left), 0.05, 1e-4)
 
-    monkeypatch.setattr("scenarios.assembly.cameras.calibrated_with_boards", said)
+    monkeypatch.setattr("scenarios.assembly.trailer_sensors.calibrated_with_boards", said)
     parts = assemble(scenario("rig.calibration=boards", "rig.misrotation_deg=[0, 0.1, 0]"), seed=1)
     assert parts.cameras is not None
     try:

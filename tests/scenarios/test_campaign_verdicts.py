@@ -22,7 +22,7 @@ from offtrack.studies.campaigns.failures import (
     unaccepted,
 )
 from offtrack.studies.campaigns.fault_entry import FaultTime
-from offtrack.studies.campaigns.verdict import END_OF_RUN, Judgement, Limit, judged, response
+from offtrack.studies.campaigns.verdict import END_OF_RUN, Judgement, Limit, response, verdict_on
 from offtrack.studies.case import Case, Outcome
 from offtrack.studies.draws import Stop, made_in_batches
 from scenarios.results.log import Log, Signal, write_log
@@ -188,7 +188,7 @@ def test_a_fault_that_is_over_before_it_had_to_be_noticed_need_not_be_noticed(
     axes = (("faults", "gyro_bias:1@4+0.5"), *outcome.case.axes[1:])
     short = Case(scenario="roundabout", fixed=(), axes=axes, seed=1)
     spent = Outcome(case=short, numbers=outcome.numbers, signals=outcome.signals)
-    assert not judged(spent, "gyro_bias", campaign.requirements).failed
+    assert not verdict_on(spent, "gyro_bias", campaign.requirements).failed
 
 
 def test_a_harmless_fault_need_not_be_noticed_if_the_campaign_says_so(campaign: Campaign, tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_a_harmless_fault_need_not_be_noticed_if_the_campaign_says_so(campaign: 
     outcome = made(campaign, tmp_path, 2)
     for below, reasons in ((0.0, "time to detect: never"), (0.25, "time to detect: never"), (0.35, "")):
         needed = dataclasses.replace(campaign.requirements, harmless_below=below)
-        assert judged(outcome, "gyro_bias", needed).reasons == reasons
+        assert verdict_on(outcome, "gyro_bias", needed).reasons == reasons
 
 
 def test_runs_that_ended_before_their_fault_are_left_out(campaign: Campaign, tmp_path: Path) -> None:

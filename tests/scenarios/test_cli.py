@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner, Result
 
 from offtrack.commands.cli import app
@@ -169,3 +171,24 @@ def test_help_tells_a_newcomer_what_to_do_next() -> None:
     listed = invoked("scenarios").stdout
     for name in ("roundabout", "roundabout-right", "figure-of-eight", "constant-slip"):
         assert name in listed
+
+
+def test_the_list_of_commands_needs_none_of_their_libraries() -> None:
+    """`offtrack --help` and `--version` are shown at once: a command's module is imported when it is called."""
+    code = "import sys\nfrom offtrack.commands.cli import main\ntry:\n    main()\nfinally:\n    print(*sys.modules)"
+    for option in ("--help", "--version"):
+        command = [sys.executable, "-c", code, option]
+        shown = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+        loaded = set(shown.splitlines()[-1].split())
+        assert not {"matplotlib", "pyarrow", "casadi", "scipy", "cv2", "pydantic"} & loaded
+
+
+def test_every_command_of_the_list_can_be_called() -> None:
+    """The table leads to a command of that name, whose own help begins with the same verb."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]  # a group has them
+    listed = dict(re.findall(r"^  ([a-z-]+) +([A-Z].*)", invoked("--help").stdout.partition("Commands:")[2], re.M))
+    assert list(listed) == list(commands)
+    for name, line in listed.items():
+        assert commands[name].name in (name, "")
+        assert invoked(name, "--help").exit_code == 0
+        assert (commands[name].help or "").split()[0] == line.split()[0], name

@@ -209,4 +209,4 @@ def test_nothing_to_do_needs_no_cluster(tmp_path: Path) -> None:
         raise AssertionError
 
     with DaskExecutor(connect, timeout=None, patience=1.0, waits=False, remark=print) as executor:
-        assert list(executor.made({}, tmp_path)) == []
+        assert list(executor.results({}, tmp_path)) == []

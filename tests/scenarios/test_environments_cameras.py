@@ -15,7 +15,7 @@ from offtrack.environments.camera_observations import CameraObservations
 from offtrack.environments.pictures import reduced, reduced_shape
 from offtrack.environments.registry import CoreVectorEnv
 from offtrack.environments.rewards import Domain, Variation
-from scenarios.assembly.mount import built_world
+from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
 from scenarios.options.scenario import Scenario, load_scenario
 from sensors.world.world import World
@@ -242,8 +242,6 @@ def test_pictures_are_reduced_by_means() -> None:
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [
-        (TRAILER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
-        (ROVER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
         (TRAILER, {"observation": "camera", "image_scale": 0}, "image_scale = 0 must be 1 .. 48"),
         (TRAILER, {"observation": "camera", "sensing": "rover-slope"}, "rover-slope is a rover's"),
         (ROVER, {"observation": "camera", "sensing": "roundabout"}, "roundabout is a trailer's"),

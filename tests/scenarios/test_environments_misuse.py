@@ -165,6 +165,9 @@ def test_actions_of_other_types_and_beyond_the_limits_are_what_they_stand_for() 
 
 WRONG_OPTIONS: dict[str, list[tuple[Any, str]]] = {
     TRAILER: [
+        ({"friktion": 0.3}, "did you mean 'friction'"),
+        ({"course": "moon"}, "course = moon must be one of roundabout"),
+        ({"course": 99}, "or their number 0 .. 12"),
         ({"course": True}, "course = True must be one of roundabout"),
         ({"course": 4.0}, "course = 4.0 must be one of"),
         ({"course": ("roundabout",)}, r"course = \('roundabout',\) must be one of"),
@@ -226,6 +229,15 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single(TRAILER, action_repeat=10**9), "action_repeat = 1000000000 must be .* at most 1000"),
         (lambda: single("TrailerStearing-v0"), "unknown environment 'TrailerStearing-v0'; did you mean 'TrailerSteer"),
         (lambda: single(TRAILER, vehicle=3), "vehicle = 3: must be a valid string"),
+        (lambda: single(TRAILER, vehicle="eu_tractor_semitrailer"), "steered axles"),
+        (lambda: single(TRAILER, observation="radar"), "must be one of estimate, surrogate, truth, camera"),
+        (lambda: single(TRAILER, courses=()), "courses is empty"),
+        (lambda: single(TRAILER, courses=("random-x",)), "random-K"),
+        (lambda: single(TRAILER, cours=()), "unknown option 'cours'"),
+        (lambda: single(DRIVING, task="park"), "task = 'park' must be one of bay, gate"),
+        (lambda: single(ROVER, vehicle="el_dorado_ii"), "skid-steered"),
+        (lambda: single(ROVER, soils=("butter",)), "butter"),
+        (lambda: single(ROVER, action_repeat=0), "action_repeat = 0 must be a whole number, at least 1"),
         (lambda: single(TRAILER, courses="roundabout"), "courses = 'roundabout'"),
         (lambda: single(TRAILER, courses=["motorway-exit"]), "course motorway-exit: its file has heights, banks"),
         (lambda: single(TRAILER, domain={"friction": 0.3}), "domain = .*: must be an instance of Domain"),
@@ -234,7 +246,7 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single(TRAILER, sensing=5, observation="estimate"), "sensing = 5"),
         (lambda: single(TRAILER, image_scale=True, observation="camera"), "image_scale = True"),
         (lambda: single(ROVER, engine="steam"), "engine = 'steam' must be one of auto, compiled, interpreted"),
-        (lambda: single(ROVER, observation=2), "observation = 2 must be one of estimate"),
+        (lambda: single(ROVER, observation=2), "observation = 2 must be one of estimate, surrogate, truth, camera"),
         (lambda: Domain(friction=0.3), "friction = .* must be a number or two bounds"),  # type: ignore[arg-type]
         (lambda: Domain(speed=(NAN, 3.0)), "speed = nan .. 3 must be a range"),
         (lambda: Domain(load="ab"), "load = .* must be a number or two bounds"),  # type: ignore[arg-type]

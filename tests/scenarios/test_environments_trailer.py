@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import offtrack.environments.registry
 from controllers.driver import PERIOD, PreviewDriver
 from offtrack.environments import rewards
 from offtrack.environments.observations import Encoders, HitchPaths
@@ -239,8 +238,3 @@ def test_endings_are_met_at_their_limits() -> None:
     ):
         assert not ending(moment(**{name: np.array(harmless)}))[0]
         assert ending(moment(**{name: np.array(bad)}))[0]
-
-
-def test_unknown_environments_are_not_registered() -> None:
-    """Those that there are begin with the project's name."""
-    assert all(f"offtrack/{name}" in gymnasium.registry for name in offtrack.environments.registry.CORES)

@@ -47,9 +47,8 @@ from offtrack.exchange.fmi_proxy.scenario_parts import (
 from offtrack.exchange.fmi_proxy.server import folder_of
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
 from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
-from scenarios.assembly.course_ground import opened_ground
 from scenarios.assembly.drivers_and_laws import trailer_law
-from scenarios.assembly.trailer_run import assemble
+from scenarios.assembly.trailer_run import assemble, opened_ground
 from scenarios.loop.channel import InLine
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario

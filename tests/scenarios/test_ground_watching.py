@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios.assembly.cameras import wheels_near
+from scenarios.assembly.trailer_sensors import wheels_near
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.summary_numbers import number_at

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from offtrack.exchange.recordings.writers import RoverRecordingWriter
+from scenarios.loop.channel import Kept, Stopwatch
 from scenarios.loop.image_observers import TracePictures
-from scenarios.loop.kept import Kept
-from scenarios.loop.timing import Stopwatch
 from sensors.messages import RoverView
 from vehicle.rover.truth import RoverTruth
 

@@ -15,8 +15,8 @@ from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.estimates import OffTracking
 from scenarios.assembly.drivers_and_laws import OpenedDriver
 from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.channel import Pacer
 from scenarios.loop.runner import run
-from scenarios.loop.timing import Pacer
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress

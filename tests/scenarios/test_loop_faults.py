@@ -17,8 +17,7 @@ from scenarios.assembly.applied_faults import trailer_faults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.catalogue import FAULT, resolve
-from scenarios.loop.channel import InLine
-from scenarios.loop.timing import Stopwatch
+from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import (
     LOOP_FAULTS,

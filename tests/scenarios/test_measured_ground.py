@@ -12,7 +12,7 @@ import pyopencrg
 import pytest
 
 from scenarios.assembly.adapters import course_of, surface_of
-from scenarios.assembly.course_ground import measured_ground
+from scenarios.assembly.trailer_run import measured_ground
 from scenarios.courses import Course
 from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_scenario

@@ -337,7 +337,7 @@ def test_a_file_that_makes_no_road_is_refused_in_one_line(tmp_path: Path, case: 
         (["course.route=7"], "course.route = 7 is not reached"),
         (["course.route=left,right"], "course.route = left is not reached"),
         (["course.route=[[1]]"], "must be a text"),
-        (["course.edges=kerb"], "must be 'lane' or 'road'"),
+        (["course.edges=kerb"], "course.edges = 'kerb'; known: lane, road"),
         (["course.begin=5000"], "course.begin = 5000 m leaves nothing of it"),
     ],
 )

@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 
 from controllers.checked import LawError
 from offtrack.commands.cli import app
-from scenarios.loop.channel import Channel
+from scenarios.loop.channel import Channel, Pacer, Stopwatch
 from scenarios.loop.runner import run
-from scenarios.loop.timing import Pacer, Stopwatch
 from scenarios.options.scenario import load_scenario
 from vehicle.clock import Schedule
 

@@ -15,11 +15,10 @@ from typer.testing import CliRunner
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
 from offtrack.commands.assess import reproduce
-from offtrack.studies.reproduce import reproduction, trace_sets
+from offtrack.studies.reproduce import reproduction, trace_tables
 from offtrack.studies.reproduce.reina2008_figures import PUBLISHED
-from offtrack.studies.reproduce.reina2008_table3 import SETS
 from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Comparison, Reproduction, maker, names_of
-from offtrack.studies.reproduce.trace_sets import Table, TraceSet
+from offtrack.studies.reproduce.trace_tables import SETS, Table, TraceSet
 from scenarios.progress import Progress
 from scenarios.results.log import Log, Signal, read_log
 from sensors.messages import RoverView
@@ -65,7 +64,7 @@ def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
         draw=lambda results: Figure(),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trace_sets, "default_jobs", lambda: 1)
+        patch.setattr(trace_tables, "default_jobs", lambda: 1)
         made = table.reproduce(False, lambda *step: steps.append(step))
     assert [one.own for one in made.comparisons] == [4, 6]
     assert not made.interrupted

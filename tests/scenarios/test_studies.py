@@ -209,14 +209,10 @@ def test_seeds_of_a_study_file_are_different_whole_numbers(seeds: str, tmp_path:
         load_study(tmp_path / "study.toml")
 
 
-@pytest.mark.parametrize(("text", "values"), [("a,b", ("a", "b")), ("[1, 2],[3, 4]", ("[1, 2]", "[3, 4]"))])
-def test_lists_keep_what_is_in_brackets_together(text: str, values: tuple[str, ...]) -> None:
-    """Angles of a mount are a list themselves."""
-    assert listed(text, "--vary x") == values
-
-
-def test_seeds_may_be_a_range() -> None:
-    """1-3,7 as printers count pages."""
+def test_lists_and_seeds_are_read_from_text() -> None:
+    """What is in brackets stays together; seeds may be ranges, as printers count pages."""
+    assert listed("a,b", "--vary x") == ("a", "b")
+    assert listed("[1, 2],[3, 4]", "--vary x") == ("[1, 2]", "[3, 4]")
     assert seeds_of("1-3,7") == (1, 2, 3, 7)
 
 

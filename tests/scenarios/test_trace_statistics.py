@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from offtrack.studies.reproduce.trace_sets import Judgement, judged, line_distance, statistics
+from offtrack.studies.reproduce.trace_tables import Judgement, compared_with_truth, line_distance, statistics
 from sensors.sand.trace_rig import nominal_rig
 from sensors.sand.world import TraceTruth
 from vehicle.rover.description import load_rover
@@ -46,12 +46,12 @@ def estimate(tick: int, slip: float = 0.1, offset: float = 0.0, health: Health =
 
 
 def one(there: TraceTruth, guess: SlipAngle) -> Judgement:
-    return judged([guess], [there], RIG)[0]
+    return compared_with_truth([guess], [there], RIG)[0]
 
 
 def test_estimate_on_bare_ground_is_a_false_positive() -> None:
     """Two images without a trace, one of them with an estimate: 50 %."""
-    table = judged([estimate(0), estimate(200, health=Health.LOST)], [truth(0, 0.0), truth(200, 0.0)], RIG)
+    table = compared_with_truth([estimate(0), estimate(200, health=Health.LOST)], [truth(0, 0.0), truth(200, 0.0)], RIG)
     assert (statistics(table).without, statistics(table).false_positives) == (2, 50.0)
 
 
@@ -93,14 +93,14 @@ def test_line_is_judged_where_the_rut_is_not_by_its_angle_alone() -> None:
 def test_steered_wheel_is_judged_by_where_it_travels_not_where_it_points() -> None:
     """Slip is against the wheel: a wheel that points along its way has none, and its trace is still aslant."""
     guess = estimate(0, slip=0.0)
-    assert judged([guess], [truth(0, 1.0, slip=0.3)], RIG)[0].misplaced
-    assert not judged([guess], [truth(0, 1.0, slip=0.3)], RIG, steer=[0.3])[0].misplaced
+    assert compared_with_truth([guess], [truth(0, 1.0, slip=0.3)], RIG)[0].misplaced
+    assert not compared_with_truth([guess], [truth(0, 1.0, slip=0.3)], RIG, steer=[0.3])[0].misplaced
 
 
 def test_errors_are_taken_at_their_own_moments() -> None:
     """Now against now; the later, better estimate against the slip that was at its moment."""
     truths = [truth(0, 1.0, slip=0.12), truth(200, 1.0, slip=0.10)]
-    got = judged([estimate(0, 0.12), estimate(200, 0.13)], truths, RIG)[1]
+    got = compared_with_truth([estimate(0, 0.12), estimate(200, 0.13)], truths, RIG)[1]
     assert got.error == pytest.approx(0.03)
     assert got.lagged_error == pytest.approx(0.01)
     assert got.sigmas == pytest.approx(1.5)
@@ -117,4 +117,4 @@ def test_sums_over_errors_are_those_of_their_definitions() -> None:
 def test_estimates_of_other_moments_are_refused() -> None:
     """An estimate belongs to the image it was made of."""
     with pytest.raises(ValueError, match="ticks must be equal"):
-        judged([estimate(0)], [truth(200, 1.0)], RIG)
+        compared_with_truth([estimate(0)], [truth(200, 1.0)], RIG)

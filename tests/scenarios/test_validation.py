@@ -157,8 +157,8 @@ def test_all_values_are_within_the_tolerance_of_their_target(task: SectionTask) 
 
 def test_a_package_that_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """The checks that need it are skipped, with what to install; none of them passes or fails."""
-    monkeypatch.setattr(no_slip_limit, "_installed", lambda: False)
-    for one in no_slip_limit._slalom_checks():
+    monkeypatch.setattr(no_slip_limit, "installed", lambda: False)
+    for one in no_slip_limit.slalom_checks():
         assert one.verdict == "skipped"
         assert "pip install commonroad-vehicle-models" in one.remark
 

@@ -73,17 +73,16 @@ def test_each_name_description_source_and_version_has_its_own(
         ("step", (bare, None)),
     ):
         derived_once(name, described, derive)
-    monkeypatch.setattr(function_cache, "_SOURCES", "of a later version")
+    monkeypatch.setattr(function_cache, "SOURCES", "of a later version")
     derived_once("step", (bare,), derive)
-    monkeypatch.setattr(function_cache, "_VERSIONS", ("a later CasADi",))
+    monkeypatch.setattr(function_cache, "VERSIONS", ("a later CasADi",))
     derived_once("step", (bare,), derive)
     assert derive.calls == len(kept(folder)) == 7
 
 
-def test_the_sources_of_the_package_are_hashed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_sources_of_the_package_are_hashed(tmp_path: Path) -> None:
     """A changed, added or renamed module changes the hash; without sources there is none, and nothing is cached."""
-    monkeypatch.setattr(function_cache, "_PACKAGE", tmp_path)
-    hashes = [function_cache._sources_hash()]
+    hashes = [function_cache.sources_hash(tmp_path)]
     module = tmp_path / "tyres" / "law.py"
     module.parent.mkdir()
     for change in (
@@ -93,7 +92,7 @@ def test_the_sources_of_the_package_are_hashed(tmp_path: Path, monkeypatch: pyte
         lambda: module.rename(tmp_path / "tyres" / "other.py"),
     ):
         change()
-        hashes.append(function_cache._sources_hash())
+        hashes.append(function_cache.sources_hash(tmp_path))
     assert hashes[0] == ""
     assert len(set(hashes)) == 5
 
@@ -102,7 +101,7 @@ def test_without_sources_nothing_is_cached(
     folder: Path, tractor_semitrailer: Vehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing would tell two versions of the derivation from each other."""
-    monkeypatch.setattr(function_cache, "_SOURCES", "")
+    monkeypatch.setattr(function_cache, "SOURCES", "")
     derive = Derivation()
     for _ in range(2):
         derived_once("step", (topology(tractor_semitrailer),), derive)

@@ -31,9 +31,8 @@ class Retarder(Frozen):
 
     max_force: float = quantity(..., "N", 100.0, 1e6, why=_FORCE)  # at the treads
     max_power: float = quantity(..., "W", 1e3, 5e6, why=_POWER)  # at the wheels
-    full_speed: float = quantity(
-        ..., "m/s", 0.1, 20.0, why="an engine drags from walking pace on"
-    )  # below it the force falls to 0 with the speed
+    # Below it the force falls to 0 with the speed
+    full_speed: float = quantity(..., "m/s", 0.1, 20.0, why="an engine drags from walking pace on")
     acts_first: bool = False  # it does all that it can, and the service brakes the rest; unstable on slippery ground
 
 
@@ -47,17 +46,14 @@ class Powertrain(Frozen):
     overspeed: float = quantity(
         ..., "-", 1.0, 5.0, why="the governor is above the speed in use; gears span a factor of 2"
     )  # governed engine speed over that at which the gear in use is driven
-    top_speed: float = quantity(
-        ..., "m/s", 1.0, 100.0, why="from a transporter's 4 km/h to 360 km/h"
-    )  # of the rims in the highest gear at governed engine speed, or at a road speed limiter
-    governor_band: float = quantity(
-        ..., "m/s", 0.1, 5.0, why="a governor takes a few percent of the engine's speed"
-    )  # of the rims' speed, over which the torque falls to 0
+    # Of the rims in the highest gear at governed engine speed, or at a road speed limiter
+    top_speed: float = quantity(..., "m/s", 1.0, 100.0, why="from a transporter's 4 km/h to 360 km/h")
+    # Of the rims' speed, over which the torque falls to 0
+    governor_band: float = quantity(..., "m/s", 0.1, 5.0, why="a governor takes a few percent of the engine's speed")
     traction_control: bool = True
     traction_slip: float = quantity(..., "-", 0.01, 1.0, why="driven tyres have their peak at 0.05 to 0.3")
-    traction_slip_speed: float = quantity(
-        ..., "m/s", 0.1, 5.0, why="walking pace at most"
-    )  # added to it: for setting off
+    # Added to it: for setting off
+    traction_slip_speed: float = quantity(..., "m/s", 0.1, 5.0, why="walking pace at most")
     retarder: Retarder | None = None
 
 
@@ -156,12 +152,10 @@ class Drive(Frozen):
 
     lag: Lag  # first-order time constant of torque build-up
     max_acceleration: float = quantity(..., "m/s2", 0.0, 15.0, above=True, why=_GRIP)
-    max_power: float = quantity(
-        ..., "W", 1e3, 5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW"
-    )  # at the wheels
-    max_deceleration: float = quantity(
-        ..., "m/s2", 0.0, 15.0, above=True, why=_GRIP
-    )  # demanded by a full brake application
+    # At the wheels
+    max_power: float = quantity(..., "W", 1e3, 5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW")
+    # Demanded by a full brake application
+    max_deceleration: float = quantity(..., "m/s2", 0.0, 15.0, above=True, why=_GRIP)
 
 
 class Vehicle(Frozen):

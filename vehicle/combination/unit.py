@@ -43,9 +43,8 @@ class AxleBrake(Frozen):
 
     torque: float = quantity(..., "N m", 10.0, 5e5, why=_TORQUE)  # of both wheels at full pressure
     lag: AirLag  # first-order time constant of the pressure in the chambers
-    fill_rate: float = quantity(
-        ..., "1/s", 0.1, 50.0, why="pressure builds up in 0.02 s to 10 s"
-    )  # at most, of the pressure over the full one
+    # At most, of the pressure over the full one
+    fill_rate: float = quantity(..., "1/s", 0.1, 50.0, why="pressure builds up in 0.02 s to 10 s")
     abs: Modulation | None = None  # "wheel": each side has its modulator; "select_low": one, led by the slower side
     abs_group: str | None = None  # axles of a unit with the same name share their modulators
 
@@ -57,19 +56,15 @@ class Brakes(Frozen):
     lag: AirLag  # from the pedal to the valves of the axles, first order
     abs: bool = True
     abs_slip: Fraction  # slip at which a modulator releases the pressure
-    abs_slip_speed: float = quantity(
-        ..., "m/s", 0.05, 5.0, why="below it wheels may lock"
-    )  # added to it: slower wheels may lock
+    # Added to it: slower wheels may lock
+    abs_slip_speed: float = quantity(..., "m/s", 0.05, 5.0, why="below it wheels may lock")
     abs_hysteresis: Fraction  # share of that limit by which the slip must fall until the modulator lets pressure in
-    abs_lead: float = quantity(
-        ..., "s", 0.0, 0.2, why="a wheel locks within 0.2 s"
-    )  # slip is predicted so far ahead from the spin's rate
-    abs_release_lag: float = quantity(
-        ..., "s", 0.01, 1.0, why="no chamber empties within 10 ms; slower wheels lock"
-    )  # first order, of the pressure let out by ABS
-    abs_valve_lag: float = quantity(
-        ..., "s", 0.002, 0.1, why="solenoid valves take some ms"
-    )  # of the modulator's valves
+    # Slip is predicted so far ahead from the spin's rate
+    abs_lead: float = quantity(..., "s", 0.0, 0.2, why="a wheel locks within 0.2 s")
+    # First order, of the pressure let out by ABS
+    abs_release_lag: float = quantity(..., "s", 0.01, 1.0, why="no chamber empties within 10 ms; slower wheels lock")
+    # Of the modulator's valves
+    abs_valve_lag: float = quantity(..., "s", 0.002, 0.1, why="solenoid valves take some ms")
 
 
 _DEG: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
@@ -83,9 +78,8 @@ class Suspension(Frozen):
     roll_centre_height: float = quantity(
         ..., "m", 0.01, 2.0, why="roll centres lie between the ground and the top of the wheels"
     )
-    tyre_stiffness: float = quantity(
-        ..., "N/m", 5e4, 1e7, why="1.5e5 is a car's tyre, 2e6 a twin wheel of a truck"
-    )  # vertical, of one wheel; of both tyres of a twin wheel
+    # Vertical, of one wheel; of both tyres of a twin wheel
+    tyre_stiffness: float = quantity(..., "N/m", 5e4, 1e7, why="1.5e5 is a car's tyre, 2e6 a twin wheel of a truck")
     roll_damping: float | None = quantity(
         None, "N m s/rad", 3e2, 1e6, why="1e3 is a car's axle, 1e5 one of a heavy truck"
     )  # None for all axles of a unit: by its ``suspension_damping``
@@ -125,9 +119,8 @@ class SideWind(Frozen):
     """A unit's body in side wind: its table ``side_wind``."""
 
     area: float = quantity(..., "m2", 0.5, 200.0, why="of the side: a car has 4 m2, a trailer of 4 m 45 m2")
-    coefficient: float = quantity(
-        ..., "-", 0.2, 5.0, why="bodies of vehicles have 0.8 to 2"
-    )  # side force over dynamic pressure, area and sine of the wind's angle to the unit
+    # Side force over dynamic pressure, area and sine of the wind's angle to the unit
+    coefficient: float = quantity(..., "-", 0.2, 5.0, why="bodies of vehicles have 0.8 to 2")
     x: Position  # of the pressure's centre
     height: Height  # of the pressure's centre
 
@@ -138,9 +131,8 @@ class Payload(Frozen):
     mass: Mass
     cg_x: Position
     cg_height: Length
-    length: float = quantity(
-        ..., "m", 0.0, 40.0, above=True, why="no unit is longer than 40 m"
-    )  # of a box with the load's yaw inertia: beyond the body where the laden unit's inertia needs it
+    # Of a box with the load's yaw inertia: beyond the body where the laden unit's inertia needs it
+    length: float = quantity(..., "m", 0.0, 40.0, above=True, why="no unit is longer than 40 m")
     width: Length
     height: Length  # of the box; the load bed lies below its centre by half of it
 
@@ -261,12 +253,10 @@ class Steering(Frozen):
 class LoadSharing(Frozen):
     """Data by which the axles of a unit's groups equalise their loads on uneven road."""
 
-    stiffness: float = quantity(
-        ..., "N/m", 1e3, 1e8, why="1 kN/m is a bicycle's, 100 MN/m a steel wheel's on rail"
-    )  # vertical, of one axle's springs and tyres in series
-    lag: float = quantity(
-        ..., "s", 0.05, 1e6, why="below 0.05 s leave the table out: loads are then equal at once"
-    )  # in which the loads become equal again
+    # Vertical, of one axle's springs and tyres in series
+    stiffness: float = quantity(..., "N/m", 1e3, 1e8, why="1 kN/m is a bicycle's, 100 MN/m a steel wheel's on rail")
+    # In which the loads become equal again
+    lag: float = quantity(..., "s", 0.05, 1e6, why="below 0.05 s leave the table out: loads are then equal at once")
 
 
 class Actuator(NamedTuple):

@@ -98,17 +98,17 @@ def written_out(function: AnyFunction) -> Any:
 _PACKAGE: Final = Path(__file__).parents[1]
 
 
-def _sources_hash() -> str:
-    """Hash of the sources of this package; empty without sources."""
+def sources_hash(package: Path) -> str:
+    """Hash of the sources of a package in this folder; empty without sources."""
     found = hashlib.sha256()
-    paths = sorted(_PACKAGE.rglob("*.py"))
+    paths = sorted(package.rglob("*.py"))
     for path in paths:
-        found.update(f"{path.relative_to(_PACKAGE)}\0".encode() + path.read_bytes())
+        found.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())
     return found.hexdigest() if paths else ""
 
 
-_SOURCES: Final = _sources_hash()  # while they are imported, so that it is theirs even if they are edited later
-_VERSIONS: Final = (ca.CasadiMeta.version(), np.__version__, platform.python_version(), platform.machine())
+SOURCES: Final = sources_hash(_PACKAGE)  # while they are imported, so that it is theirs even if they are edited later
+VERSIONS: Final = (ca.CasadiMeta.version(), np.__version__, platform.python_version(), platform.machine())
 
 
 def derived_once(name: str, described: tuple[BaseModel | None, ...], derive: Callable[[], AnyFunction]) -> AnyFunction:
@@ -116,9 +116,9 @@ def derived_once(name: str, described: tuple[BaseModel | None, ...], derive: Cal
 
     Descriptions whose classes are not of this package are not cached, as their sources may change.
     """
-    if not _SOURCES or any(_is_foreign(model) for model in described):
+    if not SOURCES or any(_is_foreign(model) for model in described):
         return derive()
-    text = "\0".join([name, *map(repr, described), _SOURCES, *_VERSIONS])
+    text = "\0".join([name, *map(repr, described), SOURCES, *VERSIONS])
     file = f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.casadi"
     found = cached(file)
     if found is not None:

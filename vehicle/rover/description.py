@@ -83,9 +83,8 @@ class _RoverBase(Frozen):
     wheel_inertia: _Inertia  # of a wheel with its gear and motor, about the axle
     drive_lag: Lag  # of a wheel's speed behind its demand
     stall_torque: float = quantity(..., "N m", 0.0, 1e4, above=True)  # of one drive at its wheel
-    no_load_speed: float = quantity(
-        ..., "rad/s", 0.0, 200.0, above=True
-    )  # of a wheel, at which its drive has no torque
+    # Of a wheel, at which its drive has no torque
+    no_load_speed: float = quantity(..., "rad/s", 0.0, 200.0, above=True)
     steer_lag: Lag
     steer_limit_deg: float = quantity(..., "deg", 0.0, 180.0, above=True)
     steer_rate_limit_deg: float = quantity(..., "deg/s", 0.0, 500.0, above=True)

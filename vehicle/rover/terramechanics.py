@@ -34,7 +34,7 @@ from vehicle.rover.description import Rover, Soil
 from vehicle.tyres import Num
 
 GRAVITY: Final = 9.81  # [m/s2]
-_POINTS: Final = 6  # of Gauss's quadrature in each of the two zones: see the test of its error
+POINTS: Final = 6  # of Gauss's quadrature in each of the two zones: see the test of its error
 _LARGEST_SIDE_SLIP: Final = math.pi / 4.0  # limit of the measured shear moduli, from Ishigami [rad]
 _TURNING: Final = 0.05  # displacement over modulus over which combined shear changes its direction; assumed [-]
 _HEAPING: Final = 0.02  # speed of the centre over that of the rim, below which bulldozing fades; assumed [-]
@@ -74,8 +74,8 @@ def slip_ratio(along: Num) -> Num:
     return ca.if_else(along <= 1.0, 1.0 - along, 1.0 / ca.fmax(along, 1.0) - 1.0)
 
 
-def soil_force(wheel: RigidWheel, soil: Soil, sinkage: Num, rolling: RimMotion) -> SoilForce:
-    """Force of the soil on a wheel that rolls forward at a sinkage [m]."""
+def soil_force(wheel: RigidWheel, soil: Soil, sinkage: Num, rolling: RimMotion, points: int = POINTS) -> SoilForce:
+    """Force of the soil on a wheel that rolls forward at a sinkage [m]; ``points`` are those of the quadrature."""
     contact = _contact(wheel, soil, sinkage, rolling)
     k_x, k_y = _shear_moduli(soil, ca.atan2(ca.fabs(rolling.across), ca.fabs(rolling.along)))
     F_x: Num = 0.0
@@ -83,7 +83,7 @@ def soil_force(wheel: RigidWheel, soil: Soil, sinkage: Num, rolling: RimMotion) 
     F_u: Num = 0.0  # lateral shear under the rim
     F_s: Num = 0.0  # bulldozing by the side of the wheel
     torque: Num = 0.0
-    for theta, weight, sigma in _stressed(soil, contact):
+    for theta, weight, sigma in _stressed(soil, contact, points):
         j_x = _sheared_along(contact, theta, rolling) / k_x
         j_y = -contact.radius * (contact.entry - theta) * rolling.across / k_y
         used_x, used_y = _mobilised(soil, j_x, j_y, rolling, theta)
@@ -137,12 +137,12 @@ def _stiffness(wheel: RigidWheel, soil: Soil, n: Num) -> Num:
     return (soil.cohesion * soil.k_c + soil.density * soil.k_phi * b) * (r / b) ** n
 
 
-def _stressed(soil: Soil, contact: _RimContact) -> Iterator[tuple[Num, Num, Num]]:
+def _stressed(soil: Soil, contact: _RimContact, points: int) -> Iterator[tuple[Num, Num, Num]]:
     """Quadrature points of the rim: angle [rad], weight [rad] and pressure [Pa]; rear zone, then front zone.
 
     Behind its crest the pressure has the profile of the front zone, stretched over the angle of the rear zone.
     """
-    places, weights = np.polynomial.legendre.leggauss(_POINTS)
+    places, weights = np.polynomial.legendre.leggauss(points)
     for end in (contact.leave, contact.entry):
         for place, weight in zip(places.tolist(), weights.tolist(), strict=True):
             share = 0.5 * (1.0 + place)  # 0 at the crest, 1 at the end

@@ -61,9 +61,8 @@ class MagicFormulaTyre(StiffnessTyre):
     """Sine of an arc tangent, with the peak at friction times load."""
 
     model: Literal["magic_formula"]
-    shape: float = quantity(
-        ..., "-", 1.0, 2.0, why="1 never falls off; beyond 2 the force would turn round"
-    )  # C; at 1 the force never falls off
+    # C; at 1 the force never falls off
+    shape: float = quantity(..., "-", 1.0, 2.0, why="1 never falls off; beyond 2 the force would turn round")
     curvature: float = quantity(..., "-", -10.0, 1.0, why="beyond 1 the curve has no single peak")  # E
 
     def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
@@ -117,9 +116,8 @@ class TmeasyTyre(Tyre):
     """Curves through initial slope, peak and sliding, stretched with friction."""
 
     model: Literal["tmeasy"]
-    reference_friction: float = quantity(
-        ..., "-", 0.0, 2.0, above=True, why="ice has 0.05, rubber on asphalt 1"
-    )  # of the ground the curves are given for
+    # Of the ground the curves are given for
+    reference_friction: float = quantity(..., "-", 0.0, 2.0, above=True, why="ice has 0.05, rubber on asphalt 1")
     lateral: TmeasyCurve
     longitudinal: TmeasyCurve
 

@@ -131,12 +131,10 @@ class Tyre(Frozen, ABC):
     relaxation_length: float = quantity(
         ..., "m", 1e-3, 3.0, why="0.1 m to 1 m; a shorter one is too stiff for a step of 1 ms"
     )
-    damping: float = quantity(
-        ..., "s", 0.0, 0.2, why="rubber has 0.001 s to 0.1 s; with more a tyre is a damper"
-    )  # of the carcass: damping over stiffness
-    rolling_resistance: float = quantity(
-        ..., "-", 0.0, 0.3, why="0.005 to 0.01 on asphalt, 0.3 in deep sand"
-    )  # rolling drag over load
+    # Of the carcass: damping over stiffness
+    damping: float = quantity(..., "s", 0.0, 0.2, why="rubber has 0.001 s to 0.1 s; with more a tyre is a damper")
+    # Rolling drag over load
+    rolling_resistance: float = quantity(..., "-", 0.0, 0.3, why="0.005 to 0.01 on asphalt, 0.3 in deep sand")
     pneumatic_trail: float = quantity(
         ..., "m", 0.0, 0.3, why="a sixth of the contact patch, which is at most 1 m long, and a margin"
     )  # at small slip and nominal load; 0: no moment
@@ -194,9 +192,8 @@ class StiffnessTyre(Tyre):
 
     cornering_stiffness: float = quantity(..., "1/rad", 0.1, 60.0, why=_STIFF)  # at the nominal load
     longitudinal_stiffness: Stiffness  # at the nominal load
-    load_sensitivity: float = quantity(
-        ..., "-", 0.0, 1.0, why="at 1 twice the nominal load leaves no stiffness"
-    )  # relative loss of stiffness, per nominal load
+    # Relative loss of stiffness, per nominal load
+    load_sensitivity: float = quantity(..., "-", 0.0, 1.0, why="at 1 twice the nominal load leaves no stiffness")
 
     @property
     def nominal_stiffness(self) -> Planar:

@@ -33,7 +33,7 @@ from controllers.trailer_steering.mpc.planning import (
 from controllers.trailer_steering.mpc.trailer_model import STEP, TYRE_STEP, TrailerModel, rolled_on
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
+from vehicle.clock import TICK, elapsed_since
 from vehicle.combination.description import GRAVITY
 from vehicle.combination.roll import roll_gradients
 from vehicle.frames import FloatArray
@@ -131,7 +131,7 @@ class Mpc(SteeringLaw[MpcMemory]):
         self, memory: MpcMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[MpcMemory, SteerCommand]:
         """New memory and command at ``tick``."""
-        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        elapsed = elapsed_since(memory.tick, tick)
         memory = memory._replace(tick=tick, observer=self._observer.with_signals(memory.observer, signals))
         path = with_estimate(memory.path, off_tracking, self._trailer.follow_distance)
         if path is not None and path is not memory.path:
@@ -200,8 +200,8 @@ class Mpc(SteeringLaw[MpcMemory]):
     def _outlook(self, memory: MpcMemory, path: MeasuredPath, steer: FloatArray) -> Outlook | None:
         """Inputs of the plan; None if the path is too short for a reference."""
         now = memory.observer.now
-        moved = reckoned(memory.observer.records, path.estimate.tick)
-        behind = path_now(path, moved, self._trailer.follow_distance)
+        since = reckoned(memory.observer.records, path.estimate.tick)
+        behind = path_now(path, since, self._trailer.follow_distance)
         if behind is None:
             return None
         course = hitch_course(now.hitch_direction, now.lead_yaw_rate, now.speed, STEP, STEPS)

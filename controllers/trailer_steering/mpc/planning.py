@@ -151,15 +151,15 @@ def with_estimate(
     return MeasuredPath(estimate, interval, denser(points), complete, axis, straight)
 
 
-def path_now(path: MeasuredPath, moved: Reckoned, follow_distance: float) -> FloatArray | None:
+def path_now(path: MeasuredPath, motion: Reckoned, follow_distance: float) -> FloatArray | None:
     """Points (n, 2) in the present trailer frame S, newest first, with the motion since; None if they are too few."""
-    points = np.concatenate([moved.hitch_path, path.points])
+    points = np.concatenate([motion.hitch_path, path.points])
     if not path.complete:
         if not path.straight:
             return None
         back = np.array([math.cos(path.axis), math.sin(path.axis)])
         points = np.concatenate([points, points[-1] - np.outer([0.5, 2.0], follow_distance * back)])
-    return moved.frame.inverse().apply(points)
+    return motion.frame.inverse().apply(points)
 
 
 BLOCKS: Final = (1, 1, 2, 2, 3, 3, 4, 8)  # steps of constant rates: short at the beginning, which matters most

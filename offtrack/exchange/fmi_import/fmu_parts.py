@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Self
 
@@ -41,8 +42,40 @@ from vehicle.option import Option, Parameter, check_options
 
 if TYPE_CHECKING:
     from scenarios.assembly.drivers_and_laws import DriverContext
-    from scenarios.assembly.mount import MountContext, OpenedSensor
+    from scenarios.assembly.trailer_sensors import MountContext, OpenedSensor
     from scenarios.courses import Course
+
+
+class FmuPart:
+    """A part that is an FMU in a process of its own."""
+
+    fmu: ClassVar[FmuFile]
+    options: ClassVar[tuple[Option, ...]] = ()
+    _instance: FmuInstance
+
+    @classmethod
+    def of_file(cls, file: str) -> type[Self]:
+        """Class of such a part of an FMU.
+
+        Raises:
+            ValueError: one line, if it is no FMU that runs here.
+        """
+        fmu = open_fmu(Path(file))
+        return type(cls.__name__, (cls,), {"fmu": fmu, "options": options_of(fmu)})
+
+    def _start(self, key: str, signals: PartSignals, parameters: Mapping[str, Parameter], **others: float) -> None:
+        """Start the FMU with parameters of the scenario's table ``key``, and ``others`` that it does not give.
+
+        Raises:
+            ValueError: one line, if the map does not fit or the FMU can't be started.
+        """
+        check_options(self.options, parameters, key)
+        given = others | {name: float(value) for name, value in parameters.items()}
+        self._instance = FmuInstance(self.fmu, read_map(self.fmu, signals), given)
+
+    def close(self) -> None:
+        """End the FMU's process."""
+        self._instance.close()
 
 
 def law_signals(n_steered: int, n_units: int) -> PartSignals:
@@ -61,16 +94,13 @@ def law_signals(n_steered: int, n_units: int) -> PartSignals:
     )
 
 
-class FmuLaw(SteeringLaw[int]):
+class FmuLaw(FmuPart, SteeringLaw[int]):
     """A trailer steering law that is an FMU; its memory is the tick at which the FMU's time began.
 
     It is stepped, by the period of its map, past the moment of every call, with the signals of that moment. Its outputs
     of the end of the step are the command until the next one: a law that computes its outputs in the step acts without
     delay.
     """
-
-    fmu: ClassVar[FmuFile]
-    options: ClassVar[tuple[Option, ...]]
 
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, **parameters: Parameter) -> None:
         """For the trailer of a combination, with parameters of the FMU.
@@ -79,13 +109,10 @@ class FmuLaw(SteeringLaw[int]):
             ValueError: one line, if the map does not fit.
             FmuError: one line, if the FMU can't be started.
         """
-        check_options(self.options, parameters, "steering")
         self._n = len(trailer.steered_distances)
-        links = read_map(self.fmu, law_signals(self._n, len(combination.vehicle.units)))
-        given = {name: float(value) for name, value in parameters.items()}
-        if self.fmu.tool == "offtrack" and "guarded" in self.fmu.variables:
-            given.setdefault("guarded", 0.0)  # the run guards it itself, as ``degradation`` says
-        self._instance = FmuInstance(self.fmu, links, given)
+        own = self.fmu.tool == "offtrack" and "guarded" in self.fmu.variables
+        unguarded = {"guarded": 0.0} if own else {}  # the run guards it itself, as ``degradation`` says
+        self._start("steering", law_signals(self._n, len(combination.vehicle.units)), parameters, **unguarded)
         self._command = np.zeros(self._n)
 
     def init(self) -> int:
@@ -110,27 +137,12 @@ class FmuLaw(SteeringLaw[int]):
             self._command = np.array([found[f"steer_demand_{k}"] for k in range(1, self._n + 1)])
         return memory, SteerCommand(angles=self._command)
 
-    def close(self) -> None:
-        """End the FMU's process."""
-        self._instance.close()
-
 
 def _given(
     tick: int, off_tracking: OffTracking | None, signals: CombinationSignals, used: frozenset[str]
 ) -> dict[str, float]:
     """Inputs [SI] of the FMU."""
     return {"time": tick * TICK, **reading_values(signals), **estimate_values(tick, off_tracking, used)}
-
-
-def law_of(file: str) -> type[FmuLaw]:
-    """Class of the law of an FMU.
-
-    Raises:
-        ValueError: one line, if it is no FMU that runs here.
-    """
-    fmu = open_fmu(Path(file))
-    names: dict[str, Any] = {"fmu": fmu, "options": options_of(fmu)}
-    return type("FmuLaw", (FmuLaw,), names)
 
 
 _AHEAD: Final = 60  # points of the path that an FMU can take, a metre apart
@@ -169,11 +181,8 @@ class FmuDriverMemory(NamedTuple):
     pace: DriverMemory  # of the driver who keeps the speed
 
 
-class FmuDriver(DriverLike[FmuDriverMemory]):
+class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
     """A driver that is an FMU; who keeps the set speed where it does not."""
-
-    fmu: ClassVar[FmuFile]
-    options: ClassVar[tuple[Option, ...]] = ()
 
     @classmethod
     def of(cls, context: DriverContext) -> FmuDriver:
@@ -185,12 +194,9 @@ class FmuDriver(DriverLike[FmuDriverMemory]):
         return cls(context)
 
     def __init__(self, context: DriverContext) -> None:
-        check_options(self.options, context.parameters, "driver.parameters")
-        links = read_map(self.fmu, driver_signals(len(context.vehicle.units)))
-        given = {name: float(value) for name, value in context.parameters.items()}
         self._course, self._speed = context.course, context.speed
         self._pace = PreviewDriver(context.tractor, context.course.path, context.speed)
-        self._instance = FmuInstance(self.fmu, links, given)
+        self._start("driver.parameters", driver_signals(len(context.vehicle.units)), context.parameters)
         self._command = DriverCommand(0.0, 0.0)
 
     def init(self) -> FmuDriverMemory:
@@ -217,10 +223,6 @@ class FmuDriver(DriverLike[FmuDriverMemory]):
         acceleration = found.get("acceleration", keeping.acceleration)
         self._command = DriverCommand(found["steer"], acceleration, found.get("gear", 1.0))
         return FmuDriverMemory(start, station, pace), self._command
-
-    def close(self) -> None:
-        """End the FMU's process."""
-        self._instance.close()
 
     def _signals(self, near: float, tick: int, ego: EgoState) -> tuple[float, dict[str, float]]:
         """Station of the guided point, and the inputs [SI] of the FMU."""
@@ -261,16 +263,6 @@ def driver_inputs(
     return station, signals | numbered_values("articulation", ego.articulation)
 
 
-def driver_of(file: str) -> type[FmuDriver]:
-    """Class of the driver of an FMU.
-
-    Raises:
-        ValueError: one line, if it is no FMU that runs here.
-    """
-    fmu = open_fmu(Path(file))
-    return type("FmuDriver", (FmuDriver,), {"fmu": fmu, "options": options_of(fmu)})
-
-
 _PERIOD = 10  # of the loop [ticks]
 _REQUIRED = ("off_tracking", "off_tracking_known")
 
@@ -293,7 +285,7 @@ class WholeMotion:
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:
         """The sensor, without latency: that of the estimates is the FMU's own."""
-        from scenarios.assembly.mount import OpenedSensor
+        from scenarios.assembly.trailer_sensors import OpenedSensor
 
         return OpenedSensor(sensor=cls(), schedule=Schedule(period=_PERIOD))
 
@@ -302,12 +294,10 @@ class WholeMotion:
         return truth
 
 
-class FmuOffTracking:
+class FmuOffTracking(FmuPart):
     """A source of off-tracking that is an FMU; its memory is the number of estimates so far."""
 
     sensor: ClassVar[str] = "offtrack.exchange.fmi_import.fmu_parts:WholeMotion"
-    options: ClassVar[tuple[Option, ...]] = ()
-    fmu: ClassVar[FmuFile]
 
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
@@ -319,10 +309,7 @@ class FmuOffTracking:
         return cls(context)
 
     def __init__(self, context: TrailerContext) -> None:
-        check_options(self.options, context.options, "estimator")
-        links = read_map(self.fmu, off_tracking_signals(context.vehicle))
-        given = {name: float(value) for name, value in context.options.items()}
-        self._instance = FmuInstance(self.fmu, links, given)
+        self._start("estimator", off_tracking_signals(context.vehicle), context.options)
         self._unknown = dict.fromkeys((one.name for one in estimate_signals(coarse=False)), 0.0)
         self._unknown["off_tracking_time"] = -1.0
 
@@ -346,20 +333,8 @@ class FmuOffTracking:
         count = found.get("off_tracking_count", memory + 1.0)  # without it every step gives a new one
         return count, estimate if count > memory else None
 
-    def close(self) -> None:
-        """End the FMU's process."""
-        self._instance.close()
 
-
-def off_tracking_of(file: str) -> type[FmuOffTracking]:
-    """Class of the source of off-tracking of an FMU.
-
-    Raises:
-        ValueError: one line, if it is no FMU that runs here.
-    """
-    fmu = open_fmu(Path(file))
-    names: dict[str, Any] = {"fmu": fmu, "options": options_of(fmu)}
-    return type("FmuOffTracking", (FmuOffTracking,), names)
+law_of, driver_of, off_tracking_of = FmuLaw.of_file, FmuDriver.of_file, FmuOffTracking.of_file  # entry points
 
 
 def signals_of(part: str, vehicle: Vehicle) -> PartSignals:

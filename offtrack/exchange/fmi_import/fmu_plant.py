@@ -30,7 +30,7 @@ from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 
 if TYPE_CHECKING:
-    from scenarios.assembly.plants import PlantContext
+    from scenarios.assembly.adapters import PlantContext
 
 
 class SteeringActuators:

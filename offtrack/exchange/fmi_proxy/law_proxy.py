@@ -26,7 +26,7 @@ from scenarios.assembly.drivers_and_laws import (
     trailer_law,
 )
 from scenarios.catalogue import TRAILER_STEERING, resolve
-from scenarios.loop.timing import CONTROL
+from scenarios.loop.channel import CONTROL
 from scenarios.options.scenario import Scenario
 from vehicle.clock import Schedule, to_ticks
 from vehicle.combination.description import Vehicle

@@ -41,15 +41,12 @@ from offtrack.exchange.fmi_proxy.proxy import (
     scenario_in,
 )
 from offtrack.exchange.recordings.writers import RecordingWriter
-from scenarios.assembly.adapters import course_of, rig_schedule, vehicle_of, watched_units
-from scenarios.assembly.course_ground import opened_ground
+from scenarios.assembly.adapters import course_of, plant_kind, plant_vehicle, rig_schedule, vehicle_of, watched_units
 from scenarios.assembly.drivers_and_laws import opened_driver
-from scenarios.assembly.plants import plant_kind, plant_vehicle
-from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, assemble
+from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, assemble, opened_ground
 from scenarios.courses import Course
-from scenarios.loop.channel import estimator_thread
+from scenarios.loop.channel import CONTROL, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures
-from scenarios.loop.timing import CONTROL, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.options.scenario import Scenario
 from scenarios.options.vehicle_and_driver import DriverOptions

@@ -22,11 +22,10 @@ from offtrack.exchange.fmi_import.numbered_signals import (
 )
 from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
 from offtrack.exchange.fmi_proxy.scenario_parts import MEASURED, LaidGround, driver_proxy, ground_proxy, sensor_proxy
-from scenarios.assembly.adapters import course_of, vehicle_of, watched_units
+from scenarios.assembly.adapters import course_of, plant_kind, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import refuse_loop_faults
 from scenarios.assembly.drivers_and_laws import opened_driver
-from scenarios.assembly.plants import plant_kind
-from scenarios.loop.timing import CONTROL
+from scenarios.loop.channel import CONTROL
 from scenarios.options.scenario import Scenario
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle

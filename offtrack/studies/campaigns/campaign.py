@@ -13,7 +13,7 @@ import tomli_w
 from pydantic import Field, field_validator
 
 from offtrack.studies.campaigns.fault_entry import NONE, Bisect, FaultEntry
-from offtrack.studies.campaigns.verdict import Judgement, Requirements, judged, read_requirements
+from offtrack.studies.campaigns.verdict import Judgement, Requirements, read_requirements, verdict_on
 from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.draws import Sample, Stop, read_draws
 from offtrack.studies.study import STUDY_FILE, Study, dotted, text_of_value, typed_value
@@ -80,7 +80,7 @@ class Campaign(Study):
     def judge(self, outcome: Outcome) -> Judgement:
         """Verdict on a run."""
         entry = self.entry_of(outcome.case)
-        return judged(outcome, entry.title if entry else NONE, self.requirements)
+        return verdict_on(outcome, entry.title if entry else NONE, self.requirements)
 
     def intervals(self, outcomes: Sequence[Outcome], axes: Settings) -> Iterator[tuple[float, float]]:
         """Interval of the probability to fail at a point."""

@@ -100,7 +100,7 @@ def campaign_page(
     faulty = [run for run in runs if run.fault != NONE]
     changed = ", ".join(f"{key} = {value}" for key, value in campaign.fixed)
     facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {_listed(campaign.seeds)}")
-    made_on = machines([run.outcome.made for run in runs])
+    made_on = machines([run.outcome.provenance for run in runs])
     return Page(
         title=title,
         heading=title,

@@ -131,7 +131,7 @@ def _positive(place: str, value: Any) -> float:
     return number
 
 
-_TRUE: Final = "off_tracking_true_"  # begins the signal of every judged trailer
+_TRUE: Final = "off_tracking_true_"  # begins the signal of every verdict_on trailer
 _CROSS: Final = "cross_track_true"  # signal of a rover
 _STEADY: Final = 1.0  # for which all must be well to count as recovered [s]
 _ROUNDING: Final = 1e-9  # of times [s]
@@ -190,7 +190,7 @@ class _Guided(NamedTuple):
 
 
 def _all_guided(log: Log) -> Iterator[_Guided]:
-    """Every judged trailer, or the rover."""
+    """Every verdict_on trailer, or the rover."""
     for true in log.names:
         if not true.startswith(_TRUE) and true != _CROSS:
             continue
@@ -265,7 +265,7 @@ class Judgement:
         return "; ".join(breach.reason for breach in self.breaches)
 
 
-def judged(outcome: Outcome, fault: str, requirements: Requirements) -> Judgement:
+def verdict_on(outcome: Outcome, fault: str, requirements: Requirements) -> Judgement:
     """Judge a run by its summary and its signals."""
     time = time_of(outcome.case)
     measured = _response(outcome, time, requirements)

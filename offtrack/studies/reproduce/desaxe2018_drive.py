@@ -1,7 +1,8 @@
-"""Drives of a trailer with one stereo pair, and the estimates of several odometries from the same images.
+"""Drives of a trailer with one stereo pair: estimates of several odometries, their errors and matches.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018. The estimates do not steer the trailer, so one drive serves all odometries.
+Dynamics, 2018. The estimates do not steer the trailer, so one drive serves all odometries. The four panels are those of
+its Figs 6 to 8, section 3.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise, takewhile
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from estimators.calibration.epipolar import RightRotation, straightened
@@ -24,14 +26,17 @@ from estimators.context import OffTrackingSource
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.odometry.viso2 import Viso2Odometry
 from estimators.off_tracking.viso_ot import VisoOt
-from scenarios.assembly.cameras import Rectified
-from scenarios.assembly.mount import Cameras
+from offtrack.reports.plots import GREY
+from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, compared
 from scenarios.assembly.trailer_run import Assembly, assemble
+from scenarios.assembly.trailer_sensors import Cameras, Rectified
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress, part_of
 from scenarios.randomness import stream
+from scenarios.results import metrics
+from scenarios.results.log import Log, Signal
 from scenarios.results.trailer_signals import Estimate, ReferenceOffTracking, TrailerTrack, run_log
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -88,7 +93,7 @@ class Track:
     lateral: FloatArray  # motion since the previous image, along y of the trailer [m]
 
 
-_SIGNALS: Final = ("off_tracking_estimate", "off_tracking_std", "matches", "inliers", "odometry_dy")  # of a Track
+_TRACKED: Final = ("off_tracking_estimate", "off_tracking_std", "matches", "inliers", "odometry_dy")  # of a Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,7 +191,7 @@ def _result(case: Case, session: TrailerSession, sources: ParallelSources, camer
         )
         log = run_log(rows, [track], parts.vehicle)
         at = at if len(at) else np.flatnonzero(np.isfinite(log["health"]))  # the same images for all odometries
-        tracks[odometry] = Track(*(log[signal][at] for signal in _SIGNALS))
+        tracks[odometry] = Track(*(log[signal][at] for signal in _TRACKED))
     return Drive(
         case=case,
         time=np.array([truth.tick * TICK for truth in truths])[at],
@@ -241,6 +246,206 @@ def _drive_together(cases: Sequence[Case], progress: Progress, jobs: int) -> Non
         progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
 
 
-def unfinished(done: int, of: int) -> tuple[str, ...]:
-    """Note on missing drives after an interrupt."""
-    return () if done == of else (f"Interrupted: {done} of {of} drives are finished; the others are missing here.",)
+def reproduced(
+    name: str,
+    title: str,
+    comparisons: Sequence[Comparison],
+    notes: Sequence[str],
+    data: Log,
+    draw: Callable[[], Figure],
+    drives: tuple[int, int],
+) -> Reproduction:
+    """A figure of the paper; ``drives``: number of finished drives, and of all."""
+    done, of = drives
+    missing = f"Interrupted: {done} of {of} drives are finished; the others are missing here."
+    return Reproduction(
+        name=name,
+        title=title,
+        source="de Saxe & Cebon, Vehicle System Dynamics 2018",
+        comparisons=comparisons,
+        notes=(*notes, *([missing] if done < of else [])),
+        interrupted=done < of,
+        data=data,
+        draw=draw,
+    )
+
+
+ENOUGH: Final = 250.0  # matches below which the paper's errors grow
+_ODOMETRIES: Final = ("viso2", "keyframe")
+_SHORT: Final = "course.length=40"  # with --quick; the off-tracking is known over 26 m of it
+
+Facing = Literal["rear", "left"]
+
+
+class Point(NamedTuple):
+    """One drive of a figure."""
+
+    facing: Facing = "rear"
+    baseline: float = 0.5  # [m]
+    slip: float = 14.0  # [deg]
+    density: float = 1.0  # of the scenery
+
+    def case(self, *, quick: bool) -> Case:
+        """The drive as a case."""
+        settings = (
+            f"rig.facing={self.facing}",
+            f"rig.baseline={self.baseline}",
+            f"course.slip_angle_deg={self.slip}",
+            f"world.scenery_density={self.density}",
+        )
+        return Case(scenario="constant-slip", settings=(*settings, _SHORT) if quick else settings)
+
+
+class Outcome(NamedTuple):
+    """Errors and matches of an odometry in a drive."""
+
+    point: Point
+    odometry: str
+    rms: float  # of the off-tracking's error [m]
+    mean: float  # [m]
+    largest: float  # [m]
+    matches: float  # mean number
+    inliers: float  # mean share of the matches [%]
+
+
+def outcomes(points: Sequence[Point], *, quick: bool, progress: Progress) -> list[Outcome]:
+    """Drive all points and evaluate every odometry; fewer outcomes after an interrupt."""
+    drives = driven([point.case(quick=quick) for point in points], progress)
+    return [outcome_of(point, one, name) for point, one in zip(points, drives, strict=False) for name in _ODOMETRIES]
+
+
+def outcome_of(point: Point, one: Drive, odometry: str) -> Outcome:
+    """Errors and matches of an odometry in a drive."""
+    error, track = one.error(odometry), one.tracks[odometry]
+    return Outcome(
+        point=point,
+        odometry=odometry,
+        rms=metrics.rms(error),
+        mean=metrics.mean(error),
+        largest=metrics.peak(error),
+        matches=metrics.mean(track.matches),
+        inliers=100.0 * metrics.mean(track.inliers / np.maximum(track.matches, 1.0)),
+    )
+
+
+Choice = Callable[[Point], bool]  # of drives
+Measure = Callable[[Sequence[Outcome]], float]  # of all outcomes; NaN if no drive is chosen
+
+
+def values(quantity: str, chosen: Choice, odometry: str = "viso2") -> Callable[[Sequence[Outcome]], list[float]]:
+    """Function that gives the magnitudes of a quantity in the chosen drives."""
+    return lambda results: [
+        abs(getattr(one, quantity)) for one in results if one.odometry == odometry and chosen(one.point)
+    ]
+
+
+def most(quantity: str, chosen: Choice, odometry: str = "viso2") -> Measure:
+    """Measure of the largest magnitude of a quantity."""
+    found = values(quantity, chosen, odometry)
+    return lambda results: max(found(results), default=math.nan)
+
+
+def least(quantity: str, chosen: Choice) -> Measure:
+    """Measure of the smallest magnitude of a quantity of viso2."""
+    found = values(quantity, chosen)
+    return lambda results: min(found(results), default=math.nan)
+
+
+def ratio(quantity: str, one: Choice, other: Choice) -> Measure:
+    """Measure of the RMS of a quantity of viso2 over drives of one kind, divided by that of another kind."""
+    above, below = values(quantity, one), values(quantity, other)
+
+    def measure(results: Sequence[Outcome]) -> float:
+        numerator, denominator = np.array(above(results)), np.array(below(results))
+        return metrics.rms(numerator) / metrics.rms(denominator) if len(numerator) and np.any(denominator) else math.nan
+
+    return measure
+
+
+_SIGNALS: Final = (
+    Signal("facing", "-", "0 to the rear, 1 to the left"),
+    Signal("baseline", "m", "stereo baseline"),
+    Signal("slip", "deg", "slip angle of the trailer"),
+    Signal("density", "-", "density of the scenery"),
+    Signal("odometry", "-", "0 viso2, 1 keyframe"),
+    Signal("rms", "m", "RMS error of the off-tracking"),
+    Signal("mean", "m", "mean error, + left"),
+    Signal("largest", "m", "largest magnitude of the error"),
+    Signal("matches", "-", "mean number of matches"),
+    Signal("inliers", "%", "mean share of inliers among the matches"),
+)
+
+
+def log_of(results: Sequence[Outcome]) -> Log:
+    """Table with one row per drive and odometry."""
+    rows = [
+        [float(one.point.facing == "left"), *one.point[1:], float(_ODOMETRIES.index(one.odometry)), *one[2:]]
+        for one in results
+    ]
+    return Log(_SIGNALS, np.array(rows, dtype=np.float64).reshape(-1, len(_SIGNALS)))
+
+
+_PANELS: Final = (
+    ("rms", "(a) RMS error [m]"),
+    ("mean", "(b) mean error [m]"),
+    ("matches", "(c) mean number of matches"),
+    ("inliers", "(d) mean share of inliers [%]"),
+)
+
+
+Row = tuple[str, str, Measure, str]  # quantity, number as published, own number, unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensitivity:
+    """A figure with the paper's four panels: errors and matches over one property of the drives."""
+
+    name: str
+    title: str
+    points: Sequence[Point]
+    quick: Sequence[Point]  # with --quick
+    along: str  # property of the points on the horizontal axis
+    xlabel: str
+    groups: Sequence[tuple[str, Choice, str]]  # lines: label, drives, colour
+    rows: Sequence[Row]
+    notes: Sequence[str]
+    band: tuple[float, float] | None = None  # of RMS errors in the paper [m]
+    limit: float | None = None  # value on the horizontal axis that the paper marks
+
+    def __call__(self, quick: bool, progress: Progress) -> Reproduction:
+        """Drive all points and compare them; after an interrupt, those that are finished."""
+        points = self.quick if quick else self.points
+        results = outcomes(points, quick=quick, progress=progress)
+        return reproduced(
+            self.name,
+            self.title,
+            [compared(quantity, published, own(results), unit) for quantity, published, own, unit in self.rows],
+            self.notes,
+            log_of(results),
+            lambda: self.drawn(results),
+            (len(results) // len(_ODOMETRIES), len(points)),
+        )
+
+    def drawn(self, results: Sequence[Outcome]) -> Figure:
+        """The four panels; RMS errors and matches from the paper's text are grey."""
+        figure = Figure(figsize=(9.6, 6.4), layout="constrained")
+        for ax, (quantity, title) in zip(figure.subplots(2, 2).flat, _PANELS, strict=True):
+            if quantity == "rms" and self.band:
+                ax.axhspan(*self.band, color=GREY, alpha=0.25, linewidth=0.0, label="published")
+            if quantity == "matches":
+                ax.axhline(ENOUGH, color=GREY, linestyle="--", linewidth=1.0, label="250, published threshold")
+            if self.limit is not None:
+                ax.axvline(self.limit, color=GREY, linestyle="--", linewidth=1.0)
+            for label, chosen, colour in self.groups:
+                for odometry, line in zip(_ODOMETRIES, ("-o", ":^"), strict=True):
+                    of_odometry = (one for one in results if one.odometry == odometry and chosen(one.point))
+                    shown = sorted((getattr(one.point, self.along), getattr(one, quantity)) for one in of_odometry)
+                    if shown:
+                        style: dict[str, Any] = {"color": colour, "markersize": 3.5, "linewidth": 1.2}
+                        ax.plot(*zip(*shown, strict=True), line, label=f"{label}, {odometry}", **style)
+            ax.set(title=title, xlabel=self.xlabel)
+            if quantity != "mean":
+                ax.set_ylim(bottom=0.0)
+        figure.axes[0].legend(fontsize=8.0)
+        figure.axes[2].legend(handles=figure.axes[2].lines[:1], fontsize=8.0)
+        return figure

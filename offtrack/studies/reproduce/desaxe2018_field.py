@@ -2,9 +2,6 @@
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018, section 4. The paper's off-tracking is + right; here it is + left.
-
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018, section 4.2.
 """
 
 from __future__ import annotations
@@ -14,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,8 +21,7 @@ from estimators.odometry.image_points import Matches
 from estimators.odometry.viso2 import NEAR, Viso2Odometry
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished, with_estimator
-from offtrack.studies.reproduce.desaxe2018_outcomes import ENOUGH, SOURCE
+from offtrack.studies.reproduce.desaxe2018_drive import ENOUGH, Case, Drive, Facing, driven, reproduced, with_estimator
 from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, compared
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession
@@ -38,7 +34,6 @@ from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-Facing = Literal["rear", "left"]
 MANOEUVRES: Final = {  # in the order of the paper's rows
     "figure-of-eight": "field-figure-of-eight",
     "left roundabout": "field-roundabout-left",
@@ -80,15 +75,14 @@ def fig14(quick: bool, progress: Progress) -> Reproduction:
         in_others = "", "generally < 0.5, some to 1"
         published = _LEFT_ROUNDABOUT[facing] if manoeuvre == "left roundabout" else in_others
         comparisons += _compared(f"{manoeuvre}, {_SIDES[facing]}", one, published)
-    return Reproduction(
-        name="desaxe2018-fig14",
-        title="Fig. 14: off-tracking in the field tests over time, baseline 0.5 m",
-        source=SOURCE,
-        comparisons=comparisons,
-        notes=(*_NOTES, *unfinished(len(drives), len(keys))),
-        data=_log([(*key, _BASELINES[0], one) for key, one in shown]),
-        interrupted=len(drives) < len(keys),
-        draw=lambda: _histories(shown),
+    return reproduced(
+        "desaxe2018-fig14",
+        "Fig. 14: off-tracking in the field tests over time, baseline 0.5 m",
+        comparisons,
+        (*_NOTES,),
+        _log([(*key, _BASELINES[0], one) for key, one in shown]),
+        lambda: _histories(shown),
+        (len(drives), len(keys)),
     )
 
 
@@ -100,20 +94,18 @@ def fig15(quick: bool, progress: Progress) -> Reproduction:
     comparisons = []
     for (facing, baseline), one in shown:
         comparisons += _compared(f"{_SIDES[facing]}, {baseline} m", one, _LEFT_ROUNDABOUT[facing])
-    return Reproduction(
-        name="desaxe2018-fig15",
-        title="Fig. 15: errors in the left roundabout",
-        source=SOURCE,
-        comparisons=comparisons,
-        notes=(
+    return reproduced(
+        "desaxe2018-fig15",
+        "Fig. 15: errors in the left roundabout",
+        comparisons,
+        (
             *_NOTES,
             "The paper's ranges cover its baselines and repeated tests. Its mount was bent differently after every "
             "change of the baseline; here the rotation is the same throughout.",
-            *unfinished(len(drives), len(keys)),
         ),
-        interrupted=len(drives) < len(keys),
-        data=_log([("left roundabout", *key, one) for key, one in shown]),
-        draw=lambda: _bars(shown),
+        _log([("left roundabout", *key, one) for key, one in shown]),
+        lambda: _bars(shown),
+        (len(drives), len(keys)),
     )
 
 
@@ -124,25 +116,23 @@ def fig16(quick: bool, progress: Progress) -> Reproduction:
     comparisons = []
     for manoeuvre, one in shown:
         for odometry in ("viso2", _CORRECTED, OWN):
-            for side, bias in zip(("left", "right"), _biases(one, odometry), strict=True):
+            for side, bias in zip(("left", "right"), biases(one, odometry), strict=True):
                 if math.isfinite(bias):
                     comparisons.append(compared(f"{manoeuvre}, {odometry}: bias where the path is {side}", "", bias))
             published = "as uncorrected left roundabout, 0.11–0.12" if odometry == _CORRECTED else ""
             comparisons.append(compared(f"{manoeuvre}, {odometry}: RMS error", published, _rms(one, odometry)))
-    return Reproduction(
-        name="desaxe2018-fig16",
-        title="Fig. 16: effect of correcting the right camera's rotation, rear-facing, baseline 0.5 m",
-        source=SOURCE,
-        comparisons=comparisons,
-        notes=(
+    return reproduced(
+        "desaxe2018-fig16",
+        "Fig. 16: effect of correcting the right camera's rotation, rear-facing, baseline 0.5 m",
+        comparisons,
+        (
             *_NOTES,
             "Bias: mean error where the off-tracking exceeds 1 m to that side. The correction uses the exact rotation "
             "of the camera; the paper found it by trial.",
-            *unfinished(len(drives), len(MANOEUVRES)),
         ),
-        interrupted=len(drives) < len(MANOEUVRES),
-        data=_log([(manoeuvre, "rear", _BASELINES[0], one) for manoeuvre, one in shown]),
-        draw=lambda: _corrections(shown),
+        _log([(manoeuvre, "rear", _BASELINES[0], one) for manoeuvre, one in shown]),
+        lambda: _corrections(shown),
+        (len(drives), len(MANOEUVRES)),
     )
 
 
@@ -175,7 +165,7 @@ def _compared(name: str, one: Drive, published: tuple[str, str]) -> list[Compari
     ]
 
 
-def _biases(one: Drive, odometry: str) -> tuple[float, float]:
+def biases(one: Drive, odometry: str) -> tuple[float, float]:
     """Mean errors [m] where the hitch's path is clearly to the left, and to the right, of the follow point."""
     error = _error(one, odometry)
     return metrics.mean(error[one.true > _CLEARLY]), metrics.mean(error[one.true < -_CLEARLY])
@@ -318,23 +308,23 @@ def fig13(quick: bool, progress: Progress) -> Reproduction:
     """One stereo pair of the left roundabout, rear- and side-facing, with matched features."""
     until = _QUICK if quick else _TIME
     sides: tuple[Facing, ...] = ("rear", "left")
-    views = [_view(facing, until, part_of(progress, k, len(sides), "driving")) for k, facing in enumerate(sides)]
+    views = [view_of(facing, until, part_of(progress, k, len(sides), "driving")) for k, facing in enumerate(sides)]
     progress(100, 100, "")
-    return Reproduction(
-        name="desaxe2018-fig13",
-        title="Fig. 13: example views with matched features",
-        source=SOURCE,
-        comparisons=[
+    return reproduced(
+        "desaxe2018-fig13",
+        "Fig. 13: example views with matched features",
+        [
             compared(f"{name} cameras: matches of the pair shown", "400–800", float(len(view.matches.current)), "-")
             for name, view in zip(("rear", "side"), views, strict=True)
         ],
-        notes=(
+        (
             "Left roundabout, baseline 0.5 m. The published range is that of most manoeuvres, from the text. With two "
             "matches per bucket of 50 x 50 px there are at most 432 in images of 1344 x 391 px, the size in the "
             "paper's simulations. The size in its field tests is not published.",
         ),
-        data=_views_log(views),
-        draw=lambda: _drawn(views),
+        _views_log(views),
+        lambda: _drawn(views),
+        (len(views), len(views)),
     )
 
 
@@ -356,7 +346,7 @@ class NewestFrames:
         return None, None
 
 
-def _view(facing: Facing, until: float, progress: Progress) -> View:
+def view_of(facing: Facing, until: float, progress: Progress) -> View:
     """View of the last stereo pair in the roundabout's first ``until`` seconds."""
     case = field_case("left roundabout", facing, 0.5, quick=True)
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
@@ -371,10 +361,12 @@ def _view(facing: Facing, until: float, progress: Progress) -> View:
     if len(latest.frames) < _PAIRS:
         raise ValueError(f"{len(latest.frames)} stereo pairs within {until} s; at least {_PAIRS} are needed")
     newest = latest.frames[-1]
-    return View(facing=facing, left=newest.left, right=newest.right, matches=_matched(calibration, list(latest.frames)))
+    return View(
+        facing=facing, left=newest.left, right=newest.right, matches=matched_features(calibration, list(latest.frames))
+    )
 
 
-def _matched(calibration: StereoCalibration, frames: Sequence[StereoFrame]) -> Matches:
+def matched_features(calibration: StereoCalibration, frames: Sequence[StereoFrame]) -> Matches:
     """Matches of viso2 in the last two frames, predicted with the velocity from the frames before."""
     odometry = Viso2Odometry(calibration)
     memory, motion = odometry.init(), None

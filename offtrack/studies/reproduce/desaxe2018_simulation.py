@@ -1,38 +1,36 @@
 """Figs 6 to 9 of de Saxe 2018: sensitivities of the off-tracking error, and drift, in a rendered world.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018, section 3: the trailer moves 100 m straight ahead at 5 m/s and a constant slip angle.
-
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018, section 3.2.4.
+Dynamics, 2018, section 3 (3.2.4 for Fig. 9): the trailer moves 100 m straight ahead at 5 m/s and a constant slip angle.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from functools import partial
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.desaxe2018_drive import Drive, driven, unfinished
-from offtrack.studies.reproduce.desaxe2018_outcomes import (
-    SOURCE,
+from offtrack.studies.reproduce.desaxe2018_drive import (
+    ENOUGH,
     Choice,
+    Drive,
     Facing,
+    Measure,
+    Outcome,
     Point,
-    average,
-    draw_panels,
-    first_short,
+    Row,
+    Sensitivity,
+    driven,
     least,
-    log_of,
-    matches_at,
     most,
-    outcomes,
-    over,
+    ratio,
+    reproduced,
+    values,
 )
 from offtrack.studies.reproduce.reproduction import Reproduction, compared
 from scenarios.progress import Progress
@@ -41,120 +39,6 @@ from scenarios.results.log import Log, Signal
 from vehicle.frames import FloatArray
 
 _THIRD: Final = "#5b8c3a"
-
-
-def fig6(quick: bool, progress: Progress) -> Reproduction:
-    """Errors and matches over the stereo baseline, rear- and side-facing, at 14 degrees of slip."""
-    baselines = (0.5, 2.5, 5.0) if quick else tuple(0.5 * k for k in range(1, 11))
-    points = [Point(facing=facing, baseline=b) for facing in ("rear", "left") for b in baselines]
-    results = outcomes(points, quick=quick, progress=progress)
-    comparisons = [
-        compared(f"{drives}: {label}", published, most(results, quantity, _DRIVES[drives]))
-        for drives, label, quantity, published in (
-            ("rear, up to 2.5 m", "largest RMS error", "rms", "0.01–0.04"),
-            ("rear, up to 2.5 m", "largest mean error", "mean", "0.01"),
-            ("side, up to 2.5 m", "largest RMS error", "rms", "0.01–0.04"),
-            ("rear, beyond 2.5 m", "largest RMS error", "rms", ""),
-            ("side, beyond 2.5 m", "largest RMS error", "rms", "above the rear's"),
-        )
-    ]
-    ratio = over(results, _DRIVES["side, beyond 2.5 m"], _DRIVES["rear, beyond 2.5 m"])
-    comparisons += [
-        compared("side over rear, beyond 2.5 m: RMS error over all", "> 1", ratio, "-"),
-        compared("rear, 0.5 m: matches", "380", matches_at(results, "rear", 0.5), "-"),
-        compared("side, 0.5 m: matches", "", matches_at(results, "left", 0.5), "-"),
-        compared("rear, 5 m: matches", "", matches_at(results, "rear", 5.0), "-"),
-        compared("side, 5 m: matches", "fewer than the rear's", matches_at(results, "left", 5.0), "-"),
-        compared("rear: first baseline with under 250 matches", "2.5", first_short(results, "rear")),
-        compared("side: first baseline with under 250 matches", "2.5", first_short(results, "left")),
-        *(
-            compared(f"keyframe, {drives}: largest RMS error", "", most(results, "rms", _DRIVES[drives], "keyframe"))
-            for drives in ("rear, up to 2.5 m", "side, up to 2.5 m")
-        ),
-    ]
-    return Reproduction(
-        name="desaxe2018-fig6",
-        title="Fig. 6: sensitivity to the stereo baseline at 14 degrees of slip",
-        source=SOURCE,
-        comparisons=comparisons,
-        notes=(_SIGN, _RANGE, *unfinished(len(results) // 2, len(points))),
-        interrupted=len(results) // 2 < len(points),
-        data=log_of(results),
-        draw=lambda: draw_panels(results, "baseline", "stereo baseline [m]", _SIDES, band=(0.01, 0.04)),
-    )
-
-
-def fig7(quick: bool, progress: Progress) -> Reproduction:
-    """Errors and matches of rear-facing cameras over the slip angle, at three baselines."""
-    slips = (0.0, 8.0, 16.0) if quick else (*np.arange(0.0, 17.0, 2.0).tolist(), 20.0, 30.0, 45.0, 60.0)
-    baselines = (0.5, 1.5, 2.5)
-    points = [Point(baseline=b, slip=slip) for b in baselines for slip in slips]
-    results = outcomes(points, quick=quick, progress=progress)
-    published = {
-        0.5: ("0.01–0.03", "0.01", "380"),
-        1.5: ("0.01–0.03", "0.01", "325"),
-        2.5: ("0.02–0.04", "0.035", "250"),
-    }
-    comparisons = []
-    for b, (rms, mean, matches) in published.items():
-        usual = partial(_usual, b)
-        comparisons += [
-            compared(f"{b} m, up to 16 deg: smallest RMS error", rms.partition("–")[0], least(results, "rms", usual)),
-            compared(f"{b} m, up to 16 deg: largest RMS error", rms.partition("–")[2], most(results, "rms", usual)),
-            compared(f"{b} m, up to 16 deg: largest mean error", mean, most(results, "mean", usual)),
-            compared(f"{b} m, up to 16 deg: mean matches", matches, average(results, usual), "-"),
-            compared(f"{b} m, up to 16 deg: keyframe, largest RMS", "", most(results, "rms", usual, "keyframe")),
-        ]
-    colours = dict(zip(baselines, (TRUE, ESTIMATED, _THIRD), strict=True))
-    groups = [(f"{b} m", partial(_has_baseline, b), colour) for b, colour in colours.items()]
-    return Reproduction(
-        name="desaxe2018-fig7",
-        title="Fig. 7: sensitivity to the slip angle, rear-facing",
-        source=SOURCE,
-        comparisons=comparisons,
-        notes=(_SIGN, *unfinished(len(results) // 2, len(points))),
-        interrupted=len(results) // 2 < len(points),
-        data=log_of(results),
-        draw=lambda: draw_panels(results, "slip", "trailer slip angle [°]", groups, band=(0.01, 0.03), limit=16.0),
-    )
-
-
-def fig8(quick: bool, progress: Progress) -> Reproduction:
-    """Errors and matches over the density of the scenery, rear- and side-facing."""
-    points = [Point(facing=facing, density=d) for facing in ("rear", "left") for d in (0.0, 0.5, 1.0)]
-    results = outcomes(points, quick=quick, progress=progress)
-
-    def rms(facing: Facing, density: float, odometry: str = "viso2") -> float:
-        return most(results, "rms", lambda p: p.facing == facing and p.density == density, odometry)
-
-    def ratio(facing: Facing) -> float:
-        full = rms(facing, 1.0)
-        return rms(facing, 0.0) / full if full > 0.0 else math.nan
-
-    comparisons = [
-        compared("rear, 100 %: RMS error", "0.01–0.03", rms("rear", 1.0)),
-        compared("rear, 0 %: RMS error", "about the same", rms("rear", 0.0)),
-        compared("side, 100 %: RMS error", "", rms("left", 1.0)),
-        compared("side, 0 %: RMS error", "", rms("left", 0.0)),
-        compared("rear: RMS error at 0 % over that at 100 %", "1", ratio("rear"), "-"),
-        compared("side: RMS error at 0 % over that at 100 %", "2", ratio("left"), "-"),
-        compared("fewest matches at 0 %", "> 250", least(results, "matches", lambda p: p.density == 0.0), "-"),
-        compared("keyframe, rear, 0 %: RMS error", "", rms("rear", 0.0, "keyframe")),
-        compared("keyframe, side, 0 %: RMS error", "", rms("left", 0.0, "keyframe")),
-        compared("keyframe, side, 100 %: RMS error", "", rms("left", 1.0, "keyframe")),
-    ]
-    return Reproduction(
-        name="desaxe2018-fig8",
-        title="Fig. 8: sensitivity to the density of the scenery",
-        source=SOURCE,
-        comparisons=comparisons,
-        notes=(_SIGN, *unfinished(len(results) // 2, len(points))),
-        interrupted=len(results) // 2 < len(points),
-        data=log_of(results),
-        draw=lambda: draw_panels(results, "density", "density of the scenery [-]", _SIDES),
-    )
-
-
 _SIGN: Final = (
     "Errors are against the exact off-tracking. Numbers without a name belong to viso2, the paper's odometry. keyframe "
     "is this project's own odometry on the same images. Side-facing cameras look to the left."
@@ -164,24 +48,140 @@ _RANGE: Final = (
     "Buckets of 50 x 50 px with two matches each limit the number of matches to 432."
 )
 
-_DRIVES: Final[dict[str, Choice]] = {
-    "rear": lambda p: p.facing == "rear",
-    "side": lambda p: p.facing == "left",
-    "rear, up to 2.5 m": lambda p: p.facing == "rear" and p.baseline <= 2.5,
-    "side, up to 2.5 m": lambda p: p.facing == "left" and p.baseline <= 2.5,
-    "rear, beyond 2.5 m": lambda p: p.facing == "rear" and p.baseline > 2.5,
-    "side, beyond 2.5 m": lambda p: p.facing == "left" and p.baseline > 2.5,
-}
-_SIDES: Final = (("rear", _DRIVES["rear"], TRUE), ("side", _DRIVES["side"], ESTIMATED))
+
+def _facing(facing: Facing, *, nearest: float = 0.0, farthest: float = math.inf) -> Choice:
+    """Drives with cameras that look to this side, with baselines within limits [m]."""
+    return lambda p: p.facing == facing and nearest <= p.baseline <= farthest
 
 
-def _has_baseline(baseline: float, p: Point) -> bool:
-    return p.baseline == baseline
+def _density(facing: Facing, density: float) -> Choice:
+    return lambda p: p.facing == facing and p.density == density
 
 
-def _usual(baseline: float, p: Point) -> bool:
-    return p.baseline == baseline and p.slip <= 16.0
+def _baseline(baseline: float, *, up_to: float = math.inf) -> Choice:
+    """Drives with a baseline [m], and slip up to an angle [deg]."""
+    return lambda p: p.baseline == baseline and p.slip <= up_to
 
+
+_SIDES: Final = (("rear", _facing("rear"), TRUE), ("side", _facing("left"), ESTIMATED))
+_REAR_NEAR, _SIDE_NEAR = _facing("rear", farthest=2.5), _facing("left", farthest=2.5)
+_REAR_FAR, _SIDE_FAR = _facing("rear", nearest=2.51), _facing("left", nearest=2.51)
+
+
+def _matches_at(facing: Facing, baseline: float) -> Measure:
+    return most("matches", _facing(facing, nearest=baseline, farthest=baseline))
+
+
+def _first_short(facing: Facing) -> Measure:
+    """Smallest baseline with too few matches [m]."""
+
+    def measure(results: Sequence[Outcome]) -> float:
+        viso2 = (one for one in results if one.odometry == "viso2" and one.point.facing == facing)
+        return min((one.point.baseline for one in viso2 if one.matches < ENOUGH), default=math.nan)
+
+    return measure
+
+
+def _points6(baselines: Sequence[float]) -> list[Point]:
+    return [Point(facing=facing, baseline=b) for facing in _FACINGS for b in baselines]
+
+
+_FACINGS: Final[tuple[Facing, ...]] = ("rear", "left")
+fig6: Final = Sensitivity(
+    name="desaxe2018-fig6",
+    title="Fig. 6: sensitivity to the stereo baseline at 14 degrees of slip",
+    points=_points6([0.5 * k for k in range(1, 11)]),
+    quick=_points6((0.5, 2.5, 5.0)),
+    along="baseline",
+    xlabel="stereo baseline [m]",
+    groups=_SIDES,
+    rows=(
+        ("rear, up to 2.5 m: largest RMS error", "0.01–0.04", most("rms", _REAR_NEAR), "m"),
+        ("rear, up to 2.5 m: largest mean error", "0.01", most("mean", _REAR_NEAR), "m"),
+        ("side, up to 2.5 m: largest RMS error", "0.01–0.04", most("rms", _SIDE_NEAR), "m"),
+        ("rear, beyond 2.5 m: largest RMS error", "", most("rms", _REAR_FAR), "m"),
+        ("side, beyond 2.5 m: largest RMS error", "above the rear's", most("rms", _SIDE_FAR), "m"),
+        ("side over rear, beyond 2.5 m: RMS error over all", "> 1", ratio("rms", _SIDE_FAR, _REAR_FAR), "-"),
+        ("rear, 0.5 m: matches", "380", _matches_at("rear", 0.5), "-"),
+        ("side, 0.5 m: matches", "", _matches_at("left", 0.5), "-"),
+        ("rear, 5 m: matches", "", _matches_at("rear", 5.0), "-"),
+        ("side, 5 m: matches", "fewer than the rear's", _matches_at("left", 5.0), "-"),
+        ("rear: first baseline with under 250 matches", "2.5", _first_short("rear"), "m"),
+        ("side: first baseline with under 250 matches", "2.5", _first_short("left"), "m"),
+        ("keyframe, rear, up to 2.5 m: largest RMS error", "", most("rms", _REAR_NEAR, "keyframe"), "m"),
+        ("keyframe, side, up to 2.5 m: largest RMS error", "", most("rms", _SIDE_NEAR, "keyframe"), "m"),
+    ),
+    notes=(_SIGN, _RANGE),
+    band=(0.01, 0.04),
+)
+
+
+def _mean_matches(chosen: Choice) -> Measure:
+    found = values("matches", chosen)
+
+    def measure(results: Sequence[Outcome]) -> float:
+        counts = found(results)
+        return sum(counts) / len(counts) if counts else math.nan
+
+    return measure
+
+
+def _rows7(baseline: float, least_rms: str, most_rms: str, mean: str, matches: str) -> list[Row]:
+    usual, name = _baseline(baseline, up_to=16.0), f"{baseline} m, up to 16 deg"
+    return [
+        (f"{name}: smallest RMS error", least_rms, least("rms", usual), "m"),
+        (f"{name}: largest RMS error", most_rms, most("rms", usual), "m"),
+        (f"{name}: largest mean error", mean, most("mean", usual), "m"),
+        (f"{name}: mean matches", matches, _mean_matches(usual), "-"),
+        (f"{name}: keyframe, largest RMS", "", most("rms", usual, "keyframe"), "m"),
+    ]
+
+
+def _points7(slips: Sequence[float]) -> list[Point]:
+    return [Point(baseline=b, slip=slip) for b in (0.5, 1.5, 2.5) for slip in slips]
+
+
+fig7: Final = Sensitivity(
+    name="desaxe2018-fig7",
+    title="Fig. 7: sensitivity to the slip angle, rear-facing",
+    points=_points7((*np.arange(0.0, 17.0, 2.0).tolist(), 20.0, 30.0, 45.0, 60.0)),
+    quick=_points7((0.0, 8.0, 16.0)),
+    along="slip",
+    xlabel="trailer slip angle [°]",
+    groups=[(f"{b} m", _baseline(b), colour) for b, colour in ((0.5, TRUE), (1.5, ESTIMATED), (2.5, _THIRD))],
+    rows=(
+        *_rows7(0.5, "0.01", "0.03", "0.01", "380"),
+        *_rows7(1.5, "0.01", "0.03", "0.01", "325"),
+        *_rows7(2.5, "0.02", "0.04", "0.035", "250"),
+    ),
+    notes=(_SIGN,),
+    band=(0.01, 0.03),
+    limit=16.0,
+)
+
+_BARE, _FULL = ({side: _density(side, density) for side in _FACINGS} for density in (0.0, 1.0))
+fig8: Final = Sensitivity(
+    name="desaxe2018-fig8",
+    title="Fig. 8: sensitivity to the density of the scenery",
+    points=(_points8 := [Point(facing=facing, density=d) for facing in _FACINGS for d in (0.0, 0.5, 1.0)]),
+    quick=_points8,
+    along="density",
+    xlabel="density of the scenery [-]",
+    groups=_SIDES,
+    rows=(
+        ("rear, 100 %: RMS error", "0.01–0.03", most("rms", _FULL["rear"]), "m"),
+        ("rear, 0 %: RMS error", "about the same", most("rms", _BARE["rear"]), "m"),
+        ("side, 100 %: RMS error", "", most("rms", _FULL["left"]), "m"),
+        ("side, 0 %: RMS error", "", most("rms", _BARE["left"]), "m"),
+        ("rear: RMS error at 0 % over that at 100 %", "1", ratio("rms", _BARE["rear"], _FULL["rear"]), "-"),
+        ("side: RMS error at 0 % over that at 100 %", "2", ratio("rms", _BARE["left"], _FULL["left"]), "-"),
+        ("fewest matches at 0 %", "> 250", least("matches", lambda p: p.density == 0.0), "-"),
+        ("keyframe, rear, 0 %: RMS error", "", most("rms", _BARE["rear"], "keyframe"), "m"),
+        ("keyframe, side, 0 %: RMS error", "", most("rms", _BARE["left"], "keyframe"), "m"),
+        ("keyframe, side, 100 %: RMS error", "", most("rms", _FULL["left"], "keyframe"), "m"),
+    ),
+    notes=(_SIGN,),
+)
 
 _POINT: Final = Point(facing="left", baseline=1.5, slip=5.0)
 _SEEDS: Final = (1, 2, 3, 4, 5)  # drift is random: the worst of these is shown
@@ -194,17 +194,16 @@ def fig9(quick: bool, progress: Progress) -> Reproduction:
     cases = [dataclasses.replace(base, seed=seed) for seed in (_SEEDS[:2] if quick else _SEEDS)]
     drives = driven(cases, progress)
     worst = max(drives, key=lambda one: metrics.peak(one.error("viso2")))
-    return Reproduction(
-        name="desaxe2018-fig9",
-        title="Fig. 9: temporary drift, side-facing, 5 degrees of slip, baseline 1.5 m",
-        source=SOURCE,
-        comparisons=[
+    return reproduced(
+        "desaxe2018-fig9",
+        "Fig. 9: temporary drift, side-facing, 5 degrees of slip, baseline 1.5 m",
+        [
             compared("error in the region of drift", "0.08", metrics.peak(worst.error("viso2"))),
             compared("error of the motion along the optical axis, RMS", "", metrics.rms(_axial_error(worst, "viso2"))),
             compared(
                 "share of the off-tracking error that these errors explain",
                 "comparable",
-                100.0 * _explained(worst),
+                100.0 * explained_share(worst),
                 "%",
             ),
             compared("largest error over all drives", "< 0.15", max(metrics.peak(d.error("viso2")) for d in drives)),
@@ -213,16 +212,15 @@ def fig9(quick: bool, progress: Progress) -> Reproduction:
                 "keyframe: largest error over all drives", "", max(metrics.peak(d.error("keyframe")) for d in drives)
             ),
         ],
-        notes=(
+        (
             "Drift is random, in the paper and here. Of several random worlds, the one with the largest error "
             "is shown.",
             "The explained share is the squared correlation of the off-tracking error and the errors of the motion "
             "along the optical axis, summed over the last 14 m.",
-            *unfinished(len(drives), len(cases)),
         ),
-        interrupted=len(drives) < len(cases),
-        data=_log(worst),
-        draw=lambda: _drawn(worst),
+        _log(worst),
+        lambda: _drawn(worst),
+        (len(drives), len(cases)),
     )
 
 
@@ -250,7 +248,7 @@ def _region(one: Drive) -> tuple[float, float]:
     return float(np.interp(distance[at] - _LENGTH, distance, one.time)), float(one.time[at])
 
 
-def _explained(one: Drive) -> float:
+def explained_share(one: Drive) -> float:
     """Squared correlation of the off-tracking error and the summed errors of the motion."""
     error, summed = one.error("viso2"), _summed(one)
     known = np.isfinite(error)

@@ -117,8 +117,8 @@ Maker = Callable[[bool, Progress], Reproduction]  # arguments: quick (fewer imag
 REPRODUCTIONS: Final = {
     "reina2008-table2": "offtrack.studies.reproduce.reina2008_figures:table2",
     "reina2008-fig6": "offtrack.studies.reproduce.reina2008_figures:fig6",
-    "reina2008-table3": "offtrack.studies.reproduce.reina2008_table3:table3",
-    "reina2008-table3-plus": "offtrack.studies.reproduce.reina2008_table3:table3_plus",
+    "reina2008-table3": "offtrack.studies.reproduce.trace_tables:table3",
+    "reina2008-table3-plus": "offtrack.studies.reproduce.trace_tables:table3_plus",
     "reina2008-fig8": "offtrack.studies.reproduce.reina2008_figures:fig8",
     "desaxe2018-fig6": "offtrack.studies.reproduce.desaxe2018_simulation:fig6",
     "desaxe2018-fig7": "offtrack.studies.reproduce.desaxe2018_simulation:fig7",

@@ -61,7 +61,7 @@ class Judgement:
         return "none" if self.bounds[0][0] else "missed"
 
 
-def judged(figures: Figures) -> tuple[Judgement, ...]:
+def compared_with_limits(figures: Figures) -> tuple[Judgement, ...]:
     """Judgements for all criteria whose quantity is among the figures, even if it is NaN."""
     return tuple(
         Judgement(criterion=c, measured=figures[c.quantity], bounds=_bounds(c, figures))

@@ -17,10 +17,9 @@ from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.assembly.trailer_run import Sensing, WatchedTrailer
-from scenarios.loop.channel import InLine
+from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
-from scenarios.loop.timing import Stopwatch
 from scenarios.loop.trailer_session import CombinationPilot, SteeredTrailer
 from scenarios.results.log import Column, Log, Signal
 from scenarios.results.swept_path import placed

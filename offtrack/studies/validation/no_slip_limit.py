@@ -53,7 +53,7 @@ def no_slip_limit(quick: bool) -> CheckSection:
         text="On its own tyres the combination turns with its hitch on a circle of 20 m. The result is the distance of "
         "the trailer's axle from its path without slip. In a slalom the motion is compared with the kinematic trailer "
         "model of an independent package.",
-        checks=(*_limit_checks(turns), *_slalom_checks()),
+        checks=(*_limit_checks(turns), *slalom_checks()),
         plots=(_plot(turns),),
     )
 
@@ -128,10 +128,10 @@ def _series(label: str, turns: list[_SettledTurn]) -> Series:
     return Series(label, speeds, distances, "model")
 
 
-def _slalom_checks() -> tuple[Check, ...]:
+def slalom_checks() -> tuple[Check, ...]:
     """Largest differences from the package's model in a slalom."""
     differences: tuple[float | None, ...] = (None, None, None)
-    if _installed():
+    if installed():
         vehicle = gripping(tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0))
         truths = steered(vehicle, _slalom, _SLALOM_SPEED, _SLALOM_TIME)
         differences = _differences(poses_of(truths), kinematic_poses(vehicle, truths))
@@ -143,7 +143,7 @@ def _slalom_checks() -> tuple[Check, ...]:
             unit,
             tolerance=tolerance,
             source=f"{_PACKAGE}, kinematic single-track model with a trailer (KST)",
-            remark="" if _installed() else "not installed: pip install commonroad-vehicle-models",
+            remark="" if installed() else "not installed: pip install commonroad-vehicle-models",
         )
         for (name, tolerance, unit), value in zip(rows, differences, strict=True)
     )
@@ -161,7 +161,7 @@ def _differences(dynamic: FloatArray, kinematic: FloatArray) -> tuple[float, ...
     return float(distance.max()), float(np.abs(yaw).max()), float(np.abs(yaw - trailer_yaw).max())
 
 
-def _installed() -> bool:
+def installed() -> bool:
     """True if the package is installed."""
     return find_spec("vehiclemodels") is not None
 

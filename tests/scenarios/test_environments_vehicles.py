@@ -1,0 +1,299 @@
+"""Environments of single kinds: driving into a bay, the rover on its slope, and actions that hold for several steps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import offtrack  # registers the environments
+import offtrack.environments.registry  # it registers the environments
+from controllers.driver import PreviewDriver
+from controllers.path import Path, line
+from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
+from controllers.tractor import TractorGeometry
+from offtrack.environments import rover_options
+from offtrack.environments.core import Observation
+from offtrack.environments.driving import SlippingTyreFleet
+from offtrack.environments.registry import CoreVectorEnv
+from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain, Moment
+from offtrack.environments.rover_options import RoverMoment
+from sensors.messages import EgoState
+from vehicle.clock import to_ticks
+from vehicle.combination.description import load_vehicle
+from vehicle.engine.compiler import compiler
+from vehicle.frames import FloatArray, Pose2
+
+DRIVING = "offtrack/TractorTrailerDriving-v0"
+
+
+VEHICLE = load_vehicle("eu_tractor_semitrailer")
+
+
+STEP = to_ticks(0.02, "control step")
+
+
+RUN_UP = 30.0  # drawn out of the bay before it is backed into: three lengths of the trailer [m]
+
+
+ON_BRAKES = 0.05  # [m/s]
+
+
+class Docker:
+    """Pulls forward along the bay's axis until the trailer stands on it, and backs down that axis.
+
+    All of it in the bay's frame, whose origin is where the trailer's end is to come.
+    """
+
+    def __init__(self) -> None:
+        tractor, trailer = VEHICLE.units
+        self.chain = RollingChain.of(VEHICLE)
+        self.law = ReversingLaw(self.chain)
+        self.axis = ReverseReference.of(self.chain, np.array([[-20.0, 0.0], [120.0, 0.0]]))
+        self.to_axle = -trailer.rear_x - self.chain.lengths[-1]  # of the trailer's end [m]
+        assert tractor.steering is not None
+        geometry = TractorGeometry(
+            wheelbase=self.chain.wheelbase,
+            x_ref=tractor.front_x,
+            y_ref=1e-9,  # the front's middle
+            max_steer=tractor.steering.limit,
+            max_steer_rate=tractor.steering.rate_limit,
+            actuator_lag=tractor.steering.lag,
+        )
+        self.driver = PreviewDriver(geometry, Path(Pose2(-50.0, 0.0, 0.0), (line(200.0),)), 2.0, gain=0.2)
+        self.memory = self.driver.init()
+        self.limit, self.tick, self.backing = tractor.steering.limit, 0, False
+
+    def act(self, seen: FloatArray) -> tuple[float, float]:
+        """Action for an observation."""
+        ahead, aside, c, s, gamma, speed, steer = seen.tolist()
+        end = Pose2(-c * ahead - s * aside, s * ahead - c * aside, -math.atan2(s, c))
+        axle = end @ Pose2(self.to_axle, 0.0, 0.0)
+        self.tick += STEP
+        if not self.backing:
+            self.backing = end.x > RUN_UP and (abs(end.y) + 8.0 * abs(end.psi) < 0.3 or end.x > 42.0)
+            return self._forward(axle, gamma, speed, steer)
+        if speed > ON_BRAKES:
+            return steer / self.limit, -1.0
+        station = self.axis.project(axle.x, axle.y, axle.x + 20.0)
+        demand = self.law.steer(axle, np.array([gamma]), self.axis.at(station))
+        pace = min(1.6, math.sqrt(0.5 * max(end.x, 0.0)) + 0.05)
+        return demand / self.limit, 2.0 * (-pace - speed)
+
+    def _forward(self, axle: Pose2, gamma: float, speed: float, steer: float) -> tuple[float, float]:
+        hitch = axle @ Pose2(self.chain.lengths[0], 0.0, gamma)
+        tractor = hitch @ Pose2(-self.chain.hitches[0], 0.0, 0.0)
+        yaw_rate = speed * math.tan(steer) / self.chain.wheelbase
+        ego = EgoState(tick=self.tick, x=tractor.x, y=tractor.y, psi=tractor.psi, v_x=speed, v_y=0.0, yaw_rate=yaw_rate)
+        self.memory, command = self.driver.step(self.memory, self.tick, ego, 1.9)
+        return command.steer / self.limit, command.acceleration
+
+
+def docked(seeds: range) -> list[str]:
+    """Outcomes of the episodes of these seeds."""
+    n = len(seeds)
+    environment = gymnasium.make_vec(DRIVING, num_envs=n, task="bay")
+    seen, _ = environment.reset(seed=list(seeds))  # type: ignore[arg-type]  # gymnasium's hint knows of one seed only
+    drivers, outcomes = [Docker() for _ in range(n)], [""] * n
+    while "" in outcomes:
+        actions = np.array([driver.act(one.astype(np.float64)) for driver, one in zip(drivers, seen, strict=True)])
+        seen, _, terminated, truncated, info = environment.step(np.clip(actions, -1.0, 1.0).astype(np.float32))
+        for k in np.flatnonzero((terminated | truncated) & np.array([not outcome for outcome in outcomes])):
+            outcomes[k] = info["outcome"][k]
+    environment.close()
+    return outcomes
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler here: it takes a minute then")
+def test_a_scripted_driver_backs_into_most_bays() -> None:
+    """Twelve drawn bays, frictions, loads and lengths; a law that knows the nominal lengths reaches at least nine."""
+    outcomes = docked(range(12))
+    assert outcomes.count("completed") >= 9, outcomes
+
+
+def gentle() -> Circumstances:
+    """One combination as its file says, on dry and level ground."""
+    return (
+        Domain()
+        .drawn(np.full((1, N_DRAWN), 0.5))
+        ._replace(
+            friction=np.array([0.8]),
+            cross_fall=np.zeros(1),
+            load=np.ones(1),
+            length=np.ones(1),
+            actuator_lag=np.ones(1),
+        )
+    )
+
+
+def moved(mover: SlippingTyreFleet, acceleration: float, seconds: float) -> FloatArray:
+    """Speeds of the tractor every 20 ms [m/s]."""
+    demand = np.zeros(1), np.full(1, acceleration)
+    return np.array([mover.step(*demand).velocities[0, 0, 0] for _ in range(round(50 * seconds))])
+
+
+def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combination() -> None:
+    """1 m/s2 back for 2 s, forward for 4 s: it slows, stops and goes on the other way at the same rate, no jump."""
+    mover = SlippingTyreFleet(VEHICLE, 1, "auto")
+    mover.place(np.arange(1), gentle())
+    back, forward = moved(mover, -1.0, 2.0), moved(mover, 1.0, 4.0)
+    # 0.25 s of lag and 0.006 g of rolling drag at first; wheels and gearing take 1 to 2 %.
+    assert back[-1] == pytest.approx(-(2.0 - 0.25) * (1.0 - 0.06), abs=0.05)
+    braking, driving = (forward[80] - forward[55]) / 0.5, (forward[-1] - forward[-26]) / 0.5
+    assert braking == pytest.approx(1.06 / 1.013, rel=0.02)  # drag helps the brakes ...
+    assert driving == pytest.approx(0.94 / 1.013, rel=0.02)  # ... and holds the engine back
+    assert np.abs(np.diff(np.concatenate([back, forward]))).max() < 0.03  # 1.5 m/s2: it rocks on its tyres as it stops
+
+
+def test_driven_wheels_slip_backwards_too() -> None:
+    """On ice of friction 0.05 an axle that carries 11.4 of 40 t pushes with 0.14 m/s2 at most, at any demand."""
+    speeds = {}
+    for friction in (0.8, 0.05):
+        mover = SlippingTyreFleet(VEHICLE, 1, "auto")
+        mover.place(np.arange(1), gentle()._replace(friction=np.array([friction])))
+        speeds[friction] = moved(mover, -1.0, 2.0)[-1]
+    assert -2.0 * 0.05 * 9.81 * 12.0 / 40.0 < speeds[0.05] < -0.02
+    assert speeds[0.8] < -1.5
+
+
+LEVEL = {"cross_fall": 0.0, "grade": 0.0, "curvature": 0.0, "speed": 0.1, "sensor_error": 1.0}
+
+
+AHEAD = np.array([0.5, 0.5], dtype=np.float32)  # half of twice the set speed
+
+
+def driven(steps: int, action: Any = AHEAD, **options: Any) -> tuple[Any, list[Any], dict[str, Any]]:
+    """The environment, its observations and the last info after ``steps`` of the same action."""
+    env = gymnasium.make("offtrack/RoverSteering-v0", observation=options.pop("observation", "truth"))
+    seen, _ = env.reset(seed=1, options={**LEVEL, **options})
+    told = [seen]
+    for _ in range(steps):
+        seen, _, terminated, truncated, info = env.step(action)
+        told.append(seen)
+        if terminated or truncated:
+            break
+    return env, told, info
+
+
+def test_straight_ahead_on_level_ground_completes_the_path() -> None:
+    """Equal sides keep the straight path to a millimetre, at the set speed less some slip."""
+    _, told, info = driven(1000, soil="none")
+    assert info["outcome"] == "completed"
+    assert info["cross_track_max_m"] < 1e-3
+    assert len(told) == pytest.approx(7.0 / 0.1 / 0.1, rel=0.05)  # steps of 0.1 s; firm ground slips little
+
+
+def test_the_reward_is_the_sum_of_its_parts_and_can_be_ones_own() -> None:
+    """The usual one as documented, and one function of the rover's moment alone."""
+
+    def rewarded(**options: Any) -> tuple[float, dict[str, Any]]:
+        env = gymnasium.make("offtrack/RoverSteering-v0", observation="truth", **options)
+        env.reset(seed=1, options={**LEVEL, "soil": "none", "cross_fall": 0.1})
+        for _ in range(20):
+            _, reward, _, _, info = env.step(np.array([0.4, 0.5], dtype=np.float32))
+        return float(reward), info
+
+    def left_of_path(moment: RoverMoment) -> FloatArray:
+        assert moment.demand_right[0] - moment.demand_left[0] == pytest.approx(0.1, abs=1e-6)
+        return moment.cross_track
+
+    usual, info = rewarded()
+    slowness, _ = rewarded(reward={rover_options.slowness: 1.0})
+    own, _ = rewarded(reward={left_of_path: 2.0})
+    assert own == pytest.approx(2.0 * info["cross_track"], rel=1e-6)
+    assert usual == pytest.approx(-((info["cross_track"] / 0.1) ** 2) + 0.1 * slowness - 0.01 * 0.1**2, rel=1e-5)
+    assert -0.2 < slowness < 0.0
+
+
+def test_a_side_slope_of_sand_pulls_the_rover_down() -> None:
+    """Ground that rises to the left lets it drift to the right, and its slip angle shows it; mirrored, to the left."""
+    for side in (1.0, -1.0):
+        _, told, info = driven(100, soil="toyoura_sand", cross_fall=side * 0.09)
+        assert side * info["cross_track"] < -0.01
+        assert side * info["slip_angle"] < -math.radians(0.5)
+        assert told[-1][4] == pytest.approx(info["slip_angle"], abs=1e-6)  # rounding of 32 bits
+        assert told[-1][9] == pytest.approx(side * 0.09, abs=0.02)  # the inclination to the left
+
+
+def test_the_surrogates_slip_angle_scatters_as_one_seen_in_a_trace() -> None:
+    """1.4 deg RMS about the true one; 200 samples know it to 10 %."""
+    _, exact, _ = driven(200, soil="none")
+    _, seen, _ = driven(200, soil="none", observation="surrogate")
+    error = np.array(seen)[1:, 4] - np.array(exact)[1:, 4]
+    assert np.std(error) == pytest.approx(math.radians(1.4), rel=0.15)
+
+
+def test_a_difference_of_the_sides_turns_it_and_leaves_the_path() -> None:
+    """The right side faster turns to the left; a metre beside the path ends the episode."""
+    _, told, info = driven(400, np.array([0.2, 0.8], dtype=np.float32), soil="none")
+    assert told[20][5] > 0.05
+    assert info["outcome"] == "left the path"
+    assert info["cross_track"] > 1.0
+
+
+TRAILER = "offtrack/TrailerSteering-v0"
+
+
+def vector(n: int, **options: Any) -> CoreVectorEnv:
+    """Environments without autoreset."""
+    return offtrack.environments.registry.vector("TrailerSteering-v0", n, autoreset_mode="Disabled", **options)
+
+
+def equal(one: Observation, other: Observation) -> bool:
+    """True if two observations without images are bitwise equal."""
+    assert isinstance(one, np.ndarray)
+    assert isinstance(other, np.ndarray)
+    return np.array_equal(one, other)
+
+
+def late(moment: Moment) -> Any:
+    """Ending that steering to the left meets soon."""
+    return np.abs(moment.off_tracking) > 0.022
+
+
+def test_an_action_that_holds_is_the_same_action_again_and_again() -> None:
+    """Three steps at once against three in a row: observation, added rewards and metrics, bitwise."""
+    held, single = vector(2, action_repeat=3), vector(2)
+    assert held.metadata["render_fps"] == round(50 / 3)
+    assert equal(held.reset(seed=3)[0], single.reset(seed=3)[0])
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        action = rng.uniform(-1.0, 1.0, (2, 2)).astype(np.float32)
+        seen, reward, *_, info = held.step(action)
+        three = [single.step(action) for _ in range(3)]
+        assert equal(seen, three[-1][0])
+        assert np.array_equal(reward, three[0][1] + three[1][1] + three[2][1])
+        assert np.array_equal(info["true_rms_m"], three[-1][4]["true_rms_m"])
+
+
+def test_an_end_within_a_decision_is_kept_and_costs_once() -> None:
+    """In any of the steps: the outcome is reported, and no reward is added after the end."""
+    options: dict[str, Any] = {"endings": {"late": late}, "observation": "truth"}
+    held, single = vector(1, action_repeat=5, **options), vector(1, **options)
+    given = {"course": "roundabout", "friction": 0.8, "speed": 3.0}
+    for env in (held, single):
+        env.reset(seed=1, options=given)
+    action = np.ones((1, 2), dtype=np.float32)
+    total, steps, ended = 0.0, 0, False
+    while not ended:
+        _, reward, terminated, _, _ = single.step(action)
+        total, steps, ended = total + float(reward[0]), steps + 1, bool(terminated[0])
+    assert steps % 5  # in the middle of a decision
+    together = 0.0
+    for _ in range(steps // 5 + 1):
+        _, reward, terminated, truncated, info = held.step(action)
+        together += float(reward[0])
+    assert terminated[0]
+    assert not truncated[0]
+    assert info["outcome"][0] == "late"
+    assert together == pytest.approx(total, rel=1e-12)
+
+
+def test_it_is_an_option_of_every_environment() -> None:
+    """Single environments have it too."""
+    env = gymnasium.make(TRAILER, action_repeat=2, disable_env_checker=True)
+    env.reset(seed=1)
+    assert env.metadata["render_fps"] == 25
