@@ -11,6 +11,8 @@ from typing import Any, Final
 import pytest
 from hypothesis import settings
 
+pytest_plugins = ["tests.runs"]  # fixtures of finished runs and worlds
+
 _ORACLES: Final = Path(__file__).parent / "oracles"
 _MAY_BE_MISSING: Final = "Wine"  # no package of it for every processor
 

@@ -18,7 +18,7 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import RunResult
-from tests.scenarios.browser import opened_page, running_browser
+from tests.browser import opened_page, running_browser
 
 SHARE = 0.05  # of a run's wall time for its page
 READY, SCRUB = 1000.0, 16.0  # [ms]

@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("distributed")
 
-from tests.scenarios.test_cluster import STUDY
+from tests.offtrack.studies.test_cluster import STUDY
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PACKAGES: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")

@@ -20,7 +20,7 @@ from offtrack.reports.run_page import report_html
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.swept_path import placed
 from scenarios.results.trailer_result import RunResult
-from tests.scenarios.browser import Opened, opened_page
+from tests.browser import Opened, opened_page
 
 MOMENT = 12.345  # [s]
 

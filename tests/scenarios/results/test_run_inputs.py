@@ -47,7 +47,7 @@ def test_a_run_directory_runs_again_elsewhere_and_after_its_vehicle_file_was_edi
     """The scenario names the copy beside it; the original is gone."""
     monkeypatch.chdir(tmp_path)
     shipped = load_scenario("cambered-road").vehicle
-    source = next(Path(__file__).parents[2].joinpath("vehicle").rglob(f"{shipped}.toml"))
+    source = next(Path(__file__).parents[3].joinpath("vehicle").rglob(f"{shipped}.toml"))
     (tmp_path / "truck.toml").write_bytes(source.read_bytes())
     offtrack("run", "cambered-road", *settings("vehicle=truck.toml"), "--out", "a")
     assert (tmp_path / "a" / "inputs" / "truck.toml").read_bytes() == source.read_bytes()

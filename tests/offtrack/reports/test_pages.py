@@ -83,7 +83,7 @@ class Balance(HTMLParser):
             self.wrong.append(tag)
 
 
-TEMPLATES: Final = Path(__file__).resolve().parents[2] / "offtrack" / "reports" / "templates"
+TEMPLATES: Final = Path(__file__).resolve().parents[3] / "offtrack" / "reports" / "templates"
 
 
 def table_log(*columns: tuple[str, str], rows: int = 5) -> Log:

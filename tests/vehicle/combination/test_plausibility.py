@@ -14,7 +14,7 @@ from vehicle.combination.description import Vehicle, load_vehicle, vehicle_from
 from vehicle.combination.variants import number_paths
 from vehicle.tyres.laws import TYRES
 
-PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
+PARAMETERS = Path(__file__).parents[3] / "vehicle" / "parameters"
 TRACTOR, TRAILER = "units.0 (tractor)", "units.1 (semitrailer)"
 
 

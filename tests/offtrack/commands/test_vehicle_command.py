@@ -31,7 +31,7 @@ from vehicle.rover.plant import settled_sinkage
 
 Drawn = Callable[[str], tuple[Path, Path]]
 
-PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
+PARAMETERS = Path(__file__).parents[3] / "vehicle" / "parameters"
 app = typer.Typer()
 app.command()(vehicle)
 

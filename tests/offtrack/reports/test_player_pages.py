@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from scenarios.results.log import read_log
-from tests.scenarios.browser import opened_page
+from tests.browser import opened_page
 
 
 def offtrack(*arguments: str) -> None:

@@ -21,8 +21,8 @@ from scenarios.results.summary_numbers import Timing
 from scenarios.results.swept_path import UnitOutline
 from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, RunResult
 from sensors.world.world import World, build_world
+from tests.browser import running_browser
 from tests.in_process import make_runs_here
-from tests.scenarios.browser import running_browser
 from vehicle.frames import FloatArray
 
 STRAIGHT, RADIUS, TURN = 25.0, 11.0, 1.5 * math.pi  # [m], [m], [rad] of the tractor's rear axle

@@ -8,7 +8,7 @@ import pytest
 from estimators.odometry.covariance import Contributions, estimated, own_part, stacked, summed
 from estimators.odometry.pose import CORRELATION, Observations, Solution, point_covariance, refined
 from sensors.camera.rig import StereoCalibration
-from tests.estimators.test_pose import MOTION, STD, VARIANCE, error, images, points_ahead
+from tests.estimators.odometry.test_pose import MOTION, STD, VARIANCE, error, images, points_ahead
 from vehicle.frames import FloatArray
 
 DRAWS = 40

@@ -108,7 +108,7 @@ def test_a_worker_without_the_files_gets_them_and_returns_the_run(
     (home / "laws").mkdir(parents=True)
     (home / "laws" / "mine.py").write_text(LAW, encoding="utf-8")
     (home / "laws" / "gains.py").write_text("GAIN = 1.0\n", encoding="utf-8")
-    shipped = Path(__file__).parents[2] / "vehicle" / "parameters" / "uk_longer_semitrailer.toml"
+    shipped = Path(__file__).parents[3] / "vehicle" / "parameters" / "uk_longer_semitrailer.toml"
     (home / "uk_longer_semitrailer.toml").write_bytes(shipped.read_bytes())
     monkeypatch.chdir(home)
     monkeypatch.syspath_prepend(home)

@@ -15,7 +15,7 @@ from offtrack.reports.run_page import report_html
 from offtrack.reports.viewing import finished_run, pictures_of_page
 from scenarios.results.log import read_log
 from scenarios.results.trailer_result import RunResult
-from tests.scenarios.browser import opened_page
+from tests.browser import opened_page
 
 LAWS = ("path_preview", "none")
 

@@ -19,7 +19,7 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import RunResult
-from tests.scenarios.browser import Opened
+from tests.browser import Opened
 
 
 def so_far(result: RunResult, share: float) -> RunResult:

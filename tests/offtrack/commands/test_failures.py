@@ -39,7 +39,8 @@ from vehicle.rover.plant import RoverPlant
 SHORT = ("course.length=20", "off_tracking=truth", "surface.roughness=none", "reference_unit=false")  # 0.9 s
 ROVER = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=truth")
 
-HERE = r" \(tests/scenarios/test_failures\.py, line \d+\)"  # this file is no library: it counts as the user's own code
+# This file is no library: it counts as the user's own code.
+HERE = r" \(tests/offtrack/commands/test_failures\.py, line \d+\)"
 
 Breaker = Callable[[type, str, int, BaseException], None]
 

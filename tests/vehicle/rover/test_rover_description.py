@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from vehicle.foundation.parameter_file import read_toml, sources
 from vehicle.rover.description import Soil, load_rover, load_soil, rover_names, rover_sources, soil_names
 
-ROVERS = Path(__file__).parents[2] / "vehicle" / "rovers"
+ROVERS = Path(__file__).parents[3] / "vehicle" / "rovers"
 LONG_FORM = """wheels = [
   { name = "front_left", x = 0.30, y = 0.275, driven = true, steered = true },
   { name = "front_right", x = 0.30, y = -0.275, driven = true, steered = true },

@@ -18,7 +18,7 @@ from vehicle.combination.loads import static_axle_loads
 
 FOOT = 0.3048  # [m]
 ISO_14791_SPEED = 88.0 / 3.6  # [m/s]
-PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
+PARAMETERS = Path(__file__).parents[3] / "vehicle" / "parameters"
 
 # Limits of each axle group, front to rear, and of the whole [t]. Europe: 96/53/EC, annex I (driven axle 11.5, motor
 # tandem up to 19, tridem 21 at 1.3 m and 24 above; other axles 10); Sweden has the same groups with a higher whole.

@@ -151,7 +151,7 @@ class Swapped(ActuatorFault):
 
 
 def test_a_kind_of_ones_own_acts_by_its_import_path() -> None:
-    options = FaultOptions(kind="tests.scenarios.test_loop_faults:Swapped")
+    options = FaultOptions(kind="tests.scenarios.loop.test_loop_faults:Swapped")
     own = options.fault()
     assert isinstance(own, LoopFault)
     faults = trailer_faults([(0, own)], load_vehicle(VEHICLE), 1, lambda _: np.random.default_rng(0))
