@@ -11,7 +11,7 @@ EXTRAS := video,tune,cad,fmi,roads,hil,cluster,sensitivity,dev
 TEST_EXTRAS := $(EXTRAS),export,rl,zig,oracles
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-all install install-all system system-all lint benchmarks fuzz kills soak soak-hour clean
+.PHONY: demo test test-all install install-all system system-all lint benchmarks fuzz kills mutations soak soak-hour clean
 
 demo: install
 	@rm -rf runs/demo
@@ -39,6 +39,10 @@ benchmarks: install
 kills: install
 	$(BIN)/python -m tests.kills --moments $(or $(MOMENTS),40)
 	$(BIN)/python -m tests.kills.engines
+
+# Changes of single lines that the tests of their modules should notice: make mutations SAMPLE=300
+mutations: install
+	$(BIN)/python -m tests.mutations --sample $(or $(SAMPLE),300)
 
 # Random scenarios and hostile files for a while: make fuzz MINUTES=20
 fuzz: install

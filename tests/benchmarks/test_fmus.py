@@ -19,7 +19,7 @@ from offtrack.exchange.fmi_import.fmu_plant import plant_signals
 from offtrack.exchange.fmi_import.host import Host
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import PartSignals, read_map
-from tests.fmus import proportional_law
+from tests.fmus.models import proportional_law
 from vehicle.combination.description import load_vehicle
 
 STEPS: Final = 2000

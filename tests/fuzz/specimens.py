@@ -26,7 +26,7 @@ from sensors.camera.lens import CameraModel, RawStereoRig
 from sensors.camera.rig import StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import nominal_rig
-from tests.fmus import proportional_law
+from tests.fmus.models import proportional_law
 from tests.fuzz.case import Case
 from tests.open_drive import crossing
 from vehicle.frames import transform

@@ -14,7 +14,7 @@ from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import law_signals
 from offtrack.exchange.fmi_import.instance import FmuError, FmuInstance
 from offtrack.exchange.fmi_import.mapping import map_file, read_map
-from tests.fmus import END_MISHAPS, LAW, LAW_CODE, MISHAPS, STEP_MISHAPS, build_fmu
+from tests.fmus.models import END_MISHAPS, LAW, LAW_CODE, MISHAPS, STEP_MISHAPS, build_fmu
 
 IN_STEPS = {
     "crash": "its process was ended by SIGSEGV",

@@ -21,7 +21,7 @@ from fmpy.validation import validate_fmu
 
 from offtrack.exchange.fmi_export.fmu_writer import PLATFORMS, library_path, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
-from tests.fmu_plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
+from tests.fmus.plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand

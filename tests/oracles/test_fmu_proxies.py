@@ -34,10 +34,10 @@ from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, sensor_prox
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
 from scenarios.options.scenario import load_scenario
-from tests.fmu_hosts import host_here
-from tests.fmu_plants import Slave
-from tests.fmu_proxies import USED, alive, estimate, reading, stand_in
-from tests.fmu_systems import off_tracking, run_in_order
+from tests.fmus.hosts import host_here
+from tests.fmus.plants import Slave
+from tests.fmus.proxies import USED, alive, estimate, reading, stand_in
+from tests.fmus.systems import off_tracking, run_in_order
 from vehicle.combination.description import load_vehicle
 
 VEHICLE = "uk_longer_semitrailer"
@@ -184,7 +184,7 @@ def test_the_process_ends_when_its_host_is_killed(tmp_path: Path) -> None:
     file = law(tmp_path, 3)
     code = (
         "import sys, pathlib\n"
-        "from tests.fmu_plants import Slave\n"
+        "from tests.fmus.plants import Slave\n"
         f"slave = Slave(pathlib.Path({str(file)!r}), pathlib.Path({str(tmp_path / 'x')!r}), {{}}, "
         "{'python': sys.executable})\n"
         "print(pathlib.Path('/proc/thread-self/children').read_text(), flush=True)\n"
@@ -234,7 +234,7 @@ def test_a_library_for_windows_compiles(version: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_program_in_c_loads_and_steps_it(version: int, tmp_path: Path) -> None:
-    file, angles = law(tmp_path, version, "tests.fmu_proxies:Straightener"), [0.1, 0.1, 0.2, 0.3]
+    file, angles = law(tmp_path, version, "tests.fmus.proxies:Straightener"), [0.1, 0.1, 0.2, 0.3]
     rows, outputs = {"articulation_1": angles}, ["steer_demand_1", "steer_demand_2"]
     host = host_here(tmp_path, OFFTRACK_PYTHON=sys.executable)
     done = host.run(file, tmp_path / "x", rows=rows, outputs=outputs)

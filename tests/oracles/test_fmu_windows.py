@@ -14,8 +14,8 @@ import pytest
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from tests.fmu_hosts import HAS_ZIG, Host, compiled_for_windows, host_of_windows, wine
-from tests.fmu_plants import START, Slave, deviations, driven_here, weave
+from tests.fmus.hosts import HAS_ZIG, Host, compiled_for_windows, host_of_windows, wine
+from tests.fmus.plants import START, Slave, deviations, driven_here, weave
 from vehicle.combination.description import load_vehicle
 
 pytestmark = [
@@ -111,7 +111,7 @@ def test_a_law_on_windows_says_that_offtrack_needs_linux(host: Host, version: in
 )
 def test_the_process_of_a_law_on_windows(place: Path, mishap: str, line: str, tmp_path: Path) -> None:
     """Another program takes Python's place: it starts, steps, fails with its last words, and ends with the host."""
-    program = compiled_for_windows(Path(__file__).parents[1] / "fmu_stand_in.c", place)
+    program = compiled_for_windows(Path(__file__).parents[1] / "fmus" / "stand_in.c", place)
     host = host_of_windows(place, place / "wine", MISHAP=mishap)
     done = host.run(
         law(tmp_path, 3),

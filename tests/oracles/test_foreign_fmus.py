@@ -21,7 +21,7 @@ from offtrack.exchange.fmi_import.fmu_parts import law_of, signals_of
 from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
-from tests.fmu_proxies import reading
+from tests.fmus.proxies import reading
 from vehicle.combination.description import load_vehicle
 
 _PACKAGE = importlib.util.find_spec("gemseo_fmu")

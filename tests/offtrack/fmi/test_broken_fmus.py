@@ -18,8 +18,8 @@ from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import law_signals
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import read_map
-from tests.fmus import LAW as QUANTITIES
-from tests.fmus import TOKEN, description, description_3, proportional_law
+from tests.fmus.models import LAW as QUANTITIES
+from tests.fmus.models import TOKEN, description, description_3, proportional_law
 
 SIGNALS: Final = law_signals(2, 2)
 LIBRARY: Final = "binaries/linux64/law.so"

@@ -21,8 +21,8 @@ from offtrack.exchange.fmi_export.fmu_writer import write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import combination_inputs, combination_model, plant_model, rover_model
 from offtrack.exchange.fmi_export.plant_model import PlantModel
 from offtrack.exchange.fmi_export.variables import base_unit
-from tests.fmu_hosts import host_here
-from tests.fmu_plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
+from tests.fmus.hosts import host_here
+from tests.fmus.plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.rover.description import load_rover
 

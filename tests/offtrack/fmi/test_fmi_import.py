@@ -25,7 +25,7 @@ from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import PartSignals, Signal, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.catalogue import ODOMETRY, resolve
-from tests.fmus import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, pursuit_driver, rolling_plant
+from tests.fmus.models import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, pursuit_driver, rolling_plant
 from vehicle.combination.description import load_vehicle
 
 SIGNALS = law_signals(2, 2)

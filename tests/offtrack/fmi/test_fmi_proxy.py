@@ -52,8 +52,8 @@ from scenarios.assembly.trailer_run import assemble, opened_ground
 from scenarios.loop.channel import InLine
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
-from tests.fmu_plants import Slave, c_compiler
-from tests.fmu_proxies import USED, alive, estimate, reading, stand_in
+from tests.fmus.plants import Slave, c_compiler
+from tests.fmus.proxies import USED, alive, estimate, reading, stand_in
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.layout import command_sizes, ground_input_sizes
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand

@@ -1,4 +1,4 @@
-"""FMUs driven by `fmu_host.c`, a host that is no Python: on this machine, and compiled for Windows under Wine."""
+"""FMUs driven by `host.c`, a host that is no Python: on this machine, and compiled for Windows under Wine."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ import fmpy
 import numpy as np
 
 from offtrack.exchange.fmi_export.c_files import headers_folder
-from tests.fmu_plants import STEP, c_compiler
+from tests.fmus.plants import STEP, c_compiler
 from vehicle.frames import FloatArray
 
 _HEADERS: Final = headers_folder()
-_SOURCE: Final = Path(__file__).with_name("fmu_host.c")
+_SOURCE: Final = Path(__file__).with_name("host.c")
 _FOLDERS: Final = {"linux64": ("linux64", "x86_64-linux", ".so"), "win64": ("win64", "x86_64-windows", ".dll")}
 HAS_ZIG: Final = importlib.util.find_spec("ziglang") is not None
 

@@ -11,7 +11,7 @@ import numpy as np
 from fmpy.ssp.ssd import Connection, read_ssd
 
 from scenarios.results.metrics import true_off_tracking
-from tests.fmu_plants import Slave
+from tests.fmus.plants import Slave
 from vehicle.combination.truth import plan_pose
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
