@@ -55,12 +55,12 @@ class _Loop:
 
     def __init__(self) -> None:
         import offtrack.commands.cli  # noqa: F401  # now, not in the first case
-        from offtrack.studies import pool, tuning
+        from offtrack.studies import pool, trials
         from scenarios.loop.session import Session
 
         self._advance: Callable[[Any], None] = Session.advance
         Session.advance = lambda session: self._counted(session)  # type: ignore[method-assign, assignment]
-        for module in (pool, tuning):
+        for module in (pool, trials):
             assert vars(module)["each_in_a_worker"]
             vars(module)["each_in_a_worker"] = _each_here
         self.begin(0)

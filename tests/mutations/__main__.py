@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from tests.mutations.operators import Mutant, mutants
 from tests.mutations.selection import TestFile, most_specific, test_files
@@ -41,9 +42,9 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=20.0, help="most time of these files beyond the first")
     options = parser.parse_args()
     out, folders = options.out.resolve(), options.folders.split(",")
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, Any]] = []
     out.parent.mkdir(parents=True, exist_ok=True)
-    known = json.loads(out.read_text(encoding="utf-8")) if out.exists() else []
+    known: list[dict[str, Any]] = json.loads(out.read_text(encoding="utf-8")) if out.exists() else []
     with tempfile.TemporaryDirectory(prefix="offtrack-mutations-") as name:
         shop = Workshop(Path.cwd(), Path(name))
         tests = test_files(shop, (options.map or out.with_suffix(".map.json")).resolve())
@@ -57,6 +58,7 @@ def main() -> int:
                 print(f"{len(rows):4d} {seconds:5.1f} s  {status:8s} {mutant}", flush=True)
             rows.append(same[0] if same else entry | {"status": status, "seconds": round(seconds, 1)})
             out.write_text(json.dumps([*rows, *(row for row in known if row not in rows)], indent=1), encoding="utf-8")
+    out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     for row in rows:
         if row["status"] == "survived":
             print("survived {module}:{line} {function}: {before!r} -> {after!r}  {tests}".format(**row))

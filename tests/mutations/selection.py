@@ -27,9 +27,11 @@ class TestFile:
     functions: frozenset[str]
     text: str
 
-    def imports(self, module: str) -> bool:
-        """True if the file names the module."""
-        return bool(re.search(rf"\b{re.escape(module.removesuffix('.py').replace('/', '.'))}\b", self.text))
+    def distance(self, module: str) -> int:
+        """0 for the module's own tests, 1 for those that name it, 2 for others."""
+        if Path(self.name).stem == f"test_{Path(module).stem}":
+            return 0
+        return 1 if re.search(rf"\b{re.escape(module.removesuffix('.py').replace('/', '.'))}\b", self.text) else 2
 
 
 def test_files(shop: Workshop, kept: Path) -> list[TestFile]:
@@ -51,12 +53,12 @@ def test_files(shop: Workshop, kept: Path) -> list[TestFile]:
 def most_specific(tests: Iterable[TestFile], mutant: Mutant, limit: float, count: int) -> list[TestFile]:
     """At most ``count`` files in which the mutant's functions run, all but the first within ``limit`` seconds.
 
-    First come those that name the module, then those that run little else.
+    First come its module's own tests, then those that name the module, then those that run little else.
     """
     functions = {f"{mutant.module}:{user}" for user in mutant.users}
     candidates = [test for test in tests if test.functions & functions]
     chosen: list[TestFile] = []
-    for test in sorted(candidates, key=lambda test: (not test.imports(mutant.module), len(test.functions))):
+    for test in sorted(candidates, key=lambda test: (test.distance(mutant.module), len(test.functions))):
         if not chosen or (len(chosen) < count and sum(other.seconds for other in chosen) + test.seconds <= limit):
             chosen.append(test)
     return chosen
