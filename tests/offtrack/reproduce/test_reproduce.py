@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
+from offtrack.commands import assess
 from offtrack.commands.assess import reproduce
 from offtrack.studies.reproduce import reproduction, trace_tables
 from offtrack.studies.reproduce.reina2008_figures import PUBLISHED
@@ -140,7 +141,7 @@ def test_interrupt_of_all_keeps_what_is_finished_and_stops(
 
         return make
 
-    monkeypatch.setattr(reproduction, "maker", made)
+    monkeypatch.setattr(assess, "maker", made)
     result = CliRunner().invoke(APP, ["all", "--quiet", "--out", str(tmp_path)])
     assert result.exit_code == 130
     assert begun == list(REPRODUCTIONS)[:2]

@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 from controllers.path import Path as Course
 from controllers.path import arc, line
+from offtrack.commands import assess
 from offtrack.commands.assess import validate
 from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
 from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, Series, number, tally
@@ -210,7 +211,7 @@ def test_the_page_says_everything_and_needs_nothing() -> None:
 
 
 def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *arguments: str) -> Result:
-    monkeypatch.setattr(suite, "TASKS", (SectionTask(title="Turns", work=lambda quick: sections(*values)[0]),))
+    monkeypatch.setattr(assess, "TASKS", (SectionTask(title="Turns", work=lambda quick: sections(*values)[0]),))
     app = typer.Typer()
     app.command()(validate)
     return CliRunner().invoke(app, list(arguments))
