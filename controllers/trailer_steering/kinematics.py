@@ -163,7 +163,7 @@ def check_steered(law: str, trailer: TrailerGeometry) -> None:
         ValueError: if none of its axles is steered.
     """
     if not trailer.steered_distances:
-        raise ValueError(f"{law}: the trailer has no steered axle")
+        raise ValueError(f"{law}: the trailer has no steered axle: choose trailer_steering=none")
 
 
 def check_towed(law: str, combination: Combination) -> None:

@@ -100,7 +100,7 @@ def test_standstills_leave_path_preview_as_it_was() -> None:
             ["driver.trace=drive.csv"],
             "driver.stops and driver.trace: give only one of them; a recorded drive contains its stops",
         ),
-        (["vehicle=rigid_truck"], "rigid_truck"),
+        (["vehicle=rigid_truck"], "path_preview: the trailer has no steered axle: choose trailer_steering=none"),
     ],
 )
 def test_stops_that_can_not_be_are_refused(settings: list[str], complaint: str) -> None:
