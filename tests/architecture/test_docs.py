@@ -183,6 +183,7 @@ def test_the_readme_is_short() -> None:
     assert len(text_of(ROOT / "README.md").split()) <= MOST_WORDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("document", "line"), [pytest.param(d, line, id=line) for d, line in block_commands()])
 def test_every_command_of_a_shell_block_would_start(
     document: Path, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 from typing import Final
 
+import pytest
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 CHAIN: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")  # lowest first
 PATH: Final = re.compile(rf"({'|'.join(CHAIN)})(\.\w+)+:\w+")
@@ -25,6 +27,7 @@ def upward(package: str, source: str) -> list[str]:
     return [path for path in paths(source) if CHAIN.index(path.partition(".")[0]) > CHAIN.index(package)]
 
 
+@pytest.mark.slow
 def test_no_package_names_a_part_of_a_package_above_it() -> None:
     sources = {file: file.read_text("utf-8") for package in CHAIN for file in (ROOT / package).rglob("*.py")}
     named = {file: upward(file.relative_to(ROOT).parts[0], source) for file, source in sources.items()}
@@ -33,6 +36,7 @@ def test_no_package_names_a_part_of_a_package_above_it() -> None:
     assert upward("scenarios", 'FMU = "offtrack.exchange.fmi_import.fmu_parts:law_of"')
 
 
+@pytest.mark.slow
 def test_every_path_leads_to_something() -> None:
     """Those of the product's modules, and the entry points of the installed package."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]

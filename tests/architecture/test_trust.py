@@ -67,6 +67,7 @@ def modules() -> list[str]:
     return sorted(str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob("*.py"))
 
 
+@pytest.mark.slow
 def test_no_module_can_unpickle_reach_the_network_or_start_a_program() -> None:
     found = {file: names for file in modules() if (names := list(misuses((ROOT / file).read_text("utf-8"), file)))}
     assert found == {}

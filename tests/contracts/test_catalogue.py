@@ -35,6 +35,7 @@ def test_every_entry_names_a_class_with_init_and_step(key: str, name: str) -> No
     assert callable(part.step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TRAILERS)
 def test_every_scenario_is_named_after_its_file_and_starts(name: str) -> None:
     """Two seconds with exact estimates: finite signals, the vehicle on its way at set speed."""
@@ -69,6 +70,7 @@ def test_every_rover_scenario_is_named_after_its_file_and_starts(name: str) -> N
     assert session.outcome is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.1, 0.8])
 @pytest.mark.parametrize("name", vehicle_names())  # of one vehicle after the other, for what is built for each
 def test_every_vehicle_turns_without_losing_its_footing_in_numbers(name: str, friction: float) -> None:

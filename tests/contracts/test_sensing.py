@@ -185,6 +185,7 @@ def assert_memory_travels(estimator: Estimator[Any, Any, Any], messages: Sequenc
     assert_same(kept, travelled)
 
 
+@pytest.mark.slow
 def test_odometry_measures_the_step_between_frames(odometry: Odometry[Any], odometry_name: str, drive: Drive) -> None:
     """Half a metre a frame, every one of them."""
     first, *others = estimates(odometry, drive.messages["stereo_camera"])
@@ -203,6 +204,7 @@ def test_odometry_is_deterministic_and_its_memory_travels(odometry: Odometry[Any
     assert_memory_travels(odometry, drive.messages["stereo_camera"])
 
 
+@pytest.mark.slow
 def test_off_tracking_is_deterministic_and_its_memory_travels(
     off_tracking: tuple[OffTrackingEstimator, list[Any]],
 ) -> None:
@@ -210,6 +212,7 @@ def test_off_tracking_is_deterministic_and_its_memory_travels(
     assert_memory_travels(*off_tracking)
 
 
+@pytest.mark.slow
 def test_slip_is_deterministic_and_its_memory_travels(slip: tuple[SlipEstimator, list[Any]]) -> None:
     """The same views give the same slip to the bit, also through pickled memories; and there is a slip to compare."""
     assert_memory_travels(*slip)

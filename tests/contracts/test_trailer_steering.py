@@ -211,6 +211,7 @@ def test_nothing_is_commanded_before_anything_is_known(law: TrailerSteering[Any]
     assert not drive(law, unfilled, 2000, turn=0.0).any()
 
 
+@pytest.mark.slow
 def test_losing_the_estimate_for_good_ends_with_straight_wheels(law: TrailerSteering[Any]) -> None:
     """Old news must not steer a trailer forever: straight ahead, without an estimate, the axles become straight.
 
@@ -233,6 +234,7 @@ def test_losing_the_estimate_for_good_ends_with_straight_wheels(law: TrailerStee
     assert largest[-1] <= 0.5 * largest[-1 - 2000 // PERIOD]
 
 
+@pytest.mark.slow
 def test_swapping_left_and_right_flips_the_commands(law: TrailerSteering[Any]) -> None:
     """Mirror symmetry pins all the signs at once; exact, since every operation is odd or even."""
     np.testing.assert_allclose(drive(law, TURN, 4000, side=-1.0), -drive(law, TURN, 4000), atol=1e-9)
@@ -263,6 +265,7 @@ def test_law_and_memory_can_be_pickled(law: TrailerSteering[Any]) -> None:
         np.testing.assert_array_equal(again.angles, command.angles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [1, 2, 60])
 def test_lost_estimates_never_make_a_command_infinite(bare: TrailerSteering[Any], points: int) -> None:
     """From the start, and in between good ones; the path of a lost one may be the hitch alone."""

@@ -39,6 +39,7 @@ def test_the_guided_point_stays_on_a_figure_of_eight(drive: Any, speed_kmh: floa
     assert run.guided.max() < allowed
 
 
+@pytest.mark.slow
 def test_steering_round_a_circle_has_the_closed_form_angle(drive: Any) -> None:
     """Front corner on R: the rear axle runs on sqrt(R^2 - x_ref^2) - width/2, and tan(delta) = wheelbase / that."""
     run = drive(roundabout(front_x=5.2, width=2.55), TRAILER, Unsteered(TRAILER))

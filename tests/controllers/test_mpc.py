@@ -126,6 +126,7 @@ def law(trailer: TrailerGeometry = TRAILER, **parameters: float) -> Mpc:
     return Mpc(trailer, combination=COMBINATION, parameters=Mpc.Parameters(**parameters))
 
 
+@pytest.mark.slow
 def test_hard_limits_hold_on_the_way_to_a_far_path() -> None:
     """2 m aside, the plan runs into rate and angle; what is commanded never does more than the actuators can."""
     weak = replace(TRAILER, max_steer=0.1, max_steer_rate=0.2)

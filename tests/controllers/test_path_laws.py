@@ -28,12 +28,14 @@ def tuned(**parameters: float) -> PathPreview:
     return PathPreview(TRAILER, parameters=PathPreview.Parameters(**parameters))
 
 
+@pytest.mark.slow
 def test_an_unsteered_trailer_cuts_in_as_the_reference_figures_say(drive: Any) -> None:
     """Single axle at 9.31 m in the 12.5 m roundabout: 5.02 m at most, from an independent simulation."""
     run = drive(ROUNDABOUT, SINGLE, Unsteered(SINGLE))
     assert run.worst == pytest.approx(5.02, abs=0.05)  # that one stepped by 0.1 m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trailer", [SINGLE, TWO_OF_THREE], ids=["single", "two of three"])
 def test_the_follow_point_keeps_to_the_path_round_a_roundabout(drive: Any, trailer: TrailerGeometry) -> None:
     """Beats the buffer-only law without prediction, 0.021 m RMS and 0.094 m at most (10 km/h, 0.1 s and 0.15 s late).
@@ -45,6 +47,7 @@ def test_the_follow_point_keeps_to_the_path_round_a_roundabout(drive: Any, trail
     assert run.worst < 0.03
 
 
+@pytest.mark.slow
 def test_the_follow_point_keeps_to_a_figure_of_eight_at_15_kmh(drive: Any) -> None:
     """Errors grow with the way made blindly, so with the speed; half of the closed loop's bars are left for tyres."""
     run = drive(EIGHT, TWO_OF_THREE, PathPreview(TWO_OF_THREE), speed_kmh=15.0)
@@ -52,6 +55,7 @@ def test_the_follow_point_keeps_to_a_figure_of_eight_at_15_kmh(drive: Any) -> No
     assert run.worst < 0.06
 
 
+@pytest.mark.slow
 def test_required_angles_and_rates_in_the_roundabout(drive: Any) -> None:
     """Domain reference A.3, perfect path following at 10 km/h: peak at the exit, steady, counter-steer, rate.
 
@@ -78,6 +82,7 @@ class BelievesEstimatesFresh(PathPreview):
         return super().step(memory, tick, off_tracking and replace(off_tracking, tick=tick), signals)
 
 
+@pytest.mark.slow
 def test_prediction_over_the_delays_pays(drive: Any) -> None:
     """A quarter of a second is 0.7 m of way at 10 km/h: carried over it, the loop errs by less than half."""
     predicting = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER), until=22.0)
@@ -90,6 +95,7 @@ def sliding_outwards(lateral_acceleration: float) -> float:
     return -1.5 * 0.022 * lateral_acceleration - 0.0175
 
 
+@pytest.mark.slow
 def test_slip_is_estimated_and_steered_against(drive: Any) -> None:
     """1 deg is 0.24 m at 14 m. Left to the gain alone, a slip of s leaves s / gain; estimated, next to nothing."""
     straight_on = straight(front_x=5.2, length=55.0)
@@ -102,6 +108,7 @@ def test_slip_is_estimated_and_steered_against(drive: Any) -> None:
     )  # 100 m of low-pass see two fifths of it in 55 m: 0.0175 * 0.6 / gain
 
 
+@pytest.mark.slow
 def test_foreseeing_the_inertial_slip_pays(drive: Any) -> None:
     """With tyres as assumed, the slip of a turn is compensated at its beginning, not 1.5 m later.
 
@@ -113,6 +120,7 @@ def test_foreseeing_the_inertial_slip_pays(drive: Any) -> None:
     assert foreseen.rms < 0.9 * only_measured.rms
 
 
+@pytest.mark.slow
 def test_cornering_on_softer_tyres_than_assumed_stays_within_the_bars(drive: Any) -> None:
     """Slip that comes and goes with the turn, half of it not foreseen; after the loop has closed on the entry."""
     run = drive(ROUNDABOUT, TWO_OF_THREE, PathPreview(TWO_OF_THREE), slip=sliding_outwards)
@@ -292,6 +300,7 @@ def test_a_trailer_keeps_enough_of_its_alignment_at_speed() -> None:
     assert angles[1] < 0.5 * angles[0]
 
 
+@pytest.mark.slow
 def test_round_the_roundabout_it_keeps_within_three_centimetres(drive: Any) -> None:
     """10 km/h, no slip, estimates 0.1 s late: an unsteered trailer is 5 m off."""
     run = drive(ROUNDABOUT, TRAILER, VirtualDriver(TRAILER))
@@ -299,6 +308,7 @@ def test_round_the_roundabout_it_keeps_within_three_centimetres(drive: Any) -> N
     assert run.worst < 0.04
 
 
+@pytest.mark.slow
 def test_integral_or_derivative_take_away_what_slip_leaves(drive: Any) -> None:
     """1 deg of slip on a straight road: proportion alone leaves 0.04 m."""
     course = straight(front_x=5.2, length=70.0)

@@ -45,6 +45,7 @@ def network(**gains: tuple[float, float]) -> Network:
 LINEAR = network(articulation_1=(-0.3, -0.5), off_tracking=(0.2, 0.2))
 
 
+@pytest.mark.slow
 def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> None:
     """The same roundabout with an exact estimate: off-tracking agrees within 3 cm RMS over the run.
 
@@ -143,6 +144,7 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> Non
             load_network(tmp_path / name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_networks())
 def test_a_shipped_network_steers_where_it_has_not_been(name: str) -> None:
     """Smooth paths that no training has, friction and speed drawn: a decimetre RMS at most, a linkage has half a metre.

@@ -104,6 +104,7 @@ OF_DRIVE = Combination(LOADED.model_copy(update={"units": (TRACTOR, *LOADED.unit
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
 
 
+@pytest.mark.slow
 def test_without_slip_the_follow_point_keeps_to_the_path(drive: Any) -> None:
     """Unsteered, it would be 5 m off. 0.1 m is what path-following control aims at (de Saxe 2018, 2)."""
     run = drive(ROUNDABOUT, ALL_STEERED, CtAt(ALL_STEERED, combination=OF_DRIVE))

@@ -56,6 +56,7 @@ def states(name: str, motions: list[Motion]) -> list[str]:
     return ["found" if motion.health in found else motion.health.value for motion in motions]
 
 
+@pytest.mark.slow
 def test_motions_are_those_of_the_camera(drive: Drive, motions_by: Motions, name: str) -> None:
     """Straight on, turning, yawing and shaking, 0.5 m a frame; errors as stated: 19 of 20 within 2.5 sigma."""
     expected, motions = EXPECTED[name], motions_by(name)

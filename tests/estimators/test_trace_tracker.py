@@ -46,6 +46,7 @@ def run(rig: TraceRig, views: list[RoverView]) -> list[SlipAngle]:
     return got
 
 
+@pytest.mark.slow
 def test_a_trace_is_found_within_a_second_and_not_lost(estimates: list[SlipAngle]) -> None:
     """All of the view shows the rut from the first picture on; finding it takes two pictures."""
     assert all(estimate.health is Health.OK for estimate in estimates[4:])
@@ -72,6 +73,7 @@ def test_slip_two_seconds_ago_is_known_better(trace: list[Labelled], estimates: 
     assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 1.0  # 0.7 over long sequences
 
 
+@pytest.mark.slow
 def test_bare_sand_shows_no_trace() -> None:
     """On a crust the wheels leave nothing: stones, relief and the rover's shadow must not be taken for a rut."""
     bare = [m.view for m in labelled_sequence("shadows", seed=72, frames=25, rover=ROVER, profile="fast", bare=0.99)]
@@ -119,6 +121,7 @@ class Crab(RoverPass):
         ]
 
 
+@pytest.mark.slow
 def test_steering_is_not_taken_for_slip() -> None:
     """Wheels that are turned by 5 deg lead the trace elsewhere; encoders know, and slip stays what it was.
 

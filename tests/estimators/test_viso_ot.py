@@ -96,6 +96,7 @@ def test_lost_frame_is_without_health_and_leaves_no_trace(drive: Drive, estimate
     assert after.value == pytest.approx(estimates[34].off_tracking.value, abs=0.01)  # two different odometries [m]
 
 
+@pytest.mark.slow
 def test_an_uncertain_direction_of_the_camera_widens_the_estimate_by_its_lever(drive: Drive) -> None:
     """0.2 deg turn a path of 7 m by 24 mm at the follow point; the value stays."""
     stated = []

@@ -104,6 +104,7 @@ def scanner(renderer: StereoRenderer, seed: int = 0) -> RangeScanner:
     return RangeScanner(renderer, unit=0, x=REAR, rng=np.random.default_rng(seed))
 
 
+@pytest.mark.slow
 def test_ranges_to_a_wall_are_those_of_its_geometry(bare_world: World) -> None:
     """A wall 15.4 m behind the scanner from 5 m on the left to 3 m on the right; around it there is nothing."""
     mesh = box((-30.0, -29.0), (-3.0, 5.0), (-1.0, 4.0), texture_size=1.0)
@@ -131,6 +132,7 @@ def test_beams_cover_the_rear_evenly(bare_world: World) -> None:
     assert np.degrees(np.diff(bearings)) == pytest.approx(np.full(len(bearings) - 1, 0.25), abs=0.1)
 
 
+@pytest.mark.slow
 def test_motion_past_scenery_is_found_within_its_uncertainty(scans: list[RangeScan]) -> None:
     """Every step of a drive at 5 m/s; errors of the scanner's motion against the prescribed one.
 
@@ -204,6 +206,7 @@ def test_a_corridor_does_not_tell_the_way_along_it() -> None:
     assert aligned(scans[0], scans[1], Pose2(0.3, 0.0, 0.0)) is None
 
 
+@pytest.mark.slow
 def test_closed_loop_runs_by_settings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Quarter of a roundabout, steered by the scans: import paths name both parts, nothing in the packages knows them.
 
@@ -220,6 +223,7 @@ def test_closed_loop_runs_by_settings_alone(monkeypatch: pytest.MonkeyPatch) -> 
     assert np.abs(error[valid] / std[valid]).max() < 3.0
 
 
+@pytest.mark.slow
 def test_faults_of_transmission_apply_to_the_scanner(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its message is a dataclass with a tick: after 2 s no scan arrives any more."""
     monkeypatch.chdir(FOLDER)

@@ -30,6 +30,7 @@ def tried(cases: Iterable[Case], folder: Path, hang: float = 60.0) -> list[Tried
     return results
 
 
+@pytest.mark.slow
 def test_random_scenarios_studies_campaigns_environments_and_hostile_files_end_well(tmp_path: Path) -> None:
     files = [read for read in FILES if read.specimen not in _SLOW]
     make(tmp_path / "specimens", {read.specimen for read in files})
@@ -88,6 +89,7 @@ def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path, mo
         assert found is None if expected is None else found is not None and found.startswith(expected), script
 
 
+@pytest.mark.slow
 def test_a_command_with_a_hostile_file_is_refused_in_a_child_and_as_a_process(tmp_path: Path) -> None:
     command = ("vehicle", "v.toml", "--quiet", "--out", "out")
     cases = [Case(kind="x", command=command, files=(("v.toml", "fifo"),), genuine=genuine) for genuine in (True, False)]

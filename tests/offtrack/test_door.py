@@ -78,6 +78,7 @@ def test_a_snapshot_goes_on_like_its_original() -> None:
     assert ahead.log == offtrack.run("cambered-road", settings=SHORT).log
 
 
+@pytest.mark.slow
 def test_a_snapshot_with_cameras_goes_on_like_its_original() -> None:
     """The renderer is shared, and every picture is drawn anew."""
     small = {"rig.width": 480, "rig.height": 200, "course.length": 20, "world.scenery_density": 0.1}
@@ -103,6 +104,7 @@ def test_a_rover_is_stepped_too() -> None:
         assert session.estimate is not None
 
 
+@pytest.mark.slow
 def test_a_sweep_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     make_runs_here(monkeypatch)

@@ -65,6 +65,7 @@ def changed(image: ColourImage, plain: ColourImage) -> NDArray[np.bool_]:
     return np.asarray(np.abs(image.astype(int) - plain).max(axis=-1) > 3)  # [levels] of 8-bit rounding: 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("friction", "tint"),
     [(0.12, (0, 1, 2)), (0.35, (2, 1, 0))],  # ice is blue, mud is brown: channels from the weakest to the strongest

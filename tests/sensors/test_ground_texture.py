@@ -46,6 +46,7 @@ def largest_repeat(image: FloatArray, *, beyond: int) -> float:
     return float((correlation / overlap)[(shift > beyond) & (shift < 0.5 * len(image))].max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_road", [True, False])
 def test_texture_does_not_repeat(bare_world: World, on_road: bool) -> None:
     """Seen from above, 80 m of ground look nowhere like another place: a repeat is poison to matching.
@@ -66,6 +67,7 @@ def frame(renderer: StereoRenderer, X_WB: FloatArray, rng: np.random.Generator) 
     return NoiseBank.draw(rng, 2.0, image.size).added_to(image, rng)
 
 
+@pytest.mark.slow
 def test_ground_is_full_of_corners(renderer: StereoRenderer, calibration: StereoCalibration) -> None:
     """Buckets of 50 x 50 px have a corner far stronger than noise makes them: all nearer than 22 m, most up to 38 m."""
     rng = np.random.default_rng(0)

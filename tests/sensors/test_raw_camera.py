@@ -177,6 +177,7 @@ def seen_still(truth_of: TruthOf, renderer: StereoRenderer, pose: FloatArray) ->
     return on(renderer, Imperfections()).sample(truth_of(0, pose)).left
 
 
+@pytest.mark.slow
 def test_an_exposure_is_the_mean_of_its_moments(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
     """Against sixteen renderings while the shutter is open: the depth of every pixel decides how far it is smeared."""
     seconds = 0.02

@@ -47,6 +47,7 @@ def on_ground(points: FloatArray, tolerance: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(points[..., 2] - SURFACE.height(points[..., 0], points[..., 1])) < tolerance)
 
 
+@pytest.mark.slow
 def test_ground_is_rendered_where_the_surface_is(
     renderer: StereoRenderer, calibration: StereoCalibration, pose: FloatArray
 ) -> None:
@@ -209,6 +210,7 @@ def python(program: str, **environment: str) -> str:
     return result.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("program", "environment", "cause"),
     [

@@ -96,6 +96,7 @@ def test_bare_stretches_have_their_share() -> None:
     assert bare_stretches(np.random.default_rng(1), 400.0, 0.0) == ()
 
 
+@pytest.mark.slow
 def test_labels_and_images_agree_on_the_presence_of_a_trace(rover: Rover) -> None:
     """A wheel that does not sink leaves no trace; in uniform sand only lug marks are rough."""
     rover_pass = RoverPass(frames=120, profile="none", bare=((0.9, 3.0),))
@@ -115,6 +116,7 @@ def test_labels_and_images_agree_on_the_presence_of_a_trace(rover: Rover) -> Non
     assert roughness[0] > 2.0 * roughness[2]
 
 
+@pytest.mark.slow
 def test_a_sequence_is_labelled_frame_by_frame(rover: Rover) -> None:
     """View, truth and trace of one tick, 5 Hz apart; the same seed gives the same bits."""
     frames, again = (list(labelled_sequence("uniform", seed=5, frames=2, rover=rover, bare=0.0)) for _ in range(2))

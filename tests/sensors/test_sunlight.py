@@ -44,6 +44,7 @@ def test_a_sun_below_the_hills_is_refused(degrees: float) -> None:
         daylight(0.0, elevation=math.radians(degrees))
 
 
+@pytest.mark.slow
 def test_the_sun_is_drawn_where_it_stands() -> None:
     """The brightest place of the panorama, whose columns go round from W's x, its rows down from the highest."""
     light = daylight(0.0, azimuth=math.radians(200.0), elevation=math.radians(20.0))
@@ -58,6 +59,7 @@ def test_the_sun_is_drawn_where_it_stands() -> None:
     assert sky[row, opposite].mean() < plain[row, opposite].mean() + 1.0
 
 
+@pytest.mark.slow
 def test_shadows_are_long_in_the_evening(world: World, built_in: Callable[..., World]) -> None:
     """At 10 degrees they are five and a half times as long as things are high: much more of the land lies in them.
 

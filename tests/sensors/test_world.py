@@ -79,6 +79,7 @@ def test_ground_mesh_covers_the_land_once(world: World) -> None:
     assert area.sum() == pytest.approx(np.prod(np.ptp(world.ground.vertices[:, :2], axis=0)))
 
 
+@pytest.mark.slow
 def test_flat_ground_takes_few_triangles(world: World, small_world: World) -> None:
     """Cells are fine near the tip of the cone, and not on a plane: each costs time in every image."""
 

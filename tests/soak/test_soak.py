@@ -11,6 +11,7 @@ from tests.soak.measure import Soaked, Usage, soaked, usage
 from tests.soak.parts import PARTS
 
 
+@pytest.mark.slow
 def test_growth_of_memory_descriptors_and_threads_is_noticed() -> None:
     kept: list[object] = []
     stop = threading.Event()
@@ -33,6 +34,7 @@ def test_what_is_kept_once_is_no_growth() -> None:
     assert Soaked(start, warm, warm, 10).wrong(0.1) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["driving environment", "refusals"])
 def test_short_soak(name: str, tmp_path: Path) -> None:
     part = next(part for part in PARTS if part.name == name)

@@ -172,6 +172,7 @@ def run(odometry: Odometry[Any], frames: Sequence[StereoFrame]) -> list[SelfCali
     return [motion for motion in Drive.run(odometry, frames)[1] if isinstance(motion, SelfCalibratedMotion)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [KeyframeOdometry, CircularOdometry])
 def test_a_late_right_camera_is_noticed_and_compensated(late: Drive, kind: Any) -> None:
     """0.25 m between the exposures: from the second motion on the delay is known and the motions are right."""
@@ -212,6 +213,7 @@ def test_a_knock_costs_one_frame(drive: Drive) -> None:
     assert np.abs(drive.normalised(motions[8:])).max() < 3.0
 
 
+@pytest.mark.slow
 def test_a_passing_disturbance_leaves_the_calibration_as_it_was(drive: Drive) -> None:
     """The right camera is turned for five frames: after the second sound pair it is known as well as before."""
     calibration = drive.calibration
@@ -224,6 +226,7 @@ def test_a_passing_disturbance_leaves_the_calibration_as_it_was(drive: Drive) ->
     assert np.abs(drive.normalised(motions[15:])).max() < 3.0
 
 
+@pytest.mark.slow
 def test_a_calibration_that_is_only_watched_is_refuted(drive: Drive) -> None:
     """0.09 deg of yaw: degraded after the first metre, with the error covered; a degree: lost."""
     calibration = drive.calibration

@@ -140,6 +140,7 @@ def calibrated(turned_drive: Drive) -> list[Any]:
     return turned_drive.run(self_calibrated(turned_drive.calibration), turned_drive.frames)[1]
 
 
+@pytest.mark.slow
 def test_the_rotation_is_found_within_a_few_metres(calibrated: list[SelfCalibratedMotion]) -> None:
     """Roll and pitch at once, yaw after some metres, all to a few thousandths of a degree; and so they stay."""
     for motion in calibrated[1:]:
@@ -158,6 +159,7 @@ def test_its_standard_deviation_is_honest(calibrated: list[SelfCalibratedMotion]
     assert np.degrees(max(calibrated[-1].right_rotation_std)) < 0.006
 
 
+@pytest.mark.slow
 def test_motions_are_as_good_as_with_a_straight_camera(
     turned_drive: Drive, calibrated: list[SelfCalibratedMotion]
 ) -> None:
@@ -219,6 +221,7 @@ def test_a_mount_that_bends_is_followed(turned_drive: Drive, drive: Drive) -> No
     assert abs(np.degrees(last.pitch - TURNED.pitch)) < 0.01
 
 
+@pytest.mark.slow
 def test_blinded_cameras_are_lost_and_found_again(turned_drive: Drive) -> None:
     """Black frames tell nothing of the rotation: what was known is kept, and used at once afterwards."""
     frames = list(turned_drive.frames[:25])

@@ -152,6 +152,7 @@ def test_levels_change_before_an_image_is_resampled(drive: Drive) -> None:
     assert not np.array_equal(limited.right, np.minimum(matched.right, 127))  # interpolated first: other edges
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ODOMETRY))
 def test_odometry_does_not_mind_the_exposure_of_the_right_camera(drive: Drive, name: str) -> None:
     """Every odometry of the catalogue: as good as with equal exposures, to 1.3 times the error and a floor."""
@@ -164,6 +165,7 @@ def test_odometry_does_not_mind_the_exposure_of_the_right_camera(drive: Drive, n
     assert errors[1] < 1.3 * errors[0] + 3e-4  # [m] scatter of five motions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ODOMETRY))
 def test_odometry_does_not_mind_a_jump_of_the_exposure(drive: Drive, name: str) -> None:
     """Both cameras 30 grey levels up and twice as bright from one frame to the next."""

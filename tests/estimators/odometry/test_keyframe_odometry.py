@@ -31,6 +31,7 @@ def travelled(motions: Sequence[Motion]) -> FloatArray:
     return X
 
 
+@pytest.mark.slow
 def test_drift_is_less_than_from_frame_to_frame(drive: Drive, motions: list[Motion]) -> None:
     """Over any 7 m of travel the errors of 14 motions do not accumulate: the purpose of keyframes."""
     circular, memory = CircularOdometry(drive.calibration), CircularOdometry(drive.calibration).init()
@@ -76,6 +77,7 @@ def test_rotations_stay_rotations(motions: list[Motion]) -> None:
         assert motion.X_PC[:3, :3] @ motion.X_PC[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_standstill_is_no_motion_and_needs_no_keyframe(drive: Drive) -> None:
     """The truck stands for 20 frames, with new noise each: nothing wanders, as all of them hang on one keyframe."""
     rng, still = np.random.default_rng(4), drive.frames[STANDING]
@@ -91,6 +93,7 @@ def noisy(image: GreyImage, rng: np.random.Generator) -> GreyImage:
     return np.asarray(np.clip(image + np.rint(rng.standard_normal(image.shape)), 0, 255), dtype=np.uint8)
 
 
+@pytest.mark.slow
 def test_reversing_is_driving_backwards(drive: Drive) -> None:
     """The frames in the opposite order: every motion is the inverse of the true one."""
     backwards = [replace(frame, tick=100 * k) for k, frame in enumerate(drive.frames[12:40][::-1])]

@@ -54,6 +54,7 @@ def test_black_and_saturated_images_have_no_features(grey: int) -> None:
     assert len(detect_features(np.full((391, 1344), grey, np.uint8)).points) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.4, 0.7])
 def test_features_do_not_depend_on_brightness_and_contrast(drive: Drive, gain: float) -> None:
     """A darker image of the same has the same features but for those at the edge of the noise."""

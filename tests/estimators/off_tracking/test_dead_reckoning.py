@@ -132,6 +132,7 @@ def test_derivatives_are_those_of_finite_differences(name: str) -> None:
         np.testing.assert_allclose(base.cross[k], expected, atol=0.005 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_white_noise_has_the_spread_of_drawn_signals() -> None:
     """Certain parameters, noise alone: of 150 drawn stretches of 2 s a standard deviation is known to 6 %."""
 

@@ -108,6 +108,7 @@ def known(drive: list[StereoFrame]) -> list[OffTracking]:
     return [o for o in followed(GroundWatching(CALIBRATION, FOLLOW), drive) if o.health is not Health.LOST]
 
 
+@pytest.mark.slow
 def test_two_cameras_measure_off_tracking_to_millimetres(known: list[OffTracking]) -> None:
     """One match stands between path and follow point: half a pixel is 2 mm, and a hundred features average it."""
     assert len(known) >= 12
@@ -135,6 +136,7 @@ def test_a_tilted_camera_does_not_turn_the_path(ground: FloatArray) -> None:
     assert np.abs(errors(found)).max() < 0.03
 
 
+@pytest.mark.slow
 def test_ground_reformed_between_the_cameras_is_not_recognised_and_said_so(ground: FloatArray) -> None:
     """The rear camera sees other ground: both cameras' motion has to do, and the health tells."""
     found = followed(GroundWatching(CALIBRATION, FOLLOW), frames(ground, grain(9), DRIVE))
@@ -143,6 +145,7 @@ def test_ground_reformed_between_the_cameras_is_not_recognised_and_said_so(groun
     assert np.abs(errors(found)).max() < 0.03
 
 
+@pytest.mark.slow
 def test_ground_that_flows_along_is_what_the_system_can_not_see_through(ground: FloatArray) -> None:
     """Slurry at a tenth of the velocity under both cameras: the way comes out a tenth short, without contradiction."""
     first = DRIVE[0][:3, 3]
@@ -151,6 +154,7 @@ def test_ground_that_flows_along_is_what_the_system_can_not_see_through(ground: 
     assert np.abs(errors(found)).max() > 0.05
 
 
+@pytest.mark.slow
 def test_a_standstill_does_not_drift(ground: FloatArray) -> None:
     """Fifteen noisy pictures of the same ground are no motion at all, and the path survives them."""
     poses = [*DRIVE[:20], *[DRIVE[19]] * 15]
@@ -159,6 +163,7 @@ def test_a_standstill_does_not_drift(ground: FloatArray) -> None:
     assert found[-1].v_x == 0.0  # exactly: noise is not passed on, or it would add up over minutes
 
 
+@pytest.mark.slow
 def test_a_blinded_frame_is_lost_and_passed_over(drive: list[StereoFrame]) -> None:
     """Black pictures show no ground; the next frame is compared with the one before them."""
     black = np.zeros_like(drive[0].left)

@@ -100,6 +100,7 @@ def test_the_stated_deviation_is_that_of_biases_that_last() -> None:
     assert 1.0 < estimated[-1].std / math.hypot(direction, yaw_rate) < 1.8  # never less than what it is made of
 
 
+@pytest.mark.slow
 def test_swapping_left_and_right_flips_the_estimate() -> None:
     """Mirror symmetry pins all the signs at once; exact up to rounding."""
     left, right = driven(2)[0], driven(2, side=-1.0)[0]

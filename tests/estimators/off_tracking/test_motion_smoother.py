@@ -105,6 +105,7 @@ def test_smoothing_does_not_lag() -> None:
     assert np.abs(estimate - e)[there].max() < 0.004  # [m] nothing is smoothed away that was there
 
 
+@pytest.mark.slow
 def test_smoothing_quietens_the_rate_without_costing_the_value() -> None:
     """White errors of the motions: noise in the rates goes, and the value has no more error than before."""
     true = turn(320)
@@ -123,6 +124,7 @@ def test_smoothing_quietens_the_rate_without_costing_the_value() -> None:
     assert np.mean(turns, axis=0)[1] < 0.9 * np.mean(turns, axis=0)[0]
 
 
+@pytest.mark.slow
 def test_single_outlier_is_passed_over() -> None:
     """A frame full of biased matches turns one motion by 6 mrad: 80 mm over the trailer, were it believed."""
     true = turn()
@@ -149,6 +151,7 @@ def test_manoeuvre_sharper_than_the_model_is_believed_in_the_end() -> None:
     assert np.abs(off[135:]).max() < 0.06  # [m] the errors of fifty motions, and no more than half a turn unseen
 
 
+@pytest.mark.slow
 def test_poses_measured_from_a_keyframe_are_smoothed_as_such() -> None:
     """Each pose errs anew against its keyframe: a quarter of the noise in the rate goes."""
     true, rng = turn(), np.random.default_rng(6)

@@ -118,6 +118,7 @@ def paper_off_tracking(sequence: list[BodyMotion], *, shift: int) -> float:
     raise ValueError("the path is too short")
 
 
+@pytest.mark.slow
 def test_agrees_with_the_equations_of_the_paper() -> None:
     """Same increments, the paper's own axes and sums: the value is -e_tr, up to the chord of eq. 7."""
     for poses in (straight(0.24), circle(15.0, 9.0), [winding(STEP * k) for k in range(400)]):
@@ -135,6 +136,7 @@ def test_increments_indexed_by_their_end_frame_would_be_seen() -> None:
     assert paper_off_tracking(sequence, shift=1) == pytest.approx(-run(sequence)[1][-1].value, abs=1e-9)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(0.05, 0.6), st.floats(-0.1, 0.1), st.floats(-0.02, 0.02)), min_size=40, max_size=80)
 )
@@ -154,6 +156,7 @@ def test_mirroring_the_drive_flips_the_off_tracking(increments: list[tuple[float
     assert left.health is right.health
 
 
+@pytest.mark.slow
 def test_rolling_and_pitching_of_the_body_does_not_bias() -> None:
     """Half a degree of roll and pitch tilts the plane of projection: (0.5 deg)^2 over 14 m is 1 mm."""
     poses = circle(15.0, 9.0, 400)
@@ -167,6 +170,7 @@ def test_rolling_and_pitching_of_the_body_does_not_bias() -> None:
     assert abs(difference.mean()) < 5e-4  # [m] and it averages out
 
 
+@pytest.mark.slow
 def test_own_roll_of_the_body_does_not_tilt_the_path_over_undulating_ground() -> None:
     """The path rises and falls by 0.2 m while the body rolls by 2 deg: in the body's own plane that is 7 mm."""
     poses = circle(15.0, 9.0, 400)
@@ -182,6 +186,7 @@ def test_own_roll_of_the_body_does_not_tilt_the_path_over_undulating_ground() ->
     assert max(abs(b.value - a.value) for a, b in zip(expected[250:], moved[250:], strict=True)) < 5e-4
 
 
+@pytest.mark.slow
 def test_standstill_keeps_the_buffer_and_its_end_at_the_hitch() -> None:
     """While the truck waits, jittering, the buffer neither grows nor forgets; afterwards it goes on as before."""
     rng = np.random.default_rng(0)
@@ -225,6 +230,7 @@ def test_path_is_kept_only_as_far_as_it_is_needed() -> None:
     assert -LENGTH - 1.0 - 2.5 * STEP < result.path[-1, 0] < -LENGTH - 1.0 + STEP
 
 
+@pytest.mark.slow
 def test_circle_too_tight_to_reach_the_follow_point_does_not_grow_forever() -> None:
     """A hitch that circles within half a trailer length never passes the follow point."""
     poses = [Pose2(5.0 * math.sin(a), 5.0 * (1.0 - math.cos(a)), a) for a in np.arange(1200) * STEP / 5.0]
@@ -260,6 +266,7 @@ def test_lost_motion_while_creeping_keeps_the_path() -> None:
     assert result.value == pytest.approx(-math.tan(0.2), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_bridged_motion_is_doubted_until_it_has_left_the_buffer() -> None:
     """A motion that never comes is bridged at the last velocity: exact here, but uncertain for one trailer length."""
     bodies = [body(pose) for pose in circle(15.0, 9.0, 500)]
@@ -296,6 +303,7 @@ def test_degraded_motion_degrades_until_it_has_left_the_buffer() -> None:
     assert health[-1] is Health.OK
 
 
+@pytest.mark.slow
 def test_standard_deviation_is_that_of_the_spread() -> None:
     """Monte Carlo over errors of every increment, correlated between rotation and translation.
 
@@ -323,6 +331,7 @@ def erring(true: Sequence[BodyMotion], errors: FloatArray, covariance: FloatArra
     ]
 
 
+@pytest.mark.slow
 def test_anchored_motions_have_the_spread_of_their_keyframes() -> None:
     """Monte Carlo: every fourth pose is a keyframe that the next four are measured from.
 

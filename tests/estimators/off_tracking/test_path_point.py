@@ -58,6 +58,7 @@ def errors_and_stds(bodies: FloatArray, height: float) -> tuple[FloatArray, Floa
     return np.array(errors), np.array(stds)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roll", [0.0, 0.02])
 @pytest.mark.parametrize("cross_fall", [0.0, 0.025, -0.025])
 def test_exact_motions_give_the_true_off_tracking_on_a_bank(cross_fall: float, roll: float) -> None:

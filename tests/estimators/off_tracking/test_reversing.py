@@ -29,6 +29,7 @@ def run(
     return followed(OffTrackingBuffer(LENGTH, reversing_distance=reversing_distance), motions)
 
 
+@pytest.mark.slow
 def test_going_back_over_its_way_a_trailer_has_the_off_tracking_it_had_there() -> None:
     """Back along the way it came, every pose and so the path behind it are those of before."""
     way = [winding(STEP * k) for k in range(400)]
@@ -42,6 +43,7 @@ def test_going_back_over_its_way_a_trailer_has_the_off_tracking_it_had_there() -
         assert (back.v_x, back.yaw_rate) == pytest.approx((-results[k].v_x, -results[k].yaw_rate), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_path_is_kept_for_the_reversing_distance_and_no_longer() -> None:
     """20 m back there is still a path beside the follow point, 2 m later there is not; forwards it fills again."""
     way = [Pose2(STEP * k, 0.0, -0.1) for k in range(500)]
@@ -69,6 +71,7 @@ def another_attempt() -> list[Pose2]:
     return poses
 
 
+@pytest.mark.slow
 def test_buffer_and_truth_mean_the_same_path() -> None:
     """Back beside the way: the estimator at 10 Hz and the metric at 100 Hz, written apart, agree."""
     poses = another_attempt()
@@ -105,6 +108,7 @@ def test_reversing_beyond_the_whole_path_begins_a_new_one() -> None:
     assert len(memory.samples) <= 3
 
 
+@pytest.mark.slow
 def test_folding_up_is_lost_rather_than_wrong() -> None:
     """A trailer pushed until it stands across its path: the off-tracking grows as it turns, then there is none."""
     poses = [Pose2(STEP * k, 0.0, 0.0) for k in range(450)]
@@ -122,6 +126,7 @@ def test_folding_up_is_lost_rather_than_wrong() -> None:
     assert stds[-1] > 3.0 * stds[0]  # a line across the path is met farther off and at a shallower angle
 
 
+@pytest.mark.slow
 def test_uncertainty_of_going_back_adds_to_that_of_the_path() -> None:
     """Monte Carlo over the errors of all motions, forwards, 4 m back and 1 m forwards, frame to frame and anchored."""
     x = np.concatenate([np.arange(0.0, 20.0, 0.5), np.arange(19.0, 15.0, -0.5), np.arange(16.0, 17.5, 0.5)])

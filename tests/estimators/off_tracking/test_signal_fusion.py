@@ -96,6 +96,7 @@ def filled(exact: dict[int, OffTracking]) -> list[int]:
     return [tick for tick, one in exact.items() if one.health is Health.OK]
 
 
+@pytest.mark.slow
 def test_as_long_as_the_camera_works_nothing_changes(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
     """The signals are a hundred times worse; to weight them would only cost."""
     estimates = run(drive)
@@ -105,6 +106,7 @@ def test_as_long_as_the_camera_works_nothing_changes(drive: TowedDrive, exact: d
         assert estimates[tick].std < 0.02  # [m]
 
 
+@pytest.mark.slow
 def test_outages_of_two_seconds_are_bridged_within_the_stated_uncertainty(
     drive: TowedDrive, exact: dict[int, OffTracking]
 ) -> None:
@@ -127,6 +129,7 @@ def test_outages_of_two_seconds_are_bridged_within_the_stated_uncertainty(
     assert np.max(np.abs(returned)) < 0.01  # [m] the path within the gap is corrected as well
 
 
+@pytest.mark.slow
 def test_without_a_camera_it_goes_on_for_ever(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
     """Degraded, never lost, with a standard deviation that grows and then stays."""
     estimates = run(drive, without(range(100_000)))
@@ -137,6 +140,7 @@ def test_without_a_camera_it_goes_on_for_ever(drive: TowedDrive, exact: dict[int
     assert np.all((stds > 0.03) & (stds < 0.3))  # [m]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -161,6 +165,7 @@ def test_confident_motions_that_contradict_the_signals_are_not_believed(
     assert np.abs(errors(estimates, exact, ticks)).max() < 0.15  # [m]; believed, it would be 0.5 m and more
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_wrong_for_long_is_never_called_good(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
     """Distances 10 % too long throughout: as of a camera that is turned."""
 
@@ -197,6 +202,7 @@ def test_a_keyframe_from_before_the_outage_corrects_the_bridge(
     assert max(estimates[tick].std for tick in late) < 0.02  # [m]
 
 
+@pytest.mark.slow
 def test_a_delayed_frame_is_brought_up_to_date(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
     """Frames arrive three captures late; the estimate is that of now."""
     fusion, path = FUSION.init(), BUFFER.init()
@@ -211,6 +217,7 @@ def test_a_delayed_frame_is_brought_up_to_date(drive: TowedDrive, exact: dict[in
     assert np.sqrt(np.mean(np.square(late))) < 0.015  # [m] dead reckoning of 0.3 s
 
 
+@pytest.mark.slow
 def test_without_signals_an_outage_is_bridged_at_the_last_velocity(drive: TowedDrive) -> None:
     """As without fusion: lost at once, and a new path after a second; no frozen signals are trusted either."""
     frozen: list[CombinationSignals] = []
@@ -284,6 +291,7 @@ def test_a_stuck_wheel_speed_does_not_discredit_the_camera(value: float | None) 
     assert all(estimates[tick].health is Health.OK for tick in ticks[-10:])
 
 
+@pytest.mark.slow
 def test_standing_through_an_outage_keeps_the_path() -> None:
     """Nineteen seconds in the dark at traffic lights: no drift, however wrong the gyros are."""
 
@@ -297,6 +305,7 @@ def test_standing_through_an_outage_keeps_the_path() -> None:
     assert estimates[34_100].health is Health.OK
 
 
+@pytest.mark.slow
 def test_reversing_through_an_outage_keeps_the_path_behind() -> None:
     """Six metres back in the dark: the path ahead is removed, and the rest is still known to centimetres."""
     drive = towed_drive(

@@ -92,6 +92,7 @@ FAULTS: dict[str, tuple[Signals, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.0, 3.0, 11.0], ids=["from the start", "on a straight", "in a bend"])
 @pytest.mark.parametrize(("fault", "name"), FAULTS.values(), ids=FAULTS.keys())
 def test_the_signal_at_fault_is_found_and_no_other(fault: Signals, name: str, start: float) -> None:

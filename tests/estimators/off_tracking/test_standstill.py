@@ -39,6 +39,7 @@ def blind(motion: BodyMotion, since: int | None = None) -> BodyMotion:
     return BodyMotion.lost(motion.tick, motion.previous_tick if since is None else since)
 
 
+@pytest.mark.slow
 def test_a_minute_at_a_stop_neither_moves_nor_fills_the_buffer() -> None:
     """A minute of noise: unwithheld it would walk 71 mm across and 2 mrad; here nothing comes of it."""
     stop = np.zeros(600)

@@ -46,6 +46,7 @@ def invoked(*arguments: str) -> Result:
     return CliRunner().invoke(app, arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -86,6 +87,7 @@ def test_bad_input_is_refused_in_one_line(arguments: list[str], says: list[str],
     assert sorted(here.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_missing_opengl_is_refused_in_one_line_before_anything_moves(tmp_path: Path) -> None:
     """EGL that can not be loaded looks to PyOpenGL like a machine without it; the line says what to install."""
     (tmp_path / "OpenGL").mkdir()
@@ -101,6 +103,7 @@ def test_missing_opengl_is_refused_in_one_line_before_anything_moves(tmp_path: P
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_a_run_leaves_a_complete_directory_and_runs_again_identically(here: Path) -> None:
     """The resolved scenario in the run directory is a scenario file: run with it, the signals are bitwise the same.
 
@@ -123,6 +126,7 @@ def test_a_run_leaves_a_complete_directory_and_runs_again_identically(here: Path
     assert hashes[0]["signals_sha256"] == hashes[1]["signals_sha256"]
 
 
+@pytest.mark.slow
 def test_a_run_of_a_doubtful_vehicle_says_so(here: Path) -> None:
     """A load behind the axles lifts the coupling: the vehicle is driven, and the doubt printed, written and shown."""
     change = ("--set", "plant.units.semitrailer.cg_x=-9.5")
@@ -134,6 +138,7 @@ def test_a_run_of_a_doubtful_vehicle_says_so(here: Path) -> None:
     assert warning in (here / "doubtful" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_controller_of_ones_own_runs_by_its_import_path(here: Path) -> None:
     """A file in the working directory is enough; its own parameters are set like any other key."""
     (here / "mine.py").write_text(

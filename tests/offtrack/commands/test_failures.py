@@ -82,6 +82,7 @@ ROVER_PARTS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("calls", [0, 2])
 @pytest.mark.parametrize(
     ("part", "method", "named", "scenario"),

@@ -81,6 +81,7 @@ def test_a_vehicle_is_shown_and_drawn(offtrack_vehicle: Path) -> None:
     assert str(sheet.relative_to(offtrack_vehicle)) in done.stdout
 
 
+@pytest.mark.slow
 def test_json_is_the_data_sheet_and_nothing_else(offtrack_vehicle: Path) -> None:
     """The same numbers as beside the drawing, with units in their names."""
     done = run("b_double", "--json", "--out", "sheet")
@@ -216,6 +217,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
     return cache(lambda name: save_sheet(open_sheet(name).draw, tmp_path_factory.mktemp(name)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rigid_truck", "a_double", "wb67", "el_dorado_ii", "el_dorado_ii_skid"])
 def test_the_sheet_is_to_scale_and_whole(name: str, drawn: Drawn) -> None:
     """Both pictures are there, with the same proportions, and no lettering leaves the border."""

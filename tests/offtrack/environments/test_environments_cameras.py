@@ -69,6 +69,7 @@ def one_world(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(BUILT_WORLD, _the_world)
 
 
+@pytest.mark.slow
 def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_world: None) -> None:
     """Two trailers swing out under steered axles; 0.03 m beside the truth of a tenth of a second ago, from the start.
 
@@ -98,6 +99,7 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
     assert np.array(alone) == pytest.approx(told[:11, 1], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None) -> None:
     """Ten images a second with their age; interleaved renderers draw what each draws alone; reduced images are means.
 
@@ -137,6 +139,7 @@ def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None)
     one.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("observation", ["estimate", "camera"])
 def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observation: str) -> None:
     """Warnings are errors here; where only the protocol counts, the estimator is one of the tractor's signals."""
@@ -146,6 +149,7 @@ def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observat
     env.close()
 
 
+@pytest.mark.slow
 def test_a_spawned_process_has_cameras_of_its_own() -> None:
     """A spawned process and this one make the same observation from the same options."""
 
@@ -202,6 +206,7 @@ def test_a_vehicle_of_a_fleet_is_looked_at_as_a_plant_looks_at_its_own() -> None
     assert back.bodies == pytest.approx(moved, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_rover_sees_its_trace_and_estimates_its_slip() -> None:
     """Nothing is known while there is no trace; on a side slope then its slip, within 2 deg once it is 1 m long."""
     env = gymnasium.make(ROVER, observation="estimate", disable_env_checker=True, render_mode="rgb_array")
@@ -220,6 +225,7 @@ def test_rover_sees_its_trace_and_estimates_its_slip() -> None:
     assert picture.shape == (600, 1400, 3)
 
 
+@pytest.mark.slow
 def test_rovers_pictures_are_decided_by_the_seed() -> None:
     """To the bit; on hard ground too, where there is no trace to see."""
     env = gymnasium.make(ROVER, observation="camera", image_scale=4)

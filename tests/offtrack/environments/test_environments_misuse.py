@@ -39,6 +39,7 @@ def same(one: Any, other: Any) -> None:
     np.testing.assert_equal(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
 @pytest.mark.parametrize(("name", "options"), KINDS)
 def test_a_copy_continues_the_episode_bitwise(name: str, options: dict[str, Any], copied: Any) -> None:

@@ -98,12 +98,14 @@ def check_final(env: CoreVectorEnv, seen: Features, done: NDArray[np.bool_], inf
         assert not np.array_equal(info["final_obs"][lane], seen[lane])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "options"), EVERY)
 def test_gymnasiums_own_checker_has_nothing_to_complain_of(name: str, options: dict[str, Any]) -> None:
     """Warnings are errors here, so recommendations count too; the render check would need a screen."""
     check_env(gymnasium.make(name, **options).unwrapped, skip_render_check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_vector_protocol_holds_in_every_mode_of_starting_again(mode: AutoresetMode) -> None:
     """Random steering ends many episodes in these steps, so resets are tested."""
@@ -112,6 +114,7 @@ def test_vector_protocol_holds_in_every_mode_of_starting_again(mode: AutoresetMo
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "options"), EVERY)
 def test_many_do_what_single_ones_do(name: str, options: dict[str, Any]) -> None:
     """Sub-environment k of a vector seeded with s is a single environment seeded with s + k; they differ in rounding.
@@ -153,6 +156,7 @@ def test_a_seed_decides_the_whole_episode_bitwise(name: str) -> None:
     assert np.array_equal(episode(pickle.loads(pickle.dumps(env))), first)
 
 
+@pytest.mark.slow
 def test_who_starts_again_leaves_the_others_as_they_would_have_been() -> None:
     """An episode's numbers depend on its own generator alone."""
     still, ending = (vector(TRAILER, 2, autoreset_mode=AutoresetMode.DISABLED) for _ in range(2))

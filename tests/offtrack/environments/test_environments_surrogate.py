@@ -193,6 +193,7 @@ def run_of(parameters: SurrogateParameters, seed: int, n: int) -> list[OffTracki
     return found
 
 
+@pytest.mark.slow
 def test_in_a_scenario_its_errors_are_the_same() -> None:
     """Bias, drift and noise as large as those of the environments' form, correlated as they are.
 

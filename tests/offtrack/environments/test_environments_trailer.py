@@ -37,6 +37,7 @@ def drawn(**values: float) -> Any:
     return domain.drawn(np.zeros((1, N_DRAWN)))
 
 
+@pytest.mark.slow
 def test_an_episode_is_what_plant_and_driver_of_a_scenario_do() -> None:
     """Twelve seconds into a roundabout with cross-fall at 20 km/h, trailer axles straight, against plant and driver.
 
@@ -67,6 +68,7 @@ def test_an_episode_is_what_plant_and_driver_of_a_scenario_do() -> None:
     assert np.array(told)[np.isfinite(true)] == pytest.approx(true[np.isfinite(true)], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_left_and_right_are_mirror_images() -> None:
     """On the mirrored roundabout every lateral quantity of the observation flips, and nothing else does."""
     seen = []

@@ -107,6 +107,7 @@ def docked(seeds: range) -> list[str]:
     return outcomes
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C compiler here: it takes a minute then")
 def test_a_scripted_driver_backs_into_most_bays() -> None:
     """Twelve drawn bays, frictions, loads and lengths; a law that knows the nominal lengths reaches at least nine."""

@@ -95,6 +95,7 @@ def test_a_directory_keeps_to_one_training(tmp_path: Path) -> None:
         check_directory(Plan(), tmp_path)
 
 
+@pytest.mark.slow
 def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:
     """A network of zeros is what `none` is, to the last bit; command steer is another thing."""
     names = 18
@@ -216,6 +217,7 @@ def features(observation: Observation) -> Features:
     return observation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["path_preview", "command_steer"])
 def test_a_law_steers_as_in_a_scenario(law: str) -> None:
     """A third of the roundabout with an estimate that is exact and a frame late: off-tracking within 1 cm RMS.

@@ -55,6 +55,7 @@ def slave_of(fmus: dict[int, Path], version: int, values: dict[str, float] | Non
     return Slave(fmus[version], fmus[version].with_suffix(""), values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_finds_no_problem(fmus: dict[int, Path], version: int) -> None:
     assert validate_fmu(str(fmus[version])) == []
@@ -303,6 +304,7 @@ def test_a_rover_has_inputs_for_every_wheel() -> None:
     assert len(names) == len(set(names))
 
 
+@pytest.mark.slow
 def test_our_own_fmu_in_a_run_drives_as_the_plant_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On a bank, with rough ground and another friction under the right wheels.
 

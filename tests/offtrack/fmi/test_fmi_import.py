@@ -53,6 +53,7 @@ def opened(law: Path, **parameters: float) -> FmuInstance:
     return FmuInstance(fmu, read_map(fmu, SIGNALS), parameters)
 
 
+@pytest.mark.slow
 def test_a_law_as_fmu_gives_the_log_of_the_same_law_in_python(law: Path) -> None:
     (law.parent / "same_law.py").write_text(
         "import numpy as np\n"
@@ -88,6 +89,7 @@ def without_collection() -> Iterator[None]:
     gc.enable()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_collection")
 def test_the_processes_of_fmus_end_with_the_session(law: Path, tmp_path: Path) -> None:
     """Law, driver and plant; a snapshot has three of its own, and so does one that is run to the end."""
@@ -159,6 +161,7 @@ def test_units_signs_and_offsets_of_a_map(own_law: Path) -> None:
     assert found["steer_demand_2"] == pytest.approx(np.deg2rad(-3.0))
 
 
+@pytest.mark.slow
 def test_a_plant_as_fmu_drives_under_our_driver(tmp_path: Path) -> None:
     plant = rolling_plant(tmp_path, load_vehicle("uk_longer_semitrailer").units[0].rear_hitch[0], 8.0)
     result = run(plant__fmu=str(plant), trailer_steering="none")

@@ -50,6 +50,7 @@ def calibration(reports: list[tuple[int, int]]) -> BoardCalibration:
     return calibrated(1, reports)
 
 
+@pytest.mark.slow
 def test_the_pose_between_the_cameras_is_found_again(calibration: BoardCalibration) -> None:
     """To some 0.03 deg, which self-calibration takes care of later, and a millimetre in 0.5 m: 0.2 % of all depths."""
     error = inverse(small().X_ClCr) @ calibration.rig.X_ClCr

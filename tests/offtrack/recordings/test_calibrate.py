@@ -46,6 +46,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp_path: Path) -> None:
     """The file holds the cameras as they are, and where they are on the trailer as it was given."""
     out = tmp_path / "my_rig.toml"
@@ -65,6 +66,7 @@ def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp
     assert "assumed" not in result.output
 
 
+@pytest.mark.slow
 def test_json_is_all_that_is_printed(photos: Path, tmp_path: Path) -> None:
     """For scripts: every image with its error."""
     result = calibrate(photos / "left", "--right", photos / "right", *GIVEN, "--json", "--out", tmp_path / "rig.toml")

@@ -190,6 +190,7 @@ def perfect(original: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     return out, json.loads(result.stdout)
 
 
+@pytest.mark.slow
 def test_everything_is_written_and_agrees(perfect: tuple[Path, dict[str, Any]]) -> None:
     """The off-tracking is that of the poses, and all files tell the same; every column of the Parquet has its unit.
 
@@ -292,6 +293,7 @@ def test_odometry_is_compared_with_itself(yard: Path) -> None:
     assert found["odometry"]["motion_nees_mean"] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_without_poses_nothing_is_compared(drawn_yard: Path) -> None:
     """Null, not zero; the report has no such section."""
     (drawn_yard / "poses.txt").unlink()
@@ -348,6 +350,7 @@ def test_times_are_kept_and_a_broken_first_frame_is_no_obstacle(yard: Path) -> N
     assert rows()[0]["time_s"] == "1403636579.700000"
 
 
+@pytest.mark.slow
 def test_what_the_recording_does_not_say_is_assumed_aloud_and_options_leave_nothing_to_assume(yard: Path) -> None:
     """A bare KITTI folder runs; the assumptions stand on the terminal, in the summary and on top of the report.
 
@@ -415,6 +418,7 @@ def test_an_interrupt_before_the_first_frame_leaves_empty_results(yard: Path, mo
     assert len(rows()) == FRAMES
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
 def test_the_video_has_a_picture_for_every_frame_in_real_time(yard: Path) -> None:
     """Dropped frames among them; one size throughout."""
@@ -428,6 +432,7 @@ def test_the_video_has_a_picture_for_every_frame_in_real_time(yard: Path) -> Non
         assert sum(1 for _ in container.decode(video=0)) == FRAMES
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
 def test_an_interrupt_while_the_video_is_drawn_keeps_the_estimates(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are complete by then; what there is of the video plays."""

@@ -17,6 +17,7 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.log import read_log
 
 
+@pytest.mark.slow
 def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same images, calibration and odometry: equal but for the twelve digits of the focal length in calib.txt."""
     monkeypatch.chdir(tmp_path)

@@ -13,6 +13,7 @@ SMALL = ("rig.width=672", "rig.height=240", "course.length=20", "world.scenery_d
 TURNED = (-0.15, 0.10, 0.05)  # roll, yaw, pitch [deg]
 
 
+@pytest.mark.slow
 def test_a_turned_camera_is_found_and_logged() -> None:
     """Half the resolution of the usual rig: twice its errors, so 0.01 deg after 20 m."""
     settings = (*SMALL, "rig.self_calibration=true", f"rig.misrotation_deg={list(TURNED)}")

@@ -16,6 +16,7 @@ from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicle", "law", "kmh"),
     [

@@ -176,6 +176,7 @@ def command() -> typer.Typer:
     return app
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
     """From the run directory alone: bodies at the places of the log, the road of its course, changed dimensions too."""
     scenario = load_scenario("roundabout", [*QUICK, "plant.units.semitrailer.width=3.0"])

@@ -149,6 +149,7 @@ def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
     assert [outcome.case for outcome in outcomes] == [cases[k] for k in sorted(asked)]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_study_that_stops_runs_what_it_needs(tmp_path: Path) -> None:
     """Everything is beyond an impossible limit: six draws are enough for 25 %; repeated, nothing more is run."""

@@ -30,6 +30,7 @@ def dragged() -> RunResult:
     return run(load_scenario("constant-slip", (*DRAGGED, *SMALL)), seed=1)
 
 
+@pytest.mark.slow
 def test_ground_watching_measures_a_dragged_trailer_to_20_mm(dragged: RunResult) -> None:
     """The bar for dry tarmac, at 18 km/h with half-size images: 0.5 m between frames that show 1.4 m."""
     error = error_of_estimate(dragged)
@@ -77,6 +78,7 @@ def circle() -> Iterator[Truth]:
         )
 
 
+@pytest.mark.slow
 def test_the_reference_units_off_tracking_is_within_30_mm() -> None:
     """The estimate of de Saxe & Cebon 2018, section 4.1, for theirs; the RMS over seeds of 40 s of drifting each."""
     truths = list(circle())
@@ -99,6 +101,7 @@ def test_wheels_that_reform_the_ground_are_the_trailers_and_the_last_ahead_of_it
     np.testing.assert_allclose(own[1::2], own[::2] * [1.0, -1.0])
 
 
+@pytest.mark.slow
 def test_reformed_ground_reaches_the_cameras() -> None:
     """With strips of 2.2 m the rear camera sees other ground behind the axles, and doubts are raised throughout."""
     result = run(load_scenario("constant-slip", (*DRAGGED, *SMALL, "surface.reformed_width=2.2")), seed=1)

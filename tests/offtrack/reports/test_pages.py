@@ -204,6 +204,7 @@ PAGES: Final = (run_html, rover_html, recording_html, slip_html, study_html, tun
                 validation_html)  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made", PAGES, ids=lambda made: made.__name__.removesuffix("_html"))
 def test_a_page_shows_hostile_names_as_text(made: Callable[[RunResult], str], camera_run: RunResult) -> None:
     """A name with a tag in it is shown with its brackets; it opens no element, in the page or in a figure."""

@@ -71,6 +71,7 @@ def check_all_parts(opened: Opened, log: Log, t: float, run: RunResult) -> None:
     assert f"picture {number + 1} of {len(times)}" in opened.page.inner_text('[data-part="caption"]')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["slider", "keys", "link", "chart"])
 def test_each_way_of_choosing_the_time_shows_what_the_log_holds(
     opened: Opened, log: Log, camera_run: RunResult, way: str
@@ -125,6 +126,7 @@ def test_play_moves_on_and_stops_at_the_end(opened: Opened) -> None:
     assert opened.value("player.t") == opened.value("player.end")
 
 
+@pytest.mark.slow
 def test_the_3d_view_draws_the_vehicle(opened: Opened) -> None:
     """Its picture changes with the time and is not of one colour."""
     page = opened.page
@@ -143,6 +145,7 @@ def test_the_3d_view_draws_the_vehicle(opened: Opened) -> None:
     page.click('[data-view="plan"]')
 
 
+@pytest.mark.slow
 def test_page_asks_nothing_of_a_network_and_is_quick(browser: Any, written: Path) -> None:
     with opened_page(browser, written / "report.html") as opened:
         opened.value("player.show(10)")
@@ -154,6 +157,7 @@ def test_page_asks_nothing_of_a_network_and_is_quick(browser: Any, written: Path
         assert float(opened.value("document.getElementById('player').dataset.ready")) < 3000.0  # 300 when quiet
 
 
+@pytest.mark.slow
 def test_the_page_fits_a_phone(browser: Any, written: Path) -> None:
     with opened_page(browser, written / "report.html", width=390, height=844, link="#t=8.00") as opened:
         assert opened.value("document.documentElement.scrollWidth") <= 390

@@ -31,6 +31,7 @@ def assessed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1400, 390])
 def test_an_assessment_plays_one_manoeuvre_at_a_time(browser: Any, assessed: Path, width: int) -> None:
     with opened_page(browser, assessed / "report.html", width=width) as opened:
@@ -49,6 +50,7 @@ def test_an_assessment_plays_one_manoeuvre_at_a_time(browser: Any, assessed: Pat
         assert opened.value("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.slow
 def test_a_rover_and_its_recording_play_with_their_images(browser: Any, tmp_path: Path) -> None:
     short = ["--set", "course.length=0.6"]
     offtrack("run", "rover-slope", *short, "--no-video", "--quiet", "--out", str(tmp_path / "run"),
@@ -64,6 +66,7 @@ def test_a_rover_and_its_recording_play_with_their_images(browser: Any, tmp_path
             assert opened.messages == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_study_leads_to_the_pages_of_its_runs(browser: Any, tmp_path: Path) -> None:
     """A click on a line of the drawing opens the page that plays the run; the first seed's runs play together."""

@@ -21,6 +21,7 @@ def page(camera_run: RunResult) -> str:
     return report_html(camera_run, camera_run.summary())
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else_and_shows_what_there_is(page: str, camera_run: RunResult) -> None:
     """It is mailed around and opened behind firewalls; xmlns and ids of SVG are names, not links.
 

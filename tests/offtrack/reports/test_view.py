@@ -39,6 +39,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [root / name for name in (*LAWS, "rover")]
 
 
+@pytest.mark.slow
 def test_two_runs_play_together_and_their_numbers_stand_side_by_side(
     browser: Any, runs: list[Path], tmp_path: Path
 ) -> None:
@@ -59,6 +60,7 @@ def test_two_runs_play_together_and_their_numbers_stand_side_by_side(
         assert all(run.name in table for run in runs[:2])
 
 
+@pytest.mark.slow
 def test_a_run_alone_is_rebuilt_as_it_was(runs: list[Path]) -> None:
     run = finished_run(runs[0], "one")
     assert isinstance(run.result, RunResult)

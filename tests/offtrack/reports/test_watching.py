@@ -78,6 +78,7 @@ def test_a_snapshot_holds_the_run_so_far_and_only_new_pictures(camera_run: RunRe
         assert answer(link, "playback?have=x")[0] == 404
 
 
+@pytest.mark.slow
 def test_a_page_follows_the_run_to_its_end(browser: Any, camera_run: RunResult) -> None:
     watcher = Watcher("a run")
     watcher.show(so_far(camera_run, 0.3))
@@ -97,6 +98,7 @@ def test_a_page_follows_the_run_to_its_end(browser: Any, camera_run: RunResult) 
         page.close()
 
 
+@pytest.mark.slow
 def test_a_watched_run_is_bitwise_the_same_and_a_page_that_goes_away_does_not_matter() -> None:
     scenario = load_any_scenario("turn-90", ["off_tracking=truth", "course.turn_deg=10", "speed_kmh=15"])
     assert isinstance(scenario, Scenario)

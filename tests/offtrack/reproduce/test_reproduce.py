@@ -28,6 +28,7 @@ APP = typer.Typer(pretty_exceptions_enable=False)
 APP.command()(reproduce)
 
 
+@pytest.mark.slow
 def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
     """Ten candidates beside ten published ones, best first; the confidences spread as widely as the paper's."""
     out = tmp_path / "made"
@@ -51,6 +52,7 @@ def test_sets_have_the_papers_numbers_of_images() -> None:
     assert [one.size for one in SETS] == [1560, 3456]
 
 
+@pytest.mark.slow
 def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
     """Two short ones with a tracker of one's own that sees no trace anywhere: nothing false, everything missed."""
     short = TraceSet(name="short", kinds=("uniform",), seeds=(101,), frames=4, profile="none", slope=0.0)

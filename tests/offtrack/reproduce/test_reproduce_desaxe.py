@@ -78,6 +78,7 @@ def make(name: str, *, quick: bool = False) -> Reproduction:
     return maker(name)(quick, no_progress)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_is_drawn_and_written(name: str, cheap: list[Case], tmp_path: Path) -> None:
     """Published numbers stand beside own ones; picture and data come of the same drives, of scenarios that can be."""
@@ -127,6 +128,7 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
     assert any("2 of 20" in note for note in made.notes)
 
 
+@pytest.mark.slow
 def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is finished first, and every case once."""
     monkeypatch.setattr(drives, "drive", lambda case, progress: f"drive {case.seed}")
@@ -184,6 +186,7 @@ def test_bias_is_told_apart_by_side() -> None:
     assert desaxe2018_field.biases(drive, "viso2") == pytest.approx((0.0, 0.2))
 
 
+@pytest.mark.slow
 def test_field_tests_are_driven_as_in_the_paper() -> None:
     """40 km/h before the turn, 15 km/h in it, and 3.3 m of off-tracking: the paper's 0.11 m are 3.3 % of it.
 

@@ -47,6 +47,7 @@ def by_key(assessment: Assessment) -> dict[str, Manoeuvre]:
     return {manoeuvre.key: manoeuvre for manoeuvre in assessment.manoeuvres}
 
 
+@pytest.mark.slow
 def test_every_manoeuvre_is_driven_and_measured(assessed: Assessment) -> None:
     """A dry road and a well-behaved vehicle: nothing befalls it, and everything can be measured."""
     assert tuple(by_key(assessed)) == MANOEUVRES
@@ -98,6 +99,7 @@ def test_cross_fall_makes_the_combination_crab(assessed: Assessment) -> None:
     assert 2.55 + 0.05 < figures["tracking_width_m"] < 2.55 + 0.25
 
 
+@pytest.mark.slow
 def test_a_steered_trailer_needs_less_room() -> None:
     """The path-following law takes the cut-in of a 14 m trailer away in the turn, at 10 km/h."""
     vehicle, brisk = load_vehicle("uk_longer_semitrailer"), Conditions(speed=10.0 / 3.6)
@@ -208,6 +210,7 @@ def test_bad_input_ends_in_one_line_and_code_2(
     assert len(done.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_turn_to_the_right_is_the_mirror_of_one_to_the_left() -> None:
     """Nothing in the vehicle or on flat ground distinguishes the sides: equal to rounding, some 1e4 steps long."""
     left, right = (ctsw_turn(load_vehicle("rigid_truck"), "none", Conditions(hand=hand)) for hand in ("left", "right"))
@@ -218,6 +221,7 @@ def test_a_turn_to_the_right_is_the_mirror_of_one_to_the_left() -> None:
     np.testing.assert_allclose(right.course * (1.0, -1.0), left.course, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_aashto_turn_has_the_published_inside_radius() -> None:
     """WB-62: 7.4 ft (AASHTO table, as printed by sddc.army.mil), to 0.1 ft.
 
@@ -248,6 +252,7 @@ def test_the_inner_radius_of_a_turn_is_that_of_plane_geometry() -> None:
     assert math.isnan(inner_radius([outline], [middle], []))
 
 
+@pytest.mark.slow
 def test_cases_and_conditions_make_a_matrix() -> None:
     """Both hands of a turn on a wider radius, and a manoeuvre without a hand once; only the standard's are judged."""
     conditions = [Conditions(hand=hand, radius=15.0) for hand in HANDS]

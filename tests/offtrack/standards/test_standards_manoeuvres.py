@@ -72,6 +72,7 @@ def test_split_friction_is_steered_out(vehicle: Vehicle, hand: str) -> None:
     assert 0.2 * 9.81 < figures["braking_split_mean_deceleration_m_s2"] < 0.5 * 9.81
 
 
+@pytest.mark.slow
 def test_it_keeps_its_lane_in_the_turn_with_abs_only(vehicle: Vehicle) -> None:
     """A lane of 12 ft on a curve of 500 ft, as FMVSS 121 asks of tractors."""
     held = braking_in_turn(vehicle).figures
@@ -319,6 +320,7 @@ def test_the_random_steer_excites_what_it_says() -> None:
     assert spectrum[~inside].max() < 1e-9 * spectrum.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck", "a_double"])
 def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) -> None:
     """Small accelerations, theory with the same lags of tyres and roll: within 3 % at every frequency that matters."""
@@ -403,6 +405,7 @@ def test_linear_theory_gives_the_reference_figures_of_the_audited_set() -> None:
     assert figures["transient_off_tracking_m"] == pytest.approx(0.336, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_audited_set_amplifies_as_linear_theory_says() -> None:
     """Simulated whole, on linear tyres: roll, 0.05 m of relaxation and 0.15 g of nonlinearity leave a few per cent."""
     vehicle = audited()

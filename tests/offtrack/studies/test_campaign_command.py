@@ -204,6 +204,7 @@ def invoked(*arguments: str) -> Result:
     return CliRunner().invoke(app, ["campaign", *arguments])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_campaign_is_run_judged_and_reported_and_its_runs_are_used_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -271,6 +272,7 @@ only.trailer_steering = "none"
 """
 
 
+@pytest.mark.slow
 def test_an_interrupted_campaign_and_its_bisection_are_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -335,6 +337,7 @@ def test_the_default_campaign_has_every_fault_that_the_scenario_can_have() -> No
     assert len(made.cases()) == (2 * len(kinds) + 1) * 3 * 2
 
 
+@pytest.mark.slow
 def test_the_log_of_a_run_with_faults_says_what_the_guard_does() -> None:
     """Messages are lost from 4 s to 5.5 s: the guard hands over within a second or so, and back some time later."""
     log = run(load_scenario("roundabout", [*SHORT, "faults=dropout:1@4+1.5"]), 1).log

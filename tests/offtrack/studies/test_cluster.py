@@ -68,6 +68,7 @@ def scheduler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
             yield cluster
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_runs_on_a_cluster_are_those_of_the_pool(
     study: Path, tmp_path: Path, scheduler: Any, monkeypatch: pytest.MonkeyPatch
@@ -100,6 +101,7 @@ def test_runs_on_a_cluster_are_those_of_the_pool(
         run_cases(cases, tmp_path / "none", RunOptions(jobs=1, executor=executor))
 
 
+@pytest.mark.slow
 def test_a_worker_without_the_files_gets_them_and_returns_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

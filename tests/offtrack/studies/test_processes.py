@@ -105,6 +105,7 @@ def test_an_interrupt_waits_for_the_end_of_a_step() -> None:
         signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_costs_its_own_task_one_more_try(tmp_path: Path) -> None:
     """One task dies at its first try, one at every try, one takes too long; the others are done as if nothing was."""
     once = "import os, pathlib\nmark = pathlib.Path({!r})\n"

@@ -106,6 +106,7 @@ def test_groups_of_failed_runs_are_left_out_and_named(tmp_path: Path) -> None:
     assert [one.indices for one in none] == [()]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_real_study_has_its_indices_in_every_output(tmp_path: Path) -> None:
     """JSON, CSV and report; a number of the model among the keys."""

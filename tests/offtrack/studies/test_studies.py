@@ -133,6 +133,7 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
     assert not list((tmp_path / "cells").glob("*.json"))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path) -> None:
     """Host, processor, engine and duration are in both tables; --where names a value of an axis."""
@@ -158,6 +159,7 @@ def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path
     assert "no run of the study has these values" in swept("--where", "speed_kmh=7", code=2)
 
 
+@pytest.mark.slow
 def test_that_the_model_is_interpreted_is_said_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -294,6 +296,7 @@ def test_a_law_with_a_file_of_parameters_is_that_law_with_them(tmp_path: Path) -
         _ = Case(scenario="roundabout", fixed=(), axes=(("trailer_steering", f"mpc@{whole}"),), seed=1).settings
 
 
+@pytest.mark.slow
 def test_finished_runs_are_compared_by_their_names(tmp_path: Path) -> None:
     settings = {"off_tracking": "truth", "course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
     for name, law in (("first", "none"), ("second", "command_steer")):

@@ -146,6 +146,7 @@ def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: p
     assert identity.identity("", 1) != identity.identity("", 2)
 
 
+@pytest.mark.slow
 def test_files_that_a_law_opens_by_itself_count_too(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

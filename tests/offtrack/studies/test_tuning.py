@@ -45,6 +45,7 @@ def arguments(out: Path, trials: int) -> list[str]:
     return ["tune", "roundabout", "--trials", str(trials), *sets, *fixed, "--json", "--out", str(out)]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_trials_are_gone_on_with_and_the_defaults_come_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One trial, then two in the same directory: the first is that of before, and has the defaults."""
@@ -181,6 +182,7 @@ def shared_tuning(folder: Path) -> Tuning:
     return in_database(one, f"sqlite:///{folder / 'trials.db'}")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Heartbeat of storage")  # of trials that the test begins by itself
 def test_trials_in_a_database_are_shared_and_dead_ones_are_tried_again(tmp_path: Path) -> None:
     """The trial of a process that has ended is failed at once, and its parameters are the next; the others' are not."""

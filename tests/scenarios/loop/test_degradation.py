@@ -50,6 +50,7 @@ def assert_safe(result: RunResult) -> None:
         assert np.abs(np.diff(demand)).max() <= STEER_RATE * 0.02 + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "worst"),
     [
@@ -79,6 +80,7 @@ def test_a_signal_at_fault_for_good_does_not_cost_a_sound_estimate() -> None:
     assert [warning for warning in result.warnings if "wheel speed distrusted from 6." in warning]
 
 
+@pytest.mark.slow
 def test_an_offset_of_the_axles_for_good_costs_mpc_nothing() -> None:
     """Its model has no such disturbance: without supervision it drifts by metres from 6 deg on."""
     fault = ("trailer_steering=mpc", "speed_kmh=15", "faults=actuator_offset:8@3")
@@ -89,6 +91,7 @@ def test_an_offset_of_the_axles_for_good_costs_mpc_nothing() -> None:
     assert result.log["axles_at_fault"][-1] == 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "worst"),
     # the path of the first two has a chord of 5 m in a bend afterwards; the others change lane with straight wheels
@@ -109,6 +112,7 @@ def test_no_law_is_upset_by_what_befalls_its_messages(law: str, worst: float, fa
     assert abs(error[-1]) < 0.3  # and is dying out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["desync:0.05@3+1", "decalibration@3", "dirt:0.8@3", "glare:4@3", "blackout@3+1"])
 def test_faults_of_the_cameras_do_no_harm(fault: str) -> None:
     """Small pictures and a short turn: whatever the odometry makes of it, the trailer is steered within its limits."""
@@ -117,6 +121,7 @@ def test_faults_of_the_cameras_do_no_harm(fault: str) -> None:
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < 1.5  # dirt, worst, 1 m; command steer alone 0.8 m
 
 
+@pytest.mark.slow
 def test_how_a_fault_is_answered_is_the_users_choice() -> None:
     """Straight wheels in a turn cut in by more than command steer, and by more the sooner they are there."""
     lost = (*ROUND, "faults=dropout:1@10.5")
@@ -125,6 +130,7 @@ def test_how_a_fault_is_answered_is_the_users_choice() -> None:
     assert np.nanmax(np.abs(straight)) > 1.5 * np.nanmax(np.abs(command_steer))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "course"),
     [  # to the left over its mud and to the right: the third turn is as the second
@@ -144,6 +150,7 @@ def test_path_preview_keeps_to_the_path_where_it_is_slippery(name: str, course: 
     assert np.nanmax(np.abs(error)) < 0.09
 
 
+@pytest.mark.slow
 def test_a_trailer_that_begins_on_a_slippery_slope_does_not_begin_beside_its_path() -> None:
     """Friction 0.2 on a cross-fall of 5 %: left alone until the buffer is full it gets 0.135 m beside it."""
     settings = ("surface.friction=0.2", "surface.cross_fall=0.05", "course.turn_deg=30", "course.exit=5")

@@ -53,6 +53,7 @@ def test_other_wheelbases_are_stable_without_tuning(wheelbase: float) -> None:
     assert max(growth(vehicle, vehicle, kmh) for kmh in (1.0, 2.5, 10.0, 50.0, 110.0)) < 0.0
 
 
+@pytest.mark.slow
 def test_a_lane_change_is_that_of_the_linear_theory() -> None:
     """0.05 g at 88 km/h, the A-double on tyres without damping: its path, amplification, and the straight after it.
 
@@ -80,6 +81,7 @@ def test_a_lane_change_is_that_of_the_linear_theory() -> None:
     assert measured == pytest.approx(linear_figures(vehicle)["rearward_amplification"], rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "kmh", "lateral", "friction"),
     [

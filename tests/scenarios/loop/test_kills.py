@@ -10,6 +10,7 @@ import pytest
 from tests.kills.campaign import COMMANDS, killed, prepare
 
 
+@pytest.mark.slow
 def test_a_terminated_study_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit code 143, no worker left after 5 s; the next one makes the other runs only."""
     monkeypatch.setitem(COMMANDS, "sweep", ["sweep", "study.toml", "--jobs", "1", "--out", "out"])

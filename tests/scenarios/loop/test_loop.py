@@ -96,6 +96,7 @@ def seen(worlds: Any) -> RunResult:
     return run(load_scenario("constant-slip", SEEN), 1, progress=interrupted_after(100))
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_bitwise_the_same_log_and_images(worlds: Any, seen: RunResult) -> None:
     """Determinism is what makes a run evidence; another seed must show another world."""
     scenario = load_scenario("constant-slip", SEEN)
@@ -119,6 +120,7 @@ def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other(seen: RunResult
     assert "paced" not in seen.summary()
 
 
+@pytest.mark.slow
 def test_left_and_right_roundabout_are_mirror_images() -> None:
     """With exact estimates nothing knows left from right; rounding grows a little over thousands of slipping steps."""
     left, right = short().log, short("course.direction=right").log
@@ -127,6 +129,7 @@ def test_left_and_right_roundabout_are_mirror_images() -> None:
         np.testing.assert_allclose(left[name], -right[name], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_lane_change_seen_by_cameras_keeps_the_trailer_on_its_path() -> None:
     """At 25 km/h path preview has its full authority, and all signals are sound: it needs no fallback.
 
@@ -142,6 +145,7 @@ def test_a_lane_change_seen_by_cameras_keeps_the_trailer_on_its_path() -> None:
     assert np.degrees(np.abs(result.log["steer_trailer_1"]).max()) > 3.0  # it steers
 
 
+@pytest.mark.slow
 def test_with_cameras_left_and_right_agree_to_the_odometrys_noise() -> None:
     """The worlds differ, the vehicle does not: what the camera adds to the mirror image is millimetres of drift.
 
@@ -177,6 +181,7 @@ def test_exact_poses_have_the_true_off_tracking_on_rough_banked_ground() -> None
     assert np.ptp(result.log["roll_semitrailer"]) > math.radians(1.0)
 
 
+@pytest.mark.slow
 def test_path_following_takes_away_the_cut_in() -> None:
     """Unsteered, the long trailer's rear cuts in by metres; following the hitch's path, by centimetres."""
     third = "course.turn_deg=120"
@@ -189,6 +194,7 @@ def test_path_following_takes_away_the_cut_in() -> None:
     assert followed < 0.12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "setting",
     [
@@ -251,6 +257,7 @@ def test_what_befalls_a_combination_is_the_outcome_of_its_run(outcome: str, sett
     assert result.summary()["outcome"] == outcome
 
 
+@pytest.mark.slow
 def test_a_long_trailer_that_cuts_in_has_not_left_the_road() -> None:
     """Its wheels run 5 m inside the tractor's path, beyond the road's edge; the tractor is on it."""
     result = short("course.turn_deg=360", "trailer_steering=none")
@@ -258,6 +265,7 @@ def test_a_long_trailer_that_cuts_in_has_not_left_the_road() -> None:
     assert result.outcome == "completed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "course"), [("turn-90", ("course.entry=20", "course.exit=25")), ("lane-change", ())])
 def test_the_standard_courses_are_driven_to_their_end(name: str, course: tuple[str, ...]) -> None:
     """In the closed loop the tractor stays within 0.3 m of its path at any speed, and its steering comes to rest.

@@ -120,6 +120,7 @@ def test_its_own_reference_line_is_a_course(tmp_path: Path) -> None:
     assert math.dist(places[0], places[1]) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_wheels_and_cameras_meet_the_same_hump(tmp_path: Path) -> None:
     """Half a hump lifts the wheels of one side; the drawn ground is as high as it, within 5 mm."""
     path = written(tmp_path / "hump.crg", np.where(V > 0.0, BUMP, 0.0), "KRBI")

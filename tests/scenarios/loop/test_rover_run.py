@@ -36,6 +36,7 @@ def aside(result: RoverResult) -> float:
     return abs(float(result.log["cross_track_true"][-1]))
 
 
+@pytest.mark.slow
 def test_a_slope_carries_an_uncompensated_rover_off_its_path() -> None:
     """2.3 m of a 5 degree side slope at some 4 degrees of slip: 2.3 m tan(4 deg) = 0.16 m; half of it is asked for."""
     result = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none")
@@ -44,6 +45,7 @@ def test_a_slope_carries_an_uncompensated_rover_off_its_path() -> None:
     assert result.log["slip_angle_true"][-1] < math.radians(-2.0)  # down the slope, to the right
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "compensation"), [("rover-slope", "crab"), ("rover-slope", "heading"), ("rover-uphill", "heading")]
 )
@@ -109,6 +111,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "run", folder / "images"
 
 
+@pytest.mark.slow
 def test_a_run_leaves_its_directory(recorded: tuple[Path, Path]) -> None:
     """The same files as a trailer's run; the resolved scenario runs again to the bit, images and signals."""
     run, _ = recorded
@@ -120,6 +123,7 @@ def test_a_run_leaves_its_directory(recorded: tuple[Path, Path]) -> None:
     assert again.manifest["frames_sha256"] == manifest["frames_sha256"]
 
 
+@pytest.mark.slow
 def test_a_recording_gives_the_estimates_of_the_run(recorded: tuple[Path, Path], tmp_path: Path) -> None:
     """The estimator gets from files what it got in the loop; the CSV keeps nine digits of readings."""
     run, images = recorded
@@ -206,6 +210,7 @@ def test_what_can_not_be_run_is_one_line(settings: list[str], said: str, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_frozen_camera_is_lost_and_the_drift_carried_on() -> None:
     """From the first repeated image on; 0.1 m later, after 1.25 s, the rover no longer counts on a slip angle."""
     log = driven("rover-slope", *SHORT, "course.length=0.7", "faults=freeze@5+2").log

@@ -46,6 +46,7 @@ def shunted() -> TrailerSession:
     return ridden("reversing", SHORT)
 
 
+@pytest.mark.slow
 def test_a_shunt_is_driven_to_its_end(shunted: TrailerSession) -> None:
     """15 m back along the trailer's own way, at walking pace, and on to the course's end."""
     v = np.array([row.truth.velocities[0, 0] for row in shunted.rows])
@@ -78,6 +79,7 @@ def test_steered_axles_are_straight_backwards_and_steer_again_forwards(shunted: 
     assert np.abs(np.diff(angles, axis=0)).max() < 0.01 * math.radians(20.5)  # never faster than the actuators
 
 
+@pytest.mark.slow
 def test_standstills_leave_path_preview_as_it_was() -> None:
     """A stop of four seconds in the turn: neither the axles nor the off-tracking do anything while it stands."""
     stops = "driver.stops=[{station=40.0, wait=4.0}]"

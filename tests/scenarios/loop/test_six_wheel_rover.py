@@ -27,6 +27,7 @@ def driven(*settings: str, record: Path | None = None) -> RoverResult:
     return run(scenario, 1, record=recording_in(record) if record else None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compensation", ["crab", "heading"])
 def test_it_holds_its_path_across_a_slope(compensation: str) -> None:
     """With a known slip the residual compass deviation of 0.3 degrees is left over 3 m, as with four wheels."""
@@ -37,6 +38,7 @@ def test_it_holds_its_path_across_a_slope(compensation: str) -> None:
     assert loads == pytest.approx(np.full(len(result.log), 42.6 * 9.81), rel=0.005)  # cos(5 deg) = 0.996
 
 
+@pytest.mark.slow
 def test_the_trace_of_three_wheels_in_line_shows_the_slip(tmp_path: Path) -> None:
     """Heading compensation lets the body slip by some 4 degrees; FTrace+ sees it within its 1.4 degrees of accuracy.
 

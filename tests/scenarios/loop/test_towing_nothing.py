@@ -63,6 +63,7 @@ def test_the_origin_of_the_frame_changes_no_motion(name: str) -> None:
     assert (seen.x, seen.y, seen.v_x, seen.v_y) == pytest.approx((ego.x, ego.y, ego.v_x, ego.v_y), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_straight_rear_axles_cut_in_by_the_closed_form(straight: RunResult) -> None:
     """Axles that spread by t about L behind the front act as one at L + t^2 / L; the body turns about a point beside.
 
@@ -78,6 +79,7 @@ def test_straight_rear_axles_cut_in_by_the_closed_form(straight: RunResult) -> N
     assert deepest == pytest.approx(-cut_in, rel=0.05)  # tyres slip a little; the driver rounds the entry
 
 
+@pytest.mark.slow
 def test_a_law_that_steers_the_own_rear_axles_keeps_the_rear_on_the_path(
     straight: RunResult, steered: RunResult
 ) -> None:
@@ -118,6 +120,7 @@ def test_the_front_wheels_say_where_the_leading_point_goes() -> None:
     np.testing.assert_allclose(command.angles, expected, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["command_steer", "virtual_driver", "ct_at"])
 def test_other_laws_steer_it_too(law: str) -> None:
     result = driven(law, "course.turn_deg=90", "course.exit=10")
@@ -140,6 +143,7 @@ def test_parts_that_need_a_hitch_are_refused_in_one_line(settings: tuple[str, ..
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "settings"),
     [

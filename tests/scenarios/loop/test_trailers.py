@@ -21,6 +21,7 @@ def double() -> RunResult:
     return run(load_scenario("roundabout", (*DOUBLE, "off_tracking=truth")), 1)
 
 
+@pytest.mark.slow
 def test_each_trailer_follows_its_own_hitch(double: RunResult) -> None:
     """Both follow points keep within 5 cm, where unsteered ones cut in by half a metre: 60 deg of the 12.5 m circle."""
     of_each = trailer_summaries(double)
@@ -55,6 +56,7 @@ def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(
     assert "lead trailer" in report_html(double, double.summary())
 
 
+@pytest.mark.slow
 def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_good() -> None:
     """At 5 km/h the tyres' slip is small: within 5 cm; the noise of the sensors then shows."""
     course = ("course.turn_deg=30", "course.exit=5", "course.entry=20")
@@ -68,6 +70,7 @@ def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_goo
     assert errors[1]["estimate_error_max_m"] > 2.0 * errors[0]["estimate_error_max_m"]  # type: ignore[operator]  # too
 
 
+@pytest.mark.slow
 def test_steer_groups_turn_axles_by_one_angle_or_each_by_its_own() -> None:
     """Single: both steered axles alike. Common centre: the rear one turns more, both lines meet on the front's."""
     settings = ("off_tracking=truth", "reference_unit=false", "course.entry=20", "course.turn_deg=40", "course.exit=5")

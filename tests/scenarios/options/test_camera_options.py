@@ -103,6 +103,7 @@ def test_cameras_at_the_sides_stand_on_the_edge_of_the_roof_that_they_look_over(
     assert rig.calibration().X_SC[1, 2] * rig.y >= 0.0  # the optical axis points outwards
 
 
+@pytest.mark.slow
 def test_perfect_cameras_stay_the_plain_ones() -> None:
     """They cost nothing more, and their frames are those that they always were."""
     parts = assemble(scenario("rig.noise=1.5", "world.sun_elevation_deg=20", "world.scenery_density=0"), seed=1)

@@ -24,6 +24,7 @@ def circle() -> offtrack.Run:
     return offtrack.run("roundabout", settings=settings)
 
 
+@pytest.mark.slow
 def test_acceleration_of_a_steady_circle_is_that_of_the_centre_of_gravity(circle: offtrack.Run) -> None:
     """v^2 / R of the point, along the unit's own y axis."""
     vehicle = load_vehicle("eu_tractor_semitrailer")

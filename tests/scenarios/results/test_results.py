@@ -98,6 +98,7 @@ def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run:
         assert "Nothing to draw" in (tmp_path / f"run-{rows}" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> None:
     """Everything that is promised, and nothing of the writing left behind."""
     short = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, camera_run.log.rows[:900]))
@@ -203,6 +204,7 @@ def test_a_number_is_taken_at_the_start(tmp_path: Path) -> None:
     assert not (tmp_path / "others").exists()
 
 
+@pytest.mark.slow
 def test_the_run_is_written_before_its_video_is_drawn(
     camera_run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -59,6 +59,7 @@ def test_a_run_directory_runs_again_elsewhere_and_after_its_vehicle_file_was_edi
     assert logs[0] == logs[1]
 
 
+@pytest.mark.slow
 def test_a_rerun_on_changed_own_modules_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also of a module that the law's module imports; unchanged ones are passed over."""
     monkeypatch.chdir(tmp_path)

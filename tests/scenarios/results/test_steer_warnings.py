@@ -130,6 +130,7 @@ class Swaying(SteeringLaw[None]):
         return memory, SteerCommand(angles=np.full(self._n, angle))
 
 
+@pytest.mark.slow
 def test_a_run_that_completes_swaying_says_so() -> None:
     """Every steered axle is named in the run's warnings; the run itself is completed."""
     settings = (

@@ -41,6 +41,7 @@ def placed(vehicle: Vehicle, engine: Engine = "auto") -> PlantBatch:
     return batch
 
 
+@pytest.mark.slow
 def test_each_lane_on_a_plane_is_a_plant(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """Loads from empty to full, and each on its own friction and cross-fall, forwards and backwards."""
     tractor, trailer = longer_semitrailer.units

@@ -59,6 +59,7 @@ def test_traction_control_keeps_the_rims_at_its_slip(
     assert np.max(run.rims - 1.15 * np.abs(run.speed)) < 0.6
 
 
+@pytest.mark.slow
 def test_the_governor_alone_keeps_the_rims_in_gear(tractor_semitrailer: Vehicle) -> None:
     """On an icy hill at full throttle they spun up to 113 km/h; in the lowest gear they have 2.6 m/s."""
     run = driven(
@@ -97,6 +98,7 @@ def retarded(tractor_semitrailer: Vehicle) -> Vehicle:
     return changed(tractor_semitrailer, retarder=first)
 
 
+@pytest.mark.slow
 def test_a_light_demand_downhill_leaves_the_service_brakes_alone(retarded: Vehicle) -> None:
     """0.6 m/s2 of 40 t are 24 kN, which the endurance brake has up to 250 kW / 24 kN = 10.4 m/s."""
     run = driven(retarded, Surface(friction=0.8, grade=-0.05), 8.0, -0.6, 4.0)

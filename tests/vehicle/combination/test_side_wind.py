@@ -60,6 +60,7 @@ def test_the_trailer_s_wind_reaches_the_tractor_through_the_hitch(tractor_semitr
     assert pushed == pytest.approx(0.6 * areas * math.hypot(20.0, 8.0) * 8.0, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_a_gust_moves_the_vehicle_to_leeward(tractor_semitrailer: Vehicle) -> None:
     """From the right at 20 m/s over 30 m of the road: it leans and drifts to the left, and nothing before the gust."""
     gust = Gust(speed=20.0, start=30.0, length=30.0)

@@ -106,6 +106,7 @@ def test_every_shipped_vehicle_has_all_systems(name: str) -> None:
             assert unit.rear_x < unit.side_wind.x < unit.front_x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", vehicle_names())
 def test_handling_is_that_of_vehicles_on_the_road(name: str) -> None:
     """Australian PBS: yaw damping ratio at least 0.15, rollover not below 0.35 g; and trucks do not oversteer laden."""

@@ -110,6 +110,7 @@ def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> No
     check_all_ways(step_function, chain, "interpreted", ticks)
 
 
+@pytest.mark.slow
 @with_compiler
 @pytest.mark.parametrize("ticks", [1, 5])
 @pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
@@ -118,6 +119,7 @@ def test_compiled_steps_are_as_interpreted(name: str, ticks: int, request: pytes
     check_all_ways(step_function, request.getfixturevalue(name), "compiled", ticks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["interpreted", pytest.param("compiled", marks=with_compiler)])
 def test_wheels_look_alike_all_ways(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """Loads, slip and friction used, with an arc tangent of our own in compiled code."""

@@ -24,6 +24,7 @@ def test_symbols_are_named_after_their_places_in_the_file(tractor_semitrailer: V
     assert twin.vehicle.name == tractor_semitrailer.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", vehicle_names())
 def test_the_twin_with_its_numbers_is_the_vehicle(name: str) -> None:
     """Every shipped vehicle: rates of a random state from the symbols and from the numbers."""

@@ -110,6 +110,7 @@ def test_six_wheels_share_the_load_and_tip_about_the_rearmost() -> None:
     assert rover_sheet(rover, []).loads == pytest.approx([rover.mass * GRAVITY / 6.0] * 6)
 
 
+@pytest.mark.slow
 def test_a_wheel_without_a_drive_costs_pull() -> None:
     """Two wheels of four roll freely: less than half of the pull, as they resist."""
     rover, soil = load_rover("el_dorado_ii"), load_soil("lunar_regolith_simulant")

@@ -23,6 +23,7 @@ STRAIGHT = (0.0,) * 6
 FORWARD = RoverCommand((OMEGA,) * 6, STRAIGHT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("soil", [None, "beach_sand", "toyoura_sand"])
 def test_it_drives_straight_on_the_level(soil: str | None) -> None:
     """Mirror symmetry keeps it on its line but for rounding; front, middle and rear wheels carry a sixth each."""
@@ -50,6 +51,7 @@ def test_loads_hold_the_weight_and_its_moments_on_a_slope(rover: Rover, directio
     assert truth.loads @ rover.wheel_places == pytest.approx(-pull * np.array([e_x, e_y]), abs=1e-4 * weight)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rover", [SIX, FOUR], ids=lambda rover: rover.name)
 def test_left_and_right_are_alike(rover: Rover) -> None:
     """Slope, steering and wheel speeds mirrored: every lateral quantity flips, but for rounding in 10 s of slipping."""
@@ -125,6 +127,7 @@ def test_some_wheels_may_be_steered_and_others_not() -> None:
         plant.step(plant.initial_state(HOME), RoverCommand(STRAIGHT, (0.1,) * 6), 10)
 
 
+@pytest.mark.slow
 def test_the_order_of_the_wheels_does_not_matter() -> None:
     """Four wheels in another order move the body as before, but for rounding of sums."""
     order = [3, 0, 2, 1]

@@ -45,6 +45,7 @@ def forces(soil: str, truth: RoverTruth) -> FloatArray:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("soil", ["toyoura_sand", "beach_sand", "lunar_regolith_simulant"])
 def test_driving_straight_along_a_side_slope_it_drifts_downhill(soil: str) -> None:
     """5 degrees of slope and 8 cm/s, as in Reina 2008, fig. 8: some degrees of slip angle, and hardly any yaw.
@@ -56,6 +57,7 @@ def test_driving_straight_along_a_side_slope_it_drifts_downhill(soil: str) -> No
     assert abs(math.degrees(float(truth.pose[2]))) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("soil", ["toyoura_sand", "k10_mini_sand"])
 def test_steady_forces_are_the_integrated_stresses(soil: str) -> None:
     """Steadily drifting, the stresses under the wheels carry the loads and hold the rover's weight on the slope.
@@ -182,6 +184,7 @@ def test_integration_steps_are_short_enough(soil: str | None) -> None:
     assert coarse[:3] == pytest.approx(fine[:3], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_compiled_and_interpreted_are_the_same() -> None:
     """Equal but for rounding, which does not grow in 5 s of slipping."""
     if compiler() is None:
