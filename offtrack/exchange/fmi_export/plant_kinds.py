@@ -99,7 +99,12 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
 def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
     """Inputs in the order of ``CommandInputs`` and ``GroundInputs``, then heights and slopes below the bodies."""
     units = [unit.name for unit in vehicle.units]
-    axles = [(unit.name, k) for unit in vehicle.units[1:] for k, _ in enumerate(unit.steered_axles, start=1)]
+    axles = [
+        (unit.name, k)
+        for unit in vehicle.units
+        for k, axle in enumerate(unit.steered_axles, start=1)
+        if axle.steered_by_law or unit is not vehicle.units[0]
+    ]
     axle_names = [f"axle {k} of {unit.name}" for unit in vehicle.units for k, _ in enumerate(unit.axles, start=1)]
     tyres = _wheel_names(vehicle)
     inputs = [
