@@ -185,7 +185,7 @@ def test_files_opened_are_told_from_those_that_are_named_or_written(
     monkeypatch.setattr(identity, "_unnamed", {})
     for name in ("table.txt", "option.txt", "second.txt"):
         (tmp_path / name).write_text("1")
-    monkeypatch.setattr(identity, "_written", set())  # as if another process had written them
+    monkeypatch.setattr(identity, "_own_files", set())  # as if another process had written them
     identity.watch_files()
     (tmp_path / "table.txt").read_text()
     (tmp_path / "option.txt").read_text()
