@@ -183,7 +183,7 @@ def _recordings_case(folder: Path) -> Fingerprint:
     """Estimators on the images of a trailer and of a rover."""
     hashes: Fingerprint = {}
     for name, length, what in (
-        ("constant-slip", "course.length=15", "off-tracking"),
+        ("constant-slip", "course.length=25", "off-tracking"),
         ("rover-slope", "course.length=3", "slip"),
     ):
         images = folder / f"{name} images"
