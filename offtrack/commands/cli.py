@@ -49,10 +49,18 @@ _COMMANDS: Final = {
 
 
 class _Commands(Mapping[str, Any]):
-    """The commands by name; looking one up imports its module."""
+    """The commands by name; the first look at one imports its module."""
+
+    def __init__(self) -> None:
+        self._loaded: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
-        entry = _COMMANDS[name]
+        if name not in self._loaded:
+            self._loaded[name] = self._load(name, _COMMANDS[name])
+        return self._loaded[name]
+
+    @staticmethod
+    def _load(name: str, entry: Entry) -> Any:
         module = importlib.import_module(f"offtrack.commands.{entry.module}")
         if entry.function == "app":
             return typer.main.get_command(module.app)

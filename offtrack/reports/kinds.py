@@ -73,7 +73,29 @@ class _Combinations:
         return played_trailer(result, name)
 
     def rebuilt(self, scenario: Scenario, log: Log, summary: Mapping[str, Any]) -> RunResult:
-        return _rebuilt_combination(scenario, log, summary)
+        nominal = vehicle_of(scenario)
+        vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
+        units = outlines(vehicle)
+        _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
+        surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
+        return RunResult(
+            scenario=scenario.name,
+            scenario_toml=scenario.to_toml(),
+            seed=int(summary.get("seed", 0)),
+            outcome=str(summary["outcome"]),
+            log=log,
+            units=units,
+            trailers=_judged(vehicle, log),
+            road=course.centreline,
+            road_half_width=course.road_half_width,
+            friction=friction_picture(surface, course.centreline),
+            circle_centre=course.surface_centre,
+            arcs=course.arcs,
+            path_deviation=course.deviation,
+            timing=_timing(summary),
+            frames=(),
+            manifest={},
+        )
 
 
 class _Rovers:
@@ -96,36 +118,24 @@ class _Rovers:
         return played_rover(result, name)
 
     def rebuilt(self, scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
-        return _rebuilt_rover(scenario, log, summary)
+        rover = load_rover(scenario.vehicle)
+        _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
+        return RoverResult(
+            scenario=scenario.name,
+            scenario_toml=scenario.to_toml(),
+            seed=int(summary.get("seed", 0)),
+            outcome=str(summary["outcome"]),
+            log=log,
+            rover=rover.name,
+            path=rover_path(scenario).points(_SPACING),
+            rig=nominal_rig(rover),
+            timing=_timing(summary),
+            frames=(),
+            manifest={},
+        )
 
 
 KINDS: Final[Mapping[str, Kind]] = {"trailer": _Combinations(), "rover": _Rovers()}  # by a result's ``kind``
-
-
-def _rebuilt_combination(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -> RunResult:
-    nominal = vehicle_of(scenario)
-    vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
-    units = outlines(vehicle)
-    _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
-    surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
-    return RunResult(
-        scenario=scenario.name,
-        scenario_toml=scenario.to_toml(),
-        seed=int(summary.get("seed", 0)),
-        outcome=str(summary["outcome"]),
-        log=log,
-        units=units,
-        trailers=_judged(vehicle, log),
-        road=course.centreline,
-        road_half_width=course.road_half_width,
-        friction=friction_picture(surface, course.centreline),
-        circle_centre=course.surface_centre,
-        arcs=course.arcs,
-        path_deviation=course.deviation,
-        timing=_timing(summary),
-        frames=(),
-        manifest={},
-    )
 
 
 def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
@@ -140,24 +150,6 @@ def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
             JudgedTrailer(name=unit.name, follow_distance=-(unit.follow_x or 0.0), n_steered=steered, max_steer=None)
         )
     return tuple(trailers)
-
-
-def _rebuilt_rover(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
-    rover = load_rover(scenario.vehicle)
-    _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
-    return RoverResult(
-        scenario=scenario.name,
-        scenario_toml=scenario.to_toml(),
-        seed=int(summary.get("seed", 0)),
-        outcome=str(summary["outcome"]),
-        log=log,
-        rover=rover.name,
-        path=rover_path(scenario).points(_SPACING),
-        rig=nominal_rig(rover),
-        timing=_timing(summary),
-        frames=(),
-        manifest={},
-    )
 
 
 def _check(log: Log, needed: list[str]) -> None:

@@ -89,8 +89,7 @@ def parsed(words: list[str]) -> tuple[str, dict[str, Any]]:
         if not hasattr(command, "commands"):
             command.callback = lambda **parameters: called.append((name, parameters))
 
-    command: Any = typer.main.get_command(app)
-    command.commands = dict(command.commands)  # by itself it imports a command anew for every call
+    command = typer.main.get_command(app)
     record("", command)
     command.main(args=words, prog_name="offtrack", standalone_mode=False)
     return called[0] if called else ("", {})

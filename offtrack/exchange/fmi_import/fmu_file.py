@@ -48,11 +48,6 @@ class Variable:
         """True for a number or a truth value."""
         return self.kind in _REAL or self.kind in _WHOLE or self.kind == "Boolean"
 
-    @property
-    def is_real(self) -> bool:
-        """True for a floating-point number."""
-        return self.kind in _REAL
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FmuFile:
