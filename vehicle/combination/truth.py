@@ -35,6 +35,7 @@ class Truth:
     load_transfer: (
         FloatArray  # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
     )
+    wheel_speeds: FloatArray | None = None  # (n_wheels,) of the tread, by the rotation [m/s]; None: it is not modelled
 
 
 def plan_pose(X_WB: FloatArray, height: float) -> FloatArray:

@@ -115,6 +115,7 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
             *(Signal(f"wheel_load_{k}", "N", f"vertical force of wheel {k}, left before right") for k in wheel_numbers),
             *(Signal(f"wheel_slip_angle_{k}", "rad", f"of wheel {k}") for k in wheel_numbers),
             *(Signal(f"friction_used_{k}", "-", f"of wheel {k}") for k in wheel_numbers),
+            *(Signal(f"wheel_speed_{k}", "m/s", f"of the tread of wheel {k}, by its rotation") for k in wheel_numbers),
         ),
         starts=(
             Signal("start_x", "m", "position of the tractor's rear axle at the start"),
@@ -227,6 +228,7 @@ class FmuPlant:
         unknown = np.isnan(velocities)
         if unknown.any():
             velocities = np.where(unknown, _velocities(poses, last, tick), velocities)
+        speeds = _column(found, "wheel_speed", wheel_count)
         return Truth(
             tick=tick,
             poses=poses,
@@ -237,6 +239,7 @@ class FmuPlant:
             wheel_slip_angles=_or(_column(found, "wheel_slip_angle", wheel_count), np.zeros(wheel_count)),
             friction_used=_or(_column(found, "friction_used", wheel_count), np.zeros(wheel_count)),
             load_transfer=_or(_column(found, "load_transfer", n), np.zeros(n)),
+            wheel_speeds=None if np.isnan(speeds).any() else speeds,
         )
 
     def _bodies(self, poses: FloatArray, found: Mapping[str, float]) -> FloatArray:
