@@ -52,6 +52,8 @@ _FAST = 12.0
 # A vehicle that seems to stand may creep, and rocks on its tyres: white noise of every sample, 1 sigma. Of a start or a
 # stop, 3 mm are missed within a tenth of a second; a standstill of ten seconds adds 30 mm.
 _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
+# As it pulls away, driven wheels that spin are pushed to the side: by some 20 mm on ice.
+_PULLING, _PULLED = 0.8, np.array([0.0, 0.0, 0.1])  # speed below which it counts, and white noise [rad/s], [m/s]
 
 
 class Prior(NamedTuple):
@@ -71,7 +73,7 @@ _ROLLING = 0.3  # slower than this, directions of travel are noise [m/s]
 _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of 0.5 m, and what the next one leaves [-]
 # Slip of braked wheels per deceleration: 0.008 on dry road, some 0.1 where the ABS acts on ice [s2/m].
 _SLIDING = 1.3  # deceleration that slows a wheel as rolling resistance does at a slip angle of 1 rad [m/s2]
-_SLIP_PER_BRAKING = Prior(0.01, 0.02, 30.0, _FOR_EVER)
+_SLIP_PER_BRAKING = Prior(0.01, 0.03, 30.0, _FOR_EVER)
 # What data sheets leave of the slip. With 4 mrad and 8 m, outages of 20 s have sigmas nearer to their errors. But in
 # the closed loop the estimate is then 15 mm off after 2 s without images, not 9 mm, and states 6 mm.
 SLIP_DISTANCE = 12.0  # over which the slip that varies is alike [m]
@@ -83,14 +85,17 @@ _SLIP_OFFSET = Prior(0.0, 0.002, _FOR_EVER, _FOR_EVER)  # an angle sensor is rig
 # Slip of the trailer's axles beyond 1/(2.5 g) of the lateral acceleration, by which their load and tyres differ.
 _OWN_SLIP = Prior(0.0, 0.01, 6.0, _FOR_EVER)  # [rad]
 _OWN_SPREAD = 0.02  # [rad s2/m]
+# Spread of slips to the side per acceleration along: drive and brakes use the grip that holds an axle [rad s2/m].
+_TORQUE_SPREAD = 0.015
 _UNUSUAL = 2.0  # contradiction of the two directions from which on the tractor slides [sigma of the trailer's slip]
+_SHOWN = 1.25  # slip of the tractor's rear axle over what the steer angle shows of it, at most
 _OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two directions, the part that is the trailer's
-# Direction of travel by which the camera may differ from the axles of tractor and trailer alike [rad], and for each m/s2.
+# Direction of travel by which the camera may differ from the axles of both units alike [rad], and for each m/s2.
 _TURNED = (0.03, 0.05)
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 
-_SCALE_OF, _BRAKING, _VARYING, _CONSTANT, _OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
+_SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
 
 
 class Parameters(NamedTuple):
@@ -105,7 +110,8 @@ class Reckoned(NamedTuple):
 
     pose: FloatArray  # (3,) yaw [rad], x and y [m]
     covariance: FloatArray  # (3, 3)
-    cross: FloatArray  # (p, 3) covariance of the parameters at the end with the pose
+    parameters: Parameters  # at the end
+    cross: FloatArray  # (p, 3) covariance of these with the pose
     distance: float  # [m]
     by_slip: FloatArray  # (3, 2) derivatives by slips that last: of the tractor's rear axle, and of braked wheels
     own_slip: float  # of the trailer's axles if the pose is right, mean [rad]; NaN at walking pace
@@ -173,20 +179,13 @@ class DeadReckoning:
         difference = np.abs(parameters.mean - self._mean)[sensors] / self._std[sensors]
         return float(np.max(difference)) / noise_level(history, self._unit)
 
-    def turned(self, parameters: Parameters, history: FloatArray) -> float:
-        """Angle [rad] by which the camera contradicts the axles of tractor and trailer alike; 0 if tyres explain it."""
-        tractor, own = parameters.mean[[_VARYING, _OWN]].tolist()
-        alike = min(abs(tractor), abs(own)) - abs(tractor - own)
-        return alike if alike > self._usual_slip(history) else 0.0
-
-    def rolls(self, own_slip: float, history: FloatArray) -> bool:
-        """True if a slip [rad] of the trailer's axles is usual, or not known."""
-        return not abs(own_slip) > self._usual_slip(history)
-
-    def _usual_slip(self, history: FloatArray) -> float:
+    def turned(self, parameters: Parameters, history: FloatArray) -> tuple[float, float]:
+        """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad]."""
+        tractor, own = parameters.mean[[_VARYING, OWN]].tolist()
+        alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
         recent = history[-_LATELY:]
         aside = np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]) if len(recent) else 0.0
-        return _TURNED[0] + _TURNED[1] * abs(float(aside))
+        return alike, _TURNED[0] + _TURNED[1] * abs(float(aside))
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
@@ -209,9 +208,9 @@ class DeadReckoning:
         """Parameters with a measured slip [rad] of the trailer's axles."""
         if not math.isfinite(slip + std):
             return parameters
-        across = parameters.covariance[:, _OWN]
-        gain = across / (across[_OWN] + std**2)
-        mean = parameters.mean + gain * (slip - parameters.mean[_OWN])
+        across = parameters.covariance[:, OWN]
+        gain = across / (across[OWN] + std**2)
+        mean = parameters.mean + gain * (slip - parameters.mean[OWN])
         return Parameters(mean, parameters.covariance - np.outer(gain, across))
 
     def reckoned(
@@ -230,20 +229,20 @@ class DeadReckoning:
             return None
         at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
-        braking = _deceleration(ticks, table[:, 0])
-        table = np.column_stack([table[:, :_BANK], bank, braking, at_rest])
+        along = _acceleration(ticks, table[:, 0])
+        table = np.column_stack([table[:, :_BANK], bank, along, at_rest])
         columns = np.array([np.interp(nodes, ticks, column) for column in table.T])
         moving = columns[-1] < 0.5
         kept = self._kept(nodes * TICK, columns[0] * moving)
         rates, level = self._rates(columns[:-1], kept, parameters, by_trailer), noise_level(history, self._unit)
-        return self._summed(nodes * TICK, rates, moving, level, kept, parameters.covariance)
+        return self._summed(nodes * TICK, rates, moving, level, kept, parameters)
 
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""
         return np.empty((0, 7 + 2 * self._unit))
 
     def row(self, signals: CombinationSignals) -> FloatArray:
-        """Tick, speed, steer, slip by scrub, articulations, yaw rates, tangent of the axles' angles, pull of the bank."""
+        """Tick, speed, steer angle, scrub, articulations, yaw rates, tangent of the axles, pull of the bank."""
         scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
         ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
         rolling = self._scrub.rolling(signals)
@@ -252,7 +251,7 @@ class DeadReckoning:
     def _spread(self, parameters: Parameters) -> FloatArray:
         """Standard deviations (p,) of the parameters in the long run; a slip that is large may change as much."""
         spread = self._std.copy()
-        for place in (_BRAKING, _VARYING, _OWN):
+        for place in (_VARYING, OWN):
             spread[place] = max(spread[place], abs(float(parameters.mean[place])))
         return spread
 
@@ -270,7 +269,7 @@ class DeadReckoning:
         """
         unit, p = self._unit, len(self._priors)
         mean = (self._mean + kept * (parameters.mean - self._mean)).T
-        speed, steer, scrub, *readings, rolling, bank, braking = columns
+        speed, steer, scrub, *readings, rolling, bank, gained = columns
         gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[_GYROS:]
         scale, per_braking, varying, *per, constant, own = mean[:_GYROS]
         pushes, forward = np.array([speed * gyros[0] + bank, scrub, gammas[0]]), np.sign(speed)
@@ -286,33 +285,37 @@ class DeadReckoning:
             return (rolled - self._front * gyros[0] * aside) / (np.cos(steer) ** 2 + slip * aside)
 
         # rolling resistance slows a tyre that slides to the side: it has little grip left along its plane
-        sliding = slip + self._front * gyros[0] / _away_from_zero(at_axle(speed, slip)) - np.tan(steer)
-        braking = braking + _SLIDING * np.abs(sliding)
+        front_slip = slip + self._front * gyros[0] / _away_from_zero(at_axle(speed, slip)) - np.tan(steer)
+        braking = np.maximum(-gained, 0.0) + _SLIDING * np.abs(front_slip)
         rolled = speed * (1.0 - scale + per_braking * braking)
         spread = np.tile(self._spread(parameters), (len(speed), 1))
         trailer = self._trailer_axles(
             *self._carried(at_axle(rolled, slip), slip, gammas, gyros), gyros[unit], rolling, bank
         )
-        spread[:, _OWN] += _OWN_SPREAD * trailer.push
+        spread[:, OWN] += _OWN_SPREAD * trailer.push
+        spread[:, _VARYING] += _TORQUE_SPREAD * np.abs(gained)
+        spread[:, OWN] += _TORQUE_SPREAD * np.maximum(-gained, 0.0)
         if by_trailer:
             apart = np.where(trailer.is_known, trailer.slip - own, 0.0)
             variance = kept**2 * np.diag(parameters.covariance) + (1.0 - kept**2) * spread**2
             by_tractor = np.sum(np.square(by_slip[:, :p]) * variance, axis=1)
-            by_axles = variance[:, _OWN] + np.square(trailer.per_rate * GYRO_BIAS)
-            sliding = np.maximum(apart**2 - by_tractor - _UNUSUAL**2 * by_axles, 0.0)
-            hidden = _OWN_SHARE**2 * sliding
-            spread[:, _OWN] = np.sqrt(spread[:, _OWN] ** 2 + hidden)
+            by_axles = variance[:, OWN] + np.square(trailer.per_rate * GYRO_BIAS)
+            shown = _SHOWN * (front_slip - forward * per[0] * pushes[0])  # front tyres slip, or the rear ones do
+            excess = np.maximum(apart**2 - by_tractor - _UNUSUAL**2 * by_axles, 0.0)
+            sliding, hidden = np.minimum(excess, shown**2), _OWN_SHARE**2 * excess
+            spread[:, [_VARYING, OWN]] = np.sqrt(spread[:, [_VARYING, OWN]] ** 2 + hidden[:, None])
             by_tractor, by_axles = by_tractor + sliding, by_axles + hidden
             share = np.where(trailer.is_known, by_tractor / (by_tractor + by_axles), 0.0)
             slip = slip - share * apart
             by_slip *= (1.0 - share)[:, None]
-            by_slip[:, _OWN], by_slip[:, of_gyro + unit] = share, share * trailer.per_rate
+            by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * trailer.per_rate
         v_x = at_axle(rolled, slip)
         along = np.cos(steer) ** 2 + slip * aside
         D = np.zeros((len(speed), 3, p + 2 * unit + 2))
         D[:, 1, _SCALE_OF], D[:, 1, _BRAKING], D[:, 1, p] = -speed, speed * braking, 1.0 - scale
-        D[:, 1, of_gyro] = -self._front * aside
-        D[:, 1] = (D[:, 1] - (v_x * aside)[:, None] * by_slip) / along[:, None]
+        sliding = speed * per_braking * _SLIDING * np.sign(front_slip)  # derivative of the rolled speed by that slip
+        D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(v_x) - aside)
+        D[:, 1] = (D[:, 1] + (sliding - v_x * aside)[:, None] * by_slip) / along[:, None]
         D[:, 2] = slip[:, None] * D[:, 1] + v_x[:, None] * by_slip
         D[:, 2, of_gyro] += self._hitches[0]
         v_y = v_x * slip + gyros[0] * self._hitches[0]
@@ -353,17 +356,26 @@ class DeadReckoning:
         return _TrailerAxles(slip, is_known, np.abs(push), self._axle_distance * per_speed)
 
     def _summed(
-        self, time: FloatArray, of: _Rates, moving: NDArray[np.bool_], level: float, kept: FloatArray, known: FloatArray
+        self,
+        time: FloatArray,
+        of: _Rates,
+        moving: NDArray[np.bool_],
+        level: float,
+        kept: FloatArray,
+        parameters: Parameters,
     ) -> Reckoned:
         """Pose and covariance at the end, by the trapezoidal rule.
 
-        ``kept`` (n, p) is the share of the parameters' error that is left at each sample, ``known`` (p, p) their
-        covariance at the first one, ``level`` the noise of the signals over the assumed one.
+        ``kept`` (n, p) is the share of the error of the ``parameters`` at the first sample that is left at each one,
+        ``level`` the noise of the signals over the assumed one.
         """
+        mean, known = parameters
         p, dt = len(self._priors), np.diff(time)
+        slow = np.abs(of.rates[:, 1]) < _PULLING
         rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]
         D[:, :, p:] *= level
-        D = np.concatenate([D, np.where(moving[:, None, None], 0.0, np.diag(_CREEP))], axis=2)
+        creep = np.where(moving[:, None], np.where(slow[:, None], _PULLED, 0.0), _CREEP)
+        D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = _integral(dt, rates[:, 0])
         c, s = np.cos(yaw), np.sin(yaw)
@@ -386,8 +398,10 @@ class DeadReckoning:
         left = kept[-1] / kept  # at the end, of a deviation at a sample
         cross = left[0][:, None] * (known @ J.T) + np.einsum("np,nap->pa", walk * left[1:], after)
         pose = np.array([yaw[-1], x[-1], y[-1]])
+        known = np.outer(left[0], left[0]) * known + np.diag(np.sum(walk * left[1:] ** 2, axis=0))
+        at_end = Parameters(self._mean + kept[-1] * (mean - self._mean), known)
         lasting = G[:, :, [_VARYING, _BRAKING]].sum(axis=0)
-        return Reckoned(pose, covariance, cross, float(step.sum()), lasting, of.own_slip)
+        return Reckoned(pose, covariance, at_end, cross, float(step.sum()), lasting, of.own_slip)
 
 
 def _away_from_zero(speed: FloatArray) -> FloatArray:
@@ -400,11 +414,11 @@ def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
 
 
-def _deceleration(ticks: FloatArray, speed: FloatArray) -> FloatArray:
-    """Deceleration (n,) of the wheels over the last `_MARGIN` ticks; 0 if they do not slow down [m/s2]."""
+def _acceleration(ticks: FloatArray, speed: FloatArray) -> FloatArray:
+    """Acceleration (n,) of the wheels over the last `_MARGIN` ticks, below 0 if they slow down [m/s2]."""
     before = np.interp(ticks - _MARGIN, ticks, speed)
-    slowing: FloatArray = np.maximum(np.abs(before) - np.abs(speed), 0.0) / (_MARGIN * TICK)
-    return slowing
+    gained: FloatArray = (np.abs(speed) - np.abs(before)) / (_MARGIN * TICK)
+    return gained
 
 
 def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:

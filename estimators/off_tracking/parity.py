@@ -7,7 +7,7 @@ Each relation is zero, within a tolerance, while all that it relates are sound:
 - S, Y, D: speed, yaw rate and direction of travel at the trailer's hitch are as the reference says;
 - T: the reference's own direction of travel lets the trailer's axles roll along their planes.
 
-Tyres that slide are no fault. Slip of the tractor's rear axle shows in D, and as long as the front tyres roll in K, too:
+Tyres that slide are no fault. Slip of the tractor's rear axle shows in D, and in K while the front tyres roll:
 there it looks like a steer angle. Front tyres that slide show in K alone, and only make the tractor turn less.
 
 A fault adds its signature to the relations: a vector in the space of their values, in proportion to the fault's size.

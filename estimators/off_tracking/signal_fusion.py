@@ -9,7 +9,7 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   dead reckoning.
 - Slip is what the camera measures, and no reason to refuse a motion, as long as the trailer's axles roll as the camera
   says. If they do not, a sudden slip is not believed for a second.
-- Where the axles of tractor and trailer contradict the camera's direction of travel alike, the camera may be turned: the
+- Where the axles of both units contradict the direction of travel of the camera alike, it may be turned: the
   estimate is degraded, and the angle counts as an error of the path's direction.
 - Without a motion that is believed the path goes on by dead reckoning. The error of the off-tracking is that of dead
   reckoning from where the path passes the follow point, or from the reference if that is later. It stays finite for
@@ -34,7 +34,7 @@ import numpy as np
 
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
-from estimators.off_tracking.dead_reckoning import SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
+from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from estimators.rigid_motion import rotation_vector
@@ -57,6 +57,7 @@ class Comparison(NamedTuple):
     covariance: FloatArray  # (3, 3) of the innovation
     score: float  # chi-square, 3 degrees of freedom
     score_beyond: float  # the same if tyres may slip by any angle
+    is_alike: bool  # True: the axles of tractor and trailer contradict the camera's direction of travel alike
     own_slip: float  # of the trailer's axles, by the camera [rad]; NaN at walking pace
     own_std: float  # its standard deviation [rad]
 
@@ -189,8 +190,12 @@ _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
 _IMPOSSIBLE = 5.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
-_SUDDEN = 10  # motions in a row that are refused for a slip of all axles
-# Standard deviations of a motion over those of dead reckoning above which the two are weighted: errors of the latter are
+_SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
+_ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
+_TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
+_TURNED_FOR_LONG = 0.6  # share of the limit that the mean may have
+_STILL_TURNED = 0.02  # angle below which the doubt is over [rad]
+# Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
 # alike from motion to motion, those of the camera mostly not.
 _VAGUE = 5.0
 _SHORTEST_STEP = 0.05  # [m]
@@ -214,8 +219,9 @@ class FusionMemory(NamedTuple):
     reference: Known | None  # last pose that was measured and believed; None: nothing was received yet
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
-    sudden: int = 0  # motions in a row that were refused for a slip of all axles
-    turned: float = 0.0  # angle by which the camera contradicts the axles of tractor and trailer alike [rad]
+    sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
+    alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [rad]
+    turned: float = 0.0  # largest such angle while it is more than tyres explain: the camera may be turned by it [rad]
     correction: Correction | None = None  # of the off-tracking after the last bridge
     monitor: MonitorMemory | None = None  # of the signals; None: no message arrived yet
 
@@ -273,7 +279,7 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
-        if memory.turned > 0.0:
+        if memory.turned:
             std = math.hypot(estimate.std, memory.turned * self._follow_distance)
             health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
             estimate = replace(estimate, std=std, health=health)
@@ -348,8 +354,7 @@ class SignalFusion:
             return (memory._replace(reference=known), motion) if continues else (memory, None)
         misfit = memory.misfit + _MEMORY * (min(test.score_beyond, _GATE) / 3.0 - memory.misfit)
         distrusted = misfit > (_TRUSTED_AGAIN if memory.distrusted else _DISTRUSTED)
-        is_sudden = test.score > _GATE >= test.score_beyond and not self._reckoning.rolls(test.own_slip, memory.history)
-        sudden = memory.sudden + 1 if is_sudden else 0
+        sudden = memory.sudden + 1 if test.score > _GATE and test.is_alike else 0
         memory = memory._replace(misfit=misfit, distrusted=distrusted, sudden=sudden)
         if distrusted or test.score_beyond > _GATE or 0 < sudden <= _SUDDEN:
             return memory, None
@@ -358,15 +363,25 @@ class SignalFusion:
             spanning = self._tested(memory, longer)
             if spanning is not None and spanning.score_beyond <= _GATE:
                 test, motion, continues = spanning, longer, True
-        parameters = self._corrected(reference.parameters, test, motion)
+        parameters = self._corrected(test)
         if not continues or self._reckoning.deviation(parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
         if np.any(np.diag(motion.covariance)[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
             motion = weighted(motion, test)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)
-        turned = self._reckoning.turned(parameters, memory.history)
-        return memory._replace(reference=Known(motion.tick, parameters), turned=turned), motion
+        memory = self._doubted(memory._replace(reference=Known(motion.tick, parameters)), test.reckoned.distance)
+        return memory, motion
+
+    def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
+        """Memory after a motion over a distance [m], with the angle by which the camera may be turned."""
+        assert memory.reference is not None
+        now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
+        alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
+        size = max(abs(now), abs(alike))
+        begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG * usual
+        is_turned = size > _STILL_TURNED if memory.turned else begins
+        return memory._replace(alike=alike, turned=max(memory.turned, size) if is_turned else 0.0)
 
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> Comparison | None:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
@@ -385,6 +400,7 @@ class SignalFusion:
         expected += _ROCKING
         any_slip = expected + reckoned.by_slip @ _ANY_SLIP @ reckoned.by_slip.T
         distance = math.copysign(max(reckoned.distance, _SHORTEST_STEP), reckoned.pose[1])
+        direction = float(innovation[2]) / distance
         return Comparison(
             reckoned,
             innovation,
@@ -392,14 +408,14 @@ class SignalFusion:
             S,
             score=float(innovation @ np.linalg.solve(expected, innovation)),
             score_beyond=float(innovation @ np.linalg.solve(any_slip, innovation)),
-            own_slip=reckoned.own_slip + float(innovation[2]) / distance,
+            is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
+            own_slip=reckoned.own_slip + direction,
             own_std=math.hypot(math.sqrt(motion.covariance[4, 4]) / distance, _ROLLING_STD),
         )
 
-    def _corrected(self, parameters: Parameters, test: Comparison, motion: BodyMotion) -> Parameters:
+    def _corrected(self, test: Comparison) -> Parameters:
         """Parameters at the end of the motion."""
-        duration = (motion.tick - motion.previous_tick) * TICK
-        expected = self._reckoning.forgotten(parameters, test.reckoned.distance, duration)
+        expected = test.reckoned.parameters
         mean = expected.mean + test.gain @ test.innovation
         corrected = Parameters(mean, expected.covariance - test.gain @ test.covariance @ test.gain.T)
         return self._reckoning.with_own_slip(corrected, test.own_slip, test.own_std)
