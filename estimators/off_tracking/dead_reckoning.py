@@ -282,7 +282,8 @@ class DeadReckoning:
         aside = np.sin(steer) * np.cos(steer)  # share of the front axle's lateral velocity in the wheel speed
 
         def at_axle(rolled: FloatArray, slip: FloatArray) -> FloatArray:
-            return (rolled - self._front * gyros[0] * aside) / (np.cos(steer) ** 2 + slip * aside)
+            v_x: FloatArray = (rolled - self._front * gyros[0] * aside) / (np.cos(steer) ** 2 + slip * aside)
+            return v_x
 
         # rolling resistance slows a tyre that slides to the side: it has little grip left along its plane
         front_slip = slip + self._front * gyros[0] / _away_from_zero(at_axle(speed, slip)) - np.tan(steer)

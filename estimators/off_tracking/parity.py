@@ -145,6 +145,7 @@ class ParityRelations:
         tractor = vehicle.units[0]
         fixed = [axle.x for axle in tractor.axles if not axle.steered] or [axle.x for axle in tractor.axles]
         self._wheelbase = tractor.steered_axles[0].x - sum(fixed) / len(fixed) if tractor.steered_axles else math.inf
+        self._front = tractor.steered_axles[0].x if tractor.steered_axles else 0.0
         self._levers = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]  # of the hitches [m]
         self._unit, self._axle_distance = unit, axle_distance
 
@@ -213,6 +214,9 @@ class ParityRelations:
     def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:
         """S, Y, D and T."""
         v_x, v_y, turned = self._at_hitch(mean)
+        # front wheels that slide to the side turn slower; rolling along their planes they tell how fast they travel
+        travelled, _, _ = self._at_hitch(mean, self._rolled(mean))
+        v_x = min(max(reference.v_x, min(v_x, travelled)), max(v_x, travelled))
         limit = scale * (_S[0] + _S[1] * max(abs(v_x), abs(reference.v_x)))
         yield (v_x - reference.v_x) / limit, {(0, 0): math.cos(turned) / limit}, (-1.0 / limit, 0.0, 0.0)
         limit, rate = scale * _Y, self._rate(self._unit)
@@ -233,9 +237,14 @@ class ParityRelations:
         wrong = (per_rate * reference.yaw_rate / reference.v_x, -per_rate, 1.0 / limit)
         yield (direction - math.atan(tangent)) / limit, {}, wrong
 
-    def _at_hitch(self, mean: FloatArray) -> tuple[float, float, float]:
+    def _rolled(self, mean: FloatArray) -> float:
+        """Speed of the rear axle [m/s], by front wheels that roll along their planes."""
+        c, s = math.cos(mean[STEER]), math.sin(mean[STEER])
+        return float(mean[SPEED] - self._front * mean[self._gyro(0)] * s * c) / (c * c)
+
+    def _at_hitch(self, mean: FloatArray, speed: float | None = None) -> tuple[float, float, float]:
         """Velocity at the trailer's hitch along its own axes [m/s], and the sum of the articulations [rad]."""
-        v_x, v_y, turned = float(mean[SPEED]), 0.0, 0.0
+        v_x, v_y, turned = float(mean[SPEED]) if speed is None else speed, 0.0, 0.0
         for k, lever in enumerate(self._levers):
             v_y += float(mean[self._gyro(k)]) * lever
             angle = float(mean[FIRST + k])

@@ -43,6 +43,7 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
+DIRECTION = "direction of the cameras"  # among the doubts of an estimate
 PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
 # What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
 _OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
@@ -161,8 +162,7 @@ def corrected(
 def blended(estimate: OffTracking, correction: Correction | None, follow_distance: float) -> OffTracking:
     """The estimate with the part of the correction that is still to be made.
 
-    The path is sheared, so that it stays where it is at the hitch and agrees with the value at the follow point. What
-    is held back is an error, and adds to the standard deviation.
+    What is held back is an error, and adds to the standard deviation.
     """
     if correction is None or estimate.health is Health.LOST:
         return estimate
@@ -170,14 +170,7 @@ def blended(estimate: OffTracking, correction: Correction | None, follow_distanc
     if not 0.0 < left <= 1.0:
         return estimate
     offset = left * correction.offset
-    x, y = estimate.path.T
-    return replace(
-        estimate,
-        value=estimate.value + offset,
-        std=math.hypot(estimate.std, offset),
-        path=np.column_stack([x, y - x * offset / follow_distance]),
-        path_tangent=math.atan(math.tan(estimate.path_tangent) - offset / follow_distance),
-    )
+    return replace(estimate.sheared(offset, follow_distance), std=math.hypot(estimate.std, offset))
 
 
 # A healthy motion exceeds it once in three million times if errors are Gaussian: chi-square with 3 degrees of freedom.
@@ -279,10 +272,12 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
+        if memory.monitor is not None and memory.monitor.distrusted:
+            estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
         if memory.turned:
             std = math.hypot(estimate.std, memory.turned * self._follow_distance)
             health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
-            estimate = replace(estimate, std=std, health=health)
+            estimate = replace(estimate, std=std, health=health, doubts=(*estimate.doubts, DIRECTION))
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(
