@@ -201,11 +201,7 @@ WITHOUT_DEVICE = WITHOUT_EGL.replace('if name and "EGL" in str(name)', "if False
 def python(program: str, **environment: str) -> str:
     """Output of the program in a new interpreter."""
     result = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, "-c", program], env={**os.environ, **environment}, capture_output=True, text=True, check=True
     )
     return result.stdout
 

@@ -230,11 +230,7 @@ def assembled(name: str, *settings: str) -> Assembly:
         ("roundabout", "brake_fault:0.5,2,9", r"brake_fault: axle = 9: semitrailer has 3 axles"),
         ("constant-slip", "actuator_stuck", r"actuator_stuck needs a steered trailer; plant.kind = constant_slip"),
         ("constant-slip", "brake_fault", r"brake_fault needs plant.kind = multibody; constant_slip has brakes"),
-        (
-            "lane-change",
-            "actuator_dead",
-            r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered",
-        ),
+        ("lane-change", "actuator_dead", r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered"),
     ],
 )
 def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, settings: str, complaint: str) -> None:

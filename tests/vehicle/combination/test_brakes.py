@@ -108,11 +108,7 @@ def test_brake_data_without_a_table_of_the_system_are_named(tractor_semitrailer:
     ("old", "new", "complaint"),
     [
         ('brake = "steer"', 'brake = "stear"', "no table [axle_brakes.stear]; did you mean 'steer'?"),
-        (
-            "torque = { value = 40000.0",
-            "torque = { value = -1.0",
-            "steer.torque = -1.0 N m must be between",
-        ),
+        ("torque = { value = 40000.0", "torque = { value = -1.0", "steer.torque = -1.0 N m must be between"),
         ('distribution = "load"', 'distribution = "mass"', "brakes.distribution = 'mass'; known: load, pressure"),
         ('abs = "select_low"', 'abs = "high"', "axle_brakes.steer.abs = 'high'; known: wheel, select_low"),
         ("abs_slip = { value = 0.1", "abs_slip = { value = 6.0", "brakes.abs_slip = 6.0 must be"),

@@ -17,15 +17,7 @@ from offtrack.studies.validation.mechanics import random_inputs, random_states
 from tests.vehicle.chains import outputs, rates, with_axles
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, brake_channels
-from vehicle.combination.layout import (
-    Chain,
-    Input,
-    State,
-    input_sizes,
-    parts,
-    state_sizes,
-    wheels,
-)
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.linear import SIGNS
 from vehicle.combination.loads import static_axle_loads
 from vehicle.engine.integrator import exact_diagonal

@@ -79,11 +79,7 @@ def test_a_file_is_loaded_as_a_file_and_plain_numbers_do(tmp_path: Path) -> None
 MISTAKES = [
     ("value = 32000.0", "value = -32000.0", ["units.1.mass = -32000.0 kg must be between 100 and 200000 kg"]),
     ("value = 0.25,", "value = 250,", ["drive.lag = 250 s must be above 0 and at most 5 s"]),
-    (
-        "value = 4.60,",
-        "value = nan,",
-        ["cornering_stiffness = nan 1/rad must be between 0.1 and 60 1/rad"],
-    ),
+    ("value = 4.60,", "value = nan,", ["cornering_stiffness = nan 1/rad must be between 0.1 and 60 1/rad"]),
     ("value = 28880.0,", 'value = "28880",', ["units.0.yaw_inertia = '28880' must be a number between 10 and"]),
     ("\nyaw_inertia", "\nyaw_intertia", ["unknown key 'units.0.yaw_intertia'", "did you mean 'yaw_inertia'"]),
     ("cg_height =", "# cg_height =", ["key 'units.0.cg_height' [m] is missing (usual: 1.0)"]),
@@ -231,11 +227,7 @@ def test_tmeasy_tables_are_read_with_their_sources(tmp_path: Path) -> None:
         ("peak_slip = [0.12, 0.15]", "peak_slip = [0.12]", ["tyres.steer.longitudinal.peak_slip.1", "missing"]),
         ("[0.9, 0.95]", "[0.1, 0.95]", ["tyres.steer.longitudinal", "sliding_slip = 0.1", "peak_slip = 0.12"]),
         ("[0.54397, 0.50365]", "[0.9, 0.5]", ["tyres.steer.longitudinal", "sliding_force = 0.9", "peak_force"]),
-        (
-            "[17.687, 13.805]",
-            "[17.687, 9.0]",
-            ["initial_slope = 9", "peak_force / peak_slip = 9.972", "twice"],
-        ),
+        ("[17.687, 13.805]", "[17.687, 9.0]", ["initial_slope = 9", "peak_force / peak_slip = 9.972", "twice"]),
         (
             "[0.12, 0.15]",
             '[0.12, "0.15"]',

@@ -83,11 +83,7 @@ BAD = [
     ("mass = { value = 25000.0", "mass = { value = 33000.0", "payload.mass = 33000 kg must be less than units.1.mass"),
     ("cg_height = { value = 2.202", "cg_height = { value = 2.9", "units.1.payload: leaves cg_height = -"),
     ("length = { value = 11.93", "length = { value = 16.0", "make the payload shorter"),
-    (
-        "length = { value = 11.93",
-        "length = { value = 0.0",
-        "units.1.payload.length = 0.0 m must be above 0 and",
-    ),
+    ("length = { value = 11.93", "length = { value = 0.0", "units.1.payload.length = 0.0 m must be above 0 and"),
 ]
 
 

@@ -30,10 +30,7 @@ def steered_axles(vehicle: Vehicle) -> int:
 
 
 def drive(
-    plant: Plant,
-    state: FloatArray,
-    seconds: float,
-    command: VehicleCommand | Callable[[Truth], VehicleCommand],
+    plant: Plant, state: FloatArray, seconds: float, command: VehicleCommand | Callable[[Truth], VehicleCommand]
 ) -> tuple[FloatArray, list[Truth]]:
     """Final state and what was seen every 20 ms, the first before the first step."""
     seen = []

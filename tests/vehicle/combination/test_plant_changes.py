@@ -181,10 +181,7 @@ BAD = [
     ({"zzz": 1.0}, "known: mass_scale, inertia_scale"),
     ({"mass_scale": 11.0}, "plant.mass_scale = 11.0 must be between 0.2 and 3"),
     ({"steer_lag": 0.0}, "plant.steer_lag = 0.0 s must be above 0 and at most"),
-    (
-        {"units": {"semitrailer": {"mass": -5.0}}},
-        "plant.units.semitrailer.mass = -5.0 kg must be between 100 and",
-    ),
+    ({"units": {"semitrailer": {"mass": -5.0}}}, "plant.units.semitrailer.mass = -5.0 kg must be between 100 and"),
     ({"units.2.mass": float("nan")}, "plant.units.2.mass = nan kg must be between 100 and"),
     ({"units.2.follow_x": 1.0}, "plant.units.2: follow_x = 1 m must be below 0 m, behind the hitch"),
     (
@@ -192,10 +189,7 @@ BAD = [
         "plant.tyres.twin.lateral.initial_slope.0 = 100.0 must be between 0.1 and 60",
     ),
     ({"tyres.twin.lateral.initial_slope.0": 1.0}, "plant.tyres.twin.lateral: initial_slope = 1 must be at least"),
-    (
-        {"mass_scale": 3.0, "units.2.mass": 1e5},
-        "plant.units.2.mass = 300000.0 kg must be between 100 and 200000 kg",
-    ),
+    ({"mass_scale": 3.0, "units.2.mass": 1e5}, "plant.units.2.mass = 300000.0 kg must be between 100 and 200000 kg"),
 ]
 
 

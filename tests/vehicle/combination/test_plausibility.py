@@ -42,10 +42,7 @@ REFUSED = [
     ({"units.0.width": 255.0}, "units.0.width = 255.0 m must be between 0.5 and 8 m: road vehicles are"),
     ({"units.0.cg_height": 0.001}, "units.0.cg_height = 0.001 m must be between 0.1 and"),
     ({"units.0.hitch_height": 11.5}, "units.0.hitch_height = 11.5 m must be between 0.1 and 3 m: couplings"),
-    (
-        {"units.0.roll_gradient": 0.4},
-        "units.0.roll_gradient = 0.4 rad/(m/s2) must be between 1e-05 and 0.05",
-    ),
+    ({"units.0.roll_gradient": 0.4}, "units.0.roll_gradient = 0.4 rad/(m/s2) must be between 1e-05 and 0.05"),
     ({"units.0.heave_frequency": 0.05}, "units.0.heave_frequency = 0.05 Hz must be between 0.2 and"),
     ({"units.0.axles.0.wheel_radius": 5.0}, "units.0.axles.0.wheel_radius = 5.0 m must be between 0.1 and 2.1 m"),
     ({"units.0.axles.0.wheel_inertia": 1e-3}, "wheel_inertia = 0.001 kg m2 must be between 0.05 and"),

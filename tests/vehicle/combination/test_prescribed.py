@@ -10,12 +10,7 @@ from scipy.interpolate import interp1d
 
 from controllers.path import Path, arc, line
 from offtrack.studies.validation.no_slip_limit import poses_along, rolling_chain
-from offtrack.studies.validation.simple_drives import (
-    along_path,
-    gripping,
-    on_single_axles,
-    poses_of,
-)
+from offtrack.studies.validation.simple_drives import along_path, gripping, on_single_axles, poses_of
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import ConstantSlipPlant, VehicleCommand
 from vehicle.frames import Pose2

@@ -14,14 +14,7 @@ from scipy.integrate import solve_ivp
 from tests.vehicle.chains import at_rest, outputs
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.functions import compiled_derivative
-from vehicle.combination.layout import (
-    Chain,
-    Input,
-    State,
-    parts,
-    state_sizes,
-    wheels,
-)
+from vehicle.combination.layout import Chain, Input, State, parts, state_sizes, wheels
 from vehicle.combination.sprung import Ride, rides, settled, spring_rates
 
 

@@ -9,11 +9,7 @@ import pytest
 
 from vehicle.combination.data_sheet import DataSheet, data_sheet
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names, vehicle_sources
-from vehicle.combination.handling import (
-    static_rollover_threshold,
-    understeer_gradient,
-    yaw_damping,
-)
+from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
 from vehicle.combination.loads import static_axle_loads
 
 FOOT = 0.3048  # [m]
@@ -125,10 +121,7 @@ def test_openpbs_inertias_have_the_factor_back_and_say_so() -> None:
     assert vehicle.units[0].yaw_inertia == load_vehicle("a_double").units[0].yaw_inertia
 
 
-@pytest.mark.parametrize(
-    ("name", "overall", "wb_2"),
-    [("wb62", 69.0, 41.0), ("wb67", 73.5, 45.5)],
-)
+@pytest.mark.parametrize(("name", "overall", "wb_2"), [("wb62", 69.0, 41.0), ("wb67", 73.5, 45.5)])
 def test_aashto_vehicles_have_the_published_lengths(name: str, overall: float, wb_2: float) -> None:
     """Front overhang 4.0 + WB1 19.5 + WB2 + rear overhang 4.5 = overall length [ft]; the kingpin is where WB1 ends."""
     vehicle = load_vehicle(name)

@@ -15,11 +15,7 @@ from vehicle.surface import PROFILE_WAVES, Beyond, MeasuredRoad, RoadRelief, Rou
 slopes = st.floats(-0.2, 0.2)
 positions = st.floats(-50.0, 50.0)
 surfaces = st.builds(
-    Surface,
-    friction=st.just(0.8),
-    cross_fall=slopes,
-    grade=slopes,
-    centre=st.none() | st.tuples(positions, positions),
+    Surface, friction=st.just(0.8), cross_fall=slopes, grade=slopes, centre=st.none() | st.tuples(positions, positions)
 )
 
 
