@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import control
 import numpy as np
 import pytest
@@ -245,14 +243,3 @@ def test_unknown_outputs_are_refused(
     """A misspelt output names the nearest one; a position needs a path."""
     with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):
         lateral_model(tractor_semitrailer, 20.0, outputs=outputs)
-
-
-def test_a_regulator_designed_on_the_model_holds_the_path(longer_semitrailer: Vehicle) -> None:
-    """The model is made for design: an LQR on all inputs moves both integrators of the path to the left."""
-    model: LateralModel = lateral_model(longer_semitrailer, 20.0, path=True, outputs=("follow_position",))
-    system = as_control(model)
-    gain, _, poles = control.lqr(system, model.C.T @ model.C + 1e-3 * np.eye(len(model.A)), 10.0 * np.eye(3))
-    assert gain.shape == (3, len(model.states))
-    assert np.count_nonzero(np.abs(model.eigenvalues()) < 1e-6) == 2  # y and psi, before: nothing brings them back
-    assert max(pole.real for pole in poles) < -1e-2
-    assert math.isfinite(float(np.abs(gain).max()))

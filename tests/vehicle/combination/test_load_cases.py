@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.functions import step_function
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.roll import roll_gradients
 from vehicle.combination.variants import LOADS, changed_vehicle, load_cases, with_load
@@ -49,12 +48,6 @@ def test_the_payload_put_back_gives_the_laden_unit() -> None:
     assert (mass, cg_x, height, inertia) == pytest.approx(
         (laden.mass, laden.cg_x, laden.cg_height, laden.yaw_inertia), rel=1e-12
     )  # rounding
-
-
-def test_the_load_case_needs_no_other_equations() -> None:
-    """All load cases of a vehicle share the compiled functions."""
-    vehicle = load_vehicle("rigid_truck")
-    assert step_function(with_load(vehicle, "unladen")) is step_function(vehicle)
 
 
 def test_model_errors_apply_to_the_load_case() -> None:

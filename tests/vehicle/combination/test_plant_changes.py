@@ -12,7 +12,6 @@ from vehicle.combination.layout import wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.variants import NamedChanges, changed_vehicle, number_paths
 from vehicle.foundation.parameter_file import ParameterLibrary
-from vehicle.foundation.quantity import Frozen
 from vehicle.tyres import Planar, Tyre
 from vehicle.tyres.laws import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre
 
@@ -205,13 +204,3 @@ def test_every_number_path_is_accepted_with_its_own_value(steered: Vehicle) -> N
     values = {path: value for path, value in number_paths(steered).items() if ".tandem." not in path}  # two axles each
     assert {"units.1.mass", "units.lead_trailer.mass", "tyres.twin.lateral.peak_force.1"} <= values.keys()
     assert changed_vehicle(steered, values) == steered
-
-
-def test_each_named_change_has_unit_range_default_and_meaning() -> None:
-    assert issubclass(NamedChanges, Frozen)
-    for name, field in NamedChanges.model_fields.items():
-        extra = field.json_schema_extra
-        assert isinstance(extra, dict), name
-        assert extra["unit"] in ("-", "s"), name
-        assert field.description, name
-        assert field.default in (1.0, None), name

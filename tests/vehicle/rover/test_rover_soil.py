@@ -72,17 +72,6 @@ def test_steady_forces_are_the_integrated_stresses(soil: str) -> None:
     assert np.sum(force[:, :2], axis=0) == pytest.approx(rise, abs=1e-3 * weight)
 
 
-def test_climbing_costs_slip() -> None:
-    """Beach sand, level and up 5 and 10 degrees: slip grows with the slope, and stays below 1."""
-    slips = [
-        float(
-            driven(plant_on("beach_sand", Terrain(slope_x=math.tan(math.radians(deg)))), FORWARD, 10.0).slip_ratios[0]
-        )
-        for deg in (0.0, 5.0, 10.0)
-    ]
-    assert 0.0 < slips[0] < slips[1] < slips[2] < 1.0
-
-
 @pytest.mark.parametrize("soil", soil_names())
 def test_it_stands_on_a_sandy_slope_without_creeping(soil: str) -> None:
     """8 degrees are far below the friction angle of any soil; a model with slip from speeds alone would creep."""
