@@ -7,13 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 from scipy.signal import csd
 from scipy.special import k1
 
 from vehicle.frames import FloatArray
 from vehicle.surface import Potholes, Roughness, RoughProfile, Surface, displacement_psd, scattered_potholes
-from vehicle.surface.roughness import PATCH_SPREAD, felt_psd, plane_psd
+from vehicle.surface.roughness import PATCH_SPREAD, felt_psd
 
 STEP = 0.1  # of the tracks that are looked at [m]
 SEGMENT = 1024  # of Welch's method: 0.01 cycles/m apart, as fine as the tile itself
@@ -69,15 +68,6 @@ def test_the_classes_double_in_height() -> None:
     assert displacement_psd("D", n0) == pytest.approx(1024e-6)
     assert displacement_psd("H", n0) == pytest.approx(262144e-6)
     assert displacement_psd("C", 2 * n0) == pytest.approx(256e-6 / 4.0)
-
-
-@pytest.mark.parametrize("n", [0.05, 0.8, 2.5])
-def test_the_density_over_the_plane_has_the_tracks_that_are_wanted(n: float) -> None:
-    """Twice its integral across the track is the track's one-sided density: Abel's integral, done numerically."""
-    integral, _ = quad(
-        lambda across: float(plane_psd("C", np.array([np.hypot(n, across)]), PATCH_SPREAD)[0]), 0.0, np.inf, epsrel=1e-9
-    )
-    assert 4.0 * integral == pytest.approx(felt_psd("C", np.array([n]), PATCH_SPREAD)[0], rel=1e-6)  # of quad
 
 
 def test_left_and_right_wheels_are_lifted_together_by_long_waves_only() -> None:

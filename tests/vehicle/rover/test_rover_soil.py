@@ -151,15 +151,6 @@ def test_over_a_mound_the_nose_goes_up_and_down_again() -> None:
     assert 3.0 < state[0] < 3.9
 
 
-def test_a_rover_across_a_mound_is_turned_downhill() -> None:
-    """Ground steeper than the mean plane pushes the uphill side down: the sign of the yaw moment."""
-    terrain = Terrain(mounds=(Mound(x=0.3, y=1.0, height=0.4, radius=1.5),), friction=0.3)
-    plant = RoverPlant(ROVER, terrain, None, "interpreted")
-    truth = driven(plant, FORWARD, 5.0)
-    assert truth.pose[1] < 0.0
-    assert truth.pose[2] != 0.0
-
-
 @pytest.mark.parametrize("soil", [None, "toyoura_sand"])
 def test_integration_steps_are_short_enough(soil: str | None) -> None:
     """Steps of 1 ms against those of 5 ms that the plant takes by itself: 0.1 mm in 10 s from a standing start."""
