@@ -160,6 +160,7 @@ def test_constant_slip_has_its_closed_form_off_tracking() -> None:
     result = run(load_scenario("constant-slip", (*EXACT, "course.length=20")), 1)
     true = result.log["off_tracking_true"]
     np.testing.assert_allclose(true[np.isfinite(true)], -14.0 * np.tan(np.radians(14.0)), atol=1e-9)
+    assert not result.log["acceleration_command"].any()  # nobody drives
 
 
 def test_exact_poses_have_the_true_off_tracking_on_rough_banked_ground() -> None:
