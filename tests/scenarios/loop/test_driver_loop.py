@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.driver import PreviewDriver
-from offtrack.studies.standards.comparison import linear_figures
+from offtrack.studies.standards.assessment import linear_figures
 from offtrack.studies.standards.proving_ground import amplification, drive, lateral_acceleration, point_path
 from offtrack.studies.validation.driver_checks import driver_modes, with_damping
 from scenarios.assembly.adapters import tractor_guided_at

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from offtrack.studies.standards.longitudinal_capability import Incline
+from offtrack.studies.standards.braking_and_drive import Incline
 from tests.vehicle.chains import named
 from vehicle.combination.actuators import demand_rate, retarder_capacity, steer_rate
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
