@@ -105,7 +105,7 @@ _EXIT: Final = 250.0  # after the lane change [m]: 10 s, so that motion decays
 _STRAIGHT_SPEED: Final = 90.0 / 3.6  # [m/s]
 _LENGTH: Final = 1000.0  # of the straight road [m]
 _CROSS_FALL: Final = 0.03  # of it, to the right [-]
-_QUICK: Final = ("a_double", "rigid_truck")
+_QUICK: Final = ("a_double",)
 
 
 def driver(quick: bool) -> CheckSection:
