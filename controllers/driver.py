@@ -1,7 +1,5 @@
 """Tractor drivers: their interface, the preview driver, and a driver who repeats a recording."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol, TypeVar

@@ -4,8 +4,6 @@ Forwards the preview driver drives. In reverse the last trailer's axle is steere
 at walking pace, slower with a short dolly or trailer; the driver reads the articulation in the mirrors.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ Reading the catalogue imports no part. A new part is one module and one line. Ea
 declarations of its classes; a class without them is refused before anything of it is called.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

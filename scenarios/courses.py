@@ -5,8 +5,6 @@ Builders take the tractor's front end and width [m]. The default entry holds the
 off-tracking of a long semitrailer needs; on the default exit the trailer leaves the turn completely.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

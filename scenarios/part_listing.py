@@ -1,7 +1,5 @@
 """Listings of replaceable parts and of scenario keys, generated from the catalogue and the models."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace

@@ -1,7 +1,5 @@
 """Tables of numbers as text: columns by the names in the first line, with limits for their numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

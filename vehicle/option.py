@@ -5,8 +5,6 @@ repository has a nested class ``Parameters``, a table whose fields carry default
 meaning; its constructor takes the table as ``parameters``. The two forms meet in `declared_options` and `arguments`.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Self

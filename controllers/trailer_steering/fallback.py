@@ -10,8 +10,6 @@ the bias of articulation and gyro, and the scale of the wheel speed. Without the
 Only the last follow distance of it counts, so that errors do not grow for ever.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final, Literal, NamedTuple

@@ -15,8 +15,6 @@ in its estimate the trailer stands still. Distance that the estimate lacks again
 hitch path, until the follow point has passed that place.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final, NamedTuple

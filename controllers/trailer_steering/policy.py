@@ -11,8 +11,6 @@ estimate, constant until the next one, and the combination's own sensors. A ``.n
 The output, within -1 .. 1, is the demanded angle over the actuators' limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path

@@ -11,8 +11,6 @@
 - Supervision: demands that make up for failed actuators (`actuators`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, cast
 

@@ -30,8 +30,6 @@ Tyre slip is not modelled. On a slippery or cambered road the heading error grow
 steady off-tracking of about follow distance times slip over gain remains: the known weakness of the scheme.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import ClassVar, NamedTuple

@@ -1,7 +1,5 @@
 """`offtrack vehicle`, `assess`, `validate` and `reproduce`: data sheets; comparison with standards, theory, papers."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import json

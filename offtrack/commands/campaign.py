@@ -1,7 +1,5 @@
 """`offtrack campaign`: how often a loop fails its requirements under faults."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`offtrack estimate` and `offtrack calibrate`: estimators on recorded images, cameras by photographs of a board."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """`offtrack export`, `draw`, `view` and `fmu`: runs as files, drawings and pages; exchange of models by FMI."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,5 @@
 """`offtrack run`, and `offtrack scenarios`, `parts` and `keys`: run a scenario, and list what there is to choose."""
 
-from __future__ import annotations
-
 import json
 from contextlib import ExitStack
 from dataclasses import asdict

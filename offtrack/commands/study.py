@@ -1,7 +1,5 @@
 """`offtrack compare` and `offtrack sweep`: make grids of runs; and the options that commands of studies share."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import inspect

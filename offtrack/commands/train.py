@@ -1,7 +1,5 @@
 """`offtrack tune`, `train`, `convert-policy` and `fit-surrogate`: parameters, policies and error models from runs."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

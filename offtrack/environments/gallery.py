@@ -1,7 +1,5 @@
 """A picture of every environment, for documents: ``python -m offtrack.environments.gallery FOLDER``."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

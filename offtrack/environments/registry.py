@@ -7,8 +7,6 @@ env = gymnasium.make("offtrack/TrailerSteering-v0")
 many = gymnasium.make_vec("offtrack/TrailerSteering-v0", num_envs=1024)
 """
 
-from __future__ import annotations
-
 import copyreg
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Options and sensors of ``RoverSteering``: reward, ranges of episodes, features, camera and slip estimator."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """Fit of the surrogate off-tracking estimator to the errors of runs with the real one."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Build vehicle, plant, geometry, outlines, course, surface and rig from scenario and vehicle files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

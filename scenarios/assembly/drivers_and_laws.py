@@ -1,7 +1,5 @@
 """Construct the tractor's driver and the trailers' guarded steering laws by name."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Assembly of a rover run with its sensors: all parts are constructed and checked before the simulation starts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ the estimator loses health for a while. Errors that depend on the scene are not 
 Comparing such a run with a camera run shows the effect of the cameras on a policy trained with the surrogate.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 from importlib import resources

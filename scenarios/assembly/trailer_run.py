@@ -1,7 +1,5 @@
 """Assembly of a trailer run: all parts are constructed and checked before the simulation starts."""
 
-from __future__ import annotations
-
 import math
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace

@@ -5,8 +5,6 @@ boards stand at surveyed positions: they give the cameras' pose on the trailer, 
 the view by errors of the principal points. The mount is straight during the calibration and bends only later.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ the brakes of the simulated vehicle. None of them depends on the law, nor on how
 ``scenarios.loop_faults.fault`` lists the kinds.
 """
 
-from __future__ import annotations
-
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ do, in every plant. Axles that one actuator turns share its fault.
 A law that gets no new estimate knows its age. An actuator that gets no new demand holds the last one.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Options of the cameras, the rendered world, and the combination's own sensors."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """A rover's scenario: with the seed it determines the run; frozen and validated."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Options of the ground, the wind, and the traffic."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 

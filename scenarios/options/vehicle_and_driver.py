@@ -1,7 +1,5 @@
 """Options of the driver, of demands from outside, and of the simulated vehicle."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field

@@ -1,7 +1,5 @@
 """Files that appear complete or not at all, and folders that one process uses at a time."""
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import os

@@ -4,8 +4,6 @@ Results of an interrupted command carry a hidden list of their files. As long as
 may replace the directory.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -4,8 +4,6 @@ A run directory holds copies of the files, so that it runs again elsewhere, and 
 copied, as they belong to a program: their hashes are kept, and a later run on other ones says so.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import json

@@ -1,7 +1,5 @@
 """Result of a run of any kind of vehicle, and the manifest that identifies the run."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import platform
 from abc import ABC, abstractmethod

@@ -1,7 +1,5 @@
 """Numbers of a summary: computing time, pace, and demands from outside, ready for JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Bodies are rectangles on the ground plane. Poses are arrays (n, 3) of x [m], y [
 wrapped or continuous.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

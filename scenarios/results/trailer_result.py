@@ -1,7 +1,5 @@
 """Result of a trailer run in memory, with the friction of the ground around it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple

@@ -9,8 +9,6 @@ The path is a chain of clothoids between knots. Each Gauss-Newton step shifts it
 curvature by eta'' + kappa^2 eta; the normal equations have seven diagonals, so that the time is linear in the length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace

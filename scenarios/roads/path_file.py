@@ -1,7 +1,5 @@
 """Read the points of a path from a file: CSV of x and y, a GPX track or route, a GeoJSON line, or OpenCRG."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Modelled: the lens (``sensors.camera.lens``), its blur, anti-aliasing, noise, an
 of the board. Not modelled: bent boards, motion blur, reflections.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

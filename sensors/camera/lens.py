@@ -4,8 +4,6 @@ The distortion model is that of Brown and Conrady with OpenCV's order of the coe
 centres are whole numbers; the first pixel's is (0, 0). Rays are given by their x and y at depth 1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -4,8 +4,6 @@ Light is measured in the renderer's grey levels and assumed proportional to them
 renderer's white. Not modelled: chromatic aberration, focus, dead pixels, compression.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

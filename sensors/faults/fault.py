@@ -4,8 +4,6 @@
 classes in ``message_kinds`` and ``image_kinds`` define most of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Fault kinds of images: those of any camera, and those of the right camera of a stereo pair."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar, cast

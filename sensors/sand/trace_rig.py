@@ -1,7 +1,5 @@
 """Calibrated camera behind a rover's left rear wheel, and the nominal one of Reina 2008."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -6,8 +6,6 @@ flow along with the vehicle while it is in view. Wheels come in groups, such as 
 group changes the ground again. Relief is not modelled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -1,7 +1,5 @@
 """Placement of things along a road, and the surroundings of a country airfield."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

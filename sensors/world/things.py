@@ -3,8 +3,6 @@
 Sizes are those of real things [m]. The generator passed to a builder decides the irregularities.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -9,8 +9,6 @@ Origin of each: its middle on the ground, x forward. Sizes are those of real veh
 turn or steer, the view through windows, reflections.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

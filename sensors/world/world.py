@@ -1,7 +1,5 @@
 """The rendered world as plain data: ground, things, sky and light, generated from one random stream."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ effects of roll and pitch on the yaw plane other than through the loads, contact
 over after a side has lifted off.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 

@@ -3,8 +3,6 @@
 Tyres and bodies follow without delay unless ``tyre_dynamics`` is asked for, and speeds are constant.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Final, Literal, NamedTuple, TypeAlias

@@ -9,8 +9,6 @@ Trailer actuators are numbered as units are; the input "steer" turns all steered
 point is straight running at constant speed on level ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

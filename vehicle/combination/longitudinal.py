@@ -4,8 +4,6 @@ Straight, quasi-static: loads shift with grade and drive force, tyres roll witho
 transmit friction times their load at most. Needs the vehicle's table ``[powertrain]`` for forces in low gears.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple

@@ -19,8 +19,6 @@ seconds, of separate springs practically never. The sum of the group's loads is 
 is the load on the hitch. Only uneven road does this: on a plane the axles of a group stand in line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

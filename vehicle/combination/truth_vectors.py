@@ -1,7 +1,5 @@
 """Ground truth as CasADi expressions: motion and poses of units, forces of wheels; and Truth from vectors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 

@@ -14,8 +14,6 @@ underscores); axles have an index and the names of their bogie and steer group. 
 Absolute values are set first, then scales multiply. Loads and brake shares follow from the changed numbers.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence

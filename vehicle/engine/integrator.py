@@ -6,8 +6,6 @@ that A contains. Here A is diagonal, so no system of equations is solved. With S
 up to h^2, k_1 = f + g h A f and k_2 = h J f / 2 - g h A f, whatever A is. Where A is 0 this is the midpoint rule.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, Final

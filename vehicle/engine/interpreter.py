@@ -4,8 +4,6 @@ Vehicles are split into blocks whose intermediate values stay in the processor's
 longer needed are reused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Kernels: functions ready to run for one vehicle or for many, compiled, or interpreted without a compiler."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any, Final, Literal, Protocol, TypeAlias, get_args
 

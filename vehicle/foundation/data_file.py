@@ -1,7 +1,5 @@
 """Arrays and texts of tables that a user gives, checked as they are read."""
 
-from __future__ import annotations
-
 import io
 import math
 import zipfile

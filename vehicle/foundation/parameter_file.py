@@ -3,8 +3,6 @@
 A number is written plain or as ``{ value = 8000.0, source = "weighed" }``; models see the plain number only.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 import tomllib

@@ -4,8 +4,6 @@
 ``FileType`` of it.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

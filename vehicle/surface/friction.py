@@ -1,7 +1,5 @@
 """Friction of tyre and ground that changes with position: by sides of a line, in patches, or from an image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable

@@ -1,7 +1,5 @@
 """Ground under a vehicle: a plane or a cone with friction, road roughness on top of it, and gusts above it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

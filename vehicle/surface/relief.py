@@ -6,8 +6,6 @@ half of a wave of that length. The rest is roughness, averaged by the tyre's con
 measured heights. At 90 km/h a wave of that length comes every 2 s, slower than a body bounces on its springs.
 """
 
-from __future__ import annotations
-
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np

@@ -15,8 +15,6 @@ Two tracks d apart then have the cross density Gd(n) * X K1(X) with X = 2 pi n d
 long waves (X -> 0 gives 1) and independent for short ones, which makes a vehicle roll.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import MappingProxyType
 

@@ -4,8 +4,6 @@ A law gets the observed estimate and signals, and the hitch path at the time of 
 estimate's error, which grows linearly from hitch to follow point as in the surrogate.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack, closing

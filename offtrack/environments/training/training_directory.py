@@ -5,8 +5,6 @@ within 150 ms, and estimates come every 100 ms, so actions see estimates of ever
 2 s. Rewards fall linearly with the distance from the path, not with its square, so that the last centimetres count.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import platform

@@ -1,7 +1,5 @@
 """Read the roads of an OpenDRIVE file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final

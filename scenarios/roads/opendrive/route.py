@@ -6,8 +6,6 @@ Each place along that lane has a row of ``LINES`` lines, from right to left. The
 ``LINES // 2 - 1``, the one on its left comes next, wherever the road gets or loses lanes beside them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
