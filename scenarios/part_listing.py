@@ -12,8 +12,8 @@ from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import tables_in
+from vehicle.foundation.user_file import nearest
 from vehicle.option import Option, declared_options
 from vehicle.rover.description import load_rover, load_soil, rover_names, soil_names
 

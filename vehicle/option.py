@@ -11,9 +11,8 @@ from typing import Any, Final, Self
 
 from pydantic import ValidationError
 
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import Frozen, Option, Parameter, complaint, option, quantity
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 
 COMBINATION: Final = "combination"  # keyword of a law's constructor for the data sheet of the whole combination
 __all__ = [

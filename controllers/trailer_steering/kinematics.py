@@ -40,8 +40,7 @@ from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2, limited_angle, wrap
+from vehicle.frames import FloatArray, Pose2, arc_length, limited_angle, wrap
 
 _NEWTON_STEPS = 5  # from the solution for small angles: 1e-12 rad within the range of axles
 _STEEPEST = 1.3  # limit of directions of travel, 74 deg: the tangent stays finite [rad]

@@ -26,9 +26,8 @@ from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, elapsed_since
 from vehicle.foundation.data_file import read_arrays
-from vehicle.foundation.polyline import arc_length
 from vehicle.foundation.user_file import FileType, shown
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 from vehicle.option import PartParameters, option
 
 NETWORK_FILE: Final = FileType("a trained network", 16_000_000)

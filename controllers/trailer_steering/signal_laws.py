@@ -52,8 +52,7 @@ from estimators.estimates import OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import elapsed_since
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 from vehicle.option import PartParameters, quantity
 
 _CREEP = 0.2  # below this speed the direction of travel is sensor noise, and the axles keep their angles [m/s]

@@ -25,8 +25,7 @@ from offtrack.studies.campaigns.run_campaign import Results, results_json, run_c
 from offtrack.studies.case import listed, seeds_of
 from offtrack.studies.study import settings_of
 from scenarios.options.scenario import scenario_names
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 
 EXAMPLES = (
     "Examples: offtrack campaign --list   offtrack campaign roundabout --set course.turn_deg=90   "

@@ -34,8 +34,8 @@ from offtrack.reports.viewing import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
+from scenarios.results.run_directory import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 

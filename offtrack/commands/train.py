@@ -53,7 +53,7 @@ from offtrack.studies.tuning import (
 from offtrack.studies.tuning_page import tuning_page
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
+from scenarios.results.run_directory import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text

@@ -40,7 +40,7 @@ from offtrack.environments.rover_options import RoverSteeringOptions
 from offtrack.environments.rover_steering import RoverSteering
 from offtrack.environments.trailer_steering import TrailerSteering, TrailerSteeringOptions
 from offtrack.reports.canvas import Picture
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 
 
 class Window:

@@ -18,7 +18,7 @@ from offtrack.environments.core import Info
 from scenarios.loop.referee import FOLDED, LIFTED
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import symbolic_twin
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 
 

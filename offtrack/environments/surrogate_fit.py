@@ -12,8 +12,7 @@ import tomli_w
 from scenarios.assembly.surrogate import SurrogateParameters
 from scenarios.results.log import LOST, read_columns
 from scenarios.results.metrics import estimate_error
-from vehicle.foundation.parameter_file import read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileKind, read_toml, shown
 from vehicle.frames import FloatArray
 
 _REAL = ("viso_ot", "ground_watching", "ground_watching_single")  # estimators with cameras

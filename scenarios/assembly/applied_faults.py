@@ -17,7 +17,7 @@ from scenarios.loop_faults.fault import (
     LoopFaultKind,
     MessageFault,
 )
-from scenarios.options.faults import FaultOptions
+from scenarios.options.tables import FaultOptions
 from sensors.faults.fault import Fault
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray

@@ -22,8 +22,7 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.reference import ReferenceMemory, ReferenceOffTracking
 from sensors.messages import BodyPose
 from vehicle.clock import TICK
-from vehicle.foundation.parameter_file import read_toml, without_sources
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import read_toml, shown, without_sources
 from vehicle.frames import FloatArray
 
 _FRAMES = 600  # of random numbers per vehicle: a minute; a longer episode repeats them

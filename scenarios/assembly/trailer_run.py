@@ -49,7 +49,7 @@ from scenarios.assembly.trailer_sensors import (
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
-from scenarios.options.surroundings import SurfaceOptions
+from scenarios.options.tables import SurfaceOptions
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
 from scenarios.roads.crg_file import CrgSurface, read_crg
@@ -61,8 +61,7 @@ from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.foundation.own_parts import close_part
-from vehicle.foundation.polyline import dense
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, dense
 from vehicle.option import Parameter, check_options, declared_options
 from vehicle.surface import PATCH_SPREAD, MeasuredRoad, Surface
 

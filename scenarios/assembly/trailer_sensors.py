@@ -20,13 +20,18 @@ from estimators.context import Estimator
 from estimators.rigid_motion import rotation_vector
 from scenarios.assembly.adapters import rig_on
 from scenarios.courses import Course
-from scenarios.options.perception import GroundRigOptions, RigOptions, WorldOptions
-from scenarios.options.surroundings import SurfaceOptions, TrafficOptions
+from scenarios.options.tables import GroundRigOptions, RigOptions, SurfaceOptions, TrafficOptions, WorldOptions
 from scenarios.progress import Progress, no_progress
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.image_formation import AutoExposure
-from sensors.camera.lens import UNDISTORTED, CameraModel, RawStereoRig, mount_rotation
-from sensors.camera.rig import StereoCalibration, ground_watching_pair
+from sensors.camera.rig import (
+    UNDISTORTED,
+    CameraModel,
+    RawStereoRig,
+    StereoCalibration,
+    ground_watching_pair,
+    mount_rotation,
+)
 from sensors.camera.stereo_camera import Imperfections, PairSource, RawStereoCamera, StereoCamera, pinholes_for
 from sensors.context import TrailerSensorContext
 from sensors.instruments.combination import CombinationSensors
@@ -34,9 +39,8 @@ from sensors.instruments.navigation import ExactPose
 from sensors.messages import Message, Sensor, StereoFrame, TrailerView
 from sensors.render import StereoRenderer
 from sensors.world.ground import ground_height
-from sensors.world.reformed_ground import ReformedGround
 from sensors.world.traffic import InTraffic, StereoSampler, Traffic, populated
-from sensors.world.world import World, build_world
+from sensors.world.world import ReformedGround, World, build_world
 from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth

@@ -15,8 +15,7 @@ from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import LaserSlip, RoverPose
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, LOST, MOTION, Column, Log, Row, Signal, columns_by_parts
-from scenarios.results.run_summary import Result
-from scenarios.results.summary_numbers import Numbers, Summary, number, timing_numbers
+from scenarios.results.run_summary import Numbers, Result, Summary, number, timing_numbers
 from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from vehicle.foundation.own_parts import is_library
 from vehicle.foundation.user_file import FileKind, read_text
 

@@ -21,8 +21,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from controllers.path import Path, Segment
 from scenarios.roads.path_file import PathPoints
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, arc_length
 
 _KNOTS: Final = 16  # per smoothing length: linear interpolation between them errs by 0.6 % of a wave of that length
 _MOST_KNOTS: Final = 60_000  # of a path: a second to fit

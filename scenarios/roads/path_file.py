@@ -11,8 +11,7 @@ import numpy as np
 from scenarios.roads.crg_file import read_crg
 from scenarios.roads.xml_file import Element, read_xml
 from scenarios.table_file import Column, open_table
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import MAX_NESTING, MAX_POINTS, FileKind, read_text, shown
+from vehicle.foundation.user_file import MAX_NESTING, MAX_POINTS, FileKind, nearest, read_text, shown
 from vehicle.frames import FloatArray
 
 _A: Final = 6_378_137.0  # semi-major axis of WGS 84 [m]

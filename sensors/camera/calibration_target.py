@@ -1,6 +1,6 @@
 """Checkerboard for the calibration of cameras, and synthetic images of it.
 
-Modelled: the lens (``sensors.camera.lens``), its blur, anti-aliasing, noise, and light that falls off towards one side
+Modelled: the lens (``sensors.camera.rig``), its blur, anti-aliasing, noise, and light that falls off towards one side
 of the board. Not modelled: bent boards, motion blur, reflections.
 """
 
@@ -10,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray, so3_exp, transform
 

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera.lens import UNDISTORTED, CameraModel, RawStereoRig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import UNDISTORTED, CameraModel, RawStereoRig, StereoCalibration
 from sensors.messages import ColourImage, GreyImage
 from sensors.textures import fractal_noise
 from vehicle.foundation.quantity import check_number

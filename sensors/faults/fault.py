@@ -11,8 +11,7 @@ from typing import ClassVar, Final, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from sensors.camera.lens import CameraModel
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import CameraModel, StereoCalibration
 from sensors.messages import Message, Sensor, Stamped, message_type
 from vehicle.clock import to_ticks
 from vehicle.option import Option

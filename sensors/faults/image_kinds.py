@@ -16,7 +16,7 @@ from sensors.camera.image_formation import (
     moved,
     twist_between,
 )
-from sensors.camera.lens import mount_rotation
+from sensors.camera.rig import mount_rotation
 from sensors.faults.fault import FaultContext, Pinhole, T
 from sensors.messages import GreyImage, Message, Sensor, image_fields
 from vehicle.clock import TICK, to_ticks

@@ -28,8 +28,7 @@ from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.ground import Condition, RoadMap, line_range
 from sensors.world.scenery import Instances
-from sensors.world.shapes import FaceArray, Mesh, grid_faces
-from sensors.world.things import Part
+from sensors.world.things import FaceArray, Mesh, Part, grid_faces
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform

@@ -15,8 +15,7 @@ from sensors.sand.grid import TEXEL, Bytes, Floats, Roll, Sand, Tread, Window, i
 from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.solids import Rock
 from sensors.world.sky import Sunlight
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _OFFSET: Final = (0.17, 0.33)  # of a track along the route from the rover's own left wheels [m]
 _SWEEPS: Final = 4  # of slumping after an imprint

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.camera.image_formation import AutoExposure, LightNoise
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import ColourImage, GreyImage
 from sensors.sand.field import decoded
 from sensors.sand.grid import TEXEL, Floats, Window, window_around

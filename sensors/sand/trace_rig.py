@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from vehicle.frames import FloatArray, inverse, transform
 from vehicle.rover.command import WheelPlace
 from vehicle.rover.description import Rover

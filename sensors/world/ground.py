@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from sensors.textures import NoiseArray, fractal_noise
-from sensors.world.shapes import FaceArray, Mesh
-from vehicle.foundation.polyline import arc_length, dense, is_left, sides
-from vehicle.frames import FloatArray
+from sensors.world.things import FaceArray, Mesh
+from vehicle.frames import FloatArray, arc_length, dense, is_left, sides
 from vehicle.surface import Potholes, Surface
 from vehicle.surface.relief import BesideLine
 

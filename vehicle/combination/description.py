@@ -14,8 +14,8 @@ from typing import Annotated, Any, Final, NamedTuple
 from pydantic import Field, field_validator, model_validator
 
 from vehicle.combination.unit import AxleBrake, Brakes, Unit
-from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
+from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
 

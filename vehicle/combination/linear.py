@@ -23,7 +23,7 @@ from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.tyres import Num
 

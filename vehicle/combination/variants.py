@@ -22,8 +22,8 @@ from typing import Any, Final, TypeAlias
 
 from vehicle.combination.description import Vehicle, vehicle_from
 from vehicle.combination.unit import MassProperties, Unit, without
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import Frozen, checked, quantity
+from vehicle.foundation.user_file import nearest
 
 FULL: Final = "full"
 LOADS: Final = {"unladen": 0.0, "half": 0.5, FULL: 1.0}  # load case and its share of the payload

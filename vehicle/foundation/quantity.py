@@ -22,8 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 
 Model = TypeVar("Model", bound=BaseModel)
 Parameter: TypeAlias = bool | int | float | str

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from vehicle.foundation.parameter_file import ParameterLibrary, read_toml, sources, without_sources
 from vehicle.foundation.quantity import Fraction, Frozen, Lag, Length, Position, checked, quantity
+from vehicle.foundation.user_file import ParameterLibrary, read_toml, sources, without_sources
 from vehicle.frames import FloatArray
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.tyres import Num

@@ -35,8 +35,7 @@ from controllers.trailer_steering.mpc.observer import Reckoned
 from controllers.trailer_steering.mpc.trailer_model import STEP, Step, Stepper, TrailerModel
 from estimators.estimates import Health, OffTracking
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _PIECE: Final = 0.2  # longest chord of a path: 0.4 mm inside of a turn of 12 m radius [m]
 _SAME: Final = 1e-6  # points closer together count as one: their distance is rounding [m]

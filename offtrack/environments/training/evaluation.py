@@ -32,8 +32,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.foundation.own_parts import close_part
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _KEPT: Final = 60  # control steps: age of the oldest usable estimate
 _FITTED: Final = 1.0  # of path behind the hitch, to fit its direction [m]

@@ -39,7 +39,7 @@ from offtrack.environments.training.training_directory import (
     write_curve,
 )
 from scenarios.progress import Progress
-from scenarios.results.atomic_files import replacing
+from scenarios.results.run_directory import replacing
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.data_file import read_archive, unpacked
 from vehicle.foundation.user_file import FileKind, shown

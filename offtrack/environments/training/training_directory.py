@@ -25,8 +25,8 @@ from offtrack.environments import rewards
 from offtrack.environments.rewards import Domain, Reward
 from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
 from offtrack.studies.run_study import check_study_directory, opened_study
-from scenarios.results.atomic_files import replaced, replacing
 from scenarios.results.log import read_table
+from scenarios.results.run_directory import replaced, replacing
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
 

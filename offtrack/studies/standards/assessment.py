@@ -23,7 +23,7 @@ from scenarios.progress import Progress, no_progress
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle
 from vehicle.combination.variants import FULL, load_cases, with_load
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 
 if TYPE_CHECKING:
     from offtrack.studies.standards.proving_ground import Conditions

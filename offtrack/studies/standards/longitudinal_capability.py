@@ -24,7 +24,7 @@ from offtrack.studies.standards.proving_ground import (
 )
 from scenarios.results.log import Log
 from vehicle.clock import TICK
-from vehicle.combination import longitudinal as theory
+from vehicle.combination import handling as theory
 from vehicle.combination.actuators import retarder_capacity
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import Plant, VehicleCommand

@@ -40,8 +40,7 @@ from scenarios.options.course import outer_wall
 from scenarios.results.swept_path import UnitOutline, inner_radius, placed, swept_path, tail_swings
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, arc_length
 from vehicle.surface import Surface
 
 _SPACING: Final = 0.1  # of the stations along the path [m]

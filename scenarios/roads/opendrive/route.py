@@ -16,8 +16,7 @@ import numpy as np
 
 from scenarios.roads.opendrive.network import Connection, Contact, Lane, LineKind, Link, Network, Road, Section
 from scenarios.roads.path_file import PathPoints
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
 Edges = Literal["lane", "road"]

@@ -20,7 +20,7 @@ from scenarios.loop.runner import run
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress
-from scenarios.results.summary_numbers import number_at
+from scenarios.results.run_summary import number_at
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK

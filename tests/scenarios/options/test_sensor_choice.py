@@ -6,8 +6,7 @@ import pytest
 
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario
 from sensors.messages import BodyPose, CombinationSignals, check_receives
 
 

@@ -17,11 +17,7 @@ from offtrack.studies.validation.simple_drives import on_single_axles
 from tests.vehicle.chains import with_axles
 from vehicle.combination.data_sheet import coupling_loads
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
-from vehicle.combination.handling import (
-    peak_rearward_amplification,
-    understeer_gradient,
-    yaw_damping,
-)
+from vehicle.combination.handling import peak_rearward_amplification, understeer_gradient, yaw_damping
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
 

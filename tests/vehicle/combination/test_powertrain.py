@@ -14,8 +14,8 @@ from offtrack.studies.standards.longitudinal_capability import Incline
 from tests.vehicle.chains import named
 from vehicle.combination.actuators import demand_rate, retarder_capacity, steer_rate
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.handling import startability
 from vehicle.combination.layout import wheels
-from vehicle.combination.longitudinal import startability
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface

@@ -9,11 +9,7 @@ import pytest
 
 from vehicle.combination.data_sheet import DataSheet, data_sheet
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names, vehicle_sources
-from vehicle.combination.handling import (
-    static_rollover_threshold,
-    understeer_gradient,
-    yaw_damping,
-)
+from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
 from vehicle.combination.loads import static_axle_loads
 
 FOOT = 0.3048  # [m]
