@@ -144,10 +144,7 @@ def _of_catalogue(table: catalogue.Catalogue) -> Kind:
         for name in table:
             part = catalogue.resolve(kind, name, table)
             yield Part(
-                kind=kind,
-                name=name,
-                meaning=_first_line(part),
-                parameters=tuple(map(_key, declared_options(part))),
+                kind=kind, name=name, meaning=_first_line(part), parameters=tuple(map(_key, declared_options(part)))
             )
 
     return listed

@@ -32,13 +32,7 @@ from typing import Any, Final, NamedTuple, cast
 import numpy as np
 
 from controllers.checked import check_angles, checked_step
-from controllers.trailer import (
-    ActuationAware,
-    Combination,
-    SteerCommand,
-    TrailerGeometry,
-    TrailerSteering,
-)
+from controllers.trailer import ActuationAware, Combination, SteerCommand, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.actuators import ActuatorFinding, ActuatorSupervision, SupervisionMemory
 from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
 from controllers.trailer_steering.kinematics import HitchMotion, hitch_motion, reachable

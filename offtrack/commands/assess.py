@@ -66,8 +66,7 @@ def vehicle(
         typer.Argument(help="Vehicle or rover: a name or a TOML file. Without it, the known names are listed."),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N"),
+        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N")
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -158,13 +157,11 @@ def assess(
     manoeuvres: Annotated[
         str,
         typer.Option(
-            help="Manoeuvres of the list above, comma-separated, or all.",
-            show_default=", ".join(STANDARD_SET),
+            help="Manoeuvres of the list above, comma-separated, or all.", show_default=", ".join(STANDARD_SET)
         ),
     ] = "standard",
     loads: Annotated[
-        str,
-        typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all."),
+        str, typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all.")
     ] = "full",
     hand: Annotated[Hands, typer.Option(help="Side to which manoeuvres turn first.")] = "left",
     speed: Annotated[

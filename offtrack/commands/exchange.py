@@ -6,20 +6,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import (
-    OneLineGroup,
-    Quiet,
-    lines,
-    one_line_errors,
-    progress_bar,
-    progress_display,
-)
-from offtrack.exchange.drawings import (
-    drawing,
-    driven_run,
-    formats_of,
-    write_drawing,
-)
+from offtrack.commands.console import OneLineGroup, Quiet, lines, one_line_errors, progress_bar, progress_display
+from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model

@@ -39,8 +39,7 @@ from vehicle.foundation.quantity import check_number
 
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Timeout = Annotated[
-    float | None,
-    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit"),
+    float | None, typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit")
 ]
 Scheduler = Annotated[
     str | None,
@@ -62,13 +61,9 @@ JobQueue = Annotated[
 Patience = Annotated[
     float, typer.Option(help="Time without any worker of Dask after which the rest of the runs is given up [s].")
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
-]
+Out = Annotated[Path | None, typer.Option(help="Output directory; an existing study is resumed.", show_default=False)]
 Where = Annotated[
-    list[str] | None,
-    typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
+    list[str] | None, typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated.")
 ]
 
 
@@ -299,8 +294,7 @@ def compare(
     ] = "truth",
     settings: SettingsOfAll = None,
     vary: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated."),
+        list[str] | None, typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated.")
     ] = None,
     seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every combination is run with each.")] = "1",
     *,

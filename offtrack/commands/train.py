@@ -73,8 +73,7 @@ def train(
         str, typer.Option(help="Name of a vehicle or a TOML file; its last trailer is steered.")
     ] = "uk_longer_semitrailer",
     steps: Annotated[
-        int,
-        typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones."),
+        int, typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones.")
     ] = _DEFAULT_STEPS,
     minutes: Annotated[
         float | None, typer.Option(help="Time limit [min]; training ends earlier once all steps are done.")

@@ -255,10 +255,7 @@ def rover_sensing(scenario: RoverScenario, mount: RoverMountContext) -> RoverSen
         )
     opened = opened_rover_sensor(sensor, mount)
     context = RoverContext(
-        rover=rover_geometry(mount.rover),
-        rig=mount.rig,
-        rng=mount.stream("slip estimator"),
-        options=scenario.estimator,
+        rover=rover_geometry(mount.rover), rig=mount.rig, rng=mount.stream("slip estimator"), options=scenario.estimator
     )
     estimator = constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
     check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))

@@ -391,11 +391,7 @@ class StereoCameras:
 def _pinholes(context: MountContext, calibration: StereoCalibration, noise: np.random.Generator) -> OpenedSensor:
     renderer = context.views.seen_by(calibration)
     camera = StereoCamera(
-        renderer=renderer,
-        unit=context.unit,
-        noise_std=context.rig.noise,
-        rng=noise,
-        keep_colour=context.keep_colour,
+        renderer=renderer, unit=context.unit, noise_std=context.rig.noise, rng=noise, keep_colour=context.keep_colour
     )
     return OpenedSensor(
         sensor=context.views.amid(camera, renderer),

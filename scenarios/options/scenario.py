@@ -121,8 +121,7 @@ class RoverScenario(ScenarioTable):
         default_factory=dict, description="Parameters of the slip estimator; those not given keep their defaults."
     )
     sensor: str | None = option(
-        "Sensor (see offtrack parts rover_sensor) or package.module:Name; not given: the estimator's own.",
-        None,
+        "Sensor (see offtrack parts rover_sensor) or package.module:Name; not given: the estimator's own.", None
     )
     sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
     driver: str = option("Rover driver (see offtrack parts rover_driver) or package.module:Name.", "path")
@@ -202,8 +201,7 @@ class Scenario(ScenarioTable):
         default_factory=dict, description="Parameters of the estimator; those not given keep their defaults."
     )
     sensor: str | None = option(
-        "Sensor (see offtrack parts sensor) or package.module:Name; not given: the estimator's own.",
-        None,
+        "Sensor (see offtrack parts sensor) or package.module:Name; not given: the estimator's own.", None
     )
     sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
     viso_ot: VisoOt.Parameters = (

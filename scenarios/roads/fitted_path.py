@@ -103,9 +103,7 @@ def _with_straights(points: FloatArray, smoothing: float) -> FloatArray:
     neighbours = np.minimum(np.append(legs[1:], np.inf), np.insert(legs[:-1], 0, np.inf))
     usual = np.where(np.isfinite(neighbours), neighbours, smoothing)
     pieces = np.where(
-        (legs > _LONG_LEG * usual) | ~np.isfinite(neighbours),
-        np.ceil(legs / np.maximum(usual, 0.25 * smoothing)),
-        1.0,
+        (legs > _LONG_LEG * usual) | ~np.isfinite(neighbours), np.ceil(legs / np.maximum(usual, 0.25 * smoothing)), 1.0
     ).astype(int)
     rows = np.concatenate([[0.0], np.repeat(np.arange(len(legs)), pieces) + _fractions(pieces)])
     return np.stack([np.interp(rows, np.arange(len(points)), points[:, i]) for i in range(2)], axis=1)

@@ -103,12 +103,7 @@ def _light(board: Checkerboard, xy: FloatArray) -> FloatArray:
 
 
 def random_board_pose(
-    board: Checkerboard,
-    rng: np.random.Generator,
-    *,
-    ray: FloatArray,
-    depth: float,
-    tilt: float,
+    board: Checkerboard, rng: np.random.Generator, *, ray: FloatArray, depth: float, tilt: float
 ) -> FloatArray:
     """Pose X_CB (4, 4) of a board whose middle lies on the ray ``ray`` (2,) at a depth ``depth`` [m].
 

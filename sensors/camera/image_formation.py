@@ -189,10 +189,7 @@ def _border(camera: CameraModel) -> NDArray[np.float64]:
 
 _DIRT: Final = 0.85  # share of the light that thick dirt absorbs or scatters [-]
 _SCATTER: Final = 0.3  # share of that light which is scattered over the image behind it [-]
-_DROP_RADII: Final = (
-    0.012,
-    0.045,
-)  # apparent radius of rain drops over the mean side of the image [-]
+_DROP_RADII: Final = (0.012, 0.045)  # apparent radius of rain drops over the mean side of the image [-]
 _COARSE: Final = 4  # glare is smooth: it is computed on every fourth pixel
 # Veiling glare by the angle from the sun: a halo around it and a wide haze from dust in the optics, as shares of white.
 _HALO, _HALO_WIDTH = 1.0, math.radians(7.0)

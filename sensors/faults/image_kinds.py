@@ -7,15 +7,7 @@ from typing import ClassVar, cast
 import cv2
 import numpy as np
 
-from sensors.camera.image_formation import (
-    STILL,
-    Twist,
-    behind_dirt,
-    dirt_layer,
-    glare_veil,
-    moved,
-    twist_between,
-)
+from sensors.camera.image_formation import STILL, Twist, behind_dirt, dirt_layer, glare_veil, moved, twist_between
 from sensors.camera.rig import mount_rotation
 from sensors.faults.fault import FaultContext, Pinhole, T
 from sensors.messages import GreyImage, Message, Sensor, image_fields

@@ -340,7 +340,4 @@ def _extent(i: int, j: int) -> Window:
 def _in_blocks(part: tuple[slice, slice]) -> tuple[slice, slice]:
     """Slices of texels that begin and end with blocks, as slices of blocks."""
     rows, columns = part
-    return (
-        slice(rows.start // _BLOCK, rows.stop // _BLOCK),
-        slice(columns.start // _BLOCK, columns.stop // _BLOCK),
-    )
+    return (slice(rows.start // _BLOCK, rows.stop // _BLOCK), slice(columns.start // _BLOCK, columns.stop // _BLOCK))

@@ -289,8 +289,7 @@ def condition_of(surface: Surface, road: RoadMap) -> Condition:
     """Condition of a surface; one of uniform friction looks dry."""
     potholes = surface.roughness.potholes if surface.roughness else None
     return Condition(
-        looks=None if surface.is_uniform else _looks(surface, road),
-        holes=_holes(potholes, road) if potholes else None,
+        looks=None if surface.is_uniform else _looks(surface, road), holes=_holes(potholes, road) if potholes else None
     )
 
 

@@ -82,13 +82,7 @@ def topology(vehicle: Vehicle) -> Vehicle:
     return bare
 
 
-def _with_numbers(
-    thing: Any,
-    number: Callable[[str, float], Any],
-    path: str = "",
-    *,
-    words: bool = True,
-) -> Any:
+def _with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "", *, words: bool = True) -> Any:
     """A copy with every number replaced by ``number(path, value)``; not validated, as numbers may be symbols."""
 
     def copied(part: Any, key: object) -> Any:

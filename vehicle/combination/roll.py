@@ -157,12 +157,7 @@ def _unit_springs(unit: Unit, loads: Sequence[Num], *, towed: bool) -> UnitSprin
     if coupling is not None:
         hitch = coupling.roll_stiffness * (1.0 if frame is None else _series(frame, coupling.roll_stiffness))
     return UnitSprings(
-        axles=axles,
-        inertia=inertia,
-        stiffness=stiffness,
-        damping=damping,
-        hitch=hitch,
-        coupling=coupling,
+        axles=axles, inertia=inertia, stiffness=stiffness, damping=damping, hitch=hitch, coupling=coupling
     )
 
 

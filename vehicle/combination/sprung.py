@@ -102,9 +102,7 @@ def spring_rates(unit: Unit, ride: Ride, specific_x: Num, specific_y: Num) -> At
         gradient, frequency = unit.roll_swing
         roll = (math.tau * frequency) ** 2 * (offset.roll + gradient * specific_y)
     return Attitude(
-        heave=w_heave**2 * offset.heave,
-        pitch=w_pitch**2 * (offset.pitch - unit.pitch_gradient * specific_x),
-        roll=roll,
+        heave=w_heave**2 * offset.heave, pitch=w_pitch**2 * (offset.pitch - unit.pitch_gradient * specific_x), roll=roll
     )
 
 

@@ -17,11 +17,7 @@ _GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable if the Jacobian is that d
 
 
 def semi_implicit_step(
-    rate: Callable[[ca.SX], ca.SX],
-    x: ca.SX,
-    h: float | ca.SX,
-    relaxation: ca.SX,
-    sampled: Collection[int] = (),
+    rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float | ca.SX, relaxation: ca.SX, sampled: Collection[int] = ()
 ) -> ca.SX:
     """State after one step of h [s] from x.
 

@@ -235,11 +235,7 @@ class Kernel(Protocol):
 
 
 def kernel_for_one(
-    function: AnyFunction,
-    numbers: FloatArray,
-    engine: Engine,
-    *,
-    always: FloatArray = _NOTHING,
+    function: AnyFunction, numbers: FloatArray, engine: Engine, *, always: FloatArray = _NOTHING
 ) -> Kernel:
     """Kernel of a function (state, input, numbers) for one vehicle; one per thread, as it owns its memory.
 

@@ -64,10 +64,7 @@ _UNUSUAL: Final = (
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
 )
-_REASONS: Final = {
-    errno.ELOOP: "its symbolic links form a circle",
-    errno.ENAMETOOLONG: "its name is too long",
-}
+_REASONS: Final = {errno.ELOOP: "its symbolic links form a circle", errno.ENAMETOOLONG: "its name is too long"}
 
 
 def read_bytes(path: Path, kind: FileType) -> bytes:
