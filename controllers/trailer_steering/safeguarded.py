@@ -34,8 +34,8 @@ import numpy as np
 from controllers.checked import check_angles, checked_step
 from controllers.trailer import ActuationAware, Combination, SteerCommand, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.actuators import ActuatorFinding, ActuatorSupervision, SupervisionMemory
-from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
 from controllers.trailer_steering.kinematics import HitchMotion, hitch_motion, reachable
+from controllers.trailer_steering.signal_laws import Fallback, FallbackMemory, FallbackName
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor

@@ -25,7 +25,6 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.environments import registry
-from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
 from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
     ENVIRONMENT,
@@ -51,6 +50,7 @@ from offtrack.studies.tuning import (
     write_result,
 )
 from offtrack.studies.tuning_page import tuning_page
+from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_new_file, replaced, replacing

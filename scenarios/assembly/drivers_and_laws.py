@@ -18,8 +18,8 @@ from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, cons
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
 from scenarios.options.tables import DriverOptions
-from scenarios.table_file import Column, open_table
 from vehicle.combination.description import Vehicle
+from vehicle.foundation.data_file import Column, open_table
 from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.option import COMBINATION, Parameter, arguments

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 from estimators.estimates import OffTracking
 from scenarios.options.tables import OutsideOptions
 from scenarios.results.run_summary import Outside
-from scenarios.table_file import Column, open_table
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK, to_ticks
+from vehicle.foundation.data_file import Column, open_table
 from vehicle.foundation.user_file import nearest, shown
 
 if TYPE_CHECKING:

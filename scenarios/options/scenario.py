@@ -1,4 +1,4 @@
-"""A scenario of a combination or a rover: with the seed it determines a run; frozen and validated, from TOML and keys."""
+"""A scenario of a combination or a rover: with the seed it determines a run; frozen, checked, from TOML and keys."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, TruthAssembly, WheelTruth, kinematics_sizes, wheel_truth_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
@@ -26,7 +27,6 @@ from vehicle.combination.functions import (
 from vehicle.combination.layout import GroundInputs, State, command_sizes, ground_input_sizes, slices, state_sizes
 from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import Kinematics, TruthAssembly, WheelTruth, kinematics_sizes, wheel_truth_sizes
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.foundation.plant_like import are_sane
 from vehicle.frames import FloatArray

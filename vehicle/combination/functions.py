@@ -18,7 +18,17 @@ from pydantic import BaseModel
 
 from vehicle.clock import TICK
 from vehicle.combination.actuators import brake_rates
-from vehicle.combination.chain import derivative, output, relaxation, wheel_travel
+from vehicle.combination.chain import (
+    SmoothGround,
+    body_poses,
+    derivative,
+    kinematics,
+    output,
+    relaxation,
+    smooth_ground_sizes,
+    wheel_travel,
+    wheel_truth,
+)
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import (
     Chain,
@@ -39,7 +49,6 @@ from vehicle.combination.layout import (
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.multibody import Vector, along
 from vehicle.combination.sprung import settled
-from vehicle.combination.truth_vectors import SmoothGround, body_poses, kinematics, smooth_ground_sizes, wheel_truth
 from vehicle.engine.function_cache import Call, Composite, derived_once
 from vehicle.engine.integrator import after, damped_rate, half_weight, halfway
 from vehicle.frames import FloatArray

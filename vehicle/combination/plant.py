@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, SmoothGround, TruthAssembly, kinematics_sizes, smooth_ground_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
@@ -35,13 +36,6 @@ from vehicle.combination.layout import (
 )
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import (
-    Kinematics,
-    SmoothGround,
-    TruthAssembly,
-    kinematics_sizes,
-    smooth_ground_sizes,
-)
 from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.foundation.plant_like import is_sane
 from vehicle.frames import FloatArray, Pose2

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from controllers.trailer_steering.policy import load_network
-from offtrack.environments.surrogate_fit import run_errors
 from offtrack.environments.training.training_directory import Plan, check_directory, read_curve
 from offtrack.exchange.recordings.calibration_files import board_of, views_of
 from offtrack.exchange.recordings.mounting import read_rig
@@ -23,7 +22,7 @@ from offtrack.reports.vehicle_sheet.library import open_sheet
 from offtrack.studies.study import load_study
 from scenarios.assembly.adapters import ground_friction
 from scenarios.assembly.drivers_and_laws import read_trace
-from scenarios.assembly.surrogate import load_surrogate
+from scenarios.assembly.surrogate import load_surrogate, run_errors
 from scenarios.options.scenario import load_any_scenario
 from scenarios.options.tables import SurfaceOptions
 from scenarios.progress import no_progress

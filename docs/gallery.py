@@ -1,4 +1,4 @@
-"""A picture of every environment, for documents: ``python -m offtrack.environments.gallery FOLDER``."""
+"""Pictures of the environments for these documents: ``python docs/gallery.py FOLDER``."""
 
 import sys
 from collections.abc import Callable
