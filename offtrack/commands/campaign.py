@@ -90,7 +90,6 @@ def campaign(
 
 
 def _campaign(target: str, settings: list[str], seeds: str | None, controllers: str | None) -> Campaign:
-
     changes, chosen = settings_of(settings, "--set"), None if seeds is None else seeds_of(seeds)
     laws = None if controllers is None else listed(controllers, "--controllers")
     path = campaign_path(target)
@@ -105,7 +104,6 @@ def _campaign(target: str, settings: list[str], seeds: str | None, controllers: 
 
 
 def _list(*, as_json: bool) -> None:
-
     paths = {name: path for name in campaign_names() if (path := campaign_path(name))}
     loaded = {name: load_campaign(path) for name, path in paths.items()}
     if as_json:
@@ -116,7 +114,6 @@ def _list(*, as_json: bool) -> None:
 
 
 def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
-
     console = PlainConsole()
     console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
     console.print("failed/runs, and the 95 % interval of the probability [%]")
@@ -185,14 +182,12 @@ def _times(cells: list[Cell]) -> Table:
 
 
 def _time_texts(times: Times) -> list[str]:
-
     if not times.known:
         return ["-", "-", "-"]
     return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
 
 
 def _thresholds(searches: tuple[Search, ...]) -> Table:
-
     columns = ("bisected", "law", "", "seed", "smallest that fails", "")
     table = table_of(*columns, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for one in searches:

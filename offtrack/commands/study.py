@@ -348,7 +348,6 @@ def sweep(
 
 
 def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
-
     with one_line_errors():
         if len(runs) < 2:
             raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")

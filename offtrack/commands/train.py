@@ -166,11 +166,7 @@ def convert_policy(
 
 
 def _check_extra() -> None:
-    """Check that the learner is installed.
-
-    Raises:
-        ValueError: one line that says how to install it.
-    """
+    """Check that the learner is installed."""
     for module in ("stable_baselines3", "torch"):
         if importlib.util.find_spec(module) is None:
             raise ValueError(f"training needs {module}; install it with: pip install 'offtrack[rl]'")

@@ -234,11 +234,7 @@ def _with_signals(sensing: Sensing, context: MountContext) -> Sensing:
 
 
 def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
-    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for the others.
-
-    Raises:
-        ValueError: one line, if ``viso_ot.…`` is given to another estimator.
-    """
+    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for the others."""
     if scenario.off_tracking == "viso_ot":
         return scenario.viso_ot.model_dump()
     if scenario.viso_ot != VisoOt.Parameters():

@@ -228,11 +228,7 @@ def _towards(target: FloatArray, held: FloatArray, steps: FloatArray) -> FloatAr
 
 
 def _faulty_axles(trailer: Unit, axle: int) -> FloatArray:
-    """Mask (n_steered,) of the steered axles that one fault concerns.
-
-    Raises:
-        ValueError: one line, if there is no such axle.
-    """
+    """Mask (n_steered,) of the steered axles that one fault concerns."""
     steered = [k for k, one in enumerate(trailer.axles) if one.steered]
     if axle > len(steered):
         axles = "1 steered axle" if len(steered) == 1 else f"{len(steered)} steered axles"

@@ -284,11 +284,7 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> AnySce
 
 
 def _with_own_course(model: type[AnyScenario], table: Table) -> type[AnyScenario]:
-    """The model with the user's own kind of course, if ``course.kind`` is an import path.
-
-    Raises:
-        ValueError: one line, if there is no such class or it is not a course.
-    """
+    """The model with the user's own kind of course, if ``course.kind`` is an import path."""
     course = table.get("course")
     kind = course.get("kind") if isinstance(course, dict) else None
     if not isinstance(kind, str) or ":" not in kind:

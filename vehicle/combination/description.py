@@ -375,9 +375,6 @@ def _with_tables(
     """The contents with the data of table ``[tables.name]`` in place of each axle's ``field = "name"``.
 
     ``build`` makes them of a table, the file, the table's key, and its name.
-
-    Raises:
-        ValueError: one line, if a table is not valid or there is none of a name.
     """
 
     def built(table: object, key: str, name: str = "") -> object:

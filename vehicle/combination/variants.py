@@ -56,11 +56,7 @@ def with_load(vehicle: Vehicle, case: str) -> Vehicle:
 
 
 def _lightened(unit: Unit, removed: float, key: str) -> Unit:
-    """The unit without the share ``removed`` of its payload, which is no part of it any more.
-
-    Raises:
-        ValueError: one line, if no body is left.
-    """
+    """The unit without the share ``removed`` of its payload, which is no part of it any more."""
     assert unit.payload is not None
     if unit.payload.mass >= unit.mass:
         raise ValueError(

@@ -184,11 +184,7 @@ class Rover(_RoverBase):
 
 
 def _check_wheels(wheels: tuple[RoverWheel, ...]) -> None:
-    """Refuse wheels whose loads or turns the equations do not describe.
-
-    Raises:
-        ValueError: one line.
-    """
+    """Refuse wheels whose loads or turns the equations do not describe."""
     if len(wheels) % 2:
         raise ValueError(f"wheels: {len(wheels)} of them; a rover has 4 or 6")
     if len({wheel.name for wheel in wheels}) < len(wheels):

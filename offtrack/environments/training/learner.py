@@ -136,9 +136,6 @@ def _resume(model: Any, file: Path) -> None:
     """Take weights, optimiser and counters from a checkpoint.
 
     Only tensors and numbers are read: ``PPO.load`` would also unpickle objects, which can run any code.
-
-    Raises:
-        ValueError: one line, if they cannot be read or do not fit.
     """
     members = read_archive(file, FileKind.CHECKPOINT)
     try:
