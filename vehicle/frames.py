@@ -14,8 +14,6 @@ Yaw, steer, curvature and articulation are positive to the left (about +z); pitc
 about +x (left side up), as in ISO 8855.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -32,7 +30,7 @@ class Pose2(NamedTuple):
     y: float  # [m]
     psi: float  # yaw of B in A [rad]
 
-    def __matmul__(self, other: Pose2) -> Pose2:
+    def __matmul__(self, other: "Pose2") -> "Pose2":
         """X_AC = X_AB @ X_BC."""
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(
@@ -41,7 +39,7 @@ class Pose2(NamedTuple):
             wrap(self.psi + other.psi),
         )
 
-    def inverse(self) -> Pose2:
+    def inverse(self) -> "Pose2":
         """X_BA from X_AB."""
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.psi)

@@ -21,8 +21,6 @@ Dead reckoning: O is the trailer's frame S at the start. An estimate of the path
 tick; the later part stays.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
@@ -60,7 +58,7 @@ class AxleGroup:
     linkages: tuple[Linkage, ...]  # steered axles that share an actuator
 
     @classmethod
-    def of(cls, trailer: TrailerGeometry) -> AxleGroup:
+    def of(cls, trailer: TrailerGeometry) -> "AxleGroup":
         """The axle group of a trailer's data sheet."""
         every, steered = np.array(trailer.axle_distances), np.array(trailer.steered, dtype=bool)
         return cls(

@@ -219,7 +219,7 @@ _SLIP_DISTANCE = 2.0  # over which the remaining slip is learnt: some estimates 
 _OFFSET_DISTANCE = 50.0  # over which its constant part is learnt: straight and bend [m]
 _FORGOTTEN = 12.0  # distance after which a slip that was learnt no longer holds: a bend ends [m]
 _SENSOR_TIME = 5.0  # over which the sensors' errors are learnt [s]
-_LONGEST = 500  # between two estimates that are compared [ticks]
+_LONGEST_GAP = 500  # between two estimates that are compared [ticks]
 _SLOWEST = 0.5  # directions below this speed are noise [m/s]
 _MOST_SLIP = 0.1  # of what is learnt [rad]
 _PAUSE = 300  # of the steering, after which the driver starts anew [ticks]
@@ -292,7 +292,7 @@ class ReckonedDriver:
     def _learnt(self, memory: ReckonedDriverMemory, estimate: OffTracking) -> Learnt:
         """Errors that a new estimate shows; its velocities are means since the one before."""
         before, learnt = memory.estimate, memory.learnt
-        if before is None or estimate.tick - before.tick > _LONGEST:
+        if before is None or estimate.tick - before.tick > _LONGEST_GAP:
             return learnt
         motion = motion_between(memory.path, before.tick, estimate.tick)
         if motion is None or min(motion.v_x, estimate.v_x) < _SLOWEST:

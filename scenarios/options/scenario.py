@@ -1,7 +1,5 @@
 """A scenario of a combination or a rover: with the seed it determines a run; frozen, checked, from TOML and keys."""
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib
@@ -225,7 +223,7 @@ class Scenario(ScenarioTable):
     reference_unit: bool = option("Carry a GNSS-aided reference unit, to judge estimates as in field tests.", True)
 
     @model_validator(mode="after")
-    def _names_parameters_once(self) -> Scenario:
+    def _names_parameters_once(self) -> "Scenario":
         if self.off_tracking == "viso_ot" and self.estimator:
             name = next(iter(self.estimator))
             raise ValueError(f"estimator.{name}: the key is viso_ot.{name}, as off_tracking = viso_ot")

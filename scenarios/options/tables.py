@@ -9,8 +9,6 @@ import path: ``mymod:Flicker``, with amount and times ``mymod:Flicker:0.2@5+1``.
 class and a number is the amount. A catalogue name before the first colon is always that kind.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Annotated, Any, Literal
@@ -309,7 +307,7 @@ class FaultOptions(Frozen):
         return f"{self.kind}{amount and ':'}{amount}@{self.start:g}{duration}"
 
     @model_validator(mode="after")
-    def _possible(self) -> FaultOptions:
+    def _possible(self) -> "FaultOptions":
         self.fault()
         return self
 

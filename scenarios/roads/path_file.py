@@ -4,8 +4,6 @@ A document type is what lets an XML file define entities that grow without bound
 file of roads or tracks needs one, so it is refused.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -39,14 +37,14 @@ class Element:
     name: str
     attributes: dict[str, str]
     line: int  # in the file
-    children: list[Element] = field(default_factory=list)
+    children: "list[Element]" = field(default_factory=list)
     text: str = ""
 
-    def all(self, name: str) -> list[Element]:
+    def all(self, name: str) -> "list[Element]":
         """Its children of this name."""
         return [child for child in self.children if child.name == name]
 
-    def first(self, name: str) -> Element | None:
+    def first(self, name: str) -> "Element | None":
         """Its first child of this name; None if there is none."""
         return next((child for child in self.children if child.name == name), None)
 

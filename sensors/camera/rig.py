@@ -7,8 +7,6 @@ The distortion model is that of Brown and Conrady with OpenCV's order of the coe
 centres are whole numbers; the first pixel's is (0, 0). Rays are given by their x and y at depth 1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -312,7 +310,7 @@ class StereoCalibration:
             raise ValueError(f"baseline = {self.baseline} m must be positive")
 
     @classmethod
-    def of_view(cls, width: int, height: int, hfov: float, *, baseline: float, X_SC: FloatArray) -> StereoCalibration:
+    def of_view(cls, width: int, height: int, hfov: float, *, baseline: float, X_SC: FloatArray) -> "StereoCalibration":
         """Calibration of cameras with a horizontal field of view of ``hfov`` [rad], centred in their images."""
         return cls(
             width=width,

@@ -1,7 +1,5 @@
 """Field of sand tiles, made when first seen or driven on, with older tracks in it and light on it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -113,7 +111,7 @@ class Reach:
     behind: Window  # margins around it with the texels whose light it may change
 
     @classmethod
-    def of(cls, light: Sunlight) -> Reach:
+    def of(cls, light: Sunlight) -> "Reach":
         """Surroundings for a position of the sun."""
         across = math.hypot(light.direction[0], light.direction[1])
         near = _NARROW // 2 + 1

@@ -4,8 +4,6 @@ Interpolated distances must be smooth where a line is. So the distance across ha
 neighbouring lines count in opposite directions: between them the distance saturates instead of jumping.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -202,7 +200,7 @@ class _Uneven:
         self._tree = cKDTree(places)
 
     @classmethod
-    def of(cls, places: FloatArray, cell: float) -> _Uneven | None:
+    def of(cls, places: FloatArray, cell: float) -> "_Uneven | None":
         """The places (n, 2) [m] on ground with finest cells of ``cell`` [m]; None if there are none."""
         if not len(places):
             return None

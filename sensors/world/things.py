@@ -5,8 +5,6 @@ Sizes are those of real things [m]. The generator passed to a builder decides th
 Every shape stands on z = 0 and reaches below it, so that it does not float on sloping ground.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -35,7 +33,7 @@ class Mesh:
         """Radius [m] of the smallest vertical cylinder about the origin around the mesh."""
         return float(np.hypot(self.vertices[:, 0], self.vertices[:, 1]).max())
 
-    def moved(self, *, by: tuple[float, float, float], yaw: float = 0.0) -> Mesh:
+    def moved(self, *, by: tuple[float, float, float], yaw: float = 0.0) -> "Mesh":
         """The mesh turned by ``yaw`` [rad] about z and then shifted."""
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

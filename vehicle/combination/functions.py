@@ -6,8 +6,6 @@ A third argument takes the vehicle's numbers, in the order of ``symbolic.numbers
 all vehicles of one topology.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, wraps
 from typing import Any, Final, Generic, NamedTuple, TypeVar
@@ -141,7 +139,7 @@ def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers
 # CasADi's machine runs every operation of these two functions on a whole vector.
 
 
-def _halfway(rates: _Rates, of_rates: Any) -> Any:
+def _halfway(rates: "_Rates", of_rates: Any) -> Any:
     """Function (state, input, numbers, rates) -> state halfway, and the weights of half a step."""
     x, v, numbers = _arguments(of_rates)
     now = ca.MX.sym("now", of_rates.numel_out(0))
@@ -150,7 +148,7 @@ def _halfway(rates: _Rates, of_rates: Any) -> Any:
     return ca.Function("halfway", [x, v, numbers, now], [ca.vertcat(continuous, x[rates.n :], half)])
 
 
-def _after(rates: _Rates, of_rates: Any, n_sampled: int) -> Any:
+def _after(rates: "_Rates", of_rates: Any, n_sampled: int) -> Any:
     """Function (state, input, numbers, rates, halfway, rates halfway, brakes later if any) -> state later."""
     x, v, numbers = _arguments(of_rates)
     now, then = ca.MX.sym("now", of_rates.numel_out(0)), ca.MX.sym("then", rates.n)

@@ -7,8 +7,6 @@ De Saxe & Cebon 2018, "Estimation of trailer off-tracking using visual odometry"
 slip angle. With the follow point L_f behind the hitch the off-tracking is e = -L_f tan(slip angle).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
@@ -159,7 +157,7 @@ class Plant:
         in_state = State(*slices(state_sizes(vehicle)))
         self._velocity = [in_state.v_x.start, in_state.v_y.start]
 
-    def __reduce__(self) -> tuple[type[Plant], tuple[Vehicle, Surface, Engine]]:
+    def __reduce__(self) -> "tuple[type[Plant], tuple[Vehicle, Surface, Engine]]":
         return (Plant, (self._vehicle, self._surface, self._engine))  # compiled functions cannot be pickled
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:

@@ -9,8 +9,6 @@ Each has its reason, which the refusal shows. Numbers that are possible but cont
 ``vehicle.combination.data_sheet``.
 """
 
-from __future__ import annotations
-
 import math
 import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -63,7 +61,7 @@ class Option:
     why: str = ""  # reason of the limits
 
     @classmethod
-    def of(cls, name: str, field: FieldInfo) -> Option:
+    def of(cls, name: str, field: FieldInfo) -> "Option":
         """The declaration of a table's field."""
         notes = [field, *_notes_in(field.annotation)]
         limits = {type(limit).__name__: limit for note in notes for limit in note.metadata}

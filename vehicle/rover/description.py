@@ -1,7 +1,5 @@
 """A rover and its soil as data: the contents of their files, checked, and the source of each number."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -174,7 +172,7 @@ class Rover(_RoverBase):
         return 2.0 * sum(wheel.x**2 + wheel.y**2 for wheel in left) / sum(wheel.y for wheel in left)
 
     @model_validator(mode="after")
-    def _consistent(self) -> Rover:
+    def _consistent(self) -> "Rover":
         _check_wheels(self.wheels)
         if abs(self.cg_x) >= 0.5 * self.wheelbase:
             raise ValueError(f"cg_x = {self.cg_x:g} m must lie between the wheels: within {0.5 * self.wheelbase:g} m")

@@ -5,8 +5,6 @@ tensors (``policy.pth``) and JSON (``data``) are read; the pickled objects in it
 alone. Needs the extra ``rl``.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -102,7 +100,7 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Le
         env.close()
 
 
-def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: _Recorder) -> Any:
+def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: "_Recorder") -> Any:
     """Model with the state of the checkpoint, if there is one."""
     s = SETTINGS
     mean, scale = zip(*(normalisation(feature.name) for feature in _features(env)), strict=True)
