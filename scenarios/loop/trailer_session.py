@@ -28,6 +28,7 @@ from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log
 from scenarios.results.run_inputs import RunInputs
+from scenarios.results.run_summary import Outside
 from scenarios.results.run_warnings import (
     SteeredAxle,
     actuator_warnings,
@@ -35,7 +36,6 @@ from scenarios.results.run_warnings import (
     signal_warnings,
     steer_warnings,
 )
-from scenarios.results.summary_numbers import Outside
 from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult, friction_picture
 from scenarios.results.trailer_signals import (
     CombinationRecord,

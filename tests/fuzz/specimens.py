@@ -22,8 +22,7 @@ import scenarios
 import vehicle
 from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import nominal_rig
 from tests.fmus.models import proportional_law

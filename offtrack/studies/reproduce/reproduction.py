@@ -23,7 +23,7 @@ from scenarios.progress import Progress, postponed_interrupts
 from scenarios.results.log import Log, write_log
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 from scenarios.results.run_summary import versions
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 
 _DPI: Final = 150
 

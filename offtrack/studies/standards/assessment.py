@@ -48,7 +48,7 @@ from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
 from vehicle.combination.linear import ComplexArray, OutputKind, lateral_model
 from vehicle.combination.variants import FULL, load_cases, with_load
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 
 

@@ -42,7 +42,7 @@ from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 from scenarios.results.swept_path import placed
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.foundation.polyline import arc_length, rows_every
+from vehicle.frames import arc_length, rows_every
 
 _MOMENTS: Final = 6  # at which the combination is drawn in a plan view
 _OF_WHOLE_DRIVES: Final = ("random_steer",)

@@ -43,7 +43,7 @@ from scenarios.courses import Course, Turn
 from scenarios.results.log import Log
 from sensors.messages import EgoState
 from vehicle.clock import TICK
-from vehicle.combination import longitudinal as theory
+from vehicle.combination import handling as theory
 from vehicle.combination.actuators import retarder_capacity
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import Plant, VehicleCommand

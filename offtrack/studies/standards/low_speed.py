@@ -41,8 +41,7 @@ from scenarios.options.course import outer_wall
 from scenarios.results.swept_path import UnitOutline, inner_radius, placed, swept_path, tail_swings
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, arc_length
 
 _SPACING: Final = 0.1  # of the stations along the path [m]
 _EDGE: Final = 0.2  # between points along a body's edge [m]: an error of 0.4 mm inside a 12.5 m arc

@@ -54,7 +54,7 @@ from offtrack.studies.validation.check import CheckSection as ValidationSection
 from offtrack.studies.validation.suite import validation_page
 from scenarios.results.log import Log, Signal
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.summary_numbers import Timing
+from scenarios.results.run_summary import Timing
 from scenarios.results.trailer_result import RunResult
 from sensors.sand.trace_rig import TraceRig
 from vehicle.combination.description import load_vehicle

@@ -19,14 +19,13 @@ from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import (
     ActuatorFault,
+    DemandLoss,
     LoopFault,
     LoopFaultContext,
     MessageFault,
 )
-from scenarios.loop_faults.fault_kinds import DemandLoss
-from scenarios.options.faults import FaultOptions
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
+from scenarios.options.tables import FaultOptions
 from tests.trailers import estimate
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
