@@ -9,8 +9,6 @@ A run is never made in the worker's own process: own modules of another study ma
 thread, a run that takes too long could not be ended, and one that crashes would take others with it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import json
@@ -265,7 +263,7 @@ _SAME: Final = "the same is needed everywhere"
 _RENDERING: Final = 120.0  # longest time of a check [s]
 
 
-def check_software(client: Client) -> None:
+def check_software(client: "Client") -> None:
     """Refuse workers with another offtrack, Python or other libraries than here; lost ones do not count.
 
     Raises:
@@ -308,7 +306,7 @@ def difference(software: Any) -> str:
     return "its files of offtrack differ from those here"
 
 
-def check_rendering(client: Client, plugin: str) -> None:
+def check_rendering(client: "Client", plugin: str) -> None:
     """Refuse workers on which cameras can not be rendered; one worker of each machine is asked.
 
     Raises:

@@ -8,8 +8,6 @@ Sources: Morris 1991, Factorial sampling plans for preliminary computational exp
 based sensitivity analysis of model output (first and total order as SALib has them).
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

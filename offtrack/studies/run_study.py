@@ -3,8 +3,6 @@
 The directory holds the study file, tables, the report, and the runs in ``cells``; an existing study is resumed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence

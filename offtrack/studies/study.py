@@ -1,7 +1,5 @@
 """A study: a grid of runs and its TOML file, and the scenario keys that studies vary."""
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -108,7 +106,7 @@ class Study:
         return (exceeding(outcomes, axes, path, limit).interval() for path, limit in self.limits.items())
 
     @classmethod
-    def load(cls, path: Path) -> Study:
+    def load(cls, path: Path) -> "Study":
         """Load a study of this kind from TOML; see `load_study`."""
         return load_study(path)
 

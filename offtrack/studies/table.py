@@ -1,7 +1,5 @@
 """Table of a study: a row for each point, and the spread of a quantity over the runs of a point."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -6,8 +6,6 @@ every running trial shows signs of life; trials that show none are failed by the
 their parameters. Needs the extra ``tune``.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import importlib.util

@@ -1,7 +1,5 @@
 """A campaign: a study whose first axis are faults, with requirements, and its TOML file."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -87,7 +85,7 @@ class Campaign(Study):
         yield Exceeding(sum(run.failed for run in runs), len(runs)).interval()
 
     @classmethod
-    def load(cls, path: Path) -> Campaign:
+    def load(cls, path: Path) -> "Campaign":
         """Load a campaign from TOML; see `load_campaign`."""
         return load_campaign(path)
 

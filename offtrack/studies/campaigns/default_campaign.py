@@ -1,7 +1,5 @@
 """The campaign over a scenario without a campaign file, and the faults that a scenario can have."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 

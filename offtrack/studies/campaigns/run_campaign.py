@@ -1,7 +1,5 @@
 """Run a campaign from its file to its tables and report, and give its results as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

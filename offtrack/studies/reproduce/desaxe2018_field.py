@@ -4,8 +4,6 @@ de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using vi
 Dynamics, 2018, section 4. The paper's off-tracking is + right; here it is + left.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

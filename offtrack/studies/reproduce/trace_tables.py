@@ -17,8 +17,6 @@ Errors of the slip angle are relative to the body's slip angle at the time of th
 identified trace.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

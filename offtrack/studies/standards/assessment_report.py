@@ -1,7 +1,5 @@
 """Result directory of an assessment: report with figures and playback, numbers, log and drawing of every manoeuvre."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence

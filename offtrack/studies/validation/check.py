@@ -1,7 +1,5 @@
 """Checks of numbers against targets, and their sections and plots."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass

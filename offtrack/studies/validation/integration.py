@@ -1,7 +1,5 @@
 """Checks of the integrator: its order, difficult cases at the default step, and the effect of half the step."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any, Final
 

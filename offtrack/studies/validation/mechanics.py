@@ -5,8 +5,6 @@ and share only the data with the model: masses, inertias and positions. Whatever
 states and under all forces has the same energy and momenta.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """All sections of the validation, in the order of the page, and the page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final

@@ -3,8 +3,6 @@
 Radii are those of circles about the turning centre [m]. Angles are positive to the left; turns are to the left.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
