@@ -347,10 +347,7 @@ class Stop(Frozen):
 
 
 def made_in_batches(
-    cases: Sequence[Case],
-    intervals: Intervals,
-    stop: Stop,
-    make: Callable[[Sequence[int]], Sequence[Outcome]],
+    cases: Sequence[Case], intervals: Intervals, stop: Stop, make: Callable[[Sequence[int]], Sequence[Outcome]]
 ) -> list[Outcome]:
     """Make the draws of each point batch by batch until its intervals are narrow; return outcomes in the cases' order.
 

@@ -28,15 +28,7 @@ from offtrack.studies.standards.open_loop import (
     sine_with_dwell,
     theoretical_peak,
 )
-from offtrack.studies.standards.proving_ground import (
-    KINDS,
-    STANDARD,
-    Conditions,
-    Figures,
-    Kind,
-    Manoeuvre,
-    read_tables,
-)
+from offtrack.studies.standards.proving_ground import KINDS, STANDARD, Conditions, Figures, Kind, Manoeuvre, read_tables
 from offtrack.studies.standards.static_rollover import closing_curve, tilt
 from offtrack.studies.standards.steady_driving import crosswind, steady_circle, straight
 from scenarios.processes import as_finished, default_jobs
