@@ -11,10 +11,9 @@ from offtrack.reports.page import Section as PageSection
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE, WIDTH, drawn
 from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, number, tally
 from offtrack.studies.validation.driver_checks import driver
-from offtrack.studies.validation.integration import integration
+from offtrack.studies.validation.equations import integration, mechanics
 from offtrack.studies.validation.lateral_checks import multibody_check, rearward_amplification
 from offtrack.studies.validation.linear_checks import linear_theory, tyre_lag
-from offtrack.studies.validation.mechanics import mechanics
 from offtrack.studies.validation.no_slip_limit import design_vehicles, no_slip_limit
 from offtrack.studies.validation.rollover_checks import rollover
 from offtrack.studies.validation.stopping_checks import braking, parking

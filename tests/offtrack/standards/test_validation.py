@@ -20,7 +20,7 @@ from offtrack.commands import assess
 from offtrack.commands.assess import validate
 from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
 from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, Series, number, tally
-from offtrack.studies.validation.integration import OtherStepPlant
+from offtrack.studies.validation.equations import OtherStepPlant
 from offtrack.studies.validation.no_slip_limit import NoSlipChain, poses_along
 from offtrack.studies.validation.simple_drives import on_single_axles
 from offtrack.studies.validation.suite import validation_page
