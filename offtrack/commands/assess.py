@@ -314,9 +314,9 @@ def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
     sections = []
     with progress_display(shown=shown) as progress:
         report = progress_bar(progress, "validation")
-        for done, task in enumerate(TASKS):
-            report(done, len(TASKS), task.title)
-            sections.append(task.work(quick))
+        for done, (title, work) in enumerate(TASKS.items()):
+            report(done, len(TASKS), title)
+            sections.append(work(quick))
     return sections
 
 
