@@ -95,50 +95,6 @@ def test_json_is_the_data_sheet_and_nothing_else(offtrack_vehicle: Path) -> None
     assert numbers["sources"]["stated"] > numbers["sources"]["assumed"] > 0
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ("mass = { value = 18000.0", "mass = { value = -18.0", ["units.0.mass = -18.0 kg must be between 100 and"]),
-        (
-            "limit_deg = { value = 42.0",
-            "limit_deg = { value = 420",
-            ["units.0.steering.limit_deg = 420 deg", "at most 80 deg"],
-        ),
-        (
-            "peak_slip = { value = [0.12, 0.15]",
-            "peak_slip = { value = [0.95, 0.15]",
-            ["sliding_slip = 0.9", "peak_slip"],
-        ),
-        ("\ntrack", "\ntrak", ["units.0.axles.0.trak", "did you mean 'track'"]),
-    ],
-)
-def test_a_mistake_in_a_file_is_one_line_and_nothing_is_drawn(
-    offtrack_vehicle: Path, old: str, new: str, says: list[str]
-) -> None:
-    """File, key, value, limit and unit on standard error, and exit code 2."""
-    path = mine(offtrack_vehicle, "rigid_truck", old, new)
-    done = run(str(path))
-    assert done.exit_code == 2
-    assert done.stdout == ""
-    line = done.stderr.removesuffix("\n")
-    assert "\n" not in line
-    for words in ("mine.toml", *says):
-        assert words in line
-    assert not (offtrack_vehicle / "runs").exists()
-
-
-def test_an_unknown_vehicle_and_a_full_directory_are_refused(offtrack_vehicle: Path) -> None:
-    """Both before anything is computed."""
-    for wrong, right in (("b_dubble", "b_double"), ("el_dorado_2", "el_dorado_ii")):
-        done = run(wrong)
-        assert (done.exit_code, f"did you mean '{right}'?" in done.stderr) == (2, True)
-        assert all(name in done.stderr for name in (*vehicle_names(), *rover_names()))
-    (offtrack_vehicle / "full").mkdir()
-    (offtrack_vehicle / "full" / "kept.txt").write_text("kept", encoding="utf-8")
-    done = run("rigid_truck", "--out", "full")
-    assert (done.exit_code, "not empty" in done.stderr) == (2, True)
-
-
 def test_a_vehicle_that_does_not_stand_is_drawn_with_a_warning(offtrack_vehicle: Path) -> None:
     """Its sheet is what shows the mistake: here a centre of gravity ahead of the front axle."""
     path = mine(offtrack_vehicle, "rigid_truck", "cg_x = { value = 2.185", "cg_x = { value = 6.0")
@@ -264,16 +220,6 @@ def test_a_rover_that_steers_no_wheel_turns_by_wheel_speeds(offtrack_vehicle: Pa
     numbers = json.loads(done.stdout)
     assert (numbers["steered"], numbers["turning_radius_m"], numbers["steer_limit_deg"]) == (False, None, None)
     assert numbers["effective_track_m"] == load_rover("el_dorado_ii_skid").effective_track
-
-
-def test_a_rover_file_of_ones_own_is_read_as_a_rover(offtrack_vehicle: Path) -> None:
-    """A mistake in it is one line with key, value and unit."""
-    text = (PARAMETERS.parent / "rovers" / "el_dorado_ii.toml").read_text(encoding="utf-8")
-    path = offtrack_vehicle / "mine.toml"
-    path.write_text(text.replace("mass = { value = 28.4", "mass = { value = -28.4", 1), encoding="utf-8")
-    done = run(str(path))
-    assert done.exit_code == 2
-    assert all(words in done.stderr for words in ("mine.toml", "mass = -28.4 kg"))
 
 
 def rover_side_view(name: str) -> Axes:

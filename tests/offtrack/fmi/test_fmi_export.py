@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import fmi3IntermediateUpdateCallback
 from fmpy.validation import validate_fmu
-from typer.testing import CliRunner
 
 import offtrack
-from offtrack.commands.cli import app
 from offtrack.exchange.fmi_export import fmu_writer
 from offtrack.exchange.fmi_export.c_files import common_files
 from offtrack.exchange.fmi_export.fmu_writer import write_fmu
@@ -230,30 +228,6 @@ def test_what_is_fixed_stands_in_the_fmu(fmus: dict[int, Path]) -> None:
         page = archive.read("documentation/index.html").decode()
     assert "units.0.axles.0.steered" in page
     assert "units.0.width" in page  # no equation reads it
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["nix"], "unknown vehicle or rover 'nix'"),
-        ([TRUCK, "--fmi", "4"], "--fmi 4: must be 2 or 3"),
-        ([TRUCK, "-o", "truck.zip"], "must end in .fmu"),
-        ([TRUCK, "-o", "nowhere/truck.fmu"], "there is no folder nowhere"),
-        ([TRUCK, "--platform", "amiga"], "must be one of linux64"),
-        ([TRUCK, "--platform", "darwin-arm64", "--fmi", "2"], "FMI 2 has no name for it"),
-        ([TRUCK, "--soil", "beach_sand"], "is no rover"),
-        (["el_dorado_ii", "--wind"], "no inputs for the wind"),
-    ],
-)
-def test_wrong_input_is_one_line(
-    arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["fmu", "plant", *arguments])
-    assert result.exit_code == 2
-    assert reason in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_compiler_that_fails_leaves_no_file(

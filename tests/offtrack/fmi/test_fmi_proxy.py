@@ -435,33 +435,6 @@ def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
         folder_of("")
 
 
-PREVIEW = ["law", "path_preview", "--vehicle"]
-ROVER = "is a rover's: its camera sees the sand that its own wheels have just shaped"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["law", "nix", "--vehicle", VEHICLE], "unknown name 'nix'"),
-        ([*PREVIEW, "rigid_truck"], "no axle of a trailer is steered"),
-        ([*PREVIEW, VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
-        ([*PREVIEW, VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
-        ([*PREVIEW, VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'; did you mean 'gain'?"),
-        ([*PREVIEW, VEHICLE, "-o", "law.zip"], "must end in .fmu"),
-        *(([command, "rover-craters"], ROVER) for command in ("sensor", "driver", "ground", "system")),
-    ],
-)
-def test_wrong_input_is_one_line(
-    arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["fmu", *arguments])
-    assert result.exit_code == 2
-    assert reason in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_ground_is_written_as_an_fmu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fmu_writer, "_has_zig", lambda: False)

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from offtrack.commands.cli import app
 from offtrack.exchange.bench.can_bus import CanLink
 from offtrack.exchange.bench.links import LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
@@ -311,41 +309,6 @@ def test_the_shipped_dbc_file_fits_the_signals(inside: RunResult) -> None:
     known |= {one.name for one in (*driver_demands().numbers, *trailer_demands("", 3, is_last=True).numbers)}
     assert {signal.name for message in link._messages for signal in message.signals} <= known
     link.close()
-
-
-def refused(*arguments: str) -> str:
-    """The one line of a run that is refused."""
-    result = CliRunner().invoke(app, ["run", "roundabout", "--set", "off_tracking=truth", *arguments])
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.count("\n") == 1
-    return result.stderr
-
-
-def test_bad_links_are_refused_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bench_socket: socket.socket
-) -> None:
-    """Before anything is simulated or written."""
-    pytest.importorskip("cantools")
-    monkeypatch.chdir(tmp_path)
-    port = bench_socket.getsockname()[1]
-    outside = ("--set", "outside.demands=trailer", "--set", "outside.wait=1")
-    assert f"port {port} can't be opened: Address already in use" in refused("--udp", f"127.0.0.1:5005,{port}")
-    assert "needs --udp, --can, or outside.record" in refused(*outside)
-    assert "needs --paced, or outside.wait" in refused(*outside[:2], "--udp", f"127.0.0.1:{port}")
-    (tmp_path / "bad.dbc").write_text("BO_ what")
-    assert "bad.dbc is no DBC file" in refused("--can", "dbc=bad.dbc")
-    assert "none.dbc" in refused("--can", "dbc=none.dbc")
-    assert "dbc=FILE is missing" in refused("--can", "interface=virtual")
-    assert "interface 'udp_multicast'" in refused("--can", "dbc=example,interface=udp_multicast")
-    assert "the bus can't be opened" in refused("--can", "dbc=example,interface=socketcan,channel=nocan7")
-    lacks = dbc(tmp_path, SPEED, name="lacks.dbc")
-    assert "no message has the signal steer_demand_1" in refused(*outside, "--can", f"dbc={lacks}")
-    wrong = dbc(tmp_path, SPEED.replace("km/h", "furlong"))
-    assert "speed has the unit 'furlong', which is no unit of m/s" in refused("--can", f"dbc={wrong}")
-    (tmp_path / "demands.csv").write_text("tick,steer\n0,1\n")
-    record = ("--set", "outside.demands=trailer", "--set", "outside.record=demands.csv")
-    assert "column 'came_semitrailer' is missing" in refused(*record)
-    assert not (tmp_path / "runs").exists()
 
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

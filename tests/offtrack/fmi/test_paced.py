@@ -9,10 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from controllers.checked import LawError
-from offtrack.commands.cli import app
 from scenarios.loop.channel import Channel, Pacer, Stopwatch
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
@@ -145,16 +143,6 @@ def test_a_picture_that_cannot_be_recorded_ends_the_run_by_name() -> None:
         renderer.submit(lambda: None).result()
         with pytest.raises(LawError, match=r"sensor Camera: at tick 30 .*raised OSError: no space left"):
             channel.deliver(40)
-
-
-def test_a_speed_needs_a_paced_run_and_sense() -> None:
-    """One line each, and exit code 2."""
-    for arguments, line in (
-        (["--speed", "2"], "--speed 2: needs --paced"),
-        (["--paced", "--speed", "0"], "--speed = 0.0 must be between 0.01 and 100"),
-    ):
-        result = CliRunner().invoke(app, ["run", "roundabout", *arguments])
-        assert (result.exit_code, line in result.stderr) == (2, True)
 
 
 def test_the_progress_of_a_paced_run_is_shown_and_its_interrupt_ends_it() -> None:

@@ -222,10 +222,6 @@ def test_a_broken_file_is_one_line(tmp_path: Path) -> None:
     one_line(["estimate", "off-tracking", str(tmp_path / "bag")], "can not be read as a bag", tmp_path)
 
 
-def test_topics_are_for_bags(tmp_path: Path) -> None:
-    one_line(["estimate", "off-tracking", str(tmp_path), "--topics", "left=/a"], "is no bag", tmp_path)
-
-
 def one_line(arguments: list[str], line: str, folder: Path) -> None:
     """The command ends with one line and exit code 2, and leaves nothing."""
     answer = CliRunner().invoke(app, [*arguments, "--quiet", "--out", str(folder / "out")])

@@ -203,26 +203,6 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
     assert "exists already" in again.stderr
 
 
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda folder: None, "is no run directory: it has no scenario.toml"),
-        (lambda folder: (folder / "scenario.toml").write_text("trailer_steering = 3"), "scenario.toml"),
-        (lambda folder: (folder / "scenario.toml").write_text('kind = "rover"\nname = "r"\n'), "scenario.toml"),
-        (lambda folder: (folder / "scenario.toml").mkdir(), "is no run directory"),
-    ],
-)
-def test_what_is_no_run_is_refused_in_one_line(tmp_path: Path, make: Any, says: str) -> None:
-    """Nothing is written then."""
-    make(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    done = CliRunner().invoke(command(), [str(tmp_path)])
-    assert done.exit_code == 2
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 def test_assessments_draw_what_follows_a_path(tmp_path: Path) -> None:
     """A file beside the log of a manoeuvre along a path; none for a pulse, or if nothing moved."""
     vehicle = load_vehicle("rigid_truck")

@@ -89,22 +89,6 @@ def test_mf4_is_read_by_mdfreader(run: Path) -> None:
         assert signal.description in str(content.get_channel_desc(signal.name))
 
 
-def test_what_can_not_be_exported_is_one_line(run: Path) -> None:
-    exported(run, "csv")
-    cases = (
-        ([str(run), "--to", "csv"], "exists already"),
-        ([str(run / "none")], "is no directory of a finished run"),
-        ([str(run), "--to", "mat", "--out", str(run / "none" / "x.mat")], "there is no folder"),
-        ([str(run), "--to", "msf4"], "--to: unknown name 'msf4'; did you mean 'mf4'?"),
-    )
-    for arguments, line in cases:
-        answer = CliRunner().invoke(app, ["export", *arguments])
-        assert answer.exit_code == 2
-        assert line in answer.stderr
-        assert len(answer.stderr.splitlines()) == 1
-    assert sorted(path.name for path in run.iterdir()) == ["signals.csv", "signals.parquet", "signals.units.csv"]
-
-
 @pytest.mark.slow
 def test_mcap_has_frames_bodies_paths_signals_and_images(tmp_path: Path) -> None:
     """A run and its recording, read by another package: every value, unit, pose and byte."""
@@ -156,9 +140,3 @@ def _messages(reader: Any) -> Iterator[tuple[Any, Any, Any, Any]]:
         topics=["/tf", "/scene", "/camera/left", "/camera/right"]
     ):
         yield schema, channel, message, decoded
-
-
-def test_images_are_for_mcap_and_bags(run: Path) -> None:
-    answer = CliRunner().invoke(app, ["export", str(run), "--images", str(run)])
-    assert answer.exit_code == 2
-    assert "csv takes no images: choose --to mcap or rosbag2" in answer.output

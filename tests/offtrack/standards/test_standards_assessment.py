@@ -172,44 +172,6 @@ def test_the_command_prints_json_and_writes_a_report(tmp_path: Path, monkeypatch
     }
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["eu_tractor_semitrailr"], "eu_tractor_semitrailer"),
-        (["none.toml"], "none.toml"),
-        (["eu_tractor_semitrailer", "--trailer-steering", "path_preview"], "no steered axle"),
-        (["uk_longer_semitrailer", "--trailer-steering", "path_preveiw"], "path_preview"),
-        (["eu_tractor_semitrailer", "--out", "."], "not empty"),
-        (
-            ["rigid_truck", "--manoeuvres", "turn,lane_chnge"],
-            "'lane_chnge' is unknown; did you mean 'lane_change'",
-        ),
-        (["--manoeuvres", "turn", "--speed", "90"], "--speed 90: turn is driven at 1 to 20 km/h"),
-        (
-            ["rigid_truck", "--speed", "60"],
-            "--speed 60: turn is driven at 1 to 20 km/h; choose others with --manoeuvres",
-        ),
-        (
-            ["rigid_truck", "--manoeuvres", "pulse", "--radius", "15"],
-            "--radius: none of the manoeuvres pulse has a radius",
-        ),
-        (["--manoeuvres", "turn", "--radius", "nan"], "--radius nan: turn is driven at 8 to 100 m"),
-        (["--manoeuvres", "pulse", "--friction", "7"], "--friction 7: pulse is driven at 0.05 to 1.5"),
-        (["--loads", "halff"], "load = 'halff' is not a load case; did you mean 'half'"),
-    ],
-)
-def test_bad_input_ends_in_one_line_and_code_2(
-    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Mistakes that can be expected are refused before anything moves."""
-    (tmp_path / "kept.txt").write_text("kept", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(APP, arguments if arguments[0][0] != "-" else ["rigid_truck", *arguments])
-    assert done.exit_code == 2
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
 @pytest.mark.slow
 def test_a_turn_to_the_right_is_the_mirror_of_one_to_the_left() -> None:
     """Nothing in the vehicle or on flat ground distinguishes the sides: equal to rounding, some 1e4 steps long."""

@@ -245,14 +245,6 @@ def test_json_is_all_that_is_printed(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert {"section", "name", "target", "tolerance", "unit", "source", "verdict"} <= set(told["checks"][0])
 
 
-def test_a_directory_in_use_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Exit code 2 before anything is worked out."""
-    (tmp_path / "kept.txt").write_text("kept", encoding="utf-8")
-    done = run(monkeypatch, (1.05,), "--out", str(tmp_path))
-    assert done.exit_code == 2
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "kept.txt"]
-
-
 def test_tallies_count_all_sections() -> None:
     """One count per verdict."""
     assert tally([*sections(1.0, 2.0), *sections(None)]) == {"passed": 1, "failed": 1, "skipped": 1}

@@ -304,30 +304,6 @@ def test_an_interrupted_campaign_and_its_bisection_are_continued(
     assert invoked(*command, str(out), "--where", "trailer_steering=mpc").exit_code == 2
 
 
-def test_a_fault_that_a_scenario_cannot_have_is_refused_before_any_run(tmp_path: Path) -> None:
-    """There are no images without cameras."""
-    file = tmp_path / "dark.toml"
-    file.write_text(FILE.format(steer=45).partition("[[bisect]]")[0].replace("actuator_stuck", "blackout"), "utf-8")
-    refused = invoked(str(file), "--out", str(tmp_path / "out"))
-    assert refused.exit_code == 2
-    assert refused.stderr.count("\n") == 1
-    assert "fault blackout: blackout needs a camera" in refused.stderr
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_unknown_name_is_refused_with_the_nearest(tmp_path: Path) -> None:
-    assert "did you mean 'trailer-steering-faults'" in invoked("trailer-steering-fault").stderr
-    assert "did you mean 'roundabout'" in invoked("roundabuot").stderr
-    assert (
-        "did you mean 'scenario'" in invoked(str(_written(tmp_path, "scenari = 1\n[[fault]]\nkind = 'dropout'"))).stderr
-    )
-
-
-def _written(folder: Path, text: str) -> Path:
-    (folder / "wrong.toml").write_text(text, encoding="utf-8")
-    return folder / "wrong.toml"
-
-
 def test_the_default_campaign_has_every_fault_that_the_scenario_can_have() -> None:
     """Without cameras no fault of images; onsets on the way into the turn and in it; three laws."""
     made = default_campaign("turn-90", (("off_tracking", "truth"),), None, None)

@@ -218,30 +218,6 @@ def test_lists_and_seeds_are_read_from_text() -> None:
     assert seeds_of("1-3,7") == (1, 2, 3, 7)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--controllers", "path_previw"], "unknown name 'path_previw'; did you mean 'path_preview'?"),
-        (["--off-tracking", "truht"], "unknown name 'truht'"),
-        (["--vary", "surface.friction"], "--vary surface.friction: expected KEY=VALUE"),
-        (["--vary", "surface.friction=0.8,0.8"], "expected different values"),
-        (["--vary", "surface.frction=0.8,0.3"], "unknown key 'surface.frction'"),
-        (["--seeds", "5-1"], "--seeds 5-1: expected whole numbers"),
-        (["--seeds", "²"], "--seeds ²: expected whole numbers"),
-        (["--seeds", "1-100000000"], "--seeds 1-100000000: 100000000 seeds; a study has at most 20000 runs"),
-        (["--seeds", "1-15000", "--vary", "speed_kmh=10,20"], "90000 runs: a study has at most 20000"),
-        (["--jobs", "100000"], "--jobs = 100000 must be between 1 and 1024"),
-    ],
-)
-def test_what_can_not_be_compared_is_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:
-    """Exit code 2, and no directory is made."""
-    result = CliRunner().invoke(app, ["compare", "roundabout", "--out", str(tmp_path / "out"), *arguments])
-    assert result.exit_code == 2
-    assert said in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.usefixtures("runs_here")
 def test_compare_writes_table_and_report(tmp_path: Path) -> None:
     """Two laws on a short road: a row each, as JSON and in the directory, with a self-contained page."""
