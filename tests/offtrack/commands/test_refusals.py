@@ -171,7 +171,6 @@ REFUSED = [  # command line, and words of the answer in their order
     ("compare roundabout --seeds 1-100000000", "100000000 seeds; a study has at most 20000 runs"),
     ("compare roundabout --seeds 1-15000 --vary speed_kmh=10,20", "90000 runs: a study has at most 20000"),
     ("compare roundabout --jobs 100000", "--jobs = 100000 must be between 1 and 1024"),
-    ("sweep study.toml --quiet --scheduler nowhere", "expected an address such as tcp://host:8786"),
     ("sweep study.toml --scheduler tcp://h:1 --dask-jobqueue q.yaml", "choose one"),
     ("sweep study.toml --scheduler tcp://h:1 --jobs 2", "leave it out"),
     ("sweep study.toml --dask-jobqueue q.yaml", "needs --jobs"),

@@ -187,11 +187,6 @@ def test_a_wrong_queue_is_one_line(text: str, line: str, tmp_path: Path) -> None
         job_queue(tmp_path / "queue.yaml")
 
 
-def test_nothing_to_do_needs_no_cluster(tmp_path: Path) -> None:
-    """An executor reaches for its cluster when there is a run to make."""
-
-    def connect() -> Any:
-        raise AssertionError
-
-    with DaskExecutor(connect, timeout=None, patience=1.0, waits=False, remark=print) as executor:
-        assert list(executor.results({}, tmp_path)) == []
+def test_what_is_no_address_is_one_line() -> None:
+    with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
+        pass
