@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -126,14 +125,6 @@ def test_standing_still_is_survived(motion: dict[str, float]) -> None:
     assert math.isfinite(command.acceleration)
 
 
-def test_driver_and_memory_can_be_pickled() -> None:
-    """Runs travel to other processes, and go on there as they would have here."""
-    driver = PreviewDriver(TRACTOR, PATH, 2.8)
-    memory, _ = driver.step(driver.init(), 0, ego(v_x=2.8))
-    copy, memory_copy = pickle.loads(pickle.dumps((driver, memory)))
-    assert copy.step(memory_copy, 20, ego(20, v_x=2.8)) == driver.step(memory, 20, ego(20, v_x=2.8))
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [({"wheelbase": 0.0}, "wheelbase = 0.0"), ({"max_steer": 1.6}, "max_steer = 1.6"), ({"actuator_lag": -0.1}, "lag")],
@@ -162,10 +153,7 @@ DYNAMICS = TractorDynamics(
     cg_x=2.36,
     hitch_mass=10500.0,
     hitch_x=0.77,
-    axles=(
-        TractorAxle(3.8, 2.8e5, 0.5, trail=0.04, steer_ratio=1.0),
-        TractorAxle(0.0, 5.8e5, 0.5, trail=0.04),
-    ),
+    axles=(TractorAxle(3.8, 2.8e5, 0.5, trail=0.04, steer_ratio=1.0), TractorAxle(0.0, 5.8e5, 0.5, trail=0.04)),
 )
 LADEN = TractorGeometry(
     wheelbase=3.8, x_ref=5.2, y_ref=0.0, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1, dynamics=DYNAMICS

@@ -23,8 +23,7 @@ import vehicle
 from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
 from scenarios.processes import each_in_a_worker
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import nominal_rig
 from tests.fmus.models import proportional_law

@@ -14,8 +14,7 @@ from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.rover_session import RoverSession
 from scenarios.loop.trailer_session import TrailerSession
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
 from scenarios.results import log as parts
 from scenarios.results.log import Log, Signal, columns_by_parts
 from scenarios.results.rover_result import rover_log

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.rover_result import RoverResult
 
 SHORT = ("slip_estimator=truth", "course.length=0.6", "surface.slope_from=0.1")

@@ -9,8 +9,17 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from offtrack.environments.surrogate_fit import RunErrors, fitted, run_errors, surrogate_toml
-from scenarios.assembly.surrogate import Estimate, Surrogate, SurrogateOffTracking, SurrogateParameters, load_surrogate
+from scenarios.assembly.surrogate import (
+    Estimate,
+    RunErrors,
+    Surrogate,
+    SurrogateOffTracking,
+    SurrogateParameters,
+    fitted,
+    load_surrogate,
+    run_errors,
+    surrogate_toml,
+)
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray
 

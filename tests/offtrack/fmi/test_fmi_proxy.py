@@ -53,10 +53,10 @@ from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from tests.fmus.plants import Slave, c_compiler
 from tests.fmus.proxies import USED, alive, estimate, reading, stand_in
+from vehicle.combination.chain import smooth_ground_sizes
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.layout import command_sizes, ground_input_sizes
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
-from vehicle.combination.truth_vectors import smooth_ground_sizes
 from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")

@@ -30,7 +30,7 @@ from scenarios.loop.bench import (
 )
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.options.vehicle_and_driver import OutsideOptions
+from scenarios.options.tables import OutsideOptions
 from scenarios.results.run_inputs import write_inputs
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import EgoState

@@ -10,8 +10,7 @@ import pytest
 from estimators.rigid_motion import rotation_vector
 from scenarios.assembly import trailer_sensors
 from scenarios.assembly.trailer_sensors import calibrated_with_boards
-from sensors.camera.lens import RawStereoRig
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import RawStereoRig, StereoRig
 from vehicle.frames import inverse
 
 

@@ -15,7 +15,7 @@ from estimators.calibration.rectification import Rectifier
 from estimators.rigid_motion import rotation_vector
 from offtrack.commands.cli import app
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel, load_raw_rig
+from sensors.camera.rig import CameraModel, load_raw_rig
 from vehicle.frames import inverse, so3_exp, transform
 
 CAMERA = CameraModel(

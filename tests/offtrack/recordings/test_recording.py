@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from offtrack.exchange.recordings.writers import RecordingWriter
-from sensors.camera.lens import CameraModel, RawStereoRig, load_raw_rig
-from sensors.camera.rig import StereoCalibration, StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration, StereoRig, load_raw_rig
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 

@@ -10,7 +10,7 @@ import pytest
 from scenarios.assembly.trailer_sensors import wheels_near
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.summary_numbers import number_at
+from scenarios.results.run_summary import number_at
 from scenarios.results.trailer_result import RunResult, error_of_estimate
 from scenarios.results.trailer_signals import ReferenceOffTracking
 from vehicle.combination.description import load_vehicle

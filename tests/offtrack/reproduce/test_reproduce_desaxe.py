@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from offtrack.studies.reproduce import desaxe2018_drive, desaxe2018_field, desaxe2018_simulation
-from offtrack.studies.reproduce import desaxe2018_drive as drives
-from offtrack.studies.reproduce.desaxe2018_drive import Case, Drive, Facing, Point, Track
+from offtrack.studies.reproduce import desaxe2018 as drives
+from offtrack.studies.reproduce import desaxe2018_field
+from offtrack.studies.reproduce.desaxe2018 import Case, Drive, Facing, Outcome, Point, Track
 from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Reproduction, maker, write_reproduction
 from scenarios.assembly.adapters import course_of
 from scenarios.loop.runner import run
@@ -53,7 +53,6 @@ def made_up(case: Case, error: Callable[[FloatArray], FloatArray]) -> Drive:
         lateral=np.zeros(200),
         speed=np.full(200, 4.0),
         tracks=dict.fromkeys(case.odometries, track),
-        outcome="completed",
     )
 
 
@@ -167,13 +166,13 @@ def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
     drive = made_up(case, lambda time: summed)
     track = dataclasses.replace(drive.tracks["viso2"], lateral=burst)
     drive = dataclasses.replace(drive, tracks={"viso2": track, "keyframe": track})
-    assert desaxe2018_simulation.explained_share(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
-    assert desaxe2018_drive.outcome_of(Point(), drive, "viso2").largest == pytest.approx(0.08)
+    assert drives.explained_share(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
+    assert Outcome.of(Point(), drive, "viso2").largest == pytest.approx(0.08)
 
 
 def test_bias_is_told_apart_by_side() -> None:
     """An error that is there for a path on the right only, as the paper's, is a bias of that side only."""
-    case = desaxe2018_field.field_case("left roundabout", "rear", 0.5, quick=True)
+    case = desaxe2018_field.FieldTest("left roundabout").case(quick=True)
     drive = made_up(case, lambda time: np.where(np.sin(time) < 0.0, 0.2, 0.0))
     assert desaxe2018_field.biases(drive, "viso2") == pytest.approx((0.0, 0.2))
 

@@ -14,14 +14,15 @@ from typer.testing import CliRunner
 
 from offtrack.commands.assess import assess as assess_command
 from offtrack.studies.standards.assessment import (
+    CRITERIA,
     MANOEUVRES,
     Assessment,
     AssessmentMatrix,
     assess,
+    compared_with_limits,
     loaded,
 )
 from offtrack.studies.standards.assessment_report import BY_NAME, assessment_page, matrix_table
-from offtrack.studies.standards.comparison import CRITERIA, compared_with_limits
 from offtrack.studies.standards.low_speed import aashto_turn, ctsw_turn, roundabout, turn
 from offtrack.studies.standards.proving_ground import Conditions, Hand, Manoeuvre
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius

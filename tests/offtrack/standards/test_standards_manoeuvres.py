@@ -8,12 +8,37 @@ import numpy as np
 import pytest
 
 from controllers.path import Path, arc, line
-from offtrack.studies.standards import lane_change as single_lane_change
-from offtrack.studies.standards.comparison import compared_with_limits, linear_figures
-from offtrack.studies.standards.full_braking import braking, braking_in_turn, braking_slippery, braking_split
-from offtrack.studies.standards.lane_change import lane_change, prescribed_acceleration, prescribed_path
+from offtrack.studies.standards.assessment import compared_with_limits, linear_figures
+from offtrack.studies.standards.braking_and_drive import (
+    Incline,
+    braking,
+    braking_in_turn,
+    braking_slippery,
+    braking_split,
+)
 from offtrack.studies.standards.low_speed import front_reach, reach
+from offtrack.studies.standards.open_loop import (
+    CHANGE_FREQUENCY,
+    CHANGE_OFFSET,
+    CHANGE_PEAK,
+    DWELL,
+    DWELL_END,
+    DWELL_FREQUENCY,
+    DWELL_START,
+    RANDOM_PEAK,
+    amplification_response,
+    lane_change,
+    prescribed_acceleration,
+    prescribed_path,
+    random_steer,
+    sine_dwell_wave,
+    sine_with_dwell,
+    steer_cycle,
+    steer_for,
+)
 from offtrack.studies.standards.proving_ground import (
+    KINDS,
+    STANDARD,
     Conditions,
     Manoeuvre,
     amplification,
@@ -21,11 +46,8 @@ from offtrack.studies.standards.proving_ground import (
     lateral_acceleration,
     overshoot,
 )
-from offtrack.studies.standards.random_steer import PEAK, amplification_response, random_steer, steer_cycle
-from offtrack.studies.standards.random_steer import SPEED as RANDOM_SPEED
-from offtrack.studies.standards.static_rollover import TiltTable, falls
-from offtrack.studies.standards.steady_circle import set_speed, steady_circle
-from offtrack.studies.standards.yaw_stability import DWELL, END, FREQUENCY, START, sine_with_dwell, steer_for, wave
+from offtrack.studies.standards.static_rollover import falls
+from offtrack.studies.standards.steady_driving import set_speed, steady_circle
 from offtrack.studies.validation.stopping_checks import without_abs
 from scenarios.results.log import Log, Signal
 from scenarios.results.swept_path import UnitOutline, tail_swings
@@ -103,7 +125,7 @@ def test_a_swing_on_lifted_axles_decays() -> None:
     A damper that pushed while its axle is off the ground kept a swing of 0.5 deg going for good.
     """
     vehicle = load_vehicle("us_5_axle")
-    below, beyond = (Plant(vehicle, TiltTable(friction=1.5, cross_fall=slope)) for slope in (0.39, 0.41))
+    below, beyond = (Plant(vehicle, Incline(friction=1.5, cross_fall=slope)) for slope in (0.39, 0.41))
     idle, roll = VehicleCommand(0.0, 0.0, ()), State(*slices(state_sizes(vehicle))).roll
     state = below.step(below.initial_state(Pose2(0.0, 0.0, 0.0), 0.0), idle, 10_000)  # the first wheel lifts at 0.399
     trailer: list[float] = []
@@ -251,10 +273,10 @@ def test_a_circle_that_friction_does_not_allow_is_not_measured() -> None:
 def test_the_sine_with_dwell_has_its_shape() -> None:
     """A quarter before the end it is at the far peak and stays there for the dwell; its ends are zero."""
     time = np.linspace(0.0, 6.0, 6001)
-    values = wave(time)
-    assert not values[time <= START].any()
-    assert not values[time >= END].any()
-    held = (time > START + 0.75 / FREQUENCY) & (time < START + 0.75 / FREQUENCY + DWELL)
+    values = sine_dwell_wave(time)
+    assert not values[time <= DWELL_START].any()
+    assert not values[time >= DWELL_END].any()
+    held = (time > DWELL_START + 0.75 / DWELL_FREQUENCY) & (time < DWELL_START + 0.75 / DWELL_FREQUENCY + DWELL)
     np.testing.assert_allclose(values[held], -1.0)
     assert values.max() == pytest.approx(1.0)
     assert np.abs(np.diff(values)).max() < 0.004  # it does not jump: 2 pi 0.5 Hz 1 ms is 0.0031
@@ -280,7 +302,7 @@ def test_after_a_sine_with_dwell_a_stable_truck_stops_yawing() -> None:
 
 def test_the_random_steer_excites_what_it_says() -> None:
     """Lines from 0.1 to 1.5 Hz with equal amplitudes, none elsewhere; it repeats every 40 s."""
-    steer = steer_cycle(load_vehicle("eu_tractor_semitrailer"), RANDOM_SPEED, 0.8)
+    steer = steer_cycle(load_vehicle("eu_tractor_semitrailer"), KINDS["random_steer"].speed, 0.8)
     spectrum = np.abs(np.fft.rfft(steer))
     f = np.fft.rfftfreq(len(steer), 40.0 / len(steer))
     inside = (f > 0.09) & (f < 1.51)
@@ -296,13 +318,13 @@ def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) ->
     done = random_steer(vehicle, "none")
     assert done.outcome == "completed"
     assert done.figures["random_theory_difference"] < 0.03
-    response = amplification_response(vehicle, done.log, RANDOM_SPEED, 0.8)
+    response = amplification_response(vehicle, done.log, KINDS["random_steer"].speed, 0.8)
     assert done.figures["random_amplification"] == pytest.approx(response.theory.max(), rel=0.03)
     unit = vehicle.units[0].name
     lateral = done.log[f"v_x_{unit}"] * done.log[f"yaw_rate_{unit}"]
-    assert np.abs(lateral).max() < 2.0 * PEAK  # it is a small motion indeed
+    assert np.abs(lateral).max() < 2.0 * RANDOM_PEAK  # it is a small motion indeed
     if name == "a_double":  # the comparison can fail: theory without lags of tyres is farther away
-        without = rearward_amplification(vehicle, RANDOM_SPEED, response.frequency)
+        without = rearward_amplification(vehicle, KINDS["random_steer"].speed, response.frequency)
         strong = response.measured > 0.5 * response.measured.max()
         assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03
 
@@ -346,22 +368,23 @@ def driven() -> Manoeuvre:
 
 def test_the_prescribed_motion_is_the_standards() -> None:
     """0.15 g over 2 pi (0.4 Hz)^2 is 1.4637 m; the path is the acceleration's second integral at 88 km/h."""
-    assert pytest.approx(1.4637, abs=5e-5) == single_lane_change.OFFSET
-    assert pytest.approx(0.15 * GRAVITY) == single_lane_change.PEAK
+    assert pytest.approx(1.4637, abs=5e-5) == CHANGE_OFFSET
+    assert pytest.approx(0.15 * GRAVITY) == CHANGE_PEAK
     time: FloatArray = np.arange(0.0, 6.0, 1e-3)
     wave = prescribed_acceleration(time)
-    assert wave.max() == pytest.approx(single_lane_change.PEAK, rel=1e-5)
-    assert np.count_nonzero(wave) * 1e-3 == pytest.approx(1.0 / single_lane_change.FREQUENCY, abs=2e-3)
-    path = prescribed_path(single_lane_change.SPEED * time)
+    assert wave.max() == pytest.approx(CHANGE_PEAK, rel=1e-5)
+    assert np.count_nonzero(wave) * 1e-3 == pytest.approx(1.0 / CHANGE_FREQUENCY, abs=2e-3)
+    at = KINDS["lane_change"].under(STANDARD)
+    path = prescribed_path(at.speed * time, at)
     second = np.diff(path, 2) / 1e-6
     np.testing.assert_allclose(second, wave[1:-1], atol=5e-3)  # differences over 1 ms, at most where the wave kinks
-    assert path[-1] == pytest.approx(single_lane_change.OFFSET)
+    assert path[-1] == pytest.approx(CHANGE_OFFSET)
 
 
 def test_the_robot_does_what_is_prescribed(driven: Manoeuvre) -> None:
     """Front axle within 1 % of 0.15 g and within 20 mm of its path, a 70th of the offset."""
     assert driven.outcome == "completed"
-    assert driven.figures["front_peak_acceleration_m_s2"] == pytest.approx(single_lane_change.PEAK, rel=0.01)
+    assert driven.figures["front_peak_acceleration_m_s2"] == pytest.approx(CHANGE_PEAK, rel=0.01)
     assert driven.figures["front_path_error_m"] < 0.020
 
 

@@ -16,8 +16,7 @@ from offtrack.studies import case as identity
 from offtrack.studies.case import Case
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.study import settings_of
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
 from scenarios.results.run_inputs import own_modules
 from vehicle.foundation.quantity import tables_in
 

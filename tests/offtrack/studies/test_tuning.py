@@ -19,7 +19,7 @@ from offtrack.studies.study import Study
 from offtrack.studies.trials import database, finished, former, hidden, in_database, resume, work
 from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto
 from scenarios.options.scenario import load_scenario
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 
 
 def trial(number: int, *values: float) -> Trial:
