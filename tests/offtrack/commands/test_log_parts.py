@@ -81,6 +81,7 @@ def test_the_log_takes_little_more_memory_than_itself(kind: str, monkeypatch: py
     """Of 1000 rows in parts of 50, which would take over 4 times as much as their log."""
     monkeypatch.setattr(parts, "_PART", 50)
     made: Callable[[Any], Log]
+    session: TrailerSession | RoverSession
     if kind == "trailer":
         trailer = TrailerSession(assemble(load_scenario("roundabout", ["off_tracking=truth"]), 1))
         session, period, made = trailer, 10, lambda rows: run_log(rows, [], trailer.parts.vehicle)

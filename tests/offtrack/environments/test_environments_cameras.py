@@ -72,7 +72,7 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
         seen.append(estimating.step(action)[0])
         true.append(exact_env.step(action)[0])
     estimating.close()
-    at = {feature.name: k for k, feature in enumerate(estimating.core.features)}
+    at = {feature.name: k for k, feature in enumerate(estimating.core.features)}  # type: ignore[attr-defined]
     told, exact = np.array(seen), np.array(true)
     assert told[:, :, at["usable"]].all()
     assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)

@@ -167,11 +167,12 @@ def test_pictures_show_what_moves_and_random_steps_stay_finite(name: str) -> Non
     for _ in range(60 if name == ROVER else 300):
         seen, reward, ended, *_ = env.step(env.action_space.sample())
         assert seen in env.observation_space
-        assert np.isfinite(reward)
+        assert np.isfinite(float(reward))
         if ended:
             break
     second = env.render()
     assert isinstance(first, np.ndarray)
+    assert isinstance(second, np.ndarray)
     assert first.shape == (600, 600, 3)
     assert not np.array_equal(first, second)
 

@@ -49,10 +49,10 @@ def test_late_steps_are_reported_and_made_up_for_by_quick_ones() -> None:
     """
     assert paced(1.0, 0.009, 0.002, 0.009).report().misses == 0
     report = paced(0.5, 0.019, 0.019).report()
-    assert (report.misses, report.step_s) == (0, pytest.approx(0.02))
+    assert (report.misses, report.step_s) == pytest.approx((0, 0.02))
     report = paced(1.0, 0.025, 0.002, 0.002, 0.002).report()
     assert (report.misses, report.behind_s) == (2, 0.0)
-    assert (report.worst_s, report.longest_step_s) == (pytest.approx(0.015), pytest.approx(0.025))
+    assert (report.worst_s, report.longest_step_s) == pytest.approx((0.015, 0.025))
     report = paced(1.0, *[0.02] * 10).report()
     assert report.best_speed == pytest.approx(0.5)
     assert "100.0 % of the steps ended after their 10 ms, by 100 ms at worst" in report.warnings[0]
@@ -86,7 +86,7 @@ def test_what_fails_in_the_camera_thread_is_named_at_the_delivery(fails: str, li
 
     camera, see = Camera(), None if fails == "camera" else failing
     if fails == "camera":
-        camera.sample = failing  # type: ignore[method-assign]
+        camera.sample = failing  # type: ignore[assignment, method-assign]
     with ThreadPoolExecutor(1) as renderer, ThreadPoolExecutor(1) as worker:
         schedule = Schedule(period=10, latency=20)
         channel = Channel(camera, schedule, Nothing(), worker, Stopwatch(), renderer=renderer, see=see)
