@@ -99,23 +99,6 @@ def test_every_entry_of_the_catalogue_can_be_loaded(name: str) -> None:
     assert name in names_of("all")
 
 
-def test_unknown_figure_is_refused_in_one_line(tmp_path: Path) -> None:
-    """Exit code 2, and the nearest name that there is."""
-    result = CliRunner().invoke(APP, ["reina2008-fig9", "--out", str(tmp_path / "made")])
-    assert result.exit_code == 2
-    assert "reina2008-fig" in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "made").exists()
-
-
-def test_directory_in_use_is_refused_before_any_work(tmp_path: Path) -> None:
-    """An existing file is not overwritten."""
-    (tmp_path / "other").write_text("mine")
-    result = CliRunner().invoke(APP, ["reina2008-fig6", "--quick", "--out", str(tmp_path)])
-    assert result.exit_code == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["other"]
-
-
 @pytest.mark.parametrize(("kept", "folders"), [(True, 2), (False, 1)])
 def test_interrupt_of_all_keeps_what_is_finished_and_stops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: bool, folders: int

@@ -94,6 +94,22 @@ def test_every_figure_is_drawn_and_written(name: str, cheap: list[Case], tmp_pat
     assert {load_scenario(case.scenario, case.settings).trailer_steering for case in cheap} == {"none"}
 
 
+def test_drives_are_shared_and_come_back_in_order(cheap: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nine panels of Figs 14 and 16 are six drives; cases come back in order, whatever is finished first."""
+    make("desaxe2018-fig14")
+    make("desaxe2018-fig16")
+    assert len(cheap) == 6
+    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
+    steps: list[tuple[float, float]] = []
+    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
+    monkeypatch.setattr(drives, "as_finished", lambda work, tasks, jobs: ((task, work(task)) for task in tasks[::-1]))
+    for _ in range(2):
+        driven = drives.driven(cases, lambda done, total, note="": steps.append((done, total)))
+        assert [one.case.seed for one in driven] == [3, 1, 2, 1]
+    assert steps[:4] == [(0, 300), (100, 300), (200, 300), (300, 300)]
+    assert len(cheap) == 9
+
+
 def test_figure_6_has_the_papers_baselines_and_the_errors_of_the_estimates(cheap: list[Case]) -> None:
     """0.5 to 5.0 m, to the rear and to a side; estimates that are all 2 cm off have an RMS and a mean of 2 cm."""
     own = {one.quantity: one.own for one in make("desaxe2018-fig6").comparisons}
@@ -102,13 +118,6 @@ def test_figure_6_has_the_papers_baselines_and_the_errors_of_the_estimates(cheap
     for name in ("RMS", "mean"):
         # exact up to the rounding of sums over 200 images
         assert own[f"rear, up to 2.5 m: largest {name} error"] == pytest.approx(0.02, abs=1e-12)
-
-
-def test_figures_share_their_drives(cheap: list[Case]) -> None:
-    """The nine panels of Figs 14 and 16 are six drives: a correction costs no images of its own."""
-    make("desaxe2018-fig14")
-    make("desaxe2018-fig16")
-    assert len(cheap) == 6
 
 
 def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,23 +134,6 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
     assert made.interrupted
     assert set(made.data["baseline"]) == {0.5, 1.0}
     assert any("2 of 20" in note for note in made.notes)
-
-
-@pytest.mark.slow
-def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever is finished first, and every case once."""
-    monkeypatch.setattr(drives, "drive", lambda case, progress: f"drive {case.seed}")
-    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
-    monkeypatch.setattr(drives, "_DRIVES", {})
-    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
-    steps: list[tuple[float, float]] = []
-
-    def driven() -> list[str]:
-        return [str(one) for one in drives.driven(cases, lambda done, total, note="": steps.append((done, total)))]
-
-    assert driven() == ["drive 3", "drive 1", "drive 2", "drive 1"]
-    assert steps == [(0, 300), (100, 300), (200, 300), (300, 300), (300, 300)]
-    assert driven() == ["drive 3", "drive 1", "drive 2", "drive 1"]
 
 
 def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pathlib
 
 import numpy as np
 import pytest
@@ -109,19 +108,14 @@ SECONDS = np.arange(17.0)  # of a hold
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.5, 3.0, 4.5, 6.0])
-def test_a_swing_that_decays_stands_whatever_its_phase(phase: float) -> None:
-    """On few axles a combination swings once in ten seconds, weakly damped; at the end it may lean over ever faster."""
-    leans = 0.07 + 0.01 * np.exp(-0.03 * SECONDS) * np.sin(2.0 * np.pi * SECONDS / 10.0 + phase)
-    assert not falls(leans)
+def test_a_swing_that_decays_stands_whatever_its_phase_and_a_slow_fall_is_one(phase: float) -> None:
+    """On few axles a combination swings once in ten seconds, weakly damped; at the end it may lean over ever faster.
 
-
-def test_a_lean_that_creeps_to_its_place_stands() -> None:
-    """It passes every earlier peak, but ever slower."""
+    A lean that creeps to its place passes every earlier peak, but ever slower. A fall out of an unstable equilibrium
+    is 0.02 rad in the hold, far below what lies on its side.
+    """
+    assert not falls(0.07 + 0.01 * np.exp(-0.03 * SECONDS) * np.sin(2.0 * np.pi * SECONDS / 10.0 + phase))
     assert not falls(0.07 - 0.01 * np.exp(-SECONDS / 8.0))
-
-
-def test_a_slow_fall_is_one() -> None:
-    """Out of an unstable equilibrium: 0.02 rad in the hold, far below what lies on its side."""
     assert falls(0.07 + 1e-3 * np.exp(SECONDS / 5.0))
 
 
@@ -179,14 +173,10 @@ def test_damping_of_a_decaying_oscillation_is_its_ratio(ratio: float, phase: flo
     assert damping(values) == pytest.approx(ratio, abs=2e-3)
 
 
-def test_what_does_not_swing_is_critically_damped() -> None:
+def test_damping_without_swings_is_critical_and_of_growing_ones_negative() -> None:
     """A decay without a change of sign has no extremes to compare; nor has one whose swing is below a thousandth."""
     assert damping(np.exp(-TIME)) == 1.0
     assert damping(np.exp(-TIME) + 1e-5 * np.exp(-TIME) * np.cos(4.0 * TIME) - 1e-5) == 1.0
-
-
-def test_damping_of_a_growing_oscillation_is_negative() -> None:
-    """An unstable combination must not look damped."""
     assert damping(np.exp(0.2 * TIME) * np.sin(2.0 * TIME)) < 0.0
 
 
@@ -211,60 +201,38 @@ BODY = UnitOutline("truck", 6.0, -2.0, 2.5, (5.0, 0.0), (2.0, 2.0))
 RADIUS, ENTRY = 12.0, 15.0  # of the rear axle's arc, before it [m]
 
 
-def rolled(side: float) -> FloatArray:
-    """Poses of a truck whose rear axle goes straight, round a quarter of a circle to ``side``, and straight."""
-    path = Path(Pose2(0.0, 0.0, 0.0), (line(ENTRY), arc(0.5 * math.pi * RADIUS, side / RADIUS), line(15.0)))
-    return np.array([path.pose(float(s)) for s in np.arange(0.0, path.length, 0.03)])
-
-
-def front_path(side: float) -> Path:
-    """A path that the middle of the rear axle follows, as reference of the reach."""
+def rear_path(side: float) -> Path:
+    """Straight, round a quarter of a circle to ``side``, and straight."""
     return Path(Pose2(0.0, 0.0, 0.0), (line(ENTRY), arc(0.5 * math.pi * RADIUS, side / RADIUS), line(15.0)))
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_truck_in_a_turn_sweeps_from_its_side_to_its_front_corner(side: float) -> None:
-    """Beside the rear axle's circle: inside half the width, outside hypot(R + w/2, front) - R, at any one station."""
-    swept = reach((BODY,), (rolled(side),), front_path(side))
-    outermost = math.hypot(RADIUS + 1.25, 6.0) - RADIUS
-    assert swept.width == pytest.approx(outermost + 1.25, abs=0.01)  # stations 0.1 m apart
-    farthest = np.nanmax(front_reach(BODY, rolled(side), front_path(side)))
-    assert farthest == pytest.approx(outermost, abs=1e-3)  # passes the middle of the turn every 3 cm
+def rolled(path: Path) -> FloatArray:
+    """Poses of a truck whose rear axle follows the path."""
+    return np.array([path.pose(float(s)) for s in np.arange(0.0, path.length, 0.03)])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_rear_overhang_swings_out_at_entry_only(side: float) -> None:
-    """A rear corner 2 m behind the axle is at hypot(R + w/2, 2) from the centre: 0.15 m beyond the straight.
+def test_bodies_in_a_turn_reach_where_geometry_says(side: float) -> None:
+    """Beside the rear axle's circle: inside half the width, outside hypot(R + w/2, front) - R, at any one station.
 
-    At exit it comes from the inside and follows the axle onto the straight. Rows are 3 cm apart.
+    A rear corner 2 m behind the axle is at hypot(R + w/2, 2) from the centre: 0.15 m beyond the straight at entry. At
+    exit it comes from the inside, unless the body is yawed 5 degrees too far: 2 sin(5) - 1.25 (1 - cos(5)) outside.
+    The rear axle's own corners never leave the straight. Rows are 3 cm apart.
     """
-    expected = math.hypot(RADIUS + 1.25, 2.0) - RADIUS - 1.25
-    assert tail_swings((BODY,), (rolled(side),)) == pytest.approx((expected, 0.0), abs=1e-4)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_trailer_steered_too_far_swings_out_at_exit(side: float) -> None:
-    """Yawed 5 degrees too far on the exit straight: the corner is 2 sin(5) - 1.25 (1 - cos(5)) outside."""
-    poses = rolled(side)
-    turned = ENTRY + 0.5 * math.pi * RADIUS
-    travelled = np.arange(len(poses)) * 0.03
+    path = rear_path(side)
+    poses, outermost = rolled(path), math.hypot(RADIUS + 1.25, 6.0) - RADIUS
+    assert reach((BODY,), (poses,), path).width == pytest.approx(outermost + 1.25, abs=0.01)  # stations 0.1 m apart
+    assert np.nanmax(front_reach(BODY, poses, path)) == pytest.approx(outermost, abs=1e-3)
+    swing = math.hypot(RADIUS + 1.25, 2.0) - RADIUS - 1.25
+    assert tail_swings((BODY,), (poses,)) == pytest.approx((swing, 0.0), abs=1e-4)
+    turned, travelled = ENTRY + 0.5 * math.pi * RADIUS, np.arange(len(poses)) * 0.03
     bump = np.where((travelled > turned) & (travelled < turned + 6.0), side * math.radians(5.0), 0.0)
-    overturned = poses + np.column_stack([np.zeros((len(poses), 2)), bump])
     out = 2.0 * math.sin(math.radians(5.0)) - 1.25 * (1.0 - math.cos(math.radians(5.0)))
-    assert tail_swings((BODY,), (overturned,))[1] == pytest.approx(out, abs=1e-9)
-
-
-def test_a_body_without_overhang_does_not_swing_out() -> None:
-    """The rear axle's own corners never leave the straight to the outside."""
+    assert tail_swings((BODY,), (poses + np.outer(bump, [0.0, 0.0, 1.0]),))[1] == pytest.approx(out, abs=1e-9)
     stump = UnitOutline("truck", 6.0, 0.0, 2.5, (5.0, 0.0), (2.0, 2.0))
-    assert tail_swings((stump,), (rolled(1.0),)) == pytest.approx((0.0, 0.0), abs=1e-12)
-
-
-def test_standing_straight_the_width_is_the_bodys() -> None:
-    """Along a straight path nothing but the body's own width is swept."""
-    poses = np.column_stack([np.arange(0.0, 20.0, 0.1), np.zeros(200), np.zeros(200)])
-    path = Path(Pose2(0.0, 0.0, 0.0), (line(20.0),))
-    assert reach((BODY,), (poses,), path).width == pytest.approx(2.5, abs=1e-9)
+    assert tail_swings((stump,), (poses,)) == pytest.approx((0.0, 0.0), abs=1e-12)
+    straight = np.column_stack([np.arange(0.0, 20.0, 0.1), np.zeros(200), np.zeros(200)])
+    assert reach((BODY,), (straight,), Path(Pose2(0.0, 0.0, 0.0), (line(20.0),))).width == pytest.approx(2.5, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck"])
@@ -436,34 +404,6 @@ def test_the_audited_set_amplifies_as_linear_theory_says() -> None:
     for name in ("rearward_amplification", "rearward_amplification_yaw"):
         assert done[name] == pytest.approx(theory[name], rel=0.03)
     assert done["transient_off_tracking_m"] == pytest.approx(theory["transient_off_tracking_m"], abs=0.02)
-
-
-_SWINGING = """
-import math
-import numpy as np
-from controllers.trailer import SteerCommand
-
-class Swinging:
-    def __init__(self, trailer):
-        self.axles = len(trailer.steered_distances)
-
-    def init(self):
-        return None
-
-    def step(self, memory, tick, off_tracking, signals):
-        return None, SteerCommand(angles=np.full(self.axles, 0.4 * math.sin(2.5e-3 * tick)))
-"""
-
-
-def test_what_can_not_be_held_on_the_path_is_not_measured(
-    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A law that swings the trailer's axles by 23 degrees at 88 km/h throws it off the path: that is its outcome."""
-    (tmp_path / "swinging.py").write_text(_SWINGING)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    done = lane_change(load_vehicle("uk_longer_semitrailer"), "swinging:Swinging")
-    assert done.outcome != "completed"
-    assert all(math.isnan(value) for value in done.figures.values())
 
 
 def test_a_rigid_truck_is_driven_too() -> None:
