@@ -213,12 +213,11 @@ class RoverSteeringOptions:
     vehicle: str = "el_dorado_ii_skid"  # name or file of a rover without steered wheels
     soils: Sequence[str] | None = None  # "none": firm ground; None: two sands and, except for ``estimate``, firm ground
     observation: ObservationKind = "surrogate"
-    sensing: str | RoverScenario = (
-        "rover-slope"  # scenario with camera, sand and slip estimator, for ``estimate`` and ``camera``
-    )
+    # Scenario with camera, sand and slip estimator, for ``estimate`` and ``camera``
+    sensing: str | RoverScenario = "rover-slope"
     image_scale: int = 1  # factor that reduces images, for ``camera``
     domain: RoverDomain = dataclasses.field(default_factory=RoverDomain)
-    reward: Mapping[RoverReward, float] | None = None  # None: ``rover_rewards.USUAL``
+    reward: Mapping[RoverReward, float] | None = None  # None: ``USUAL``
     engine: Engine = "auto"
 
     def soil_names(self) -> tuple[str, ...]:

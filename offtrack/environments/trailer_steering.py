@@ -148,9 +148,8 @@ class TrailerSteeringOptions:
     reward: Mapping[Reward, float] | None = None  # None: ``rewards.USUAL``
     endings: Mapping[str, Ending] | None = None
     surrogate: SurrogateParameters | None = None  # None: the shipped one
-    sensing: str | Scenario = (
-        "roundabout"  # scenario with rig, faults, world and estimator, for ``estimate`` and ``camera``
-    )
+    # Scenario with rig, faults, world and estimator, for ``estimate`` and ``camera``
+    sensing: str | Scenario = "roundabout"
     image_scale: int = 1  # factor that reduces images, for ``camera``
     engine: Engine = "auto"
 
