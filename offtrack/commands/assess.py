@@ -40,10 +40,10 @@ from offtrack.studies.reproduce.reproduction import (
     names_of,
     write_reproduction,
 )
-from offtrack.studies.standards.assessment import KINDS, OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
+from offtrack.studies.standards.assessment import OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
-from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
+from offtrack.studies.standards.proving_ground import KINDS, Conditions, Hand, steered_trailer
 from offtrack.studies.validation.check import Check, CheckSection, number, tally
 from offtrack.studies.validation.suite import TASKS, validation_page
 from scenarios.results.run_directory import (

@@ -293,7 +293,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         outside = self.exchange.report() if self.exchange else None
         scenario, inputs = _with_record(parts.scenario, inputs, outside)
         with_unit = complete and scenario.reference_unit
-        tracks = [_track_of(self, trailer, with_unit=with_unit) for trailer in self.trailers]
+        tracks = [track_of(self, trailer, with_unit=with_unit) for trailer in self.trailers]
         log = run_log(self.rows, tracks, vehicle)
         return RunResult(
             scenario=scenario.name,
@@ -344,7 +344,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         )
 
 
-def _track_of(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
+def track_of(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
     """A trailer's estimates, and the reference unit on it if there is one."""
     watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
     n, has_faults = len(session.rows), bool(session.parts.scenario.faults)

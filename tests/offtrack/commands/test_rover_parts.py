@@ -18,6 +18,7 @@ from scenarios.results.rover_result import RoverResult
 SHORT = ("slip_estimator=truth", "course.length=0.6", "surface.slope_from=0.1")
 PARTS = '''
 import math
+from dataclasses import replace
 from vehicle.option import Option
 from vehicle.rover.command import RoverCommand
 from sensors.instruments.navigation import ExactSlip
@@ -65,7 +66,6 @@ class Instrument:
         self.exact, self.bias = ExactSlip(wheel), bias
 
     def sample(self, truth):
-        from dataclasses import replace
         reading = self.exact.sample(truth)
         return replace(reading, slip_angle=reading.slip_angle + self.bias)
 '''

@@ -66,16 +66,10 @@ def circle() -> Iterator[Truth]:
         x, y = 20.0 * np.sin(angle), 20.0 - 20.0 * np.cos(angle)
         X_WS = transform(rotation_zyx(angle, 0.0, 0.0), np.array([x, y, 0.0]))
         yield Truth(
-            tick=10 * k,
-            poses=np.array([[x, y, angle]]),
-            velocities=np.array([[4.0, 0.0, 0.2]]),
-            bodies=X_WS[None],
-            steer=np.zeros(1),
-            wheel_loads=np.ones(4),
-            wheel_slip_angles=np.zeros(4),
-            friction_used=np.zeros(4),
+            tick=10 * k, poses=np.array([[x, y, angle]]), velocities=np.array([[4.0, 0.0, 0.2]]), bodies=X_WS[None],
+            steer=np.zeros(1), wheel_loads=np.ones(4), wheel_slip_angles=np.zeros(4), friction_used=np.zeros(4),
             load_transfer=np.zeros(1),
-        )
+        )  # fmt: skip
 
 
 @pytest.mark.slow
