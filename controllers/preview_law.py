@@ -19,8 +19,6 @@ The path ahead is known. Its optimal use is a weighted sum of the curvatures ahe
 curvature j periods ahead is -(R + B'P B)^-1 B' ((A - B K)')^j P E.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -135,8 +133,6 @@ def _weights(closed: FloatArray, row: FloatArray, costate: FloatArray) -> FloatA
         costate = closed.T @ costate
     return np.array([weights[start:end].sum() for start, end in pairwise(ends.tolist())])
 
-
-__all__ = ["CREEP", "PERIOD"]
 
 GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]
 

@@ -1,27 +1,13 @@
 """`offtrack export`, `draw`, `view` and `fmu`: runs as files, drawings and pages; exchange of models by FMI."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import (
-    OneLineGroup,
-    Quiet,
-    lines,
-    one_line_errors,
-    progress_bar,
-    progress_display,
-)
-from offtrack.exchange.drawings import (
-    drawing,
-    driven_run,
-    formats_of,
-    write_drawing,
-)
+from offtrack.commands.console import OneLineGroup, Quiet, lines, one_line_errors, progress_bar, progress_display
+from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
@@ -36,8 +22,8 @@ from offtrack.reports.viewing import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
+from scenarios.results.run_directory import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 
@@ -173,11 +159,15 @@ LAW_EXAMPLES = (
 
 _KEYS = ("steering", "degradation", "load", "steer_groups", "policy")  # of a scenario, that a law takes
 Fmi = Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content")]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content, such as VEHICLE.fmu"),
+]
 Platforms = Annotated[
     list[str] | None,
     typer.Option(
-        help="Further platform with a library in the FMU, such as win64; may be repeated. Needs the extra zig."
+        help="Further platform with a library in the FMU: win64, darwin64, linux-arm64, darwin-arm64; may be repeated. "
+        "Needs the extra zig."
     ),
 ]
 Settings = Annotated[
@@ -231,17 +221,9 @@ PLANT_EXAMPLES = (
 @app.command(epilog=lines(PLANT_EXAMPLES))
 def plant(
     vehicle: Annotated[str, typer.Argument(help="Vehicle or rover: a name (see: offtrack vehicle) or a TOML file.")],
-    fmi: Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")] = 3,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="VEHICLE.fmu")
-    ] = None,
-    platform: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Further platform with a library in the FMU: win64, darwin64, linux-arm64, darwin-arm64; may be "
-            "repeated. Needs the extra zig."
-        ),
-    ] = None,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
     soil: Annotated[
         str | None, typer.Option(help="Soil that a rover drives in: a name or a TOML file; without it, firm ground.")
     ] = None,

@@ -13,13 +13,11 @@ from offtrack.reports.player.playback import Playback, PlayedRun
 from offtrack.reports.player.run_playback import played_rover, played_trailer, rover_playback, trailer_playback
 from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
 from scenarios.assembly.rover_run import rover_path
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario
+from scenarios.options.scenario import RoverScenario, Scenario
 from scenarios.progress import Progress
 from scenarios.results.log import Log
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import Result
-from scenarios.results.summary_numbers import Summary, Timing
+from scenarios.results.run_summary import Result, Summary, Timing
 from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle

@@ -20,11 +20,9 @@ from offtrack.reports.run_video import traced
 from offtrack.reports.sections import number_table, provenance_sections, run_html, timing_section
 from scenarios.progress import Progress, no_progress
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import manifest
-from scenarios.results.summary_numbers import Summary
+from scenarios.results.run_summary import Summary, manifest
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _ON_CARDS: Final = ("slip.cross_track_rms_m", "slip.error_rms_deg", "slip.true_mean_deg", "timing.realtime_factor")
 _SHOWN: Final = (0.15, 0.5, 0.85)  # frames on the page, as shares of the run

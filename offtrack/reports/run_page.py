@@ -28,8 +28,7 @@ from offtrack.reports.sections import (
     timing_section,
 )
 from scenarios.results.log import LOST
-from scenarios.results.run_summary import manifest
-from scenarios.results.summary_numbers import Summary
+from scenarios.results.run_summary import Summary, manifest
 from scenarios.results.swept_path import placed, placed_wheels
 from scenarios.results.trailer_result import (
     CameraFrame,
@@ -39,8 +38,7 @@ from scenarios.results.trailer_result import (
     trailer_summaries,
 )
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length, rows_every, sides
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length, rows_every, sides
 
 _ROAD = "#eef0f2"
 _DASHED = (0, (3, 2))

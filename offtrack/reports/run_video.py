@@ -35,8 +35,7 @@ from scenarios.results.rover_result import RoverResult, TraceFrame, trace_line, 
 from scenarios.results.swept_path import placed, placed_wheels
 from scenarios.results.trailer_result import CameraFrame, RunResult
 from sensors.sand.trace_rig import TraceRig
-from vehicle.foundation.polyline import arc_length, sides
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length, sides
 
 _TALLEST: Final = 480  # of a camera image in a video [px]
 _STILL, _FAST = 200.0, 35.0  # hues of features on a page: blue and orange [deg]

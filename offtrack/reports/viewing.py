@@ -35,8 +35,7 @@ from offtrack.reports.player.playback import Picture, Playback, PlayedRun
 from offtrack.reports.sections import changes, groups, number_table, scenario_facts
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.log import read_log
-from scenarios.results.run_summary import Result, versions
-from scenarios.results.summary_numbers import number_at
+from scenarios.results.run_summary import Result, number_at, versions
 from vehicle.foundation.user_file import FileKind, read_text, shown
 
 _ELEMENT: Final = re.compile(r'<(\w+)[^>]* id="playback-(table|numbers|pictures)">(.*?)</\1>', re.DOTALL)

@@ -24,8 +24,7 @@ from controllers.trailer_steering.lqr import (
 from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
 from estimators.estimates import Health, OffTracking
-from offtrack.studies.standards.lane_change import lane_change
-from offtrack.studies.standards.yaw_stability import pulse
+from offtrack.studies.standards.open_loop import lane_change, pulse
 from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, estimate

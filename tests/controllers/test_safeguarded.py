@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 from controllers.checked import LawError
 from controllers.equations import settle
 from controllers.trailer import Actuation, SteerCommand
-from controllers.trailer_steering.fallback import Fallback, FallbackName
-from controllers.trailer_steering.guard import Degradation
 from controllers.trailer_steering.kinematics import AxleGroup
-from controllers.trailer_steering.safeguarded import Safeguarded, SafeguardedCommand
-from controllers.trailer_steering.signal_laws import CommandSteer
+from controllers.trailer_steering.safeguarded import Degradation, Safeguarded, SafeguardedCommand
+from controllers.trailer_steering.signal_laws import CommandSteer, Fallback, FallbackName
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, estimate, signals

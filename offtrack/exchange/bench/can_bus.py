@@ -15,8 +15,7 @@ from typing import Any, Final, NamedTuple
 from offtrack.exchange.fmi_import.fmu_file import UNITS, Scale, fits
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.loop.bench import Demands, Numbers
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import FileType, read_bytes, shown
+from vehicle.foundation.user_file import FileType, nearest, read_bytes, shown
 
 EXAMPLE: Final = "example"  # stands for the shipped DBC file
 _INTERFACES: Final = ("virtual", "socketcan")

@@ -11,7 +11,7 @@ import numpy as np
 
 from offtrack.exchange.exports.catalogue import ExportedRun
 from scenarios.extras import check_extra
-from scenarios.results.atomic_files import check_new_file, replacing
+from scenarios.results.run_directory import check_new_file, replacing
 
 _TIME: Final = "time"
 _LONGEST: Final = 63  # characters of a name in MATLAB

@@ -17,12 +17,10 @@ from offtrack.exchange.exports.catalogue import ExportedRun
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence
 from scenarios.assembly.adapters import outlines, vehicle_of
 from scenarios.extras import check_extra
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
-from scenarios.results.atomic_files import check_new_file, replacing
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
 from scenarios.results.log import Log
-from vehicle.foundation.polyline import rows_every
-from vehicle.frames import FloatArray
+from scenarios.results.run_directory import check_new_file, replacing
+from vehicle.frames import FloatArray, rows_every
 from vehicle.rover.description import load_rover
 
 WORLD: Final = "W"

@@ -36,9 +36,9 @@ from offtrack.exchange.recordings.stereo_reader import read_projections
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
 from scenarios.extras import check_extra
 from scenarios.image_file import read_grey
-from scenarios.results.atomic_files import check_new_file
 from scenarios.results.log import Log
-from sensors.camera.lens import CameraModel, load_raw_rig
+from scenarios.results.run_directory import check_new_file
+from sensors.camera.rig import CameraModel, load_raw_rig
 from vehicle.frames import FloatArray
 
 

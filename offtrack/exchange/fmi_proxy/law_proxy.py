@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.trailer import Combination
-from controllers.trailer_steering.guard import Degradation
+from controllers.trailer_steering.safeguarded import Degradation
 from offtrack.exchange.fmi_export.variables import Quantity
 from offtrack.exchange.fmi_import.numbered_signals import (
     NO_ESTIMATE,

@@ -49,7 +49,7 @@ from scenarios.loop.channel import CONTROL, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.options.scenario import Scenario
-from scenarios.options.vehicle_and_driver import DriverOptions
+from scenarios.options.tables import DriverOptions
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle

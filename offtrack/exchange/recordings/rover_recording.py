@@ -17,13 +17,12 @@ import numpy as np
 import tomli_w
 
 from scenarios.image_file import read_grey_upright
-from scenarios.table_file import Column, open_table
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
-from vehicle.foundation.parameter_file import read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.data_file import Column, open_table
+from vehicle.foundation.user_file import FileKind, read_toml, shown
 from vehicle.frames import FloatArray, is_rotation
 from vehicle.rover.command import WheelPlace, corner_wheels
 

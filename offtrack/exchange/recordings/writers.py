@@ -28,8 +28,7 @@ from offtrack.exchange.recordings.rover_recording import (
     rig_toml,
 )
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
-from sensors.camera.lens import RawStereoRig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import RawStereoRig, StereoCalibration
 from sensors.messages import GreyImage, RoverView, StereoFrame
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK

@@ -30,8 +30,7 @@ from scenarios.results.rover_result import RoverResult, trace_lines
 from scenarios.results.swept_path import UnitOutline
 from scenarios.results.trailer_result import CameraFrame, RunResult
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import sides
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, sides
 
 _TYRE = (1.0, 0.34)  # length and width of a 385/65 R 22.5 from above, for drawings only [m]
 _FLOOR, _CAB, _BOX = 0.6, 3.1, 4.0  # heights in the 3-D view [m], for drawings only

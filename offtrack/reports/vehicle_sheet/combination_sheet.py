@@ -26,7 +26,7 @@ from offtrack.reports.vehicle_sheet.sheet import (
 )
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitSheet, data_sheet, handling_at
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_sources
-from vehicle.combination.longitudinal import Capability, longitudinal_capability
+from vehicle.combination.handling import Capability, longitudinal_capability
 from vehicle.combination.variants import FULL, load_cases, with_load
 
 _LARGEST_SCALE: Final = 0.85  # [in/m]; a short truck does not fill the sheet

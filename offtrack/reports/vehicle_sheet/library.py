@@ -9,7 +9,7 @@ from offtrack.reports.vehicle_sheet.combination_sheet import combination_sheet
 from offtrack.reports.vehicle_sheet.rover_sheet import rover_sheet
 from offtrack.reports.vehicle_sheet.sheet import VehicleSheet
 from vehicle.combination.description import load_vehicle, vehicle_names
-from vehicle.foundation.parameter_file import read_toml
+from vehicle.foundation.user_file import read_toml
 from vehicle.rover.description import load_rover, rover_names
 
 

@@ -1,7 +1,5 @@
 """Verdict on a run of a campaign: requirements, response to the fault, and what was broken."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,8 +14,7 @@ from offtrack.reports.sections import groups
 from offtrack.studies.campaigns.fault_entry import FaultTime, fault_time
 from offtrack.studies.case import MOST_CASES, Case, Outcome, composed
 from scenarios.results.log import OK, Log, read_log
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
 OUTCOMES: Final = ("completed", "jackknifed", "rolled over", "left the road", "timed out", "diverged")

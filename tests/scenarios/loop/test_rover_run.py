@@ -15,11 +15,10 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.log import read_log
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.summary_numbers import number_at
+from scenarios.results.run_summary import number_at
 
 SLOPE = ("surface.slope_from=0.5", "surface.slope_over=0.3", "course.length=3")
 SHORT = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=ftrace")  # 34 images

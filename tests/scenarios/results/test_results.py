@@ -20,7 +20,7 @@ from scenarios.results.run_directory import (
     next_run_directory,
     results_directory,
 )
-from scenarios.results.summary_numbers import Timing
+from scenarios.results.run_summary import Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.engine.compiler import engine_name
 
