@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from controllers import preview_law as design
 from controllers.driver import DriverMemory, DriverTrace, PreviewDriver, TraceDriver
+from controllers.equations import FLOATS
 from controllers.path import Path, Segment, SpeedProfile, arc, line
 from controllers.tractor import STATES, TractorAxle, TractorDynamics, TractorGeometry, path_matrices, tractor_model
 from controllers.trailer_steering.signal_laws import Unsteered
@@ -164,6 +165,13 @@ def test_a_slow_tractor_is_steered_as_one_that_rolls() -> None:
     assert not row[2:6].any()
     assert row[0] > 0.0
     assert row[1] > 0.0
+
+
+def test_slip_follows_the_motion_over_the_relaxation_length() -> None:
+    """Crabbing at 0.02 rad: after half a metre, the tyres' relaxation length, all but 1/e of that is their slip."""
+    still, crabbing = design.Slips(0.0, 0.0, 0.0, 0.0), design.Motion(5.0, 0.1, 0.0)
+    slips = design.slips_after(FLOATS, LADEN, still, crabbing, crabbing, 0.0, 0.1)
+    assert slips[:2] == pytest.approx([0.02 * (1.0 - math.exp(-1.0))] * 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("speed", [-1.0, 0.0, 0.2, 0.27, 3.0, 24.99, 45.0, 60.0, float("nan")])

@@ -288,6 +288,14 @@ def test_degraded_motion_degrades_until_it_has_left_the_buffer() -> None:
     assert health[-1] is Health.OK
 
 
+def test_errors_of_increments_add_up_and_their_common_share_in_step() -> None:
+    """Ten increments to the follow point, each 1 mm across: sqrt(10 + 0.04 10^2) mm."""
+    sure = motions(map(body, [Pose2(float(k), 0.0, 0.0) for k in range(14)]))
+    covariance = np.diag([0.0, 0.0, 0.0, 0.0, 1e-6, 0.0])
+    result = run([replace(one, covariance=covariance) for one in sure], length=9.5)[1][-1]
+    assert result.std == pytest.approx(1e-3 * math.sqrt(10.0 + 0.04 * 10.0**2))
+
+
 def erring(true: Sequence[BodyMotion], errors: FloatArray, covariance: FloatArray) -> list[BodyMotion]:
     return [
         replace(one, X_PC=disturbed(one.X_PC, error), covariance=covariance)
