@@ -184,16 +184,12 @@ def _orphans(group: int) -> list[str]:
 
 def _processes(group: int) -> list[int]:
     """Processes of a group that have not ended."""
-    if Path("/proc/self/stat").exists():
-        rows = [(path.parent.name, *_status(path)) for path in Path("/proc").glob("[0-9]*/stat")]
-    else:
-        table = subprocess.run(["ps", "-eo", "pid=,stat=,pgid="], capture_output=True, text=True, check=True).stdout
-        rows = [(pid, state, pgid) for pid, state, pgid in map(str.split, table.splitlines())]
+    rows = [(path.parent.name, *_status(path)) for path in Path("/proc").glob("[0-9]*/stat")]
     return [int(pid) for pid, state, pgid in rows if pgid == str(group) and not state.startswith("Z")]
 
 
 def _status(path: Path) -> tuple[str, str]:
-    """State and group of a process in Linux; nothing if it has just ended."""
+    """State and group of a process; nothing if it has just ended."""
     try:
         state, _, group = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[:3]
     except (OSError, ValueError):

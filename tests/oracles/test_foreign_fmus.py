@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,13 +28,8 @@ from vehicle.combination.description import load_vehicle
 _PACKAGE = importlib.util.find_spec("gemseo_fmu")
 pytestmark = pytest.mark.skipif(_PACKAGE is None, reason="needs the package gemseo-fmu")
 VEHICLE = "uk_longer_semitrailer_one_steered"
-SETTINGS = {
-    "vehicle": VEHICLE,
-    "off_tracking": "truth",
-    "course.turn_deg": 30.0,
-    "course.entry": 20.0,
-    "course.exit": 5.0,
-}
+SETTINGS = {"vehicle": VEHICLE, "off_tracking": "truth"}
+SETTINGS |= {"course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
 
 
 def fmu(name: str, text: str, folder: Path) -> str:
@@ -87,15 +83,8 @@ def test_a_damped_mass_of_openmodelica_swings_as_in_fmpy(tmp_path: Path) -> None
     for tick in range(0, 10_000, 20):
         memory, command = steering.step(memory, tick, None, reading(0, 3.0, axles=1))
         swing.append(float(command.angles[0]))
-    alone = simulate_fmu(
-        file,
-        stop_time=10.0,
-        step_size=0.02,
-        output_interval=0.02,
-        start_values={"f": 0.3},
-        output=["y"],
-        fmi_type="CoSimulation",
-    )
+    times: Any = {"stop_time": 10.0, "step_size": 0.02, "output_interval": 0.02}
+    alone = simulate_fmu(file, **times, start_values={"f": 0.3}, output=["y"], fmi_type="CoSimulation")
     assert np.ptp(swing) > 0.01
     np.testing.assert_allclose(swing, alone["y"][1:501], atol=1e-9)
 

@@ -14,7 +14,7 @@ import pytest
 
 import offtrack
 
-WHEELBASE, HITCH, TRAILER = (
+WHEELBASE, HITCH, TRAILER = 3.8, 0.7744762, 9.31  # of uk_longer_semitrailer: rear axle to front, to hitch, to the middle
     3.8,
     0.7744762,
     9.31,
@@ -81,12 +81,8 @@ def truck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def settings(truck: str, off_tracking: str, trailer_steering: str) -> dict[str, object]:
-    return {
-        "plant.fmu": truck,
-        "vehicle": "uk_longer_semitrailer",
-        "off_tracking": off_tracking,
-        "trailer_steering": trailer_steering,
-    }
+    parts = {"off_tracking": off_tracking, "trailer_steering": trailer_steering}
+    return {"plant.fmu": truck, "vehicle": "uk_longer_semitrailer", **parts}
 
 
 def test_an_unsteered_trailer_cuts_the_corner_by_the_closed_form(truck: str) -> None:
