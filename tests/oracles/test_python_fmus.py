@@ -14,11 +14,8 @@ import pytest
 
 import offtrack
 
-WHEELBASE, HITCH, TRAILER = 3.8, 0.7744762, 9.31  # of uk_longer_semitrailer: rear axle to front, to hitch, to the middle
-    3.8,
-    0.7744762,
-    9.31,
-)  # of uk_longer_semitrailer: rear axle to front, to hitch; to the middle
+WHEELBASE, HITCH = 3.8, 0.7744762  # of uk_longer_semitrailer: rear axle to front, to hitch [m]
+TRAILER = 9.31  # to the middle of its axles [m]
 MODEL = """
 from math import cos, sin, tan
 
