@@ -159,7 +159,6 @@ def check(name: str, parameters: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
 def test_every_relative_link_and_picture_resolves(document: Path) -> None:
-    """Files exist, and an anchor is a heading of its document."""
     broken = []
     for link in LINK.findall(without_code(document)):
         if re.match(r"[a-z]+:", link):
@@ -221,7 +220,6 @@ def test_every_command_in_the_text_is_one_with_these_options(document: Path) -> 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
 def test_every_python_block_compiles(document: Path) -> None:
-    """A block is one module of its own."""
     for block in blocks(document, "python"):
         compile(block, str(document), "exec")
 
@@ -237,7 +235,6 @@ def test_every_import_of_a_python_block_works(document: Path) -> None:
 
 
 def test_the_study_of_the_documentation_is_one(tmp_path: Path) -> None:
-    """The TOML block with axes to vary is read by `offtrack sweep`."""
     studies = [block for block in blocks(ROOT / "docs" / "trailers.md", "toml") if "[vary]" in block]
     assert studies
     for block in studies:
@@ -248,7 +245,6 @@ def test_the_study_of_the_documentation_is_one(tmp_path: Path) -> None:
 
 
 def test_the_campaign_of_the_documentation_is_one(tmp_path: Path) -> None:
-    """The TOML block with faults is read by `offtrack campaign`, and all its scenarios are valid."""
     (block,) = (block for block in blocks(ROOT / "docs" / "campaigns.md", "toml") if "[[fault]]" in block)
     (tmp_path / "campaign.toml").write_text(block, encoding="utf-8")
     for case in load_campaign(tmp_path / "campaign.toml").cases():

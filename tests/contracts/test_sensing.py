@@ -44,8 +44,6 @@ VIEWS = 8  # of a rover: the trace is found in the second, and followed in all o
 
 
 class Drive(NamedTuple):
-    """Messages of one short drive, by the sensor that an estimator class names."""
-
     assembly: Assembly
     calibration: StereoCalibration
     messages: dict[str, list[Any]]
@@ -87,13 +85,11 @@ def drive() -> Drive:
 
 @pytest.fixture(scope="module")
 def under_the_trailer(drive: Drive) -> Drive:
-    """The same drive with downward cameras."""
     return driven("world.scenery_density=0", "off_tracking=ground_watching")
 
 
 @pytest.fixture(scope="module")
 def trace() -> list[Labelled]:
-    """A rover on pebbles."""
     return list(labelled_sequence("pebbles", seed=71, frames=VIEWS, rover=load_rover("el_dorado_ii"), bare=0.0))
 
 
@@ -112,7 +108,6 @@ def odometry(odometry_name: str, drive: Drive) -> Odometry[Any]:
 def off_tracking(
     request: pytest.FixtureRequest, drive: Drive, under_the_trailer: Drive
 ) -> tuple[OffTrackingEstimator, list[Any]]:
-    """An estimator of the catalogue and its messages."""
     part: type[OffTrackingEstimator] = resolve("off_tracking", request.param, OFF_TRACKING)
     source = under_the_trailer if part.sensor == "ground_cameras" else drive
     parts = source.assembly
@@ -133,7 +128,6 @@ def off_tracking(
 
 @pytest.fixture(params=sorted(SLIP_ESTIMATOR))
 def slip(request: pytest.FixtureRequest, trace: list[Labelled]) -> tuple[SlipEstimator, list[Any]]:
-    """An estimator of the catalogue and its messages."""
     part: type[SlipEstimator] = resolve("slip_estimator", request.param, SLIP_ESTIMATOR)
     rover = load_rover("el_dorado_ii")
     context = RoverContext(
@@ -251,7 +245,6 @@ def test_off_tracking_is_lost_before_a_trailer_length_is_travelled(
 
 
 def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
-    """Estimators of images say in one line that they have none."""
     parts = drive.assembly
     context = TrailerContext(
         vehicle=parts.vehicle,
@@ -276,7 +269,6 @@ def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
 
 @pytest.mark.parametrize("name", sorted(OFF_TRACKING))
 def test_an_unknown_option_is_refused(name: str) -> None:
-    """Also by estimators without options, before anything is opened."""
     message = r"unknown key '(viso_ot|estimator)\.unknown'"
     settings = [f"off_tracking={name}", f"{'viso_ot' if name == 'viso_ot' else 'estimator'}.unknown=1.0"]
     with pytest.raises(ValueError, match=message):

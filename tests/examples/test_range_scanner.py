@@ -58,7 +58,6 @@ def bare_world() -> World:
 
 @pytest.fixture(scope="module")
 def scans() -> list[RangeScan]:
-    """Scans of the drive past scenery."""
     renderer = StereoRenderer(built(1.0), row_camera(REAR))
     source = scanner(renderer)
     sampled = [source.sample(truth(k, pose)) for k, pose in enumerate(drive())]
@@ -67,7 +66,6 @@ def scans() -> list[RangeScan]:
 
 
 def truth(k: int, pose: Pose2) -> Truth:
-    """Truth of a single level unit at capture ``k``."""
     none = np.empty(0)
     X_WB = transform(rotation_zyx(pose.psi, 0.0, 0.0), np.array([pose.x, pose.y, 0.0]))
     return Truth(
@@ -93,7 +91,6 @@ def drive() -> list[Pose2]:
 
 
 def between(first: Pose2, second: Pose2) -> FloatArray:
-    """Pose (3,) of the second in the first."""
     c, s = math.cos(first.psi), math.sin(first.psi)
     x, y = second.x - first.x, second.y - first.y
     return np.array([c * x + s * y, c * y - s * x, second.psi - first.psi])
@@ -232,8 +229,6 @@ def test_faults_of_transmission_apply_to_the_scanner(monkeypatch: pytest.MonkeyP
 
 
 def test_faults_of_images_do_not_apply_to_the_scanner() -> None:
-    """It has a window that can get dirty, but its message holds no image."""
-
     class Nothing:
         def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
             return np.full((1, 2048), np.inf), np.full((1, 2048), np.inf)
@@ -245,7 +240,6 @@ def test_faults_of_images_do_not_apply_to_the_scanner() -> None:
 
 
 def test_the_estimator_refuses_another_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line names the sensor it needs."""
     monkeypatch.chdir(FOLDER)
     settings = ("sensor=reference_pose", "off_tracking=scan_matching:ScanMatching")
     with pytest.raises(ValueError, match="needs sensor = range_scanner:RangeScanner"):

@@ -22,8 +22,6 @@ MISHAPS: Final = {name: k for k, name in enumerate((*STEP_MISHAPS, *START_MISHAP
 
 
 class Quantity(NamedTuple):
-    """A variable; its value reference is its place among all."""
-
     name: str
     causality: str
     unit: str = ""
@@ -200,13 +198,11 @@ def build_fmu(
 
 
 def _unused(source: str) -> str:
-    """All other functions of FMI 3: a library must have them."""
     names = [name for name in dir(FMU3Slave) if re.fullmatch(r"fmi3[A-Z]\w+", name) and f" {name}(" not in source]
     return "\n".join(f"UNUSED({name})" for name in names if f"*{name}(" not in source)
 
 
 def description(name: str, quantities: Sequence[Quantity], *, keeps_state: bool = True) -> str:
-    """The model description of an FMU 2."""
     rows, outputs = [], []
     for k, one in enumerate(quantities):
         unit = f' unit="{one.unit}"' if one.unit else ""
@@ -229,7 +225,6 @@ def description(name: str, quantities: Sequence[Quantity], *, keeps_state: bool 
 
 
 def description_3(name: str, quantities: Sequence[Quantity]) -> str:
-    """The model description of an FMU 3."""
     rows = ['<Float64 name="time" valueReference="1000" causality="independent" variability="continuous"/>']
     outputs = []
     for k, one in enumerate(quantities):

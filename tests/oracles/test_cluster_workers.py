@@ -25,7 +25,6 @@ PACKAGES: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios
 
 @pytest.fixture
 def address() -> Iterator[str]:
-    """Address of a scheduler without workers."""
     from distributed import LocalCluster
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -56,7 +55,6 @@ def worker(address: str, home: Path, *, first: Path | None = None, **environment
 
 
 def refused(address: str, tmp_path: Path, off_tracking: str = "truth") -> str:
-    """The one line with which a sweep on the cluster is refused; it has made no run."""
     study, out = tmp_path / "study.toml", tmp_path / "out"
     study.write_text(STUDY.replace('"truth"', f'"{off_tracking}"'), encoding="utf-8")
     command = [sys.executable, "-m", "offtrack", "sweep", str(study), "--scheduler", address, "--out", str(out)]

@@ -65,7 +65,6 @@ def test_every_export_of_the_catalogue_is_valid(name: str, tmp_path: Path) -> No
 
 
 def ground_under(lookup: SurfaceLookup, plant: Plant, vehicle: Vehicle, state: FloatArray) -> dict[str, float]:
-    """Inputs of the FMU for the ground below a state, by name."""
     kinematics = plant._kinematics_of(state)
     values = lookup.ground_inputs(kinematics)
     ground = GroundInputs(*(values[at] for at in slices(ground_input_sizes(vehicle))))

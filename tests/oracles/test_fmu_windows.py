@@ -28,7 +28,6 @@ LINUX_ONLY = "offtrack runs on Linux only"
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of Wine's files and of programs."""
     return tmp_path_factory.mktemp("windows")
 
 

@@ -33,7 +33,6 @@ SETTINGS |= {"course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
 
 
 def fmu(name: str, text: str, folder: Path) -> str:
-    """A copy of an FMU of the package with its map."""
     assert _PACKAGE is not None
     assert _PACKAGE.origin is not None
     file = Path(_PACKAGE.origin).parent / "problems" / "fmu_files" / "linux" / name
@@ -43,8 +42,6 @@ def fmu(name: str, text: str, folder: Path) -> str:
 
 
 class Sum:
-    """The law of ``add.fmu`` with its map, in Python."""
-
     def __init__(self, trailer: object) -> None:
         """For any trailer."""
 
@@ -54,7 +51,6 @@ class Sum:
     def step(
         self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[None, SteerCommand]:
-        """Angles in proportion to off-tracking and the hitch's direction."""
         e, direction = (off_tracking.value, off_tracking.hitch_direction) if off_tracking else (0.0, 0.0)
         return memory, SteerCommand(angles=np.full(len(signals.angles), 0.2 * (e + direction)))
 

@@ -66,7 +66,6 @@ class Kinematic(Fmi{version}Slave):
 
 @pytest.fixture(scope="module", params=[2, 3])
 def truck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A tractor and semi-trailer that roll without slip, as an FMU of either version."""
     n, real = ("", "Real") if request.param == 2 else ("3", "Float64")
     if importlib.util.find_spec(f"pythonfmu{n}") is None:
         pytest.skip(f"needs the package pythonfmu{n}")

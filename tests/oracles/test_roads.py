@@ -26,7 +26,6 @@ SPIRAL = (
 
 
 def cubic(kind: str, end: float) -> str:
-    """A parametric cubic."""
     numbers = f'aU="0" bU="{29.9 / end}" cU="0" dU="0" aV="0" bV="0" cV="{4.0 / end**2}" dV="{-2.0 / end**3}"'
     return f'<geometry s="0" x="5" y="2" hdg="0.3" length="30"><paramPoly3 pRange="{kind}" {numbers}/></geometry>'
 
@@ -35,7 +34,6 @@ PLANS = {"spiral": (SPIRAL, 70), "normalized": (cubic("normalized", 1.0), 30), "
 
 
 def roads(folder: Path, *names: str) -> list[Path]:
-    """Files to compare."""
     for name in names:
         plan, length = PLANS[name]
         road = f'<road id="1" length="{length}" junction="-1"><planView>{plan}</planView>{TWO_LANES}</road>'

@@ -14,8 +14,6 @@ _SLACK: Final = 4.0  # growth of memory in all that tells nothing: the allocator
 
 
 class Usage(NamedTuple):
-    """Memory, descriptors, threads and children of a process."""
-
     memory: float  # resident [MB]
     descriptors: int
     threads: int
@@ -27,7 +25,6 @@ class Usage(NamedTuple):
 
 
 def usage() -> Usage:
-    """Memory, descriptors, threads and children of this process, after all garbage is returned."""
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])

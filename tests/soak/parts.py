@@ -21,8 +21,6 @@ _TURN: Final = (
 
 
 class Part(NamedTuple):
-    """Something to repeat, with what it may keep."""
-
     name: str
     opened: Callable[[Path], Any]  # context with the function that is one cycle
     cycles: int  # of a full soak
@@ -73,7 +71,6 @@ def _environment(name: str, steps: int, *, many: int = 0, **options: Any) -> Cal
 
 @contextmanager
 def _long_run(folder: Path) -> Iterator[Cycle]:
-    """One environment that is never closed."""
     from offtrack.environments import registry
 
     environment = registry.vector("TrailerSteering-v0", 4)
@@ -130,7 +127,6 @@ def _runs(scenario: str, *keys: str) -> Callable[[Path], Any]:
 
 @contextmanager
 def _refusals(folder: Path) -> Iterator[Cycle]:
-    """Damaged files of several kinds."""
     from typer.testing import CliRunner
 
     from offtrack.commands.cli import app

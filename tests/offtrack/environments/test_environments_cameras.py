@@ -141,8 +141,6 @@ def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observat
 
 @pytest.mark.slow
 def test_a_spawned_process_has_cameras_of_its_own() -> None:
-    """A spawned process and this one make the same observation from the same options."""
-
     def make() -> Any:
         return gymnasium.make(f"offtrack:{ROVER}", observation="camera", image_scale=4)
 
@@ -241,7 +239,6 @@ def test_rovers_pictures_are_decided_by_the_seed() -> None:
     ],
 )
 def test_wrong_options_are_refused_in_one_line(name: str, given: dict[str, Any], words: str) -> None:
-    """When the environment is made."""
     sensing = given.get("sensing", "")
     made: str | Scenario = load_scenario("roundabout", [sensing]) if "=" in sensing else sensing
     with pytest.raises(ValueError, match=words) as error:

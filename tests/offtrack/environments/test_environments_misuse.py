@@ -53,7 +53,6 @@ def test_a_copy_continues_the_episode_bitwise(name: str, options: dict[str, Any]
 @pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_a_copied_vector_environment_continues_bitwise(name: str, copied: Any) -> None:
-    """Ended episodes restart in both alike, from the same random streams."""
     env = vector(name, 3, **({"endings": {"off path": off_path}} if name == TRAILER else {}))
     rng = np.random.default_rng(2)
     actions = rng.uniform(-1.0, 1.0, (160, *(env.action_space.shape or ()))).astype(np.float32)
@@ -148,7 +147,6 @@ WRONG_OPTIONS: dict[str, list[tuple[Any, str]]] = {
 
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_wrong_reset_options_are_named(name: str) -> None:
-    """One line with key, value and what is allowed; the environment works on."""
     env = single(name)
     for options, says in WRONG_OPTIONS[name]:
         with pytest.raises(ValueError, match=says) as error:
@@ -159,7 +157,6 @@ def test_wrong_reset_options_are_named(name: str) -> None:
 
 
 def test_wrong_seeds_are_named() -> None:
-    """One and many refuse the same."""
     env, many = single(DRIVING), vector(DRIVING, 2)
     wrong: list[Any] = [-1, True, 1.5, NAN, "1", {}]
     for seed in wrong:
@@ -199,7 +196,6 @@ def test_wrong_seeds_are_named() -> None:
     ],
 )
 def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: str) -> None:
-    """One line with name, value and what is allowed."""
     with pytest.raises(ValueError, match=says) as error:
         make()
     assert "\n" not in str(error.value)

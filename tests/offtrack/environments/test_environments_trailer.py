@@ -178,7 +178,6 @@ def test_options_narrow_the_domain_and_seeds_and_numbers_decide() -> None:
 
 
 def moment(**values: Any) -> Moment:
-    """A moment of one combination at which all is well, but for ``values``."""
     fine = Moment(
         off_tracking=np.zeros(1),
         curvature=np.zeros(1),
@@ -208,7 +207,6 @@ def test_rewards_cost_nothing_at_best_and_have_their_units() -> None:
 
 
 def test_endings_are_met_at_their_limits() -> None:
-    """And not before."""
     for ending, name, harmless, bad in (
         (rewards.jackknifed, "articulation", [[1.5]], [[-1.6]]),
         (rewards.rolled_over, "load_transfer", [[0.1, 0.97]], [[0.1, -0.99]]),

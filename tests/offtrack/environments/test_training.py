@@ -94,7 +94,6 @@ def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In one line, with exit code 2."""
     found = importlib.util.find_spec
     missing = ("stable_baselines3", "torch")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else found(name))
@@ -142,8 +141,6 @@ def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
 
 
 class _Planted:
-    """An object whose unpickling leaves a trace."""
-
     def __reduce__(self) -> tuple[Any, tuple[Path]]:
         return Path.touch, (Path("was here"),)
 
@@ -152,7 +149,6 @@ class _Planted:
 @needs_extra
 @pytest.mark.parametrize("place", ["policy_class", "observation_space", "policy.pth"])
 def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither those in the model's description nor those among its tensors."""
     import torch
 
     from offtrack.environments.training.learner import Budget, learn

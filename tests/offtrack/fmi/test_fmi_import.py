@@ -42,7 +42,6 @@ def law(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def own_law(law: Path, tmp_path: Path) -> Path:
-    """A copy of the law that a test may change."""
     return Path(shutil.copy(law, tmp_path / "own.fmu"))
 
 
@@ -74,7 +73,6 @@ def test_a_law_as_fmu_gives_the_log_of_the_same_law_in_python(law: Path) -> None
 
 
 def processes() -> set[int]:
-    """Processes that this one has started and not waited for."""
     return {int(number) for file in Path("/proc/self/task").glob("*/children") for number in file.read_text().split()}
 
 

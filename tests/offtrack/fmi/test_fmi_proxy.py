@@ -208,7 +208,6 @@ class Clock:
         self.ticks = 0
 
     def step(self, ticks: int, _: object) -> dict[str, float]:
-        """A step."""
         self.ticks += ticks
         return dict.fromkeys(("steer_demand_1", "steer_demand_2", "steer"), 1e-3 * (self.ticks - ticks))
 

@@ -62,8 +62,6 @@ class ScriptedBench:
 
 
 class SilentBench:
-    """A bench that gets no signals."""
-
     def __init__(self, link: Link) -> None:
         self.links = (link,)
 
@@ -129,7 +127,6 @@ def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:
     ],
 )
 def test_a_wrong_message_is_refused_as_a_whole(message: Numbers, line: str) -> None:
-    """It changes nothing and is counted; the first reason becomes a warning."""
     acting, exchange = exchanged(ScriptedBench([demand(0.1)], [message]), 2)
     assert acting == [(0.1, -0.1)] * 2
     report = exchange.report()
@@ -170,7 +167,6 @@ def steered() -> tuple[RunResult, Proportional]:
 
 
 def test_signals_alone_change_nothing(inside: RunResult) -> None:
-    """A run that is only watched from outside has bitwise the same log."""
     bench = ScriptedBench()
     watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, bench=LinkedBench([bench]))
     assert watched.log == inside.log
@@ -252,7 +248,6 @@ def test_a_bench_that_is_not_there_yet_does_no_harm() -> None:
     + [(f"{host}:5005", "no address of a single host") for host in ("224.0.0.1", "255.255.255.255", "0.0.0.0")],
 )  # fmt: skip
 def test_a_wrong_address_is_refused(text: str, line: str) -> None:
-    """Multicast and broadcast leave the bench."""
     with pytest.raises(ValueError, match=line):
         UdpLink(text)
 

@@ -68,7 +68,6 @@ def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp
 
 @pytest.mark.slow
 def test_json_is_all_that_is_printed(photos: Path, tmp_path: Path) -> None:
-    """For scripts: every image with its error."""
     result = calibrate(photos / "left", "--right", photos / "right", *GIVEN, "--json", "--out", tmp_path / "rig.toml")
     numbers = json.loads(result.stdout)
     assert numbers["pair"]["rms_px"] < 0.1
@@ -88,7 +87,6 @@ def test_one_camera_alone(photos: Path, tmp_path: Path) -> None:
 
 
 def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Path) -> None:
-    """A photograph without the board costs its pair only."""
     copy = tmp_path / "photos"
     shutil.copytree(photos, copy)
     cv2.imwrite(str(copy / "right" / "03.png"), np.full((400, 640), 90, np.uint8))

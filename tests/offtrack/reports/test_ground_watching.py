@@ -50,7 +50,6 @@ def test_the_reference_unit_stands_beside_the_truth(dragged: RunResult) -> None:
 
 
 def test_without_a_reference_unit_there_is_no_column() -> None:
-    """The summary then says null."""
     settings = ("off_tracking=truth", "course.length=20", "reference_unit=false")
     result = run(load_scenario("constant-slip", settings), seed=1)
     assert "off_tracking_reference" not in result.log
@@ -114,6 +113,5 @@ def test_reformed_ground_reaches_the_cameras() -> None:
     ],
 )
 def test_wrong_options_are_refused_by_name(setting: str, complaint: str) -> None:
-    """One line that names the key and its limit, or the nearest known key."""
     with pytest.raises(ValueError, match=complaint):
         load_scenario("constant-slip", [setting])

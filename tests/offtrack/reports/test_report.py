@@ -89,7 +89,6 @@ def test_the_commanded_steer_angles_are_drawn(blind_run: RunResult) -> None:
 
 
 def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
-    """No empty diagrams."""
     page = report_html(blind_run, blind_run.summary())
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert "No estimate" in titles
@@ -99,7 +98,6 @@ def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
 
 
 def test_warnings_come_first(blind_run: RunResult) -> None:
-    """A run with none has no section for them."""
     doubtful = dataclasses.replace(blind_run, warnings=("units.0 (tractor): <light>",))
     pages = [report_html(run, run.summary()) for run in (blind_run, doubtful)]
     assert ["Warnings" in page for page in pages] == [False, True]
@@ -108,7 +106,6 @@ def test_warnings_come_first(blind_run: RunResult) -> None:
 
 
 def test_an_estimator_that_was_always_lost_is_reported(camera_run: RunResult) -> None:
-    """A run in which the odometry never worked must not break its own report."""
     rows = camera_run.log.rows.copy()
     health = camera_run.log.names.index("health")
     rows[np.isfinite(rows[:, health]), health] = 2.0

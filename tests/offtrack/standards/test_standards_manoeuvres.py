@@ -86,7 +86,6 @@ def test_distances_grow_as_friction_falls(vehicle: Vehicle) -> None:
 
 @pytest.mark.parametrize("hand", ["left", "right"])
 def test_split_friction_is_steered_out(vehicle: Vehicle, hand: str) -> None:
-    """The driver stays within 10 cm of the line, more slowly than on dry road, faster than on ice alone."""
     figures = braking_split(vehicle, "none", Conditions(hand="left" if hand == "left" else "right")).figures
     assert figures["braking_split_path_error_m"] < 0.1
     assert figures["braking_split_articulation_rad"] < math.radians(3.0)
@@ -207,7 +206,6 @@ def rear_path(side: float) -> Path:
 
 
 def rolled(path: Path) -> FloatArray:
-    """Poses of a truck whose rear axle follows the path."""
     return np.array([path.pose(float(s)) for s in np.arange(0.0, path.length, 0.03)])
 
 
@@ -407,7 +405,6 @@ def test_the_audited_set_amplifies_as_linear_theory_says() -> None:
 
 
 def test_a_rigid_truck_is_driven_too() -> None:
-    """Without a trailer the last unit is the first: amplification from the front axle to its centre of gravity."""
     done = lane_change(load_vehicle("rigid_truck"), "none")
     assert done.outcome == "completed"
     assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0)
