@@ -28,19 +28,7 @@ from vehicle.option import Option, declared_options
 from vehicle.rover.description import rover_names, soil_names
 
 _TEXTS: Final = (
-    "",
-    "none",
-    "x",
-    "true",
-    "nan",
-    "[",
-    "[/b]",
-    "..:x",
-    "os:system",
-    "json:loads",
-    "a" * 300,
-    "\u202e",
-    "a\nb=2",
+    *("", "none", "x", "true", "nan", "[", "[/b]", "..:x", "os:system", "json:loads", "a" * 300, "\u202e", "a\nb=2"),
 )
 _ODD: Final = st.sampled_from([*ODD_NUMBERS, *_TEXTS, "[[1]]", "{a=1}", "[nan,1,1]", "[" * 500])
 _CAMERAS: Final = ("viso_ot", "ground_watching", "ground_watching_single")

@@ -291,39 +291,28 @@ def _encrypted(content: bytes) -> bytes:
     return bytes(changed)
 
 
+_COLUMNS: Final[Mapping[str, Callable[[pa.Table, str, int], pa.Table]]] = {
+    "left out": lambda table, name, k: table.remove_column(k),
+    "of text": lambda table, name, k: table.set_column(k, name, pa.array(["x"] * len(table))),
+    "of nulls": lambda table, name, k: table.set_column(k, name, pa.nulls(len(table))),
+    "of NaN": lambda table, name, k: table.set_column(k, name, pa.array([math.nan] * len(table))),
+    "of inf": lambda table, name, k: table.set_column(k, name, pa.array([math.inf] * len(table))),
+    "of lists": lambda table, name, k: table.set_column(k, name, pa.array([[1.0]] * len(table))),
+    "reversed": lambda table, name, k: table.set_column(k, name, table[name].take(list(range(len(table)))[::-1])),
+    "without rows": lambda table, name, k: table.slice(0, 0),
+    "with one row": lambda table, name, k: table.slice(0, 1),
+}
+
+
 def _table(content: bytes) -> st.SearchStrategy[Hostile]:
     table = pq.read_table(io.BytesIO(content))
 
     def changed(choice: tuple[str, str]) -> Hostile:
-        name, action = choice
-        k = table.schema.get_field_index(name)
-        columns: dict[str, Callable[[], Any]] = {
-            "left out": lambda: table.remove_column(k),
-            "of text": lambda: table.set_column(k, name, pa.array(["x"] * len(table))),
-            "of nulls": lambda: table.set_column(k, name, pa.nulls(len(table))),
-            "of NaN": lambda: table.set_column(k, name, pa.array([math.nan] * len(table))),
-            "of inf": lambda: table.set_column(k, name, pa.array([math.inf] * len(table))),
-            "of lists": lambda: table.set_column(k, name, pa.array([[1.0]] * len(table))),
-            "reversed": lambda: table.set_column(k, name, table[name].take(list(range(len(table)))[::-1])),
-            "without rows": lambda: table.slice(0, 0),
-            "with one row": lambda: table.slice(0, 1),
-        }
         file = io.BytesIO()
-        pq.write_table(columns[action](), file)
-        return file.getvalue(), f"{name} {action}"
+        pq.write_table(_COLUMNS[choice[1]](table, choice[0], table.schema.get_field_index(choice[0])), file)
+        return file.getvalue(), " ".join(choice)
 
-    actions = (
-        "left out",
-        "of text",
-        "of nulls",
-        "of NaN",
-        "of inf",
-        "of lists",
-        "reversed",
-        "without rows",
-        "with one row",
-    )
-    return st.tuples(st.sampled_from(table.column_names), st.sampled_from(actions)).map(changed)
+    return st.tuples(st.sampled_from(table.column_names), st.sampled_from(list(_COLUMNS))).map(changed)
 
 
 FORMATS: Final[Mapping[str, tuple[Mutation, ...]]] = {

@@ -56,25 +56,6 @@ def test_a_truck_weaves_on_windows_as_the_plant_here(host: Host, name: str, vers
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_rover_drives_on_windows_as_on_linux(host: Host, version: int, tmp_path: Path) -> None:
-    """A soil has powers and exponentials, by two C libraries."""
-    fmu = tmp_path / "rover.fmu"
-    write_fmu(fmu, plant_model("el_dorado_ii", "beach_sand", wind=False), version, BOTH)
-    slave, time = Slave(fmu, tmp_path / "x", {**START, "start_speed": 0.2}), np.arange(2000) * 0.01
-    outputs = slave.outputs
-    rows = {f"wheel_speed_demand_{k}": 2.0 + 0.3 * k * np.sin(0.5 * time) for k in range(1, 5)}
-    expected = [slave.get(outputs)]
-    for row in zip(*rows.values(), strict=True):
-        slave.set(dict(zip(rows, row, strict=True)))
-        slave.step()
-        expected.append(slave.get(outputs))
-    slave.close()
-    done = host.run(fmu, tmp_path / "x", rows=rows, outputs=outputs, starts={**START, "start_speed": 0.2})
-    assert done.returncode == 0, done.stderr
-    assert np.abs(np.loadtxt(done.stdout.splitlines()) - expected).max() < 1e-9 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("version", [2, 3])
 def test_a_wrong_step_on_windows_is_refused_with_a_message(host: Host, version: int, tmp_path: Path) -> None:
     fmu = tmp_path / "truck.fmu"
     write_fmu(fmu, plant_model("rigid_truck", None, wind=False), version, BOTH, optimisation=1)

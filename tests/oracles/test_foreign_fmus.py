@@ -28,7 +28,7 @@ from vehicle.combination.description import load_vehicle
 _PACKAGE = importlib.util.find_spec("gemseo_fmu")
 pytestmark = pytest.mark.skipif(_PACKAGE is None, reason="needs the package gemseo-fmu")
 VEHICLE = "uk_longer_semitrailer_one_steered"
-SETTINGS = {"vehicle": VEHICLE, "off_tracking": "truth"}
+SETTINGS: dict[str, object] = {"vehicle": VEHICLE, "off_tracking": "truth"}
 SETTINGS |= {"course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
 
 

@@ -173,7 +173,6 @@ REFUSED = [  # command line, and words of the answer in their order
     ("sweep study.toml --scheduler tcp://h:1 --dask-jobqueue q.yaml", "choose one"),
     ("sweep study.toml --scheduler tcp://h:1 --jobs 2", "leave it out"),
     ("sweep study.toml --dask-jobqueue q.yaml", "needs --jobs"),
-    ("sweep study.toml --quiet --dask-jobqueue q.yaml --jobs 2", "q.yaml"),
     ("sweep study.toml --scheduler tcp://h:1 --patience 0", "--patience"),
     ("campaign trailer-steering-fault", "did you mean 'trailer-steering-faults'"),
     ("campaign roundabuot", "did you mean 'roundabout'"),

@@ -14,6 +14,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.registry import single, vector
 from offtrack.environments.rewards import Domain, follow_error
+from scenarios.options.scenario import load_scenario
 from tests.environments import DRIVING, ROVER, TRAILER, off_path
 
 NAN, INF = float("nan"), float("inf")
@@ -189,6 +190,18 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single(TRAILER, reward={follow_error: NAN}), "reward = .*: must be a finite number"),
         (lambda: single(TRAILER, sensing=5, observation="estimate"), "sensing = 5"),
         (lambda: single(TRAILER, image_scale=True, observation="camera"), "image_scale = True"),
+        (lambda: single(TRAILER, observation="camera", image_scale=0), "image_scale = 0 must be 1 .. 48"),
+        (lambda: single(TRAILER, observation="camera", sensing="rover-slope"), "rover-slope is a rover's"),
+        (lambda: single(ROVER, observation="camera", sensing="roundabout"), "roundabout is a trailer's"),
+        (lambda: single(ROVER, observation="estimate", soils=("none",)), "firm ground takes no trace"),
+        *(
+            (lambda key=key: single(TRAILER, observation="estimate", sensing=load_scenario("roundabout", [key])), line)
+            for key, line in (
+                ("off_tracking=truth", "use observation = 'truth'"),
+                ("off_tracking=surrogate", "use observation = 'surrogate'"),
+                ("rig.rate_hz=8", "multiple of the control step, 0.02 s"),
+            )
+        ),
         (lambda: single(ROVER, engine="steam"), "engine = 'steam' must be one of auto, compiled, interpreted"),
         (lambda: single(ROVER, observation=2), "observation = 2 must be one of estimate, surrogate, truth, camera"),
         (lambda: Domain(friction=0.3), "friction = .* must be a number or two bounds"),  # type: ignore[arg-type]

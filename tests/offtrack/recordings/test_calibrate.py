@@ -98,9 +98,11 @@ def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Pat
 
 def test_too_few_and_unequal_images_are_refused(photos: Path, tmp_path: Path) -> None:
     some, out = sorted((photos / "left").iterdir()), tmp_path / "rig.toml"
+    fewer = shutil.copytree(photos / "right", tmp_path / "fewer")
+    (fewer / "15.png").unlink()
     for arguments, reason in (
         (some[:4], "only 4 of 4 images can be used; at least 8 are needed"),
-        ([photos / "left", "--right", some[0]], "16 left and 1 right images"),
+        ([photos / "left", "--right", fewer], "16 left and 15 right images"),
     ):
         result = calibrate(*arguments, *GIVEN, "--out", out)
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

@@ -16,7 +16,6 @@ from offtrack.exchange.recordings.mounting import (
     MountingOptions,
     Rig,
     facing_by_motion,
-    facing_named,
     mounting,
     read_rig,
 )
@@ -83,12 +82,6 @@ def test_projections_that_are_no_rectified_pair_are_refused(tmp_path: Path, text
     with pytest.raises(ValueError, match=r"calib\.txt") as refused:
         read_projections(tmp_path / "calib.txt", LAYOUTS[0])
     assert says in str(refused.value)
-
-
-def test_without_any_calibration_the_way_out_is_told(tmp_path: Path) -> None:
-    """Rectified or raw."""
-    with pytest.raises(ValueError, match=r"calib\.txt is missing.*P0 and P1.*--calibration FILE\.toml"):
-        opened(images(tmp_path))
 
 
 def test_the_calibration_of_other_images_is_refused(tmp_path: Path) -> None:
@@ -257,13 +250,3 @@ def test_a_wrong_rig_is_refused(tmp_path: Path, text: str, says: str) -> None:
         read_rig(tmp_path / "rig.toml")
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_options_that_can_not_be_are_refused() -> None:
-    """By the name of the option."""
-    with pytest.raises(ValueError, match="--follow-distance = 0 m must be positive"):
-        MountingOptions(follow_distance=0.0)
-    with pytest.raises(ValueError, match="--camera-height = -1 m must be positive"):
-        MountingOptions(z=-1.0)
-    with pytest.raises(ValueError, match="--facing = raer: unknown; did you mean 'rear'"):
-        facing_named("raer")
