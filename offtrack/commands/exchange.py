@@ -176,9 +176,7 @@ Fmi = Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content")]
 Platforms = Annotated[
     list[str] | None,
-    typer.Option(
-        help="Further platform with a library in the FMU, such as win64; may be repeated. Needs the extra zig."
-    ),
+    typer.Option(help="Further platform with a library in the FMU: linux-arm64, with FMI 3. Needs the extra zig."),
 ]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", help="KEY=VALUE of the scenario; may be repeated.", show_default=False)
@@ -371,7 +369,7 @@ def system(
     Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
     """
     with one_line_errors():
-        platforms = checked_platforms(platform or [], 2)
+        platforms = checked_platforms(platform or [], 2, by_python=True)
         loop = fmu_system(of_trailer(scenario, settings), seed, step)
         path = new_file(out, loop.name, ".ssp")
         with replacing(path) as unfinished:
@@ -426,7 +424,7 @@ def write_proxy(proxy: Proxy, fmi: int, out: Path | None, platform: list[str] | 
     Raises:
         ValueError: one line, if it can't be compiled, or the name is wrong.
     """
-    platforms = checked_platforms(platform or [], fmi)
+    platforms = checked_platforms(platform or [], fmi, by_python=True)
     path = new_file(out, proxy.name, ".fmu")
     exported = proxy.exported(fmi)
     with replacing(path) as unfinished:

@@ -1,4 +1,4 @@
-"""Writer of run directories.
+"""Run directories: written with report and video, and read back.
 
 A run directory holds ``scenario.toml`` (runs again identically), ``manifest.json`` (versions, seed, hashes),
 ``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html``, a video, and after an exception
@@ -8,18 +8,127 @@ A run directory holds ``scenario.toml`` (runs again identically), ``manifest.jso
 from __future__ import annotations
 
 import json
+import math
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
-from offtrack.reports.kinds import KINDS
+import numpy as np
+
+from offtrack.reports.film import write_film
+from offtrack.reports.player.playback import Playback
+from offtrack.reports.player.run_playback import rover_playback, trailer_playback
+from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
+from scenarios.assembly.rover_run import rover_path
+from scenarios.options.rover_scenario import RoverScenario
+from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
-from scenarios.results.log import write_log
+from scenarios.results.log import Log, Signal, write_log
+from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
 from scenarios.results.run_inputs import write_inputs
 from scenarios.results.run_summary import Result, manifest
+from scenarios.results.summary_numbers import Timing
+from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
+from sensors.sand.trace_rig import nominal_rig
+from vehicle.combination.description import Vehicle
+from vehicle.foundation.user_file import shown
+from vehicle.rover.description import load_rover
+from vehicle.surface import Surface
+
+_SPACING: Final = 0.02  # of points on a rover's path [m]
+_RATE: Final = 10  # pictures of a video a second
+
+
+class Kind(NamedTuple):
+    """How runs of a kind of vehicle are reported; results and scenarios are those of this kind."""
+
+    page: str  # function of ``run_page``, whose matplotlib takes a second to import, and a run that fails needs none
+    playback: Callable[[Any], Playback]
+    rebuilt: Callable[[Any, Log, Mapping[str, Any]], Result]  # ValueError: the signals are not those of the scenario
+    pace: float  # seconds of the run in a second of its video
+
+
+def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -> RunResult:
+    """The result of a combination's run from its scenario, signals and summary."""
+    nominal = vehicle_of(scenario)
+    vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
+    units = outlines(vehicle)
+    _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
+    surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
+    return RunResult(
+        scenario=scenario.name,
+        scenario_toml=scenario.to_toml(),
+        seed=int(summary.get("seed", 0)),
+        outcome=str(summary["outcome"]),
+        log=log,
+        units=units,
+        trailers=_judged(vehicle, log),
+        road=course.centreline,
+        road_half_width=course.road_half_width,
+        friction=friction_picture(surface, course.centreline),
+        circle_centre=course.surface_centre,
+        arcs=course.arcs,
+        path_deviation=course.deviation,
+        timing=_timing(summary),
+        frames=(),
+        manifest={},
+    )
+
+
+def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
+    """The trailers with an off-tracking in the log; the last in any case."""
+    trailers = []
+    for k in range(min(1, len(vehicle.units) - 1), len(vehicle.units)):
+        unit = vehicle.led_unit(k)
+        if f"off_tracking_true_{unit.name}" not in log and k < len(vehicle.units) - 1:
+            continue
+        steered = sum(f"steer_trailer_{k}_command_{unit.name}" in log for k in range(1, len(unit.axles) + 1))
+        trailers.append(
+            JudgedTrailer(name=unit.name, follow_distance=-(unit.follow_x or 0.0), n_steered=steered, max_steer=None)
+        )
+    return tuple(trailers)
+
+
+def _check(log: Log, needed: list[str]) -> None:
+    missing = [name for name in needed if name not in log]
+    if missing or not len(log) or not np.isfinite(log["time"]).all():
+        what = f"has no signal {shown(missing[0])}" if missing else "has no rows"
+        raise ValueError(f"signals.parquet: {what}, so it is not of this scenario")
+
+
+def _timing(summary: Mapping[str, Any]) -> Timing:
+    numbers = summary.get("timing")
+    known = numbers if isinstance(numbers, Mapping) else {}
+    names = ("simulated_s", "wall_s", "physics_s", "render_s", "odometry_s")
+    return Timing(**{name: float(value) if (value := known.get(name)) is not None else math.nan for name in names})
+
+
+def _rover_rebuilt(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
+    """The result of a rover's run from its scenario, signals and summary."""
+    rover = load_rover(scenario.vehicle)
+    _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
+    return RoverResult(
+        scenario=scenario.name,
+        scenario_toml=scenario.to_toml(),
+        seed=int(summary.get("seed", 0)),
+        outcome=str(summary["outcome"]),
+        log=log,
+        rover=rover.name,
+        path=rover_path(scenario).points(_SPACING),
+        rig=nominal_rig(rover),
+        timing=_timing(summary),
+        frames=(),
+        manifest={},
+    )
+
+
+KINDS: Final[Mapping[str, Kind]] = {  # by a result's ``kind``
+    "trailer": Kind("report_html", trailer_playback, _trailer_rebuilt, 1.0),
+    "rover": Kind("rover_report_html", rover_playback, _rover_rebuilt, 2.0),  # it is slow
+}
 
 
 def write_run(result: Result, directory: Path, *, video: bool = True, progress: Progress = no_progress) -> Path:
@@ -44,10 +153,13 @@ def write_run(result: Result, directory: Path, *, video: bool = True, progress: 
         mark_interrupted(folder)  # until all is drawn
     failures = list[str]()
     with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
-        (folder / "report.html").write_text(kind.html(result, numbers), encoding="utf-8")
+        from offtrack.reports import run_page
+
+        (folder / "report.html").write_text(getattr(run_page, kind.page)(result, numbers), encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
-            kind.write_video(result, folder / "video", progress)
+            times = np.arange(0.0, float(result.log["time"][-1]) + 1e-4, kind.pace / _RATE)
+            write_film(kind.playback(result), folder / "video", times, _RATE, progress=progress)
     if result.outcome != "interrupted":
         mark_complete(directory)
     if failures:
@@ -84,3 +196,10 @@ def finish_results(folder: Path, numbers: dict[str, Any], draw: Callable[[Path],
 def write_json(path: Path, content: Mapping[str, object]) -> None:
     """Write a table as JSON."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def csv_text(log: Log, cell: Callable[[Signal, float], str]) -> str:
+    """A log as CSV, whose column names end in the unit; ``cell`` writes a value of a signal."""
+    names = [one.name + ("" if one.unit == "-" else f"_{one.unit.replace('/', '_')}") for one in log.signals]
+    rows = ([cell(*one) for one in zip(log.signals, row, strict=True)] for row in log.rows.tolist())
+    return "".join(",".join(row) + "\n" for row in (names, *rows))

@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import (
     Cell,
     Column,
@@ -31,7 +30,8 @@ from offtrack.reports.page import (
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import Picture, Playback, PlayedRun
+from offtrack.reports.player.playback import Picture, Playback
+from offtrack.reports.run_writer import KINDS
 from offtrack.reports.sections import changes, groups, number_table, scenario_facts
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.log import read_log
@@ -172,7 +172,11 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
         raise ValueError("runs of trailers and of rovers can't be laid over each other")
     playbacks = [KINDS[run.result.kind].playback(run.result) for run in runs]
     most = max(playbacks, key=lambda playback: len(playback.charts))
-    played = [_played(run, link) for run, link in zip(runs, [*links, *[""] * (len(runs) - len(links))], strict=True)]
+    links = [*links, *[""] * (len(runs) - len(links))]
+    played = [
+        dataclasses.replace(playback.runs[0], name=run.name, pictures=run.pictures, link=link)
+        for run, playback, link in zip(runs, playbacks, links, strict=True)
+    ]
     played[1:] = [dataclasses.replace(run, lines=()) for run in played[1:]]  # the first one's ground
     return dataclasses.replace(
         playbacks[0],
@@ -181,11 +185,6 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
         charts=most.charts,
         readings=most.readings,
     )
-
-
-def _played(run: FinishedRun, link: str) -> PlayedRun:
-    played = KINDS[run.result.kind].played(run.result, run.name)
-    return dataclasses.replace(played, pictures=run.pictures, link=link)
 
 
 def differences(runs: Sequence[FinishedRun]) -> Table:

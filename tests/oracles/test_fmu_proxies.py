@@ -5,7 +5,6 @@ The library for Windows needs the extra ``zig``; it is compiled, not run.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import re
@@ -14,7 +13,6 @@ import signal
 import subprocess
 import sys
 import threading
-import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -218,18 +216,6 @@ def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> 
     slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
     slave.step()
     slave.close()
-
-
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs the extra zig")
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_library_for_windows_compiles(version: int, tmp_path: Path) -> None:
-    file = law(tmp_path, version, platforms=("linux64", "win64"))
-    assert validate_fmu(str(file)) == []
-    with zipfile.ZipFile(file) as archive:
-        (name,) = [name for name in archive.namelist() if name.endswith(".dll")]
-        content = archive.read(name)
-    assert content.startswith(b"MZ")
-    assert b"CreateProcessA" in content
 
 
 @pytest.mark.parametrize("version", [2, 3])

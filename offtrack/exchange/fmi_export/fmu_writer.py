@@ -52,7 +52,6 @@ def model_description(model: Exported, version: int, token: str, sources: Sequen
     _units(root, variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call was refused")
-    SubElement(categories, "Category", name="logAll", description="all messages")
     SubElement(root, "DefaultExperiment", startTime="0", stopTime=_number(model.stop), stepSize=_number(model.step))
     _variables(root, variables, version)
     _structure(root, variables, version)
@@ -181,15 +180,20 @@ _FLAGS: Final = ("-std=c99", "-shared", "-fPIC", "-fvisibility=hidden", "-fno-ma
 _LONGEST: Final = 400  # characters of a compiler's message
 
 
-def checked_platforms(names: Sequence[str], version: int) -> tuple[str, ...]:
-    """The platforms, each once, linux64 first.
+def checked_platforms(names: Sequence[str], version: int, *, by_python: bool = False) -> tuple[str, ...]:
+    """The platforms, each once, linux64 first; ``by_python``: of an FMU behind which offtrack computes.
 
     Raises:
-        ValueError: one line, if one is unknown, has no name in this version of FMI, or cannot be compiled here.
+        ValueError: one line, if one is unknown, has no name in this version of FMI, or cannot be compiled or run.
     """
     for name in names:
         if name not in PLATFORMS:
             raise ValueError(f"--platform {name}: must be one of {', '.join(PLATFORMS)}")
+        if by_python and not name.startswith("linux"):
+            raise ValueError(
+                f"--platform {name}: offtrack, which computes behind this FMU, runs on Linux only; use an FMU of "
+                "'offtrack fmu plant' there"
+            )
         if version == 2 and PLATFORMS[name].folder_2 is None:
             raise ValueError(f"--platform {name}: FMI 2 has no name for it; choose --fmi 3")
         if name != "linux64" and not _has_zig():

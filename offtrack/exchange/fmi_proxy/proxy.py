@@ -24,7 +24,7 @@ _COMMON: Final = (
     Quantity("start_timeout", "s", "longest time that the Python process may take to start", 120.0, 0.1, 1e5),
     Quantity("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
 )
-_PROCESS: Final = ("process_common.h", "process.h", "process_posix.c", "process_windows.c", "proxy.c")
+_PROCESS: Final = ("process.h", "process.c", "proxy.c")
 _LONGEST_NAME: Final = 60
 
 

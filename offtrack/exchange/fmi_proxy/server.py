@@ -11,11 +11,11 @@ import contextlib
 import json
 import os
 import pkgutil
-import re
 import struct
 import sys
 from pathlib import Path
 from typing import Any, BinaryIO, Final
+from urllib.parse import unquote
 
 from offtrack.exchange.fmi_proxy.proxy import FORMAT, MODEL_FILE, Computation, Opening
 
@@ -103,9 +103,7 @@ def folder_of(resources: str) -> Path:
     """
     if resources.startswith("file:"):
         path = "/" + resources.removeprefix("file:").removeprefix("//").partition("/")[2]
-        path = re.sub(rb"%([0-9A-Fa-f]{2})", lambda m: bytes([int(m[1], 16)]), os.fsencode(path)).decode()
-        is_drive = os.name == "nt" and path[2:3] == ":"  # /C:/…
-        resources = path[1:] if is_drive else path
+        resources = unquote(path)
     folder = Path(resources)
     if not resources or not (folder / MODEL_FILE).is_file():
         raise ValueError(

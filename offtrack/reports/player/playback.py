@@ -2,25 +2,39 @@
 
 Lengths in m, angles in rad, times in s; in the ground's plane x points east and y north. Signals are named as in the
 run's log.
-A colour is a name of the page's palette (``web/theme.js``), so that it suits a dark page and a light one.
+A colour is a name of the palette (``web/theme.js`` for pages, ``PALETTE`` for figures and films).
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Health
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, OK, Log
+from scenarios.results.swept_path import placed
 from scenarios.results.trailer_result import FrictionPicture
 from vehicle.frames import FloatArray
 
 Colour = Literal["true", "estimated", "grey", "ink", "third", "fourth", "fifth", "sixth", "ok", "degraded", "lost"]
+PALETTE: Final[Mapping[Colour, str]] = {  # apart for colour-blind readers too
+    "true": "#1f5fa8",
+    "estimated": "#e0761a",
+    "grey": "#8b95a1",
+    "ink": "#27313b",
+    "third": "#2a9d8f",
+    "fourth": "#8e5ea2",
+    "fifth": "#b3261e",
+    "sixth": "#6b7a2a",
+    "ok": "#2a9d8f",
+    "degraded": "#e9b949",
+    "lost": "#d64a3f",
+}
 SERIES: tuple[Colour, ...] = ("true", "estimated", "third", "fourth", "fifth", "sixth")  # of axles, wheels and units
 
 
@@ -44,6 +58,21 @@ class Body:
     pose: tuple[str, str, str]  # signals x, y, psi
     tilt: tuple[str, str] | None = None  # signals of roll and pitch
     heights: tuple[float, float]  # of its underside and its top in the 3-D view [m]
+
+    def poses(self, log: Log) -> FloatArray:
+        """x [m], y [m], psi [rad] over time, (n, 3)."""
+        return np.column_stack([log[name] for name in self.pose])
+
+    def wheel_corners(self, log: Log, rows: NDArray[np.intp]) -> FloatArray:
+        """Corners of all wheels in the world at these rows, (n_rows * n_wheels, 4, 2) [m]."""
+        poses, corners = self.poses(log)[rows], [np.empty((0, 4, 2))]
+        for wheel in self.wheels:
+            steer = np.nan_to_num(log[wheel.steer][rows]) if wheel.steer else 0.0
+            middle = placed(np.array([[wheel.x, wheel.y]]), poses)[:, 0]
+            size = 0.5 * np.array([wheel.length, wheel.width])
+            tyre = size * [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]
+            corners.append(placed(tyre, np.column_stack([middle, poses[:, 2] + steer])))
+        return np.concatenate(corners)
 
 
 class Trail(NamedTuple):
@@ -111,6 +140,7 @@ class Chart(NamedTuple):
     unit: str
     curves: Sequence[Curve]
     digits: int = 3
+    limit: float | None = None  # drawn to both sides of zero in figures
 
 
 class Reading(NamedTuple):
@@ -158,6 +188,12 @@ class PlayedRun:
     lines: tuple[Line, ...] = ()  # that lie on its ground
     link: str = ""  # address of the run's own page, relative to this one
 
+    def trail_points(self, trail: Trail) -> FloatArray:
+        """A trail over time, (n, 2) [m]."""
+        if trail.body < 0:
+            return np.column_stack([self.log[name] for name in trail.signals])
+        return placed(np.array([trail.point]), self.bodies[trail.body].poses(self.log))[:, 0]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Playback:
@@ -185,8 +221,8 @@ _DEGRADED = HEALTH[Health.DEGRADED]
 _COLOURS: dict[str, Colour] = {"ok": "ok", "degraded": "degraded", "lost": "lost"}
 
 
-def health_spans(log: Log, signal: str) -> Iterator[Span]:
-    """Times at which the estimate's health is not "ok", each from its capture to the next."""
+def health_spans(log: Log, signal: str, of: str = "estimate") -> Iterator[Span]:
+    """Times at which a health is not "ok", each from its capture to the next."""
     if signal not in log or not len(log):
         return
     health = log[signal]
@@ -200,7 +236,7 @@ def health_spans(log: Log, signal: str) -> Iterator[Span]:
         if k == len(values) or values[k] != values[first]:
             if values[first] != OK:
                 word = HEALTH_WORDS[float(values[first])]
-                yield Span(f"estimate {word}", _COLOURS[word], float(edges[first]), float(edges[k]))
+                yield Span(f"{of} {word}", _COLOURS[word], float(edges[first]), float(edges[k]))
             first = k
 
 

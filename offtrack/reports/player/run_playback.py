@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain
 
 import numpy as np
 
@@ -40,44 +39,33 @@ _DEGREES = 180.0 / np.pi
 
 def trailer_playback(result: RunResult) -> Playback:
     """Everything that a page shows of the run over time."""
-    return Playback(
-        title=result.scenario,
-        runs=(played_trailer(result),),
-        road=Road(*sides(result.road, result.road_half_width)) if len(result.road) > 1 else None,
-        friction=result.friction,
-        charts=tuple(trailer_charts(result)),
-        readings=tuple(_readings(result)),
+    last, follow = len(result.units) - 1, (-result.follow_distance, 0.0)
+    estimated = EstimatedPath(
+        f"estimated path of the {result.leader}", last, follow, "off_tracking_estimate", "off_tracking_std", "health"
     )
-
-
-def played_trailer(result: RunResult, name: str = "") -> PlayedRun:
-    """The run with its bodies, paths and pictures; by default under the scenario's name."""
-    last = len(result.units) - 1
-    follow = (-result.follow_distance, 0.0)
-    return PlayedRun(
-        name=name or result.scenario,
+    run = PlayedRun(
+        name=result.scenario,
         log=result.log,
         bodies=tuple(unit_body(unit, result.log) for unit in result.units),
         trails=(
             Trail(f"path of the {result.leader}", "true", last),
             Trail("path of the follow point", "estimated", last, follow),
         ),
-        estimated=EstimatedPath(
-            f"estimated path of the {result.leader}",
-            last,
-            follow,
-            "off_tracking_estimate",
-            "off_tracking_std",
-            "health",
-        )
-        if np.isfinite(result.signal("health")).any()
-        else None,
-        spans=tuple(chain(health_spans(result.log, "health"), fault_spans(result.scenario_toml, result.log))),
+        estimated=estimated if np.isfinite(result.signal("health")).any() else None,
+        spans=(*health_spans(result.log, "health"), *fault_spans(result.scenario_toml, result.log)),
         pictures=[_picture(frame) for frame in result.frames],
         cameras=tuple(
             Camera(unit, c.X_SC, 0.5 * c.width / c.focal_length, 0.5 * c.height / c.focal_length)
             for unit, c in result.cameras
         ),
+    )
+    return Playback(
+        title=result.scenario,
+        runs=(run,),
+        road=Road(*sides(result.road, result.road_half_width)) if len(result.road) > 1 else None,
+        friction=result.friction,
+        charts=tuple(_trailer_charts(result)),
+        readings=tuple(_readings(result)),
     )
 
 
@@ -105,7 +93,7 @@ def _picture(frame: CameraFrame) -> Picture:
     return Picture(frame.tick * TICK, frame.jpeg, frame.tracks, caption)
 
 
-def trailer_charts(result: RunResult) -> Iterator[Chart]:
+def _trailer_charts(result: RunResult) -> Iterator[Chart]:
     """Charts of the signals that the run has."""
     has_estimate = np.isfinite(result.signal("health")).any()
     true = Curve("off_tracking_true", "true", "true")
@@ -122,7 +110,9 @@ def trailer_charts(result: RunResult) -> Iterator[Chart]:
         error = Curve("off_tracking_estimate", "error", "estimated", "dots", 1e3, less="off_tracking_true")
         band = Curve("off_tracking_std", "±2 σ", "estimated", "band", 1e3)
         yield Chart("Error of the estimate", "mm", (band, error), 1)
-    yield Chart("Steer angles of the road wheels, + left", "°", tuple(_steer(result)), 2)
+    limit = result.trailer_steer_limit
+    steer = tuple(_steer(result))
+    yield Chart("Steer angles of the road wheels, + left", "°", steer, 2, None if limit is None else _DEGREES * limit)
     if len(result.units) > 1:
         yield Chart("Articulation angle", "°", tuple(_each(result, "articulation_", "joint", _DEGREES)), 2)
     speeds = tuple(
@@ -183,36 +173,31 @@ _HEIGHTS = 0.16, 0.42  # of the body in the 3-D view [m], for drawings only
 
 def rover_playback(result: RoverResult) -> Playback:
     """Everything that a page shows of the run over time."""
-    return Playback(
-        title=result.scenario,
-        runs=(played_rover(result),),
-        charts=tuple(_rover_charts(result)),
-        readings=tuple(_rover_readings(result)),
-        nearest=400.0,
-    )
-
-
-def played_rover(result: RoverResult, name: str = "") -> PlayedRun:
-    """The run with its body, paths and pictures; by default under the scenario's name."""
     rig = result.rig
     x, y = (np.array([getattr(wheel, axis) for wheel in rig.wheels]) for axis in "xy")
     ends = np.array([[x.max(), 1.0], [x.max(), -1.0], [x.min(), -1.0], [x.min(), 1.0]])
     outline: FloatArray = ends * [1.0, _BESIDE * float(np.abs(y).max())]
-    wheels = tuple(Wheel(w.x, w.y, 2.0 * rig.wheel_radius, rig.wheel_width, f"steer_{w.name}") for w in rig.wheels)
+    steer = (f"steer_{wheel.name}" for wheel in rig.wheels)
+    wheels = tuple(
+        Wheel(wheel.x, wheel.y, 2.0 * rig.wheel_radius, rig.wheel_width, name if name in result.log else "")
+        for wheel, name in zip(rig.wheels, steer, strict=True)
+    )
     trails = (
         Trail("path driven", "true", signals=("x", "y")),
         Trail("dead reckoning by wheels and compass", "grey", signals=("x_wheels", "y_wheels")),
         Trail("corrected by the slip angle", "estimated", signals=("x_corrected", "y_corrected")),
     )
-    return PlayedRun(
-        name=name or result.scenario,
+    run = PlayedRun(
+        name=result.scenario,
         log=result.log,
         bodies=(Body(name=result.rover, outline=outline, wheels=wheels, pose=("x", "y", "psi"), heights=_HEIGHTS),),
         trails=tuple(trail for trail in trails if np.isfinite(result.log[trail.signals[0]]).any()),
-        spans=tuple(chain(health_spans(result.log, "health"), fault_spans(result.scenario_toml, result.log))),
+        spans=(*health_spans(result.log, "health"), *fault_spans(result.scenario_toml, result.log)),
         pictures=list(_rover_pictures(result)),
         lines=(Line("path to follow", "grey", result.path),),
     )
+    charts, readings = tuple(_rover_charts(result)), tuple(_rover_readings(result))
+    return Playback(title=result.scenario, runs=(run,), charts=charts, readings=readings, nearest=400.0)
 
 
 def _rover_pictures(result: RoverResult) -> Iterator[Picture]:

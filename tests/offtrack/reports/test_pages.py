@@ -38,8 +38,7 @@ from offtrack.reports.page import (
 )
 from offtrack.reports.player.encoding import explorer_script, player_script
 from offtrack.reports.plots import drawn
-from offtrack.reports.rover_report import rover_report_html
-from offtrack.reports.run_page import report_html
+from offtrack.reports.run_page import report_html, rover_report_html
 from offtrack.studies.case import Case, Outcome
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
 from offtrack.studies.standards.assessment_report import assessment_page
