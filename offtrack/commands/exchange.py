@@ -28,11 +28,10 @@ from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import signals_of
 from offtrack.exchange.fmi_import.mapping import first_map, map_file
-from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, ground_proxy, law_of_scenario, sensor_proxy
 from offtrack.exchange.fmi_proxy.proxy import Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, ground_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
-from offtrack.reports.viewing import finished_run, view_page
+from offtrack.reports.run_files import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind

@@ -11,7 +11,7 @@ from offtrack.reports import plots
 from offtrack.reports.film import photo_of
 from offtrack.reports.page import Column, Figure, Items, Photos, Player, Row, Section, Table
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.run_playback import rover_playback, trailer_playback
+from offtrack.reports.player.playback import rover_playback, trailer_playback
 from offtrack.reports.sections import (
     ERROR_TEXT,
     FEATURES_TEXT,

@@ -22,7 +22,7 @@ from urllib.parse import parse_qs, urlsplit
 from offtrack.reports.page import Page, Player, Section
 from offtrack.reports.player.encoding import EncodedPlayback, encoded, live_picture
 from offtrack.reports.player.playback import Picture, Playback
-from offtrack.reports.run_writer import KINDS
+from offtrack.reports.run_files import KINDS
 from scenarios.results.run_summary import Result
 
 _SHORTEST: Final = 1.0  # time between snapshots [s]

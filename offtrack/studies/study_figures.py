@@ -13,8 +13,7 @@ import numpy as np
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun, Figure
 from offtrack.reports.player.playback import Playback
 from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
-from offtrack.reports.run_writer import KINDS
-from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, run_page
+from offtrack.reports.run_files import KINDS, MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
 from scenarios.results.atomic_files import replaced

@@ -27,8 +27,7 @@ from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.mapping import map_file
 from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, sensor_proxy
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
 from scenarios.options.scenario import load_scenario

@@ -31,7 +31,7 @@ import numpy as np
 from estimators.calibration.rectification import Rectifier
 from offtrack.exchange.exports.catalogue import ExportedRun
 from offtrack.exchange.recordings.bags import FRAMES, RECORDING, SIDES
-from offtrack.exchange.recordings.mounting import read_rig
+from offtrack.exchange.recordings.camera_files import read_rig
 from offtrack.exchange.recordings.stereo_reader import read_projections
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
 from scenarios.extras import check_extra

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from offtrack.exchange.fmi_export.plant_model import Exported, PlantModel, exported_plant
-from offtrack.exchange.fmi_export.variables import DISPLAY, Variable, base_unit
+from offtrack.exchange.fmi_export.plant_model import DISPLAY, Exported, PlantModel, Variable, base_unit, exported_plant
 from scenarios.results.atomic_files import replacing
 from vehicle.engine.compiler import compiler, engine_name
 

@@ -13,14 +13,15 @@ import numpy as np
 
 from offtrack.exchange.fmi_export.plant_model import (
     PlantModel,
+    Quantity,
     fixed_values,
     interface_of,
     number_quantity,
+    numbered,
     start_quantities,
     vector,
 )
-from offtrack.exchange.fmi_export.variables import Quantity, numbered
-from offtrack.reports.vehicle_sheet.library import is_rover
+from offtrack.reports.vehicle_sheet.combination_sheet import is_rover
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import (

@@ -12,16 +12,21 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, zipped
 from offtrack.exchange.fmi_export.plant_kinds import combination_model
-from offtrack.exchange.fmi_export.plant_model import Exported, exported_plant
-from offtrack.exchange.fmi_export.variables import Quantity, Variable, base_unit
+from offtrack.exchange.fmi_export.plant_model import Exported, Quantity, Variable, base_unit, exported_plant
 from offtrack.exchange.fmi_import.numbered_signals import (
     estimate_signals,
     ground_signals,
     reading_signals,
     truth_signals,
 )
-from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
-from offtrack.exchange.fmi_proxy.scenario_parts import MEASURED, LaidGround, driver_proxy, ground_proxy, sensor_proxy
+from offtrack.exchange.fmi_proxy.parts import (
+    MEASURED,
+    LaidGround,
+    driver_proxy,
+    ground_proxy,
+    law_of_scenario,
+    sensor_proxy,
+)
 from scenarios.assembly.adapters import course_of, plant_kind, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import refuse_loop_faults
 from scenarios.assembly.drivers_and_laws import opened_driver

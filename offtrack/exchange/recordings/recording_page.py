@@ -34,7 +34,7 @@ from offtrack.reports.player.playback import (
     elapsed,
     health_spans,
 )
-from offtrack.reports.run_writer import csv_text, finish_results, write_json
+from offtrack.reports.run_files import csv_text, finish_results, write_json
 from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
 from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress

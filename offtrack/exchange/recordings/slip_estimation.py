@@ -13,13 +13,13 @@ import numpy as np
 
 from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
-from offtrack.exchange.recordings.rover_recording import RoverRecording
+from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.film import Frames, write_film
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Chart, Curve, Picture, Playback, PlayedRun, Reading, elapsed, health_spans
 from offtrack.reports.plots import chart_sections
-from offtrack.reports.run_writer import csv_text, finish_results
+from offtrack.reports.run_files import csv_text, finish_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.progress import Progress, no_progress
 from scenarios.results import metrics

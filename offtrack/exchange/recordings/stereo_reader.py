@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
-from offtrack.exchange.recordings.mounting import MountingOptions, Rig, facing_by_motion, mounting, read_rig
+from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.stereo_sequence import (
     Dropped,
     Layout,

@@ -28,8 +28,7 @@ from offtrack.reports.page import (
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail
-from offtrack.reports.player.run_playback import unit_body
+from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail, unit_body
 from offtrack.reports.sections import groups
 from offtrack.studies.standards import random_steer, steady_circle
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix

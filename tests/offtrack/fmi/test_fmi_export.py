@@ -16,11 +16,9 @@ from typer.testing import CliRunner
 import offtrack
 from offtrack.commands.cli import app
 from offtrack.exchange.fmi_export import fmu_writer
-from offtrack.exchange.fmi_export.c_files import common_files
 from offtrack.exchange.fmi_export.fmu_writer import write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import combination_inputs, combination_model, plant_model, rover_model
-from offtrack.exchange.fmi_export.plant_model import PlantModel
-from offtrack.exchange.fmi_export.variables import base_unit
+from offtrack.exchange.fmi_export.plant_model import PlantModel, base_unit, common_files
 from tests.fmus.hosts import host_here
 from tests.fmus.plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
 from vehicle.combination.description import Vehicle, load_vehicle

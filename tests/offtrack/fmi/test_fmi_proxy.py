@@ -33,18 +33,17 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_signals,
     truth_values,
 )
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import (
+from offtrack.exchange.fmi_proxy.parts import (
     DriverComputation,
     GroundComputation,
     SensorComputation,
     driver_proxy,
     ground_proxy,
     in_wind_of,
+    law_proxy,
     sensor_proxy,
 )
-from offtrack.exchange.fmi_proxy.server import folder_of
+from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, folder_of
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
 from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
 from scenarios.assembly.drivers_and_laws import trailer_law

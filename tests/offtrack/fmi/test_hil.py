@@ -14,8 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import LinkedBench, UdpLink
+from offtrack.exchange.bench.links import CanLink, LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.loop.bench import (
     Demands,

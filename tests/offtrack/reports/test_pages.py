@@ -17,9 +17,9 @@ import pytest
 
 from offtrack.exchange.recordings import recording_page, slip_estimation
 from offtrack.exchange.recordings.estimation import Estimation
-from offtrack.exchange.recordings.rover_recording import RoverRecording
 from offtrack.exchange.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
 from offtrack.exchange.recordings.slip_estimation import SlipEstimation
+from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.page import (
     Bar,
     Card,

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from offtrack.reports.player.run_playback import trailer_playback
+from offtrack.reports.player.playback import trailer_playback
 from offtrack.reports.plots import chart_figure
 from offtrack.reports.run_page import report_html
 from offtrack.reports.sections import changes, groups

@@ -14,7 +14,7 @@ from PIL import Image
 from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
 from offtrack.reports.film import Film, camera_picture, write_film
 from offtrack.reports.player.playback import Picture as Shot
-from offtrack.reports.player.run_playback import trailer_playback
+from offtrack.reports.player.playback import trailer_playback
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import RunResult
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import (
     appearing_at_once,
@@ -220,7 +220,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
         seen.extend(path.name for path in run.iterdir() if not path.name.startswith("."))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("offtrack.reports.run_writer.write_film", write_film)
+    monkeypatch.setattr("offtrack.reports.run_files.write_film", write_film)
     with pytest.raises(KeyboardInterrupt):
         write_run(camera_run, run)
     kept = ["manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"]

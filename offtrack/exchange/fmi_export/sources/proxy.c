@@ -13,7 +13,7 @@
 #include "process.h"
 #include "proxy.h" /* sizes and start values of this model */
 
-#define MODULE "offtrack.exchange.fmi_proxy.server"
+#define MODULE "offtrack.exchange.fmi_proxy.proxy"
 #define VARIABLE "OFFTRACK_PYTHON"
 #define DEFAULT_PYTHON "python3"
 #define CURE "; the parameter 'python' or the variable " VARIABLE " names the Python of an environment with offtrack"
