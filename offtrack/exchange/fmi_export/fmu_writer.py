@@ -69,7 +69,7 @@ def build_description(identifier: str, sources: Sequence[str]) -> bytes:
 
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted({variable.quantity.unit for variable in variables if variable.text is None} - {"-"}):
+    for name in sorted({variable.signal.unit for variable in variables if variable.text is None} - {"-"}):
         unit = SubElement(definitions, "Unit", name=name)
         base = base_unit(name)
         if base is not None:
@@ -95,15 +95,15 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
             description="time",
         )
     for variable in variables:
-        quantity, is_parameter, is_text = (
-            variable.quantity,
+        signal, is_parameter, is_text = (
+            variable.signal,
             variable.causality == "parameter",
             variable.text is not None,
         )
         kind = ("String" if is_text else "Float64") if version == 3 else "ScalarVariable"
-        entry = SubElement(entries, kind, name=quantity.name)
+        entry = SubElement(entries, kind, name=signal.name)
         entry.set("valueReference", str(variable.reference))
-        entry.set("description", quantity.meaning)
+        entry.set("description", signal.meaning)
         entry.set("causality", variable.causality)
         continuous = not (variable.held or is_text)
         entry.set("variability", "fixed" if is_parameter else "continuous" if continuous else "discrete")
@@ -113,13 +113,13 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
             _start_text(entry, variable, version)
             continue
         value = SubElement(entry, "Real") if version == 2 else entry
-        if quantity.unit != "-":
-            value.set("unit", quantity.unit)
-        for limit, number in (("min", quantity.low), ("max", quantity.high)):
+        if signal.unit != "-":
+            value.set("unit", signal.unit)
+        for limit, number in (("min", signal.low), ("max", signal.high)):
             if number is not None and math.isfinite(number):
                 value.set(limit, _number(number))
         if variable.causality != "output" or variable.held:
-            value.set("start", _number(quantity.start))
+            value.set("start", _number(signal.start))
 
 
 def _start_text(entry: Element, variable: Variable, version: int) -> None:

@@ -18,6 +18,7 @@ import casadi as ca
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.extras import check_extra
 from vehicle.engine.native import c_source, numbers_source
 from vehicle.engine.program import Entry, TapeProgram
@@ -25,22 +26,11 @@ from vehicle.engine.program import Entry, TapeProgram
 Causality = Literal["parameter", "input", "output"]
 
 
-class Quantity(NamedTuple):
-    """A number that goes in or comes out."""
-
-    name: str
-    unit: str  # SI, "-" for none
-    meaning: str
-    start: float = 0.0  # of a parameter or input
-    low: float | None = None  # limits that the exporter declares; the FMU does not enforce them
-    high: float | None = None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variable:
-    """A quantity as a variable of the FMU."""
+    """A signal as a variable of the FMU."""
 
-    quantity: Quantity
+    signal: Signal
     causality: Causality
     reference: int  # value reference; 0 is the time
     feed_through: tuple[int, ...] = ()  # of an output: references of the inputs that it depends on at once
@@ -52,40 +42,30 @@ class Variable:
 class Interface:
     """All vectors of a plant; an entry's place in its vector decides its value reference."""
 
-    parameters: Sequence[Quantity]  # all numbers of the model, with those that are fixed
+    parameters: Sequence[Signal]  # all numbers of the model, with those that are fixed
     fixed: frozenset[int]  # places of parameters that no equation reads: they are no variables
-    inputs: Sequence[Quantity]
-    outputs: Sequence[Quantity]
+    inputs: Sequence[Signal]
+    outputs: Sequence[Signal]
     feed_through: Sequence[Sequence[int]]  # by output, places of inputs
 
     def variables(self) -> tuple[Variable, ...]:
         """Parameters, inputs and outputs with their references, as the C source counts them."""
         first_input = 1 + len(self.parameters)
         first_output = first_input + len(self.inputs)
-        parameters = [
-            Variable(quantity=quantity, causality="parameter", reference=1 + k)
-            for k, quantity in enumerate(self.parameters)
-            if k not in self.fixed
-        ]
-        inputs = [
-            Variable(quantity=quantity, causality="input", reference=first_input + k)
-            for k, quantity in enumerate(self.inputs)
-        ]
-        outputs = [
+        of_causality: Mapping[Causality, Sequence[Signal]]
+        of_causality = {"parameter": self.parameters, "input": self.inputs, "output": self.outputs}
+        signals = [(causality, one) for causality, of in of_causality.items() for one in of]
+        outputs = dict(enumerate(self.feed_through, start=first_output))
+        return tuple(
             Variable(
-                quantity=quantity,
-                causality="output",
-                reference=first_output + k,
-                feed_through=tuple(first_input + i for i in self.feed_through[k]),
+                signal=one,
+                causality=causality,
+                reference=k,
+                feed_through=tuple(first_input + i for i in outputs.get(k, ())),
             )
-            for k, quantity in enumerate(self.outputs)
-        ]
-        return (*parameters, *inputs, *outputs)
-
-
-def numbered(name: str, unit: str, meanings: Iterable[str], start: float = 0.0) -> list[Quantity]:
-    """Quantities of one kind, counted from 1: ``name_1``, ``name_2``, ..."""
-    return [Quantity(f"{name}_{k}", unit, meaning, start) for k, meaning in enumerate(meanings, start=1)]
+            for k, (causality, one) in enumerate(signals, start=1)
+            if k - 1 not in self.fixed
+        )
 
 
 class BaseUnit(NamedTuple):
@@ -314,10 +294,10 @@ class PlantModel:
 
 
 def interface_of(
-    parameters: Sequence[Quantity],
-    starts: Sequence[Quantity],
-    inputs: Sequence[Quantity],
-    outputs: Sequence[Quantity],
+    parameters: Sequence[Signal],
+    starts: Sequence[Signal],
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
     observe: Any,
     programs: Mapping[str, TapeProgram],
 ) -> Interface:
@@ -336,17 +316,17 @@ def interface_of(
     )
 
 
-def start_quantities(frame: str) -> list[Quantity]:
+def start_signals(frame: str) -> list[Signal]:
     """Pose and speed at the start, in the order that the C files read them."""
     return [
-        Quantity("start_x", "m", f"position of {frame} in W at the start"),
-        Quantity("start_y", "m", f"position of {frame} in W at the start"),
-        Quantity("start_psi", "rad", "heading at the start, + left"),
-        Quantity("start_speed", "m/s", "speed at the start, straight ahead and rolling freely"),
+        Signal("start_x", "m", f"position of {frame} in W at the start"),
+        Signal("start_y", "m", f"position of {frame} in W at the start"),
+        Signal("start_psi", "rad", "heading at the start, + left"),
+        Signal("start_speed", "m/s", "speed at the start, straight ahead and rolling freely"),
     ]
 
 
-def number_quantity(root: BaseModel, path: str, value: float, prefix: str = "") -> Quantity:
+def number_signal(root: BaseModel, path: str, value: float, prefix: str = "") -> Signal:
     """Parameter for the number at a path of a model, with the unit and limits of its field."""
     owner: Any = root
     info: FieldInfo | None = None
@@ -362,12 +342,12 @@ def number_quantity(root: BaseModel, path: str, value: float, prefix: str = "") 
         low = getattr(limit, "ge", getattr(limit, "gt", low))
         high = getattr(limit, "le", high)
     meaning = (info.description if info is not None else None) or "number of the vehicle file"
-    return Quantity(prefix + path, unit, meaning, value, low, high)
+    return Signal(prefix + path, unit, meaning, value, low, high)
 
 
-def fixed_values(root: BaseModel, unread: Iterable[Quantity]) -> list[tuple[str, str]]:
+def fixed_values(root: BaseModel, unread: Iterable[Signal]) -> list[tuple[str, str]]:
     """Flags and words of a model, and its numbers that no equation reads."""
-    return [*_words(root, ""), *((quantity.name, f"{quantity.start:.10g}") for quantity in unread)]
+    return [*_words(root, ""), *((signal.name, f"{signal.start:.10g}") for signal in unread)]
 
 
 def vector(n: int) -> Any:
@@ -391,15 +371,15 @@ def _field(model: type[BaseModel], key: str) -> FieldInfo | None:
     field = model.model_fields.get(key)
     if field is None or field.json_schema_extra:
         return field
-    return next(_quantities(field.annotation), field)
+    return next(_fields_with_unit(field.annotation), field)
 
 
-def _quantities(annotation: Any) -> Iterator[FieldInfo]:
+def _fields_with_unit(annotation: Any) -> Iterator[FieldInfo]:
     for extra in getattr(annotation, "__metadata__", ()):
         if isinstance(extra, FieldInfo) and extra.json_schema_extra:
             yield extra
     for inner in getattr(annotation, "__args__", ()):
-        yield from _quantities(inner)
+        yield from _fields_with_unit(inner)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,13 @@ from controllers.equations import settle
 from offtrack.exchange.fmi_import.fmu_file import FmuFile, open_fmu
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import FmuMap, PartSignals, Signal, read_map
-from offtrack.exchange.fmi_import.numbered_signals import GroundUnder, ground_signals, numbered_values
+from offtrack.exchange.fmi_import.numbered_signals import (
+    GroundUnder,
+    ground_signals,
+    kind_of,
+    motion_signals,
+    numbered_values,
+)
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import steering_actuators, turned_axles
@@ -78,7 +84,7 @@ _GAP: Final = 0.05  # between the two ends of a hitch, by the data sheet [m]
 
 def plant_signals(vehicle: Vehicle) -> PartSignals:
     """Signals of a plant of a vehicle; units count from 1, the tractor."""
-    units, wheel_numbers = range(1, len(vehicle.units) + 1), range(1, vehicle.n_wheels + 1)
+    units = range(1, len(vehicle.units) + 1)
     axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
     trailer = [axle for axle in axles if axle[0] != vehicle.units[0].name]
     return PartSignals(
@@ -97,24 +103,10 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
             *(Signal(f"slope_y_{k}", "-", f"rise of the ground along the y axis of unit {k}") for k in units),
             *ground_signals(vehicle),
         ),
-        outputs=(
-            *(Signal(f"x_{k}", "m", f"position of unit {k}: {_origin(k)}", required=True) for k in units),
-            *(Signal(f"y_{k}", "m", f"position of unit {k}: {_origin(k)}", required=True) for k in units),
-            *(Signal(f"psi_{k}", "rad", f"heading of unit {k}, + left", required=True) for k in units),
-            *(Signal(f"v_x_{k}", "m/s", f"velocity of that point along the x axis of unit {k}") for k in units),
-            *(Signal(f"v_y_{k}", "m/s", f"along the y axis of unit {k}") for k in units),
-            *(Signal(f"yaw_rate_{k}", "rad/s", f"of unit {k}") for k in units),
-            *(Signal(f"heave_{k}", "m", f"of unit {k} above the ground's height, + up") for k in units),
-            *(Signal(f"pitch_{k}", "rad", f"of unit {k} against the ground, + nose down") for k in units),
-            *(Signal(f"roll_{k}", "rad", f"of unit {k} against the ground, + left side up") for k in units),
-            *(Signal(f"load_transfer_{k}", "-", f"of unit {k}: right less left wheel loads over all") for k in units),
-            *(
-                Signal(f"steer_angle_{k}", "rad", f"steered axle {axle} of {name}, + left")
-                for k, (name, axle) in enumerate(axles, start=1)
-            ),
-            *(Signal(f"wheel_load_{k}", "N", f"vertical force of wheel {k}, left before right") for k in wheel_numbers),
-            *(Signal(f"wheel_slip_angle_{k}", "rad", f"of wheel {k}") for k in wheel_numbers),
-            *(Signal(f"friction_used_{k}", "-", f"of wheel {k}") for k in wheel_numbers),
+        outputs=tuple(
+            signal._replace(required=kind_of(signal) in ("x", "y", "psi"))
+            for signal in motion_signals(vehicle)
+            if not kind_of(signal).startswith(("body_", "articulation"))
         ),
         starts=(
             Signal("start_x", "m", "position of the tractor's rear axle at the start"),
@@ -123,10 +115,6 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
             Signal("start_speed", "m/s", "speed at the start"),
         ),
     )  # fmt: skip
-
-
-def _origin(unit: int) -> str:
-    return "its rear axle" if unit == 1 else "its front hitch"
 
 
 class FmuPlant:

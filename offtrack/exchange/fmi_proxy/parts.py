@@ -16,7 +16,6 @@ from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
 from controllers.trailer import Combination
 from controllers.trailer_steering.guard import Degradation
-from offtrack.exchange.fmi_export.plant_model import Quantity
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
@@ -40,7 +39,6 @@ from offtrack.exchange.fmi_proxy.proxy import (
     Proxy,
     Text,
     moments,
-    quantity,
     scenario_files,
     scenario_in,
 )
@@ -144,14 +142,14 @@ def law_proxy(
         kind="law",
         name=f"{name.rpartition(':')[2]}_{vehicle.name}",
         summary=f"trailer steering law {name} of offtrack for {vehicle.name}",
-        inputs=[quantity(signal, NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
+        inputs=[signal._replace(start=NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
         outputs=[
-            Quantity(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
+            Signal(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
         ],
         parameters=[
             *numbers,
             *guard,
-            Quantity(_FIRST, "s", "time of the law's first step, a whole number of milliseconds", first_step, 0.0, 1.0),
+            Signal(_FIRST, "s", "time of the law's first step, a whole number of milliseconds", first_step, 0.0, 1.0),
         ],
         settings={
             "law": name,
@@ -175,21 +173,21 @@ def _is_number(option: Option, given: Mapping[str, Parameter]) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and option.kind is float
 
 
-def _parameter(option: Option, given: Mapping[str, Parameter], prefix: str = "") -> Quantity:
+def _parameter(option: Option, given: Mapping[str, Parameter], prefix: str = "") -> Signal:
     value = given.get(option.name, option.default)
     assert isinstance(value, int | float)
-    return Quantity(prefix + option.name, option.unit, option.meaning, float(value), option.low, option.high)
+    return Signal(prefix + option.name, option.unit, option.meaning, float(value), option.low, option.high)
 
 
 def _is_file(value: Parameter) -> bool:
     return isinstance(value, str) and Path(value).is_file()
 
 
-def _guard_parameters(degradation: Degradation) -> list[Quantity]:
+def _guard_parameters(degradation: Degradation) -> list[Signal]:
     given = degradation.model_dump()
     numbers = [option for option in declared_options(Degradation) if _is_number(option, given)]
     limits = [_parameter(option, given, _DEGRADATION) for option in numbers]
-    return [Quantity(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
+    return [Signal(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
 
 
 class LawComputation(Computation):
@@ -262,11 +260,11 @@ def driver_proxy(scenario: Scenario) -> Proxy:
         kind="driver",
         name=f"{scenario.name}_driver",
         summary=f"driver of offtrack on the course of {scenario.name}",
-        inputs=[quantity(signal) for signal in (*MOTION, *articulation_signals(len(vehicle.units)))],
+        inputs=[*MOTION, *articulation_signals(len(vehicle.units))],
         outputs=[
-            Quantity("steer", "rad", "road-wheel angle of the tractor's foremost steered axle, + left"),
-            Quantity("acceleration", "m/s2", "above 0 drives, below 0 brakes"),
-            Quantity("gear", "-", "1 forward, -1 backward", 1.0),
+            Signal("steer", "rad", "road-wheel angle of the tractor's foremost steered axle, + left"),
+            Signal("acceleration", "m/s2", "above 0 drives, below 0 brakes"),
+            Signal("gear", "-", "1 forward, -1 backward", 1.0),
         ],
         files=scenario_files(scenario, changes),
         notes=(
@@ -351,12 +349,12 @@ def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
         name=f"{scenario.name}_ground",
         summary=f"ground of offtrack below a combination, on the course of {scenario.name}",
         inputs=[
-            quantity(Signal(f"{axis}_{k}", "rad" if axis == "psi" else "m", f"of the frame of unit {k} in the world"))
+            Signal(f"{axis}_{k}", "rad" if axis == "psi" else "m", f"of the frame of unit {k} in the world")
             for axis in _AXES
             for k in units
         ],
-        outputs=[quantity(one, ground.at_start[one.name]) for one in ground_signals(ground.vehicle)],
-        parameters=[Quantity(_SEED, "-", "decides the roughness, a whole number", float(seed), 0.0, 2.0**53)],
+        outputs=[one._replace(start=ground.at_start[one.name]) for one in ground_signals(ground.vehicle)],
+        parameters=[Signal(_SEED, "-", "decides the roughness, a whole number", float(seed), 0.0, 2.0**53)],
         files=scenario_files(scenario, changes),
         notes=(
             "At the end of a step it gives the ground under the poses of the step's beginning. Communication steps are "
@@ -420,13 +418,13 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         kind="sensor",
         name=f"{scenario.name}_sensor",
         summary=f"off-tracking by {scenario.off_tracking} of offtrack, in the world of {scenario.name}",
-        inputs=[quantity(signal) for signal in truth_signals(vehicle)],
+        inputs=list(truth_signals(vehicle)),
         outputs=[
-            *(quantity(signal, NO_ESTIMATE.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
-            *map(quantity, readings),
-            Quantity("off_tracking_count", "-", "estimates so far"),
+            *(signal._replace(start=NO_ESTIMATE.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
+            *readings,
+            Signal("off_tracking_count", "-", "estimates so far"),
         ],
-        parameters=[Quantity(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
+        parameters=[Signal(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
         texts=[Text(_FRAMES, "folder for a recording of the stereo images, which must not exist yet; empty: none")],
         said=[Text(HASH, "SHA-256 of all images so far, as in the manifest of a run")],
         settings={_UNIT: unit},

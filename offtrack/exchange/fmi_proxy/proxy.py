@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple
 from urllib.parse import unquote
 
-from offtrack.exchange.fmi_export.plant_model import Exported, Quantity, Variable, common_files, rows, source_text
+from offtrack.exchange.fmi_export.plant_model import Exported, Variable, common_files, rows, source_text
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.results.run_inputs import run_inputs, write_inputs
@@ -30,8 +30,8 @@ from scenarios.results.run_inputs import run_inputs, write_inputs
 FORMAT: Final = 1  # of the description; another one is refused
 MODEL_FILE: Final = "model.json"
 _COMMON: Final = (
-    Quantity("start_timeout", "s", "longest time that the Python process may take to start", 120.0, 0.1, 1e5),
-    Quantity("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
+    Signal("start_timeout", "s", "longest time that the Python process may take to start", 120.0, 0.1, 1e5),
+    Signal("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
 )
 _PROCESS: Final = ("process.h", "process.c", "proxy.c")
 _LONGEST_NAME: Final = 60
@@ -56,9 +56,9 @@ class Proxy:
     kind: str  # by which its process knows what to open
     name: str
     summary: str
-    inputs: Sequence[Quantity]
-    outputs: Sequence[Quantity]  # with their values before the first step
-    parameters: Sequence[Quantity] = ()
+    inputs: Sequence[Signal]
+    outputs: Sequence[Signal]  # with their values before the first step
+    parameters: Sequence[Signal] = ()
     texts: Sequence[Text] = ()  # parameters
     said: Sequence[Text] = ()  # outputs
     settings: Mapping[str, Any] = field(default_factory=dict)  # for the process
@@ -92,7 +92,7 @@ class Proxy:
         )
 
     @property
-    def _all_parameters(self) -> list[Quantity]:
+    def _all_parameters(self) -> list[Signal]:
         return [*_COMMON, *self.parameters]
 
     @property
@@ -101,13 +101,13 @@ class Proxy:
 
     def _variables(self) -> tuple[Variable, ...]:
         """All variables with their references, as the C source counts them."""
-        texts, said = map(_quantity, self._all_texts), map(_quantity, self.said)
+        texts, said = map(_signal, self._all_texts), map(_signal, self.said)
         variables = [
-            *(Variable(quantity=one, causality="parameter", reference=0) for one in self._all_parameters),
-            *(Variable(quantity=one, causality="input", reference=0) for one in self.inputs),
-            *(Variable(quantity=one, causality="output", reference=0, held=True) for one in self.outputs),
-            *(Variable(quantity=one, causality="parameter", reference=0, text="") for one in texts),
-            *(Variable(quantity=one, causality="output", reference=0, text="", held=True) for one in said),
+            *(Variable(signal=one, causality="parameter", reference=0) for one in self._all_parameters),
+            *(Variable(signal=one, causality="input", reference=0) for one in self.inputs),
+            *(Variable(signal=one, causality="output", reference=0, held=True) for one in self.outputs),
+            *(Variable(signal=one, causality="parameter", reference=0, text="") for one in texts),
+            *(Variable(signal=one, causality="output", reference=0, text="", held=True) for one in said),
         ]
         return tuple(replace(one, reference=k) for k, one in enumerate(variables, start=1))
 
@@ -138,13 +138,8 @@ class Proxy:
         return json.dumps(content, indent=1).encode()
 
 
-def quantity(signal: Signal, start: float = 0.0) -> Quantity:
-    """A signal as a variable of the FMU."""
-    return Quantity(signal.name, signal.unit, signal.meaning, start)
-
-
-def _quantity(text: Text) -> Quantity:
-    return Quantity(text.name, "-", text.meaning)
+def _signal(text: Text) -> Signal:
+    return Signal(text.name, "-", text.meaning)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

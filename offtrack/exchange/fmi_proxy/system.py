@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, zipped
 from offtrack.exchange.fmi_export.plant_kinds import combination_model
-from offtrack.exchange.fmi_export.plant_model import Exported, Quantity, Variable, base_unit, exported_plant
+from offtrack.exchange.fmi_export.plant_model import Exported, Signal, Variable, base_unit, exported_plant
 from offtrack.exchange.fmi_import.numbered_signals import (
     estimate_signals,
     ground_signals,
@@ -107,7 +107,7 @@ class FmuSystem:
             one
             for one in variables
             if one.text is None
-            and (one.causality == "output" or (one.causality == "input" and one.quantity.name in inputs))
+            and (one.causality == "output" or (one.causality == "input" and one.signal.name in inputs))
         ]
 
 
@@ -167,8 +167,8 @@ def _plant(vehicle: Vehicle, starts: Mapping[str, float]) -> Exported:
     model = combination_model(vehicle)
     interface = model.interface
 
-    def started(quantity: Quantity) -> Quantity:
-        return quantity._replace(start=starts.get(quantity.name, quantity.start))
+    def started(one: Signal) -> Signal:
+        return one._replace(start=starts.get(one.name, one.start))
 
     changed = dataclasses.replace(
         interface,
@@ -214,14 +214,14 @@ def _of_law(vehicle: Vehicle, unit: int, own: str) -> list[Connection]:
 def _connectors(component: Element, variables: Iterable[Variable]) -> None:
     connectors = SubElement(component, _ssd("Connectors"))
     for one in variables:
-        connector = SubElement(connectors, _ssd("Connector"), name=one.quantity.name, kind=one.causality)
-        unit = one.quantity.unit
+        connector = SubElement(connectors, _ssd("Connector"), name=one.signal.name, kind=one.causality)
+        unit = one.signal.unit
         SubElement(connector, f"{{{_SSC}}}Real", {} if unit == "-" else {"unit": unit})
 
 
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     units = SubElement(root, _ssd("Units"))
-    for name in sorted({one.quantity.unit for one in variables} - {"-"}):
+    for name in sorted({one.signal.unit for one in variables} - {"-"}):
         unit, base = SubElement(units, f"{{{_SSC}}}Unit", name=name), base_unit(name)
         exponents = {} if base is None else {si: str(exponent) for si, exponent in base.exponents.items()}
         of_unit = SubElement(unit, f"{{{_SSC}}}BaseUnit", exponents)

@@ -208,14 +208,14 @@ def test_a_thousand_instances_leave_no_memory(fmus: dict[int, Path]) -> None:
 
 def test_every_unit_is_known(model: PlantModel) -> None:
     variables = model.interface.variables()
-    assert all(one.quantity.unit == "-" or base_unit(one.quantity.unit) for one in variables)
+    assert all(one.signal.unit == "-" or base_unit(one.signal.unit) for one in variables)
     assert base_unit("rad/(m/s2)") == base_unit("rad s2/m")
-    starts = {one.quantity.name: one.quantity for one in variables if one.quantity.low is not None}
+    starts = {one.signal.name: one.signal for one in variables if one.signal.low is not None}
     assert all(one.low is not None and one.low <= one.start for one in starts.values())
 
 
 def test_poses_follow_no_input_at_once_and_loads_follow_slopes(model: PlantModel, vehicle: Vehicle) -> None:
-    variables = {one.quantity.name: one for one in model.interface.variables()}
+    variables = {one.signal.name: one for one in model.interface.variables()}
     assert variables["x_1"].feed_through == ()
     commands = {variables[name].reference for name in ("steer", "acceleration", "gear")}
     assert all(not commands & set(one.feed_through) for one in variables.values())
@@ -279,7 +279,7 @@ def test_no_function_of_fmi_3_is_forgotten_and_none_is_there_twice() -> None:
 
 def test_every_axle_of_a_truck_has_inputs_for_torques(model: PlantModel, vehicle: Vehicle) -> None:
     """Of a drive and of a brake, besides the demand that the plant's own driveline shares out."""
-    given = {quantity.name: quantity.unit for quantity in model.interface.inputs}
+    given = {one.name: one.unit for one in model.interface.inputs}
     axles = range(1, 1 + sum(len(unit.axles) for unit in vehicle.units))
     names = [f"{kind}_torque_{k}" for kind in ("drive", "brake") for k in axles]
     assert [name for name in given if "torque" in name] == names
@@ -296,7 +296,7 @@ def test_only_a_truck_declares_a_fixed_internal_step(model: PlantModel) -> None:
 
 def test_a_rover_has_inputs_for_every_wheel() -> None:
     variables = plant_model("el_dorado_ii_skid", None, wind=False).interface.variables()
-    names = [one.quantity.name for one in variables]
+    names = [one.signal.name for one in variables]
     assert {"wheel_speed_demand_4", "ground_slope_x_4", "firm_4", "ground_height_4"} <= set(names)
     assert {"mass", "wheels.half_length", "start_psi"} <= set(names)
     assert len(names) == len(set(names))

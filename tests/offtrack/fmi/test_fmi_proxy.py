@@ -342,19 +342,19 @@ def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> N
     schema = etree.XMLSchema(etree.parse(Path(ssd.__file__).parent / "schema" / "SystemStructureDescription.xsd"))
     schema.assertValid(etree.fromstring(loop.description()))
     variables = {
-        (name, one.quantity.name): one for name, exported in loop.components.items() for one in exported.variables
+        (name, one.signal.name): one for name, exported in loop.components.items() for one in exported.variables
     }
     for one in loop.connections:
         source, target = variables[one.source, one.output], variables[one.target, one.input]
         assert (source.causality, target.causality) == ("output", "input")
-        assert source.quantity.unit == target.quantity.unit, one
+        assert source.signal.unit == target.signal.unit, one
     targets = [(one.target, one.input) for one in loop.connections]
     inputs = {key for key, one in variables.items() if one.causality == "input" and key[0] != "plant"}
     assert len(targets) == len(set(targets))
     assert inputs <= set(targets)
     assert ("plant", "steer_trailer_2") in targets
-    assert variables["plant", "friction_wheel_1"].quantity.start == 0.5
-    assert variables["plant", "start_speed"].quantity.start > 0.0
+    assert variables["plant", "friction_wheel_1"].signal.start == 0.5
+    assert variables["plant", "start_speed"].signal.start > 0.0
 
 
 def test_every_steered_trailer_has_its_sensor_and_law_and_the_plant_its_ground(loop: FmuSystem) -> None:
@@ -370,7 +370,7 @@ def test_every_steered_trailer_has_its_sensor_and_law_and_the_plant_its_ground(l
             assert sources[f"steer_trailer_{first + k}"] == (law, f"steer_demand_{k}")
     assert {one.source for one in loop.connections if one.target == "law_2"} == {"sensor_2"}
     starts, ground = (
-        {one.quantity.name: one.quantity.start for one in loop.components[name].variables if one.causality == causality}
+        {one.signal.name: one.signal.start for one in loop.components[name].variables if one.causality == causality}
         for name, causality in (("plant", "input"), ("ground", "output"))
     )
     assert ground.items() <= starts.items()
