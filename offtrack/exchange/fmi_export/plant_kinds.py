@@ -20,7 +20,7 @@ from offtrack.exchange.fmi_export.plant_model import (
     vector,
 )
 from offtrack.exchange.fmi_import.mapping import Signal, numbered
-from offtrack.exchange.fmi_import.numbered_signals import ground_signals, motion_signals
+from offtrack.exchange.fmi_import.numbered_signals import ground_signals, kind_of, motion_signals
 from offtrack.reports.vehicle_sheet.combination_sheet import is_rover
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
@@ -109,10 +109,7 @@ def combination_inputs(vehicle: Vehicle) -> list[Signal]:
         Signal("gear", "-", "1 forward, -1 backward; change it at a standstill; 0: as at the start", 1.0),
         *numbered("drive_torque", "N m", [f"of a further drive on {axle}, + forward" for axle in axle_names]),
         *numbered("brake_torque", "N m", [f"of a further brake on {axle}, not below 0" for axle in axle_names]),
-        *(
-            one._replace(start=_ROAD_FRICTION) if one.name.startswith("friction") else one
-            for one in ground_signals(vehicle)
-        ),
+        *(one._replace(start=_FRICTIONS.get(kind_of(one), 0.0)) for one in ground_signals(vehicle)),
     ]
 
 
