@@ -202,16 +202,33 @@ def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
         failures.append(f"{line}\n{traceback.format_exc()}")
 
 
-def finish_results(folder: Path, numbers: dict[str, Any], draw: Callable[[Path], object] | None) -> None:
-    """Draw the video of an estimation and write its summary; an interrupt of the video keeps everything else."""
-    if draw is not None:
-        try:
-            draw(folder / "video")
-        except KeyboardInterrupt:
-            numbers["outcome"] = "interrupted"
-    write_json(folder / "summary.json", numbers)
-    if numbers["outcome"] == "interrupted":
-        mark_interrupted(folder)
+def write_results(
+    directory: Path,
+    name: str,
+    log: Log,
+    numbers: dict[str, Any],
+    texts: Mapping[str, str],
+    film: Callable[[Path], object] | None,
+) -> None:
+    """Write the directory of an estimation: its log, its other files by name, video and summary.
+
+    An interrupt while the video is drawn keeps all other results and the part of the video that is finished.
+
+    Raises:
+        ValueError: if the directory exists and is not empty.
+    """
+    with appearing_at_once(directory) as folder:
+        write_log(log, folder / f"{name}.parquet")
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        if film is not None:
+            try:
+                film(folder / "video")
+            except KeyboardInterrupt:
+                numbers["outcome"] = "interrupted"
+        write_json(folder / "summary.json", numbers)
+        if numbers["outcome"] == "interrupted":
+            mark_interrupted(folder)
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
@@ -219,8 +236,17 @@ def write_json(path: Path, content: Mapping[str, object]) -> None:
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def csv_text(log: Log, cell: Callable[[Signal, float], str]) -> str:
-    """A log as CSV, whose column names end in the unit; ``cell`` writes a value of a signal."""
+def csv_text(log: Log, words: Mapping[float, str], formats: Mapping[str, str], other: str) -> str:
+    """A log as CSV: column names end in the unit, health is in words, missing values are empty.
+
+    ``formats`` are by the unit, ``other`` is that of all other units.
+    """
+
+    def cell(signal: Signal, value: float) -> str:
+        if signal.name.endswith("health"):
+            return words.get(value, "")
+        return format(value, formats.get(signal.unit, other)) if math.isfinite(value) else ""
+
     names = [one.name + ("" if one.unit == "-" else f"_{one.unit.replace('/', '_')}") for one in log.signals]
     rows = ([cell(*one) for one in zip(log.signals, row, strict=True)] for row in log.rows.tolist())
     return "".join(",".join(row) + "\n" for row in (names, *rows))

@@ -131,18 +131,12 @@ class FmuLaw(FmuPart, SteeringLaw[int]):
         if memory < 0 and instance.ticks > 0:
             instance.restart()
         memory = tick if memory < 0 else memory
-        while instance.ticks <= tick - memory:
-            given = _given(tick, off_tracking, signals, instance.used)
-            found = instance.step(instance.period, given)
+        if instance.ticks <= tick - memory:
+            estimate = estimate_values(tick, off_tracking, instance.used)
+            given = {"time": tick * TICK, **reading_values(signals), **estimate}
+            found = instance.until(tick - memory, given)
             self._command = np.array([found[f"steer_demand_{k}"] for k in range(1, self._n + 1)])
         return memory, SteerCommand(angles=self._command)
-
-
-def _given(
-    tick: int, off_tracking: OffTracking | None, signals: CombinationSignals, used: frozenset[str]
-) -> dict[str, float]:
-    """Inputs [SI] of the FMU."""
-    return {"time": tick * TICK, **reading_values(signals), **estimate_values(tick, off_tracking, used)}
 
 
 _AHEAD: Final = 60  # points of the path that an FMU can take, a metre apart
@@ -217,9 +211,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
         if instance.ticks > tick - start:
             return FmuDriverMemory(start, memory.station, pace), self._command
         station, signals = self._signals(memory.station, tick, ego)
-        found: dict[str, float] = {}
-        while instance.ticks <= tick - start:
-            found = instance.step(instance.period, signals)
+        found = instance.until(tick - start, signals)
         acceleration = found.get("acceleration", keeping.acceleration)
         self._command = DriverCommand(found["steer"], acceleration, found.get("gear", 1.0))
         return FmuDriverMemory(start, station, pace), self._command
@@ -323,10 +315,7 @@ class FmuOffTracking(FmuPart):
         Raises:
             FmuError: if the FMU fails, stalls, crashes or gives no finite number.
         """
-        found: dict[str, float] = {}
-        given = {"time": message.tick * TICK, **truth_values(message)}
-        while self._instance.ticks <= message.tick:
-            found = self._instance.step(self._instance.period, given)
+        found = self._instance.until(message.tick, {"time": message.tick * TICK, **truth_values(message)})
         if not found:
             return memory, None
         estimate = estimate_of(message.tick, {**self._unknown, **found})

@@ -33,7 +33,7 @@ from vehicle.combination.layout import steering_actuators, turned_axles
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, rotation_zyx
 
 if TYPE_CHECKING:
     from scenarios.assembly.adapters import PlantContext
@@ -234,7 +234,7 @@ class FmuPlant:
         bodies = []
         for k, (x, y, psi) in enumerate(poses.tolist()):
             motion = np.eye(4)
-            motion[:3, :3] = _turned(float(pitch[k]), float(roll[k]))
+            motion[:3, :3] = rotation_zyx(0.0, float(pitch[k]), float(roll[k]))
             unit = self._vehicle.units[k]
             pivot = np.array([unit.cg_x, 0.0, unit.roll_axis_height])
             motion[:3, 3] = pivot + np.array([0.0, 0.0, heave[k]]) - motion[:3, :3] @ pivot
@@ -287,12 +287,6 @@ def _velocities(poses: FloatArray, last: Truth | None, tick: int) -> FloatArray:
     heading = poses[:, 2] - 0.5 * turn
     c, s = np.cos(heading), np.sin(heading)
     return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn / time])
-
-
-def _turned(pitch: float, roll: float) -> FloatArray:
-    """Rotation (3, 3) by roll, then pitch."""
-    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
-    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 def _column(found: Mapping[str, float], name: str, count: int) -> FloatArray:

@@ -135,6 +135,19 @@ class FmuInstance:
         self.ticks += ticks
         return found
 
+    def until(self, tick: int, signals: Mapping[str, float]) -> dict[str, float]:
+        """Signals of its outputs after steps of its period with these inputs until its time is past ``tick``.
+
+        Empty if it is already.
+
+        Raises:
+            FmuError: if it fails, stalls, crashes or gives no finite number.
+        """
+        found: dict[str, float] = {}
+        while self.ticks <= tick:
+            found = self.step(self.period, signals)
+        return found
+
     def _called(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
         time, length = self.ticks * TICK, ticks * TICK
         request = self._step.pack(host.STEP, time, length, *self._map.values(signals))

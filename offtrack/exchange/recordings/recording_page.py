@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,12 +35,11 @@ from offtrack.reports.player.playback import (
     elapsed,
     health_spans,
 )
-from offtrack.reports.run_files import csv_text, finish_results, write_json
+from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
 from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress
-from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal, write_log
-from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
 from scenarios.results.run_summary import versions
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -74,7 +74,6 @@ _ROTATION_SIGNALS: Final = (
 )
 _DROPPED: Final = 3.0  # stands for a health
 _WORDS: Final = HEALTH_WORDS | {_DROPPED: "dropped"}
-_DIGITS: Final = {"-": 0, "rad": 8}  # in the table; of other units 6
 
 
 def estimate_log(estimation: Estimation) -> Log:
@@ -122,13 +121,9 @@ def table_text(log: Log) -> str:
     rows = log.rows.copy()
     healths = [k for k in shown if log.names[k].endswith("health")]
     rows[np.ix_(np.flatnonzero(log["dropped"]), np.array(healths))] = _DROPPED
-    return csv_text(Log(tuple(log.signals[k] for k in shown), rows[:, shown]), _cell)
-
-
-def _cell(signal: Signal, value: float) -> str:
-    if signal.name.endswith("health"):
-        return _WORDS.get(value, "")
-    return f"{value:.{_DIGITS.get(signal.unit, 6)}f}" if math.isfinite(value) else ""
+    return csv_text(
+        Log(tuple(log.signals[k] for k in shown), rows[:, shown]), _WORDS, {"-": ".0f", "rad": ".8f"}, ".6f"
+    )
 
 
 def write_estimation(
@@ -152,20 +147,21 @@ def write_estimation(
     """
     log = estimate_log(estimation)
     numbers = {**summary(estimation, log, odometry), "estimator": estimator, "agreement": agreement or {}}
-    with appearing_at_once(directory) as folder:
+    manifest = {"recording": numbers["recording"], "estimator": estimator, "odometry": odometry, "versions": versions()}
+    texts = {
+        "off_tracking.csv": table_text(log),
+        "report.html": report_page(estimation, log, numbers),
+        "manifest.json": json.dumps(manifest, indent=2) + "\n",
+    }
+    if estimation.states_motions or not estimation.frames:
         used = [k for k, frame in enumerate(estimation.frames) if not frame.dropped]
         times = [estimation.frames[k].files.time for k in used]
-        if estimation.states_motions or not estimation.frames:
-            (folder / "trajectory_tum.txt").write_text(tum_text(times, estimation.X_C0C[used]), encoding="utf-8")
-            (folder / "trajectory_kitti.txt").write_text(kitti_text(estimation.X_C0C), encoding="utf-8")
-        (folder / "off_tracking.csv").write_text(table_text(log), encoding="utf-8")
-        write_log(log, folder / "off_tracking.parquet")
-        (folder / "report.html").write_text(report_page(estimation, log, numbers), encoding="utf-8")
-        manifest = {"recording": numbers["recording"], "estimator": estimator, "odometry": odometry}
-        write_json(folder / "manifest.json", {**manifest, "versions": versions()})
-        drawn = video and len(log) > 1
-        film = (lambda path: write_video(estimation, log, path, progress=progress)) if drawn else None
-        finish_results(folder, numbers, film)
+        texts |= {
+            "trajectory_tum.txt": tum_text(times, estimation.X_C0C[used]),
+            "trajectory_kitti.txt": kitti_text(estimation.X_C0C),
+        }
+    film = (lambda path: write_video(estimation, log, path, progress=progress)) if video and len(log) > 1 else None
+    write_results(directory, "off_tracking", log, numbers, texts, film)
     return numbers
 
 

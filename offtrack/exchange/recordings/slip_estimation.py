@@ -19,13 +19,12 @@ from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict,
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Chart, Curve, Picture, Playback, PlayedRun, Reading, elapsed, health_spans
 from offtrack.reports.plots import chart_sections
-from offtrack.reports.run_files import csv_text, finish_results
+from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.progress import Progress, no_progress
 from scenarios.results import metrics
-from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal, write_log
+from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
 from scenarios.results.rover_result import trace_line
-from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 from scenarios.results.summary_numbers import number
 from vehicle.clock import TICK
@@ -246,14 +245,10 @@ def write_slip_estimation(
         ValueError: if the directory can not take it.
     """
     numbers = slip_summary(estimation)
-    with appearing_at_once(directory) as folder:
-        (folder / "slip.csv").write_text(table_text(estimation.log), encoding="utf-8")
-        write_log(estimation.log, folder / "slip.parquet")
-        (folder / "report.html").write_text(slip_page(estimation, numbers), encoding="utf-8")
-        drawn = video and len(estimation.log) > 1
-        finish_results(
-            folder, numbers, (lambda path: write_video(estimation, path, progress=progress)) if drawn else None
-        )
+    texts = {"slip.csv": table_text(estimation.log), "report.html": slip_page(estimation, numbers)}
+    drawn = video and len(estimation.log) > 1
+    film = (lambda path: write_video(estimation, path, progress=progress)) if drawn else None
+    write_results(directory, "slip", estimation.log, numbers, texts, film)
     return numbers
 
 
@@ -261,10 +256,4 @@ def table_text(log: Log) -> str:
     """The table as CSV: angles in degrees, empty where there is no value, health in words."""
     angles = [signal.unit == "rad" for signal in log.signals]
     signals = tuple(replace(one, unit="deg") if one.unit == "rad" else one for one in log.signals)
-    return csv_text(Log(signals, np.where(angles, np.degrees(log.rows), log.rows)), _cell)
-
-
-def _cell(signal: Signal, value: float) -> str:
-    if signal.name == "health":
-        return ROW_WORDS[value]
-    return f"{value:.6g}" if math.isfinite(value) else ""
+    return csv_text(Log(signals, np.where(angles, np.degrees(log.rows), log.rows)), ROW_WORDS, {}, ".6g")

@@ -23,6 +23,7 @@ from offtrack.exchange.fmi_export import fmu_writer
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import law_of, off_tracking_signals
+from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from offtrack.exchange.fmi_import.numbered_signals import (
     PATH_POINTS,
@@ -208,7 +209,7 @@ def test_signals_keep_an_estimate() -> None:
 class Clock:
     """In place of an FMU that steps by 10 ms and gives the beginning of its last step."""
 
-    period, used = 10, frozenset[str]()
+    period, used, until = 10, frozenset[str](), FmuInstance.until
 
     def __init__(self, *_: object) -> None:
         self.ticks = 0
