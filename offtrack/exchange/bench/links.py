@@ -7,7 +7,6 @@ received; any other message with a signal of offtrack is sent at every step of c
 from __future__ import annotations
 
 import errno
-import importlib.util
 import ipaddress
 import json
 import select
@@ -22,6 +21,7 @@ from offtrack.exchange.fmi_import.fmu_file import UNITS, Scale, fits
 from offtrack.exchange.fmi_import.fmu_parts import driver_inputs, driver_signals, law_signals
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
+from scenarios.extras import import_extra
 from scenarios.loop.bench import Demands, Link, Numbers, Sensed
 from sensors.messages import EgoState
 from vehicle.foundation.parameter_file import nearest
@@ -245,8 +245,7 @@ class CanLink:
         """
         self._text = f"--can {shown(text)}"
         given = self._keys(text)
-        if missing := [name for name in ("can", "cantools") if importlib.util.find_spec(name) is None]:
-            raise ValueError(f"--can needs the package {missing[0]}: pip install 'offtrack[hil]'")
+        self._can = import_extra("hil", "--can needs", "can", "cantools")
         self._file, self._messages = given["dbc"], _messages_of(given["dbc"])
         self._sent: list[tuple[Any, dict[str, _Field]]] = []
         self._received: dict[int, tuple[Any, dict[str, _Field]]] = {}
@@ -268,11 +267,9 @@ class CanLink:
         return given
 
     def _opened(self, interface: str, channel: str | None) -> Any:
-        import can
-
         try:
-            return can.Bus(channel=channel or "offtrack", interface=interface)
-        except (can.CanError, OSError, ValueError) as error:
+            return self._can.Bus(channel=channel or "offtrack", interface=interface)
+        except (self._can.CanError, OSError, ValueError) as error:
             raise ValueError(f"{self._text}: the bus can't be opened: {shown(str(error))}") from None
 
     def prepare(self, signals: Sequence[Signal], parts: Sequence[Demands]) -> None:
@@ -322,30 +319,26 @@ class CanLink:
 
     def send(self, tick: int, values: Mapping[str, float]) -> None:
         """Send all messages; a value beyond its signal's limits is sent as the limit."""
-        import can
-
         for message, fields in self._sent:
             numbers = {signal.name: 0.0 for signal in message.signals}
             for name, field in fields.items():
                 physical = (values.get(name, 0.0) - field.scale.offset) / field.scale.factor
                 numbers[name] = min(max(physical, field.low), field.high)
             data = message.encode(numbers, scaling=True, strict=False)
+            extended = message.is_extended_frame
+            frame = self._can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=extended)
             try:
-                self._bus.send(
-                    can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=message.is_extended_frame)
-                )
-            except can.CanError:  # a full queue: the next message is newer
+                self._bus.send(frame)
+            except self._can.CanError:  # a full queue: the next message is newer
                 continue
 
     def receive(self, timeout: float) -> list[Numbers | str]:
         """Messages with demands; all others are ignored."""
-        import can
-
         found: list[Numbers | str] = []
         for k in range(_MOST_FRAMES):
             try:
                 frame = self._bus.recv(timeout if k == 0 else 0.0)
-            except can.CanError:
+            except self._can.CanError:
                 break
             if frame is None:
                 break
@@ -373,12 +366,10 @@ def _messages_of(file: str) -> list[Any]:
     Raises:
         ValueError: one line, if it can't be read.
     """
-    import cantools
-
     path = Path(str(files("offtrack.exchange.bench") / "example.dbc")) if file == EXAMPLE else Path(file)
     content = read_bytes(path, DBC_FILE).decode("cp1252", errors="replace")  # the encoding of DBC files
     try:
-        database: Any = cantools.database.load_string(content, "dbc")
+        database = import_extra("hil", "--can needs", "cantools").database.load_string(content, "dbc")
     except Exception as error:  # of the parser, of any kind
         raise ValueError(f"{file} is no DBC file: {shown(' '.join(str(error).split()))}") from None
     return list(database.messages)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final, Protocol
 import numpy as np
 
 from scenarios.catalogue import Catalogue
-from scenarios.extras import check_extra
+from scenarios.extras import import_extra
 from scenarios.progress import Progress, no_progress
 from scenarios.results.atomic_files import check_new_file, replacing
 from scenarios.results.log import Log
@@ -128,12 +128,10 @@ class Mf4:
     def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
         """Write the file."""
         check_new_file(path)
-        check_extra("export", "MF4 needs", "asammdf")
-        from asammdf import MDF, Signal
-
+        asammdf = import_extra("export", "MF4 needs", "asammdf")
         time = np.ascontiguousarray(run.log[_TIME])
         channels = [
-            Signal(
+            asammdf.Signal(
                 samples=np.ascontiguousarray(run.log[signal.name]),
                 timestamps=time,
                 name=signal.name,
@@ -143,7 +141,7 @@ class Mf4:
             for signal in run.log.signals
             if signal.name != _TIME
         ]
-        with MDF(version="4.10") as file, replacing(path) as unfinished, unfinished.open("wb") as out:
+        with asammdf.MDF(version="4.10") as file, replacing(path) as unfinished, unfinished.open("wb") as out:
             file.append(channels, comment="offtrack")
             file.save(out, overwrite=True)
         return (path,)

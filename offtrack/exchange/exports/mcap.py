@@ -18,7 +18,7 @@ from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_se
 from offtrack.reports.film import rgb
 from offtrack.reports.player.playback import PALETTE, PlayedRun
 from offtrack.reports.run_files import KINDS
-from scenarios.extras import check_extra
+from scenarios.extras import import_extra
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.atomic_files import check_new_file, replacing
 from vehicle.foundation.polyline import rows_every
@@ -49,10 +49,8 @@ class Mcap:
         Raises:
             ValueError: one line, if the package is missing, the file exists, or the recording is no stereo recording.
         """
-        check_extra("export", "MCAP needs", "foxglove")
-        import foxglove.channels
-        import foxglove.messages
-
+        names = ("foxglove", "foxglove.channels", "foxglove.messages")
+        foxglove = import_extra("export", "MCAP needs", *names)
         check_new_file(path)
         log, sequence = run.log, None if run.images is None else find_sequence(run.images, None)
         scenario = load_any_scenario(str(run.scenario))

@@ -30,11 +30,11 @@ import numpy as np
 
 from estimators.calibration.rectification import Rectifier
 from offtrack.exchange.exports.catalogue import ExportedRun
-from offtrack.exchange.recordings.bags import FRAMES, RECORDING, SIDES
+from offtrack.exchange.recordings.bags import FRAMES, RECORDING, SIDES, humble_types
 from offtrack.exchange.recordings.camera_files import read_rig
 from offtrack.exchange.recordings.stereo_reader import read_projections
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
-from scenarios.extras import check_extra
+from scenarios.extras import import_extra
 from scenarios.image_file import read_grey
 from scenarios.results.atomic_files import check_new_file
 from scenarios.results.log import Log
@@ -120,20 +120,20 @@ class Rosbag2:
         Raises:
             ValueError: one line, if the package is missing, the folder exists, or the recording is no stereo recording.
         """
-        check_extra("export", "ROS 2 bags need", "rosbags")
+        rosbag2 = import_extra("export", "ROS 2 bags need", "rosbags.rosbag2")
         check_new_file(path)
         log, sequence = run.log, None if run.images is None else find_sequence(run.images, None)
         infos = None if sequence is None else camera_infos(sequence)
         units = _units(log)
-        from rosbags.rosbag2 import StoragePlugin, Writer
-
         # the writer names the file in the folder after the folder, so the unfinished bag has its name already
         unfinished = path.parent / f".{path.name}.{os.getpid()}.unfinished"
         shutil.rmtree(unfinished, ignore_errors=True)
         unfinished.mkdir()
         bag_file = unfinished / path.name
         try:
-            with Writer(bag_file, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as writer:
+            with rosbag2.Writer(
+                bag_file, version=rosbag2.Writer.VERSION_LATEST, storage_plugin=rosbag2.StoragePlugin.MCAP
+            ) as writer:
                 bag = _Bag(writer)
                 total = len(log) + (0 if sequence is None else len(sequence.frames))
                 for done in _write_log(bag, log, units):
@@ -157,9 +157,7 @@ class _Bag:
     """Topics of a bag and their messages."""
 
     def __init__(self, writer: Any) -> None:
-        from rosbags.typesys import Stores, get_typestore
-
-        self._writer, self._store = writer, get_typestore(Stores.ROS2_HUMBLE)
+        self._writer, self._store = writer, humble_types()
         self._connections: dict[str, Any] = {}
         self.types = self._store.types
 

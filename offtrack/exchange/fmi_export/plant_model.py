@@ -19,7 +19,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from offtrack.exchange.fmi_import.mapping import Signal
-from scenarios.extras import check_extra
+from scenarios.extras import import_extra
 from vehicle.engine.native import c_source, numbers_source
 from vehicle.engine.program import Entry, TapeProgram
 
@@ -208,10 +208,7 @@ def headers_folder() -> Path:
     Raises:
         ValueError: one line, if FMPy is not installed.
     """
-    check_extra("fmi", "offtrack fmu needs", "fmpy")
-    import fmpy
-
-    return Path(fmpy.__file__).parent / "c-code"
+    return Path(import_extra("fmi", "offtrack fmu needs", "fmpy").__file__).parent / "c-code"
 
 
 def source_text(name: str) -> str:
