@@ -162,10 +162,7 @@ DYNAMICS = TractorDynamics(
     cg_x=2.36,
     hitch_mass=10500.0,
     hitch_x=0.77,
-    axles=(
-        TractorAxle(3.8, 2.8e5, 0.5, trail=0.04, steer_ratio=1.0),
-        TractorAxle(0.0, 5.8e5, 0.5, trail=0.04),
-    ),
+    axles=(TractorAxle(3.8, 2.8e5, 0.5, trail=0.04, steer_ratio=1.0), TractorAxle(0.0, 5.8e5, 0.5, trail=0.04)),
 )
 LADEN = TractorGeometry(
     wheelbase=3.8, x_ref=5.2, y_ref=0.0, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1, dynamics=DYNAMICS

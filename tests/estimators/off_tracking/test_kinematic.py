@@ -10,7 +10,8 @@ import pytest
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.kinematic import KinematicOffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
-from sensors.messages import BodyPose, CombinationSignals
+from sensors.messages import BodyPose
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import Pose2, rotation_zyx, transform
 
@@ -48,14 +49,13 @@ def driven(
             yaw_rates.append(v[1] / AXLES[k])
             led.append(at)
         if tick % 20 == 0 and not gap[0] <= tick < gap[1]:
-            signals = CombinationSignals(
-                tick=tick,
+            signals = readings(
+                tick,
                 angles=np.zeros(3),
                 speed=SPEED * math.cos(slip),
                 steer=steer,
                 articulation=np.array([X_WT.psi - psi[0], psi[0] - psi[1]]),
                 yaw_rates=np.array(yaw_rates),
-                lateral_acceleration=0.0,
             )
             memory, told = estimator.step(memory, signals)
             if told is not None:

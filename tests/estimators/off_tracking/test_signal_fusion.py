@@ -68,9 +68,7 @@ def exact_of(drive: TowedDrive) -> dict[int, OffTracking]:
 
 
 def run(
-    drive: TowedDrive,
-    spoilt: Spoilt = as_it_is,
-    signals: Callable[[Messages], Messages] = all_of_them,
+    drive: TowedDrive, spoilt: Spoilt = as_it_is, signals: Callable[[Messages], Messages] = all_of_them
 ) -> dict[int, OffTracking]:
     """Estimates of a drive; ``spoilt`` changes a frame's motion. None: no frame arrives, and the next spans the gap."""
     fusion, path, results = FUSION.init(), BUFFER.init(), {}

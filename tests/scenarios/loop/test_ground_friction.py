@@ -134,10 +134,7 @@ def test_settings_out_of_range_are_refused_in_one_line(setting: str, words: list
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            ("radius = 2.0", "radus = 2.0"),
-            "unknown key 'surface.patches.0.radus'; did you mean",
-        ),
+        (("radius = 2.0", "radus = 2.0"), "unknown key 'surface.patches.0.radus'; did you mean"),
         (("heading_deg", "heding_deg"), "unknown key 'surface.patches.1.heding_deg'; did you mean"),
         (("friction = 0.15", "friction = 0.01"), "surface.patches.0.friction = 0.01 must be between 0.05 and 1.5"),
         (("length = 4.0", "length = 0.0"), "surface.patches.1.length = 0.0 m must be between 0.1 and"),

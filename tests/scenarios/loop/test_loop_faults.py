@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import offtrack
-from estimators.estimates import Health, OffTracking
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.applied_faults import trailer_faults
 from scenarios.assembly.rover_run import assemble_rover
@@ -31,25 +30,14 @@ from scenarios.loop_faults.fault_kinds import DemandLoss
 from scenarios.options.faults import FaultOptions
 from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario, load_scenario
+from tests.trailers import estimate
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
 STEP = 10  # [ticks]
-ESTIMATE = OffTracking(
-    tick=0,
-    value=0.1,
-    std=0.01,
-    health=Health.OK,
-    path=np.zeros((1, 2)),
-    hitch_direction=0.0,
-    hitch_direction_rate=0.0,
-    path_tangent=0.0,
-    v_x=5.0,
-    v_y=0.0,
-    yaw_rate=0.0,
-)
+ESTIMATE = estimate(0)
 VEHICLE = "uk_longer_semitrailer"  # two steered axles, each with an actuator
 
 
@@ -230,11 +218,7 @@ def assembled(name: str, *settings: str) -> Assembly:
         ("roundabout", "brake_fault:0.5,2,9", r"brake_fault: axle = 9: semitrailer has 3 axles"),
         ("constant-slip", "actuator_stuck", r"actuator_stuck needs a steered trailer; plant.kind = constant_slip"),
         ("constant-slip", "brake_fault", r"brake_fault needs plant.kind = multibody; constant_slip has brakes"),
-        (
-            "lane-change",
-            "actuator_dead",
-            r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered",
-        ),
+        ("lane-change", "actuator_dead", r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered"),
     ],
 )
 def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, settings: str, complaint: str) -> None:

@@ -136,10 +136,7 @@ def cut(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [emptied, cut])
 def test_a_damaged_file_is_made_anew(
-    folder: Path,
-    tractor_semitrailer: Vehicle,
-    caplog: pytest.LogCaptureFixture,
-    damage: Callable[[Path], None],
+    folder: Path, tractor_semitrailer: Vehicle, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
 ) -> None:
     """One warning names the file; the function is derived and stored again."""
     derive, bare = Derivation(), topology(tractor_semitrailer)

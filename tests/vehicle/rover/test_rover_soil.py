@@ -72,17 +72,6 @@ def test_steady_forces_are_the_integrated_stresses(soil: str) -> None:
     assert np.sum(force[:, :2], axis=0) == pytest.approx(rise, abs=1e-3 * weight)
 
 
-def test_climbing_costs_slip() -> None:
-    """Beach sand, level and up 5 and 10 degrees: slip grows with the slope, and stays below 1."""
-    slips = [
-        float(
-            driven(plant_on("beach_sand", Terrain(slope_x=math.tan(math.radians(deg)))), FORWARD, 10.0).slip_ratios[0]
-        )
-        for deg in (0.0, 5.0, 10.0)
-    ]
-    assert 0.0 < slips[0] < slips[1] < slips[2] < 1.0
-
-
 @pytest.mark.parametrize("soil", soil_names())
 def test_it_stands_on_a_sandy_slope_without_creeping(soil: str) -> None:
     """8 degrees are far below the friction angle of any soil; a model with slip from speeds alone would creep."""
@@ -160,15 +149,6 @@ def test_over_a_mound_the_nose_goes_up_and_down_again() -> None:
     assert min(climbs) < -0.15
     assert state[1:3] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert 3.0 < state[0] < 3.9
-
-
-def test_a_rover_across_a_mound_is_turned_downhill() -> None:
-    """Ground steeper than the mean plane pushes the uphill side down: the sign of the yaw moment."""
-    terrain = Terrain(mounds=(Mound(x=0.3, y=1.0, height=0.4, radius=1.5),), friction=0.3)
-    plant = RoverPlant(ROVER, terrain, None, "interpreted")
-    truth = driven(plant, FORWARD, 5.0)
-    assert truth.pose[1] < 0.0
-    assert truth.pose[2] != 0.0
 
 
 @pytest.mark.parametrize("soil", [None, "toyoura_sand"])
