@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import shlex
@@ -53,6 +52,7 @@ from offtrack.studies.tuning import (
     write_result,
 )
 from offtrack.studies.tuning_page import tuning_page
+from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
 from scenarios.results.atomic_files import check_new_file, replaced, replacing
@@ -107,7 +107,7 @@ def train(
         check_number("--seed", seed, 0, 2**31)
         check_number("--episodes", episodes, 1, 10_000)
         check_number("--threads", threads, 1, MOST_JOBS)
-        _check_extra()
+        check_extra("rl", "training needs", "stable_baselines3", "torch")
         if observation not in ("surrogate", "truth"):
             raise ValueError(f"--observation {observation}: must be surrogate or truth")
         import torch
@@ -156,7 +156,7 @@ def convert_policy(
     the extra rl.
     """
     with one_line_errors():
-        _check_extra()
+        check_extra("rl", "training needs", "stable_baselines3", "torch")
         from offtrack.environments.training.learner import saved_network
 
         written = out or model.with_suffix(".npz")
@@ -166,17 +166,6 @@ def convert_policy(
             save_network(network, file)
         layers = " x ".join(str(len(biases)) for biases in network.biases)
         typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
-
-
-def _check_extra() -> None:
-    """Check that the learner is installed.
-
-    Raises:
-        ValueError: one line that says how to install it.
-    """
-    for module in ("stable_baselines3", "torch"):
-        if importlib.util.find_spec(module) is None:
-            raise ValueError(f"training needs {module}; install it with: pip install 'offtrack[rl]'")
 
 
 def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
@@ -297,8 +286,7 @@ def tune(
         check_number("--trials", trials, 1, 100_000)
         check_number("--jobs", jobs, 1, MOST_JOBS)
         check_number("--seed", seed, 0, 2**31)
-        if importlib.util.find_spec("optuna") is None:
-            raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
+        check_extra("tune", "tuning needs", "optuna")
         from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
 
         subject = subject_of(scenario)

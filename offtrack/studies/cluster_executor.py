@@ -7,7 +7,6 @@ worker is lost is made by another one.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import logging
 import os
 import queue
@@ -25,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from offtrack.studies.case import Case
 from offtrack.studies.pool import Results, summary_file
+from scenarios.extras import check_extra
 from scenarios.processes import WorkerDiedError
 from scenarios.results.atomic_files import replacing
 from vehicle.foundation.parameter_file import nearest
@@ -56,7 +56,7 @@ def connected(scheduler: str) -> Iterator[Client]:
     Raises:
         ValueError: one line, if nobody answers.
     """
-    check_installed("distributed")
+    check_extra("cluster", "a Dask cluster needs", "distributed")
     from distributed import Client
 
     if not (scheduler.endswith(".json") or re.fullmatch(r"\w+://.+:\d+", scheduler)):
@@ -84,7 +84,7 @@ def queued(file: Path, jobs: int) -> Iterator[Client]:
     Raises:
         ValueError: one line, for a wrong file, or if no job can be submitted.
     """
-    check_installed("distributed", "dask_jobqueue")
+    check_extra("cluster", "a Dask cluster needs", "distributed", "dask_jobqueue")
     kind, keywords = job_queue(file)
     from distributed import Client
 
@@ -141,16 +141,6 @@ def job_queue(file: Path) -> tuple[str, dict[str, Any]]:
     if not isinstance(keywords, dict) or not all(isinstance(key, str) for key in keywords):
         raise ValueError(f"{file}: jobqueue.{kind} must be a table of cores, memory and so on")
     return kind, {key.replace("-", "_"): value for key, value in keywords.items()}
-
-
-def check_installed(*modules: str) -> None:
-    """Refuse to go on without the extra.
-
-    Raises:
-        ValueError: one line.
-    """
-    if any(importlib.util.find_spec(module) is None for module in modules):
-        raise ValueError("a Dask cluster needs further packages; install them with: pip install 'offtrack[cluster]'")
 
 
 @contextmanager

@@ -10,7 +10,6 @@ based sensitivity analysis of model output (first and total order as SALib has t
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +21,7 @@ from scipy.special import ndtri
 
 from offtrack.studies.case import MOST_CASES, Case, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity
+from scenarios.extras import check_extra
 from vehicle.foundation.quantity import Frozen
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
@@ -69,7 +69,7 @@ class Sensitivity(Frozen):
         Raises:
             ValueError: one line, if SALib is not installed.
         """
-        check_installed()
+        check_extra("sensitivity", "a sensitivity analysis needs", "SALib")
         from SALib.sample import morris, sobol
 
         if self.method == "morris":
@@ -158,16 +158,6 @@ def effects(design: Sensitivity, keys: Sequence[str], values: FloatArray) -> tup
 
 def _problem(keys: int) -> dict[str, Any]:
     return {"num_vars": keys, "names": [f"x{k}" for k in range(keys)], "bounds": [[0.0, 1.0]] * keys}
-
-
-def check_installed() -> None:
-    """Refuse to go on without the extra.
-
-    Raises:
-        ValueError: one line.
-    """
-    if importlib.util.find_spec("SALib") is None:
-        raise ValueError("a sensitivity analysis needs SALib; install it with: pip install 'offtrack[sensitivity]'")
 
 
 def analysis_json(analysis: Analysis, method: str) -> dict[str, Any]:

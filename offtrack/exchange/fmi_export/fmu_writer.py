@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from offtrack.exchange.fmi_export.plant_model import DISPLAY, Exported, PlantModel, Variable, base_unit, exported_plant
+from scenarios.extras import check_extra
 from scenarios.results.atomic_files import replacing
 from vehicle.engine.compiler import compiler, engine_name
 
@@ -195,8 +196,8 @@ def checked_platforms(names: Sequence[str], version: int, *, by_python: bool = F
             )
         if version == 2 and PLATFORMS[name].folder_2 is None:
             raise ValueError(f"--platform {name}: FMI 2 has no name for it; choose --fmi 3")
-        if name != "linux64" and not _has_zig():
-            raise ValueError(f"--platform {name}: needs Zig's compiler; install it with: pip install 'offtrack[zig]'")
+        if name != "linux64":
+            check_extra("zig", f"--platform {name} needs", "ziglang")
     if not _has_zig() and (compiler() is None or sys.platform != "linux" or os.uname().machine != "x86_64"):
         raise ValueError(
             f"offtrack fmu plant: no C compiler for linux64 ({engine_name()}); install gcc, or Zig's compiler with: "
