@@ -12,7 +12,8 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, zipped
 from offtrack.exchange.fmi_export.plant_kinds import combination_model
-from offtrack.exchange.fmi_export.plant_model import Exported, Signal, Variable, base_unit, exported_plant
+from offtrack.exchange.fmi_export.plant_model import Exported, Variable, base_unit, exported_plant
+from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
     estimate_signals,
     ground_signals,

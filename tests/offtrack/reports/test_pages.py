@@ -122,7 +122,7 @@ def run_html(run: RunResult) -> str:
 def rover_html(_: RunResult) -> str:
     rig = cast(TraceRig, SimpleNamespace(wheels=(SimpleNamespace(name=BAD, x=0.2, y=0.1),), watched=0,
                                          wheel_radius=0.1, wheel_width=0.1))  # fmt: skip
-    names = ["tick", "time", "x", "y", "x_wheels", "y_wheels", "x_corrected", "y_corrected", "station", "health",
+    names = ["tick", "time", "x", "y", "psi", "x_wheels", "y_wheels", "x_corrected", "y_corrected", "station", "health",
              "cross_track_true", "slip_angle_true", "slip_angle_estimate", "slip_angle_std", "slip_angle_lagged",
              "slip_angle_laser", f"slip_ratio_{BAD}", f"sinkage_{BAD}"]  # fmt: skip
     result = RoverResult(
