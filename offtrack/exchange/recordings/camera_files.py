@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from estimators.calibration.boards import BoardView, CameraCalibration, board_view
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
-from scenarios.image_file import read_grey_upright
+from scenarios.image_file import images_in, read_grey_upright
 from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.rig import StereoCalibration
@@ -223,9 +223,6 @@ def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFram
     return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(travel[along] > 0.0)]
 
 
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
-
-
 def photographs(given: Sequence[Path], right: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Left and right images in the order of their names; no right images for a single camera.
 
@@ -243,10 +240,7 @@ def _images(given: Sequence[Path]) -> list[Path]:
     images: list[Path] = []
     for path in given:
         if path.is_dir():
-            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES)
-            if not inside:
-                raise ValueError(f"{path} contains no images ({', '.join(_SUFFIXES)})")
-            images += inside
+            images += images_in(path)
         elif os.path.lexists(path):
             images.append(path)
         else:

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import tomli_w
 
-from scenarios.image_file import read_grey_upright
+from scenarios.image_file import images_in, read_grey_upright
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 from scenarios.table_file import Column, open_table
 from sensors.camera.lens import CameraModel, RawStereoRig
@@ -163,11 +163,7 @@ def open_rover_recording(directory: Path, rig_file: Path | None = None) -> Rover
     folder = directory / IMAGES
     if not folder.is_dir():
         raise ValueError(f"{directory}: the folder {IMAGES} is missing")
-    images = tuple(
-        sorted(path for path in folder.iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))
-    )
-    if not images:
-        raise ValueError(f"{folder} contains no images")
+    images = tuple(images_in(folder))
     rig = load_rig(rig_file or directory / RIG)
     readings = open_table(directory / READINGS).numbers(columns(rig))
     if len(readings) != len(images):
