@@ -349,7 +349,7 @@ def test_bad_links_are_refused_in_one_line(
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(ValueError, match=r"--can needs the package can: pip install 'offtrack\[hil\]'"):
+    with pytest.raises(ValueError, match=r"--can needs the extra 'hil': pip install 'offtrack\[hil\]'"):
         CanLink("dbc=example")
 
 
