@@ -242,9 +242,9 @@ class Film:
         for one in [one for one in self._playback.readings if one.signal in log][:_SHOWN]:
             known = log[one.signal][: row + 1]
             known = known[np.isfinite(known)]
-            unit = "" if one.unit == "-" else f" {one.unit}"
+            unit = one.unit if one.unit in ("", "°") else "" if one.unit == "-" else f" {one.unit}"
             value = f"{one.scale * known[-1]:z.{one.digits}f}{unit}" if known.size else "none"
-            readings.append((one.label, value, rgb(PALETTE[one.colour])))
+            readings.append((one.label.replace("σ", "std. dev."), value, rgb(PALETTE[one.colour])))
         return readings
 
 
