@@ -3,8 +3,6 @@
 Speed profiles of paths keep limits of lateral and longitudinal acceleration.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections.abc import Sequence
@@ -169,7 +167,7 @@ class SpeedProfile:
     speeds: FloatArray  # (n,) [m/s]
 
     @classmethod
-    def of(cls, path: Path, speed: float, max_lateral_acceleration: float, max_acceleration: float) -> SpeedProfile:
+    def of(cls, path: Path, speed: float, max_lateral_acceleration: float, max_acceleration: float) -> "SpeedProfile":
         """The fastest profile within ``speed`` [m/s] and both accelerations [m/s2].
 
         Raises:

@@ -19,8 +19,6 @@ The path ahead is known. Its optimal use is a weighted sum of the curvatures ahe
 curvature j periods ahead is -(R + B'P B)^-1 B' ((A - B K)')^j P E.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Builders take the tractor's front end and width [m]. The default entry holds the
 off-tracking of a long semitrailer needs; on the default exit the trailer leaves the turn completely.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -105,12 +103,7 @@ def roundabout(
 
 
 def figure_of_eight(
-    *,
-    front_x: float,
-    width: float,
-    radius: float = _RADIUS,
-    entry: float = _ENTRY,
-    exit: float = _EXIT,
+    *, front_x: float, width: float, radius: float = _RADIUS, entry: float = _ENTRY, exit: float = _EXIT
 ) -> Course:
     """A full circle to the left, then one to the right, with the outer front corner on the ``radius`` [m] in both.
 
@@ -238,10 +231,7 @@ def straight(*, front_x: float, length: float) -> Course:
 
 
 def _course(
-    reference: tuple[float, float],
-    segments: tuple[Segment, ...],
-    *,
-    surface_centre: tuple[float, float] | None = None,
+    reference: tuple[float, float], segments: tuple[Segment, ...], *, surface_centre: tuple[float, float] | None = None
 ) -> Course:
     path = Path(Pose2(reference[0], reference[1], 0.0), segments)
     return Course(

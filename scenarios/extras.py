@@ -1,7 +1,5 @@
 """Optional packages, which are installed with an extra of offtrack."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 from typing import Any

@@ -1,7 +1,5 @@
 """Images that a user gives: photograph and bitmap formats only, their size checked before they are decoded."""
 
-from __future__ import annotations
-
 import io
 import os
 import threading

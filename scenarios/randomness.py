@@ -1,7 +1,5 @@
 """Random streams: one integer seed per run, one named stream per consumer."""
 
-from __future__ import annotations
-
 from zlib import crc32
 
 import numpy as np

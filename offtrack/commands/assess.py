@@ -1,7 +1,5 @@
 """`offtrack vehicle`, `assess`, `validate` and `reproduce`: data sheets; comparison with standards, theory, papers."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import json
@@ -41,10 +39,10 @@ from offtrack.studies.reproduce.reproduction import (
     names_of,
     write_reproduction,
 )
-from offtrack.studies.standards.assessment import KINDS, OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
+from offtrack.studies.standards.assessment import OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
-from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
+from offtrack.studies.standards.proving_ground import KINDS, Conditions, Hand, steered_trailer
 from offtrack.studies.validation.check import Check, CheckSection, number, tally
 from offtrack.studies.validation.suite import TASKS, validation_page
 from scenarios.results.run_directory import (
@@ -68,8 +66,7 @@ def vehicle(
         typer.Argument(help="Vehicle or rover: a name or a TOML file. Without it, the known names are listed."),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N"),
+        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N")
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -87,7 +84,6 @@ def vehicle(
 
 
 def _list_vehicles(*, as_json: bool) -> None:
-
     known = known_vehicles()
     if as_json:
         typer.echo(json.dumps({name: summary for group in known.values() for name, summary in group.items()}, indent=2))
@@ -99,7 +95,6 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-
     with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
         sheet = open_sheet(name)
         write_sheet(sheet, directory)
@@ -160,13 +155,11 @@ def assess(
     manoeuvres: Annotated[
         str,
         typer.Option(
-            help="Manoeuvres of the list above, comma-separated, or all.",
-            show_default=", ".join(STANDARD_SET),
+            help="Manoeuvres of the list above, comma-separated, or all.", show_default=", ".join(STANDARD_SET)
         ),
     ] = "standard",
     loads: Annotated[
-        str,
-        typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all."),
+        str, typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all.")
     ] = "full",
     hand: Annotated[Hands, typer.Option(help="Side to which manoeuvres turn first.")] = "left",
     speed: Annotated[
@@ -226,7 +219,6 @@ def _words(text: str) -> list[str]:
 def _conditions(
     hand: Hands, speed: float | None, radius: float | None, friction: float | None
 ) -> tuple[Conditions, ...]:
-
     hands: dict[Hands, tuple[Hand, ...]] = {"left": ("left",), "right": ("right",), "both": ("left", "right")}
     metres_per_second = None if speed is None else speed / 3.6
     return tuple(Conditions(hand=one, speed=metres_per_second, radius=radius, friction=friction) for one in hands[hand])
@@ -260,7 +252,6 @@ def _matrix(matrix: AssessmentMatrix) -> Table:
 
 
 def _figures(assessment: Assessment) -> Table:
-
     columns = ("", "quantity", ">measured", ">linear theory")
     table = table_of(*columns, title=f"{assessment.vehicle.name}: measured")
     for manoeuvre in assessment.manoeuvres:
@@ -276,7 +267,6 @@ def _figures(assessment: Assessment) -> Table:
 
 
 def _levels(assessment: Assessment) -> Table:
-
     columns = ("quantity", ">measured", "reached", "limits", "standard")
     table = table_of(*columns, title=f"{assessment.vehicle.name}: limits of the standards")
     for judgement in assessment.judgements:
@@ -321,7 +311,6 @@ def validate(
 
 
 def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
-
     sections = []
     with progress_display(shown=shown) as progress:
         report = progress_bar(progress, "validation")
@@ -332,7 +321,6 @@ def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
 
 
 def _write_validation(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
-
     page = validation_page(sections, facts)
     with appearing_at_once(directory) as folder:
         (folder / "validation.html").write_text(page, encoding="utf-8")
@@ -365,7 +353,6 @@ def _finite(value: float | None) -> float | None:
 
 
 def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
-
     console = PlainConsole()
     for part in sections:
         _print_section(console, part)
@@ -393,7 +380,6 @@ def _print_section(console: PlainConsole, part: CheckSection) -> None:
 
 
 def _row(check: Check) -> tuple[str | Text, ...]:
-
     return (
         check.name + (f" ({check.remark})" if check.remark else ""),
         "-" if check.value is None else number(check.value, check.tolerance),
@@ -471,7 +457,6 @@ def _directory(out: Path | None, name: str, several: bool) -> Path | None:
 
 
 def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
-
     with progress_display(shown=shown) as display:
         return maker(name)(quick, progress_bar(display, name))
 

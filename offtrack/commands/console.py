@@ -1,7 +1,5 @@
 """Shared parts of the commands: one-line errors, exit codes, plain text on the terminal and progress bars."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -157,7 +155,7 @@ def printable(text: str) -> str:
 class LazyDisplay(ProgressDisplay):
     """A progress display that appears with the first progress; an unused one leaves no empty line."""
 
-    def __enter__(self) -> LazyDisplay:
+    def __enter__(self) -> "LazyDisplay":
         return self
 
     def __exit__(self, *_: object) -> None:

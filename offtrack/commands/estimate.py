@@ -1,7 +1,5 @@
 """`offtrack estimate` and `offtrack calibrate`: estimators on recorded images, cameras by photographs of a board."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -49,10 +47,8 @@ from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options
 from scenarios.progress import postponed_interrupts
 from scenarios.randomness import stream
-from scenarios.results.atomic_files import check_new_file, replaced
-from scenarios.results.run_directory import results_directory
-from sensors.camera.lens import RawStereoRig
-from sensors.camera.rig import StereoRig
+from scenarios.results.run_directory import check_new_file, replaced, results_directory
+from sensors.camera.rig import RawStereoRig, StereoRig
 from vehicle.foundation.quantity import check_number
 
 app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")

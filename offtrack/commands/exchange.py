@@ -1,27 +1,13 @@
 """`offtrack export`, `draw`, `view` and `fmu`: runs as files, drawings and pages; exchange of models by FMI."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import (
-    OneLineGroup,
-    Quiet,
-    lines,
-    one_line_errors,
-    progress_bar,
-    progress_display,
-)
-from offtrack.exchange.drawings import (
-    drawing,
-    driven_run,
-    formats_of,
-    write_drawing,
-)
+from offtrack.commands.console import OneLineGroup, Quiet, lines, one_line_errors, progress_bar, progress_display
+from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
@@ -35,8 +21,8 @@ from offtrack.reports.run_files import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
+from scenarios.results.run_directory import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 

@@ -1,7 +1,5 @@
 """`offtrack tune`, `train`, `convert-policy` and `fit-surrogate`: parameters, policies and error models from runs."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex
@@ -26,7 +24,6 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.environments import registry
-from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
 from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
     ENVIRONMENT,
@@ -52,10 +49,11 @@ from offtrack.studies.tuning import (
     write_result,
 )
 from offtrack.studies.tuning_page import tuning_page
+from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
+from scenarios.results.run_directory import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text
@@ -75,8 +73,7 @@ def train(
         str, typer.Option(help="Name of a vehicle or a TOML file; its last trailer is steered.")
     ] = "uk_longer_semitrailer",
     steps: Annotated[
-        int,
-        typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones."),
+        int, typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones.")
     ] = _DEFAULT_STEPS,
     minutes: Annotated[
         float | None, typer.Option(help="Time limit [min]; training ends earlier once all steps are done.")

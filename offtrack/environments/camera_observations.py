@@ -5,8 +5,6 @@ milliseconds, one trailer after the other. Use few trailers, to see what a polic
 belongs to the thread that resets and steps; do not fork a process that has one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Core of single and vector environments: n episodes at once; and checks of actions, seeds and options."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, Protocol, TypeVar

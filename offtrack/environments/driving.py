@@ -28,8 +28,6 @@ End: terminated on arrival (within 0.3 m and 5 deg; in a bay slower than 0.3 m/s
 Info: ``distance_m``, ``heading_error_deg``; ``outcome`` at the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import field

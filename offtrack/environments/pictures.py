@@ -1,7 +1,5 @@
 """Pictures of episodes for people; camera channels and their images as observations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor

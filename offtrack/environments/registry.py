@@ -7,8 +7,6 @@ env = gymnasium.make("offtrack/TrailerSteering-v0")
 many = gymnasium.make_vec("offtrack/TrailerSteering-v0", num_envs=1024)
 """
 
-from __future__ import annotations
-
 import copyreg
 import time
 from collections.abc import Callable, Sequence
@@ -42,7 +40,7 @@ from offtrack.environments.rover_options import RoverSteeringOptions
 from offtrack.environments.rover_steering import RoverSteering
 from offtrack.environments.trailer_steering import TrailerSteering, TrailerSteeringOptions
 from offtrack.reports.canvas import Picture
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 
 
 class Window:

@@ -1,7 +1,5 @@
 """Options and sensors of ``RoverSteering``: reward, ranges of episodes, features, camera and slip estimator."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
@@ -21,8 +19,7 @@ from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, curve, writ
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, of_kind
+from scenarios.options.scenario import RoverScenario, load_any_scenario, of_kind
 from scenarios.results.rover_result import trace_line
 from sensors.messages import GreyImage, RoverView
 from vehicle.engine.kernels import Engine

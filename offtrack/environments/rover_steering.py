@@ -42,8 +42,6 @@ truncated at the path's end, or after twice its nominal time.
 Info: ``cross_track``, ``cross_track_rms_m``, ``cross_track_max_m``, ``slip_angle`` (true); ``outcome`` at the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -56,8 +56,6 @@ Info: ``off_tracking`` [m] and the metrics of a run's ``summary.json`` so far: `
 turn; ``outcome`` at the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field

@@ -20,12 +20,11 @@ import numpy as np
 from scenarios.assembly.adapters import course_of, outlines, plant_vehicle, vehicle_of
 from scenarios.extras import check_extra, import_extra
 from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
-from scenarios.results.atomic_files import replacing
 from scenarios.results.log import Log, read_log
+from scenarios.results.run_directory import replacing
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
-from vehicle.foundation.polyline import arc_length, rows_every, sides
 from vehicle.foundation.user_file import FileKind, read_text, shown
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length, rows_every, sides
 
 SWEPT, ROAD, ROAD_CENTRE, COURSE, FRONT_AXLE, LAST_AXLE, WHEELS, NOTES = (
     "SWEPT_PATH",

@@ -16,8 +16,7 @@ from offtrack.reports.page import Photo, Stroke
 from offtrack.reports.player.playback import PALETTE, SERIES, Curve, Picture, Playback
 from scenarios.progress import Progress, no_progress
 from scenarios.results.swept_path import placed
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _TALLEST: Final = 480  # of a camera image [px]
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]

@@ -24,8 +24,7 @@ from offtrack.reports.page import Figure, Section
 from offtrack.reports.player.playback import PALETTE, Chart, Playback, PlayedRun
 from scenarios.results.swept_path import placed
 from scenarios.results.trailer_result import FrictionPicture
-from vehicle.foundation.polyline import arc_length, rows_every
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length, rows_every
 
 TRUE, ESTIMATED, GREY, INK = (PALETTE[name] for name in ("true", "estimated", "grey", "ink"))
 BAND, LOST_BAND, SWEPT, LIMIT = "#f9e3cf", "#f6d5d2", "#cfe0f1", "#b3261e"

@@ -43,15 +43,13 @@ from offtrack.reports.player.playback import Picture, Playback, rover_playback, 
 from offtrack.reports.sections import changes, groups, number_table, scenario_facts
 from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
 from scenarios.assembly.rover_run import rover_path
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
 from scenarios.results.run_inputs import write_inputs
-from scenarios.results.run_summary import Result, manifest, versions
-from scenarios.results.summary_numbers import Timing, number_at
+from scenarios.results.run_summary import Result, Timing, manifest, number_at, versions
 from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle

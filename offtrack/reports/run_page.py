@@ -22,11 +22,10 @@ from offtrack.reports.sections import (
     timing_section,
 )
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import manifest
-from scenarios.results.summary_numbers import Summary
+from scenarios.results.run_summary import Summary, manifest
 from scenarios.results.trailer_result import CameraFrame, RunResult, trailer_summaries
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
+from vehicle.frames import arc_length
 
 _ON_CARDS: Final = (
     "off_tracking.true_rms_m",

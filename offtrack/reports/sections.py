@@ -23,10 +23,10 @@ from offtrack.reports.page import (
     facts_table,
     outcome_verdict,
 )
-from scenarios.options.faults import FaultOptions
 from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.options.tables import FaultOptions
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.summary_numbers import Summary, Timing
+from scenarios.results.run_summary import Summary, Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.foundation.user_file import shown
 

@@ -26,9 +26,8 @@ from offtrack.studies.case import Case
 from offtrack.studies.pool import Results, summary_file
 from scenarios.extras import check_extra
 from scenarios.processes import WorkerDiedError
-from scenarios.results.atomic_files import replacing
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import FileKind, read_text, shown
+from scenarios.results.run_directory import replacing
+from vehicle.foundation.user_file import FileKind, nearest, read_text, shown
 
 if TYPE_CHECKING:
     from distributed import Client, Future

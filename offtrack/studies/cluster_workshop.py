@@ -33,7 +33,7 @@ from offtrack.studies.case import Case, identities, installed
 from offtrack.studies.pool import is_saved, run_case
 from scenarios.loop.runner import KINDS
 from scenarios.processes import SpareWorkers
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from scenarios.results.run_inputs import MAP_SUFFIX, is_file, named_modules, texts, with_texts
 from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import shown

@@ -28,8 +28,8 @@ from offtrack.studies.case import (
 from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
-from scenarios.results.atomic_files import digest, replacing
 from scenarios.results.log import write_log
+from scenarios.results.run_directory import digest, replacing
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _PROVENANCE = "made"  # key of the provenance

@@ -23,7 +23,7 @@ from offtrack.studies.study import FILE, Study
 from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.study_page import finished_runs_page, names_of_runs, page_link, sensitivity_csv, study_page
 from offtrack.studies.table import QUANTITIES, Row, rows_of, shown_quantities, table_csv
-from scenarios.results.atomic_files import replaced, replacing, unfinished_files, user_of
+from scenarios.results.run_directory import replaced, replacing, unfinished_files, user_of
 from vehicle.foundation.user_file import FileKind, read_text
 
 

@@ -18,9 +18,8 @@ from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
 from scenarios.options.scenario import load_any_scenario
-from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
 from vehicle.foundation.quantity import Frozen
-from vehicle.foundation.user_file import FileType, shown
+from vehicle.foundation.user_file import FileType, nearest, parsed_toml, read_toml, shown
 
 STUDY_FILE: Final = FileType("a study file", 2_000_000)
 

@@ -16,11 +16,10 @@ from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
 from offtrack.reports.run_files import KINDS, MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
-from scenarios.results.atomic_files import replaced
 from scenarios.results.log import read_log
+from scenarios.results.run_directory import replaced
 from vehicle.combination.description import load_vehicle
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 # apart for colour-blind readers, after Okabe and Ito
 _COLOURS: Final = ("#e0761a", "#1f5fa8", "#12935f", "#c2459c", "#7a5195", "#b8860b", "#4fa3d1", "#a33b2b", "#5b6673")

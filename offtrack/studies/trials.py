@@ -36,7 +36,7 @@ from scenarios.extras import check_extra
 from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
 
 JOURNAL: Final = "journal.log"

@@ -1,7 +1,5 @@
 """Faults of a scenario at work: on sensors, in the loop of each trailer, and in the brakes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -17,7 +15,7 @@ from scenarios.loop_faults.fault import (
     LoopFaultKind,
     MessageFault,
 )
-from scenarios.options.faults import FaultOptions
+from scenarios.options.tables import FaultOptions
 from sensors.faults.fault import Fault
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
@@ -116,7 +114,7 @@ def refuse_loop_faults(faults: Iterable[FaultOptions], who: str) -> None:
         raise ValueError(f"faults: {fault.name} acts on the steering or the brakes of a run's trailer; {who} has none")
 
 
-def with_failing_brakes(scenario: Scenario, vehicle: Vehicle, plant: str) -> Vehicle:
+def with_failing_brakes(scenario: "Scenario", vehicle: Vehicle, plant: str) -> Vehicle:
     """The simulated vehicle, with inputs for shares of brake torque if a fault of the scenario needs them.
 
     Raises:
@@ -133,7 +131,9 @@ def with_failing_brakes(scenario: Scenario, vehicle: Vehicle, plant: str) -> Veh
     return vehicle
 
 
-def opened_brake_faults(scenario: Scenario, vehicle: Vehicle, rng: Callable[[str], np.random.Generator]) -> BrakeFaults:
+def opened_brake_faults(
+    scenario: "Scenario", vehicle: Vehicle, rng: Callable[[str], np.random.Generator]
+) -> BrakeFaults:
     """The scenario's faults of brakes, for the simulated vehicle.
 
     Raises:
@@ -150,7 +150,7 @@ def opened_brake_faults(scenario: Scenario, vehicle: Vehicle, rng: Callable[[str
 
 
 def opened_trailer_faults(
-    scenario: Scenario, vehicle: Vehicle, unit: int, plant: str, rng: Callable[[str], np.random.Generator]
+    scenario: "Scenario", vehicle: Vehicle, unit: int, plant: str, rng: Callable[[str], np.random.Generator]
 ) -> TrailerFaults:
     """The scenario's faults in the loop of one trailer, a ``unit`` of the simulated vehicle.
 

@@ -4,8 +4,6 @@
 classes in ``message_kinds`` and ``image_kinds`` define most of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,8 +11,7 @@ from typing import ClassVar, Final, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from sensors.camera.lens import CameraModel
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import CameraModel, StereoCalibration
 from sensors.messages import Message, Sensor, Stamped, message_type
 from vehicle.clock import to_ticks
 from vehicle.option import Option

@@ -1,7 +1,5 @@
 """Fault kinds of images: those of any camera, and those of the right camera of a stereo pair."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar, cast
@@ -9,16 +7,8 @@ from typing import ClassVar, cast
 import cv2
 import numpy as np
 
-from sensors.camera.image_formation import (
-    STILL,
-    Twist,
-    behind_dirt,
-    dirt_layer,
-    glare_veil,
-    moved,
-    twist_between,
-)
-from sensors.camera.lens import mount_rotation
+from sensors.camera.image_formation import STILL, Twist, behind_dirt, dirt_layer, glare_veil, moved, twist_between
+from sensors.camera.rig import mount_rotation
 from sensors.faults.fault import FaultContext, Pinhole, T
 from sensors.messages import GreyImage, Message, Sensor, image_fields
 from vehicle.clock import TICK, to_ticks

@@ -3,8 +3,6 @@
 The latter act on the signals of one trailer: its hitch is the one at its front, its gyro the one on its body.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections import deque

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -124,14 +123,6 @@ def test_standing_still_is_survived(motion: dict[str, float]) -> None:
     _, command = driver.step(driver.init(), 0, ego(**motion))
     assert math.isfinite(command.steer)
     assert math.isfinite(command.acceleration)
-
-
-def test_driver_and_memory_can_be_pickled() -> None:
-    """Runs travel to other processes, and go on there as they would have here."""
-    driver = PreviewDriver(TRACTOR, PATH, 2.8)
-    memory, _ = driver.step(driver.init(), 0, ego(v_x=2.8))
-    copy, memory_copy = pickle.loads(pickle.dumps((driver, memory)))
-    assert copy.step(memory_copy, 20, ego(20, v_x=2.8)) == driver.step(memory, 20, ego(20, v_x=2.8))
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,7 @@ from sensors.faults.fault import Fault, with_faults
 from sensors.faults.image_kinds import Dirt
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
-from sensors.world.shapes import box
-from sensors.world.things import Part, Thing
+from sensors.world.things import Part, Thing, box
 from sensors.world.world import World, build_world
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform

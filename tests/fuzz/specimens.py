@@ -21,13 +21,14 @@ import offtrack.exchange.bench
 import scenarios
 import vehicle
 from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
+from scenarios.processes import each_in_a_worker
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import nominal_rig
 from tests.fmus.models import proportional_law
 from tests.fuzz.case import Case
+from tests.fuzz.child import result_of
 from tests.open_drive import crossing
 from vehicle.frames import transform
 from vehicle.rover.description import load_rover
@@ -180,13 +181,12 @@ def _results(folder: Path) -> None:
 def _study(folder: Path) -> None:
     """A finished study and a finished tuning, which their commands continue."""
     from tests.fuzz.files import STUDY, TUNING
-    from tests.fuzz.pool import Child
 
-    with Child(folder) as child:
-        for command in (STUDY, TUNING):
-            tried = child.try_(Case(kind="specimen", command=command, steps=1_000_000), folder)
-            if tried.result.code != 0:
-                raise RuntimeError(f"{tried.case.title()}: {tried.result.err}")
+    for command in (STUDY, TUNING):
+        case = Case(kind="specimen", command=command, steps=1_000_000)
+        ((_, done),) = each_in_a_worker(result_of, {"": (case, folder)}, jobs=1)
+        if isinstance(done, BaseException) or done.code != 0:
+            raise RuntimeError(f"{case.title()}: {done}")
 
 
 SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {

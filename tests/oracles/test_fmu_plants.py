@@ -22,10 +22,10 @@ from fmpy.validation import validate_fmu
 from offtrack.exchange.fmi_export.fmu_writer import PLATFORMS, library_path, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from tests.fmus.plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
+from vehicle.combination.chain import smooth_ground_sizes
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
-from vehicle.combination.truth_vectors import smooth_ground_sizes
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, rover_names

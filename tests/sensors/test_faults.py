@@ -14,8 +14,7 @@ import pytest
 
 from scenarios.assembly.trailer_run import assemble
 from scenarios.options.scenario import load_scenario
-from sensors.camera.lens import CameraModel, mount_rotation
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import CameraModel, StereoRig, mount_rotation
 from sensors.faults.fault import FAULTS, Fault, FaultContext, FaultKind, Pinhole, T, checked_kind, defaults, with_faults
 from sensors.faults.image_kinds import ImageFault
 from sensors.faults.message_kinds import AnySensorFault

@@ -9,7 +9,7 @@ import pytest
 
 from sensors.camera.rig import StereoCalibration, ground_watching_pair
 from sensors.messages import ColourImage
-from sensors.world.reformed_ground import ReformedGround
+from sensors.world.world import ReformedGround
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 

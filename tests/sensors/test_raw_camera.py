@@ -21,8 +21,7 @@ from sensors.camera.image_formation import (
     moved,
     twist_between,
 )
-from sensors.camera.lens import UNDISTORTED, RawStereoRig, mount_rotation
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import UNDISTORTED, RawStereoRig, StereoRig, mount_rotation
 from sensors.camera.stereo_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.render import StereoRenderer
 from sensors.world.world import World

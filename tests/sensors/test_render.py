@@ -17,8 +17,7 @@ from sensors.camera.image_formation import grey
 from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
-from sensors.world.shapes import box
-from sensors.world.things import Part, Thing
+from sensors.world.things import Part, Thing, box
 from sensors.world.world import World
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface

@@ -3,8 +3,6 @@
 The order of the fields is the order in the vector, so that no index appears in the code.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import accumulate, pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -142,7 +140,7 @@ class Chain(NamedTuple):
     actuators: tuple[Steering, ...]  # of the steering, front to rear
 
     @classmethod
-    def of(cls, vehicle: Vehicle) -> Chain:
+    def of(cls, vehicle: Vehicle) -> "Chain":
         """Lists of a vehicle, whose numbers may be symbols."""
         return cls(
             vehicle=vehicle,

@@ -9,8 +9,6 @@ Trailer actuators are numbered as units are; the input "steer" turns all steered
 point is straight running at constant speed on level ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,7 +23,7 @@ from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.tyres import Num
 

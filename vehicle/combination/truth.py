@@ -11,8 +11,6 @@ matters only where the bank changes along the path, or turns with it.
 The true off-tracking, exact reference poses and the estimates from motions of the body all mean these points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

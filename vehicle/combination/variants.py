@@ -14,8 +14,6 @@ underscores); axles have an index and the names of their bogie and steer group. 
 Absolute values are set first, then scales multiply. Loads and brake shares follow from the changed numbers.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,8 +22,8 @@ from typing import Any, Final, TypeAlias
 
 from vehicle.combination.description import Vehicle, vehicle_from
 from vehicle.combination.unit import MassProperties, Unit, without
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import Frozen, checked, quantity
+from vehicle.foundation.user_file import nearest
 
 FULL: Final = "full"
 LOADS: Final = {"unladen": 0.0, "half": 0.5, FULL: 1.0}  # load case and its share of the payload
@@ -58,11 +56,7 @@ def with_load(vehicle: Vehicle, case: str) -> Vehicle:
 
 
 def _lightened(unit: Unit, removed: float, key: str) -> Unit:
-    """The unit without the share ``removed`` of its payload, which is no part of it any more.
-
-    Raises:
-        ValueError: one line, if no body is left.
-    """
+    """The unit without the share ``removed`` of its payload, which is no part of it any more."""
     assert unit.payload is not None
     if unit.payload.mass >= unit.mass:
         raise ValueError(

@@ -1,7 +1,5 @@
 """Simulated rover: its equations integrated over whole ticks, and its posture on the terrain."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -127,7 +125,7 @@ class RoverPlant:
         self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
 
-    def __reduce__(self) -> tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]:
+    def __reduce__(self) -> "tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]":
         return (
             RoverPlant,
             (self._rover, self._terrain, self._soil, self._engine),

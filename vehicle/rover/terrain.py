@@ -1,7 +1,5 @@
 """Ground that a rover drives on: slope, mounds, a map of heights, and firm patches."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from pathlib import Path

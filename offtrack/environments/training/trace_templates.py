@@ -4,8 +4,6 @@ A rover crosses simulated sand with a wheel slip that sweeps from one side to th
 at two heights; two passes are in shade. The seeds differ from those of all evaluation sequences.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator, Sequence

@@ -24,8 +24,7 @@ from offtrack.exchange.fmi_import.numbered_signals import estimate_values, readi
 from scenarios.extras import import_extra
 from scenarios.loop.bench import Demands, Link, Numbers, Sensed
 from sensors.messages import EgoState
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import FileType, read_bytes, reason, shown
+from vehicle.foundation.user_file import FileType, nearest, read_bytes, reason, shown
 
 if TYPE_CHECKING:
     from scenarios.assembly.trailer_run import Assembly

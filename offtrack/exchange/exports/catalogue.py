@@ -16,8 +16,8 @@ import numpy as np
 from scenarios.catalogue import Catalogue
 from scenarios.extras import import_extra
 from scenarios.progress import Progress, no_progress
-from scenarios.results.atomic_files import check_new_file, replacing
 from scenarios.results.log import Log
+from scenarios.results.run_directory import check_new_file, replacing
 
 EXPORT: Final = Catalogue(
     {

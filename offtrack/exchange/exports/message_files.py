@@ -42,11 +42,10 @@ from offtrack.reports.run_files import KINDS
 from scenarios.extras import import_extra
 from scenarios.image_file import read_grey
 from scenarios.options.scenario import load_any_scenario
-from scenarios.results.atomic_files import check_new_file, replacing
 from scenarios.results.log import Log
-from sensors.camera.lens import CameraModel, load_raw_rig
-from vehicle.foundation.polyline import rows_every
-from vehicle.frames import FloatArray
+from scenarios.results.run_directory import check_new_file, replacing
+from sensors.camera.rig import CameraModel, load_raw_rig
+from vehicle.frames import FloatArray, rows_every
 
 WORLD: Final = "W"
 _FRAME_PERIOD: Final = 0.02  # of poses [s]

@@ -20,7 +20,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from offtrack.exchange.fmi_export.plant_model import DISPLAY, Exported, PlantModel, Variable, base_unit, exported_plant
 from scenarios.extras import check_extra
-from scenarios.results.atomic_files import replacing
+from scenarios.results.run_directory import replacing
 from vehicle.engine.compiler import compiler, engine_name
 
 _STATES: Final = {2: "FMUstate", 3: "FMUState"}

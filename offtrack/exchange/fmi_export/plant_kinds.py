@@ -23,6 +23,7 @@ from offtrack.exchange.fmi_import.mapping import Signal, numbered
 from offtrack.exchange.fmi_import.numbered_signals import ground_signals, kind_of, motion_signals
 from offtrack.reports.vehicle_sheet.combination_sheet import is_rover
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, WheelTruth, kinematics_sizes, smooth_ground_sizes, wheel_truth_sizes
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import (
     body_function,
@@ -41,13 +42,6 @@ from vehicle.combination.layout import (
     parts,
     slices,
     state_sizes,
-)
-from vehicle.combination.truth_vectors import (
-    Kinematics,
-    WheelTruth,
-    kinematics_sizes,
-    smooth_ground_sizes,
-    wheel_truth_sizes,
 )
 from vehicle.engine.program import TapeProgram, program_of
 from vehicle.rover.description import Rover, Soil, load_rover, load_soil

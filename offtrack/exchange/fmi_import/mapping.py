@@ -12,8 +12,7 @@ from typing import Any, Final, NamedTuple
 from offtrack.exchange.fmi_import.fmu_file import UNITS, FmuFile, Scale, Variable, declared_scale, fits
 from scenarios.results.run_inputs import MAP_SUFFIX
 from vehicle.clock import TICK
-from vehicle.foundation.parameter_file import nearest, read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileKind, nearest, read_toml, shown
 
 PERIOD: Final = 0.01  # of a step, where neither map nor FMU says [s]
 TIMEOUT: Final = 10.0  # longest time that a step may take [s]

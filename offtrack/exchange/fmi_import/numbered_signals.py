@@ -12,12 +12,12 @@ from estimators.estimates import Health, OffTracking
 from offtrack.exchange.fmi_import.mapping import Signal, numbered
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, SmoothGround, kinematics_sizes, smooth_ground_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices, wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import Kinematics, SmoothGround, kinematics_sizes, smooth_ground_sizes
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 

@@ -15,7 +15,7 @@ import numpy as np
 from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
 from controllers.trailer import Combination
-from controllers.trailer_steering.guard import Degradation
+from controllers.trailer_steering.safeguarded import Degradation
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
@@ -66,7 +66,7 @@ from scenarios.loop.channel import CONTROL, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.options.scenario import Scenario
-from scenarios.options.vehicle_and_driver import DriverOptions
+from scenarios.options.tables import DriverOptions
 from sensors.messages import EgoState
 from vehicle.clock import TICK, Schedule, to_ticks
 from vehicle.combination.description import Vehicle

@@ -19,8 +19,7 @@ import numpy as np
 from scenarios.extras import import_extra
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import MAX_FRAMES, MAX_PIXELS, shown
+from vehicle.foundation.user_file import MAX_FRAMES, MAX_PIXELS, nearest, shown
 from vehicle.frames import FloatArray
 
 SIDES: Final = ("left", "right")

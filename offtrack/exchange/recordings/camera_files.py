@@ -25,9 +25,8 @@ from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from vehicle.foundation.parameter_file import nearest, read_toml, without_sources
 from vehicle.foundation.quantity import checked
-from vehicle.foundation.user_file import FileKind
+from vehicle.foundation.user_file import FileKind, nearest, read_toml, without_sources
 from vehicle.frames import R_BODY_CAMERA, FloatArray, is_rotation, rotation_zyx, transform
 
 Facing = Literal["rear", "left", "right", "front", "down"]

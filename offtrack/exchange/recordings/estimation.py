@@ -34,8 +34,8 @@ from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream as random_stream
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
+from scenarios.results.run_summary import number
 from scenarios.results.run_warnings import calibration_warnings
-from scenarios.results.summary_numbers import number
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import BodyPose, StereoFrame
 from vehicle.clock import TICK

@@ -25,8 +25,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
 from scenarios.results.rover_result import trace_line
-from scenarios.results.run_summary import versions
-from scenarios.results.summary_numbers import number
+from scenarios.results.run_summary import number, versions
 from vehicle.clock import TICK
 
 _DROPPED: Final = 3.0

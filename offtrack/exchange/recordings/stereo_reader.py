@@ -25,8 +25,7 @@ from offtrack.exchange.recordings.stereo_sequence import (
     image_size,
     stream,
 )
-from sensors.camera.lens import load_raw_rig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, load_raw_rig
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
 from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform

@@ -25,14 +25,12 @@ import tomli_w
 
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
-from scenarios.table_file import Column, open_table
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration
 from sensors.messages import GreyImage, RoverView, StereoFrame
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
-from vehicle.foundation.parameter_file import read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.data_file import Column, open_table
+from vehicle.foundation.user_file import FileKind, read_toml, shown
 from vehicle.frames import FloatArray, inverse, is_rotation
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.rover.truth import RoverTruth

@@ -21,8 +21,7 @@ from scenarios.results.rover_result import RoverResult, trace_lines
 from scenarios.results.swept_path import UnitOutline, placed
 from scenarios.results.trailer_result import CameraFrame, FrictionPicture, RunResult
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import sides
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, sides
 
 Colour = Literal["true", "estimated", "grey", "ink", "third", "fourth", "fifth", "sixth", "ok", "degraded", "lost"]
 PALETTE: Final[Mapping[Colour, str]] = {  # apart for colour-blind readers too

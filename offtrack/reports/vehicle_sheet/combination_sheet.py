@@ -29,9 +29,9 @@ from offtrack.reports.vehicle_sheet.sheet import (
 )
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitSheet, data_sheet, handling_at
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names, vehicle_sources
-from vehicle.combination.longitudinal import Capability, longitudinal_capability
+from vehicle.combination.handling import Capability, longitudinal_capability
 from vehicle.combination.variants import FULL, load_cases, with_load
-from vehicle.foundation.parameter_file import read_toml
+from vehicle.foundation.user_file import read_toml
 from vehicle.rover.description import load_rover, rover_names
 
 _LARGEST_SCALE: Final = 0.85  # [in/m]; a short truck does not fill the sheet

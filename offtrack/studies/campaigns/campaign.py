@@ -18,9 +18,8 @@ from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.draws import Sample, Stop, read_draws
 from offtrack.studies.study import STUDY_FILE, Study, dotted, text_of_value, typed_value
 from offtrack.studies.table import Exceeding
-from vehicle.foundation.parameter_file import nearest, read_toml
 from vehicle.foundation.quantity import Frozen, checked
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, read_toml, shown
 
 FILE: Final = "campaign.toml"
 FAULTS: Final = "faults"  # axis

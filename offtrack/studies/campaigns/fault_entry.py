@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from scenarios.catalogue import FAULT, resolve
-from scenarios.options.faults import FaultOptions, Faults
+from scenarios.options.tables import FaultOptions, Faults
 from vehicle.foundation.quantity import Frozen
 from vehicle.option import Option
 

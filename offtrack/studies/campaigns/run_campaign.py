@@ -33,7 +33,7 @@ from offtrack.studies.pool import RunOptions
 from offtrack.studies.run_study import MakeMore, run_study, runs_table
 from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.table import Row
-from scenarios.results.atomic_files import replaced, replacing
+from scenarios.results.run_directory import replaced, replacing
 
 _RUNS: Final = "runs"  # name of the tables of runs
 

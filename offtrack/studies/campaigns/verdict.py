@@ -16,8 +16,7 @@ from offtrack.reports.sections import groups
 from offtrack.studies.campaigns.fault_entry import FaultTime, fault_time
 from offtrack.studies.case import MOST_CASES, Case, Outcome, composed
 from scenarios.results.log import OK, Log, read_log
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
 OUTCOMES: Final = ("completed", "jackknifed", "rolled over", "left the road", "timed out", "diverged")

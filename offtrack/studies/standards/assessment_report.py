@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -30,12 +29,11 @@ from offtrack.reports.page import (
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail, unit_body
 from offtrack.reports.sections import groups
-from offtrack.studies.standards import random_steer, steady_circle
-from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
-from offtrack.studies.standards.comparison import Judgement
-from offtrack.studies.standards.lane_change import PEAK
-from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, lateral_acceleration, point_path, poses
+from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
+from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
+from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration, poses
 from offtrack.studies.standards.static_rollover import threshold
+from offtrack.studies.standards.steady_driving import steer_over_acceleration
 from scenarios.assembly.adapters import outlines
 from scenarios.results.log import Column as LogColumn
 from scenarios.results.log import Log, Signal, write_log
@@ -43,7 +41,7 @@ from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 from scenarios.results.swept_path import placed
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.foundation.polyline import arc_length, rows_every
+from vehicle.frames import arc_length, rows_every
 
 _MOMENTS: Final = 6  # at which the combination is drawn in a plan view
 _OF_WHOLE_DRIVES: Final = ("random_steer",)
@@ -77,12 +75,10 @@ def _plan(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
 
 def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str, span: tuple[float, float] | None = None) -> Figure:
     """Lateral positions of the first and the last axle over the position along the road, stretched."""
-    first, last = vehicle.units[0], vehicle.units[-1]
-    front = point_path(manoeuvre.log, first.name, first.steered_axles[0].x)
-    rear = point_path(manoeuvre.log, last.name, last.axles[-1].x)
+    front, rear = axle_paths(vehicle, manoeuvre.log)
     with plots.drawn(f"{name}-paths") as (drawing, ax):
         ax.plot(*front.T, color=plots.TRUE, label="front axle", zorder=4)
-        ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({last.name})", zorder=5)
+        ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({vehicle.units[-1].name})", zorder=5)
         if manoeuvre.course is not None:
             ax.plot(
                 *manoeuvre.course.T, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="prescribed path", zorder=6
@@ -99,7 +95,7 @@ def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
         ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
         for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
             ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
-        plots.limit_lines(ax, PEAK, "0.15 g", colour=plots.GREY)
+        plots.limit_lines(ax, CHANGE_PEAK, "0.15 g", colour=plots.GREY)
         plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
     return drawing.content
 
@@ -116,7 +112,7 @@ def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
 
 def _steer_over_acceleration(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     """Steer angle over lateral acceleration on the circle."""
-    acceleration, steer = steady_circle.steer_over_acceleration(vehicle, manoeuvre.log)
+    acceleration, steer = steer_over_acceleration(vehicle, manoeuvre.log)
     with plots.drawn(name) as (drawing, ax):
         ax.plot(acceleration / GRAVITY, np.degrees(steer), color=plots.TRUE, label="road-wheel angle")
         ax.set(xlim=(0.0, 0.26), xlabel="lateral acceleration [g], into the turn", ylabel="steer angle [°]")
@@ -137,7 +133,7 @@ def _dwell(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
 
 def _frequency_response(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     """Rearward amplification over frequency, measured and by linear theory."""
-    response = random_steer.response_of(vehicle, manoeuvre)
+    response = response_of(vehicle, manoeuvre)
     with plots.drawn(name) as (drawing, ax):
         ax.plot(response.frequency, response.theory, color=plots.GREY, linewidth=2.2, label="linear theory")
         ax.plot(response.frequency, response.measured, ".", color=plots.TRUE, markersize=4, label="measured")
@@ -259,7 +255,7 @@ def _shown_log(vehicle: Vehicle, log: Log) -> Log:
 
 def _derived(vehicle: Vehicle, log: Log) -> Iterator[LogColumn]:
     names = [unit.name for unit in vehicle.units]
-    for k, (ahead, behind) in enumerate(itertools.pairwise(names), start=1):
+    for k, (ahead, behind) in enumerate(pairwise(names), start=1):
         if f"articulation_{k}" not in log:
             yield (
                 Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}"),
@@ -365,7 +361,7 @@ def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
     ``relative`` bounds are those of every case: multiples of another quantity, if the criterion is one.
     """
     quantity = BY_NAME[judgement.criterion.quantity]
-    sign = "≤" if judgement.criterion.at_most else "≥"
+    sign = "≥" if judgement.criterion.at_least else "≤"
     if relative and judgement.criterion.times is not None:
         of = BY_NAME[judgement.criterion.times].label.lower()
         return f"{sign}{_TOGETHER}" + " · ".join(f"{bound:g} times the {of}" for _, bound in judgement.criterion.bounds)

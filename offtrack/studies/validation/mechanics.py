@@ -1,118 +1,24 @@
-"""Checks of the model's mechanics: conservation laws, independent derivations, and the friction circle.
+"""Checks of the model's mechanics: equations of motion against those of free bodies, and the friction circle.
 
-The first uses Lagrange's equations, derived by hand from the kinetic energy; the second the equations of Newton and
-Euler for each body, with the hitch forces as unknowns. Both use axes of W and numpy, and share only the data with the
-model: masses, inertias and positions.
-
-With e_a the direction of unit a and n_a square to it, a centre of gravity lies at r_i = p + sum_a c_ia e_a, where c_ia
-is the distance between the hitches of each unit ahead, and the position of the centre of gravity in its own unit.
+The equations of Newton and Euler hold for each body, with the hitch forces as unknowns. They use axes of W and numpy,
+and share only the data with the model: masses, inertias and positions. Whatever has the same accelerations in all
+states and under all forces has the same energy and momenta.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from offtrack.studies.validation.check import Check, CheckSection
-from offtrack.studies.validation.simple_drives import runge_kutta
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.combination.multibody import Speeds, Vector, speed_rates
 from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray
-
-_FREE, _FREE_STEP = 20.0, 1e-3  # duration of the free motion, and step of the classical Runge-Kutta method [s]
-_DESCENT, _DESCENT_STEP = 10.0, 2e-3  # the same of the descent; the method's error is of the order of rounding
-_SLOPE: Final = np.array([0.5, -0.3])  # gravity along the ground [m/s2]
-_MECHANICS: Final = "follows from the mechanics; tolerance: rounding over the steps"
-
-
-def conservation(vehicle: Vehicle) -> tuple[Check, ...]:
-    """Changes of energy and momenta of a chain that tumbles freely without external forces."""
-    n = len(vehicle.units)
-    model = _without_tyres(vehicle, _FREE, _FREE_STEP)
-    start = np.concatenate([[3.0, -2.0], np.linspace(0.0, 1.0, n), [8.0, 1.5], np.linspace(0.8, -1.1, n)])
-    end = np.array(model.step(start, np.zeros(2))).ravel()
-    before, after = ([np.array(part).ravel() for part in model.invariants(y)] for y in (start, end))
-    bounds = (("energy", 1e-12), ("momentum", 1e-11), ("angular momentum", 3e-10))
-    return tuple(
-        Check(
-            f"{n} units, {_FREE:g} s without forces: relative change of {name}",
-            float(np.linalg.norm(b - a) / np.linalg.norm(a)),
-            tolerance=bound,
-            source=_MECHANICS,
-        )
-        for (name, bound), a, b in zip(bounds, before, after, strict=True)
-    )
-
-
-def gravity_work(vehicle: Vehicle) -> Check:
-    """Energy gained on a uniform slope, compared with the work of gravity on each centre of gravity."""
-    model = _without_tyres(vehicle, _DESCENT, _DESCENT_STEP)
-    start = np.array([0.0, 0.0, 0.0, 0.5, 5.0, 0.0, 0.4, -0.3])  # of two units
-    end = np.array(model.step(start, _SLOPE)).ravel()
-    gained = float(model.invariants(end)[0] - model.invariants(start)[0])
-    displacements = np.array(model.centres(end)) - np.array(model.centres(start))
-    work = float(np.array([unit.mass for unit in vehicle.units]) @ (displacements @ _SLOPE))
-    return Check(
-        name=f"2 units, {_DESCENT:g} s down a slope: energy gained minus work of gravity, relative",
-        value=abs(gained / work - 1.0),
-        tolerance=1e-14,  # a random walk of rounding over 5000 steps
-        source=_MECHANICS,
-    )
-
-
-class _FreeChain(NamedTuple):
-    """A chain without tyres, as functions of its origin's position, its headings, and their rates, along W."""
-
-    step: Any  # (q, q', gravity) -> (q, q') after many steps
-    invariants: Any  # (q, q') -> energy [J], momentum (2,) [N s], angular momentum about W's origin [N m s]
-    centres: Any  # q -> (N, 2) of the centres of gravity [m]
-
-
-def _without_tyres(vehicle: Vehicle, duration: float, step: float) -> _FreeChain:
-    n = 2 + len(vehicle.units)
-    q, rate, gravity = ca.SX.sym("q", n), ca.SX.sym("rate", n), ca.SX.sym("gravity", 2)
-    y = ca.vertcat(q, rate)
-    f = ca.Function("f", [y, gravity], [ca.vertcat(rate, _accelerations(vehicle, q, rate, gravity))])
-    one = ca.Function("one", [y, gravity], [runge_kutta(lambda _, y: f(y, gravity), 0.0, y, step)])
-    centres = _centres(vehicle, q)
-    velocities = [ca.jtimes(centre, q, rate) for centre in centres]
-    bodies = list(zip(vehicle.units, centres, velocities, ca.vertsplit(rate[2:]), strict=True))
-    energy = sum(0.5 * (b.mass * ca.dot(v, v) + b.yaw_inertia * r**2) for b, _, v, r in bodies)
-    momentum = sum(b.mass * v for b, _, v, _ in bodies)
-    spin = sum(b.mass * (p[0] * v[1] - p[1] * v[0]) + b.yaw_inertia * r for b, p, v, r in bodies)
-    return _FreeChain(
-        step=one.fold(round(duration / step)),
-        invariants=ca.Function("invariants", [y], [energy, momentum, spin]),
-        centres=ca.Function("centres", [y], [ca.horzcat(*centres).T]),
-    )
-
-
-def _accelerations(vehicle: Vehicle, q: ca.SX, rate: ca.SX, gravity: ca.SX) -> ca.SX:
-    """Accelerations of the model, rotated from the tractor's axes to W."""
-    psi = ca.vertsplit(q[2:])
-    c, s = ca.cos(psi[0]), ca.sin(psi[0])
-    v_x, v_y = c * rate[0] + s * rate[1], c * rate[1] - s * rate[0]
-    pull = Vector(c * gravity[0] + s * gravity[1], c * gravity[1] - s * gravity[0])
-    forces = [Vector(unit.mass * pull.x, unit.mass * pull.y) for unit in vehicle.units]
-    rates = speed_rates(vehicle, psi, Speeds(v_x, v_y, ca.vertsplit(rate[2:])), forces, [0.0] * len(forces))
-    a_x, a_y = rates.v_x - rate[2] * v_y, rates.v_y + rate[2] * v_x
-    return ca.vertcat(c * a_x - s * a_y, s * a_x + c * a_y, *rates.yaw_rate)
-
-
-def _centres(vehicle: Vehicle, q: ca.SX) -> list[ca.SX]:
-    """Positions of the centres of gravity, along W."""
-    centres, hitch = [], q[:2]
-    for i, unit in enumerate(vehicle.units):
-        axis = ca.vertcat(ca.cos(q[2 + i]), ca.sin(q[2 + i]))
-        centres.append(hitch + unit.cg_x * axis)
-        hitch = hitch + (unit.hitch_x or 0.0) * axis
-    return centres
 
 
 class ChainMotion(NamedTuple):
@@ -131,7 +37,7 @@ class ChainAccelerations(NamedTuple):
 
 
 def modelled(vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: FloatArray) -> ChainAccelerations:
-    """Accelerations as from ``lagrange``, by the model, with vectors rotated between W and the tractor's axes."""
+    """Accelerations as from ``newton_euler``, by the model, with vectors rotated between W and the tractor's axes."""
     c, s = math.cos(now.psi[0]), math.sin(now.psi[0])
     R_WT = np.array([[c, -s], [s, c]])
     v_x, v_y = (R_WT.T @ now.velocity).tolist()
@@ -142,33 +48,14 @@ def modelled(vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: Fl
     return ChainAccelerations(R_WT @ (np.array([rates.v_x, rates.v_y]) + turning), np.array(rates.yaw_rate))
 
 
-def lagrange(vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: FloatArray) -> ChainAccelerations:
-    """Accelerations under forces (N, 2) at, and moments (N,) about, the centres of gravity [N, N m, along W].
-
-    T = m p'^2 / 2 + sum_a B_a psi_a' (p' n_a) + sum_ab A_ab psi_a' psi_b' cos(psi_a - psi_b) / 2, with
-    B_a = sum_i m_i c_ia and A_ab = sum_i m_i c_ia c_ib + I_a [a = b]; d/dt dT/dq' - dT/dq = Q gives
-
-    m p'' + sum_a B_a (psi_a'' n_a - psi_a'^2 e_a) = sum_i F_i
-    B_a (n_a p'') + sum_b A_ab (cos(psi_a - psi_b) psi_b'' + sin(psi_a - psi_b) psi_b'^2) = M_a + n_a sum_i c_ia F_i
-    """
-    c, e, n, mass = _levers(vehicle), _along(now.psi), _across(now.psi), _masses(vehicle)
-    A = np.einsum("i,ia,ib->ab", mass, c, c) + np.diag([unit.yaw_inertia for unit in vehicle.units])
-    B = mass @ c
-    between = now.psi[:, None] - now.psi[None, :]
-    M = np.block([[mass.sum() * np.eye(2), (B[:, None] * n).T], [B[:, None] * n, A * np.cos(between)]])
-    on_origin = forces.sum(axis=0) + (B * now.yaw_rate**2) @ e
-    on_yaw = moments + np.sum(n * (c.T @ forces), axis=1) - (A * np.sin(between)) @ now.yaw_rate**2
-    solution: FloatArray = np.linalg.solve(M, np.concatenate([on_origin, on_yaw]))
-    return ChainAccelerations(solution[:2], solution[2:])
-
-
 def newton_euler(
     vehicle: Vehicle, now: ChainMotion, forces: FloatArray, moments: FloatArray
 ) -> tuple[ChainAccelerations, FloatArray]:
-    """Accelerations as from ``lagrange``, and the force (N - 1, 2) at each hitch on the unit behind it [N, along W].
+    """Accelerations, and the force (N - 1, 2) at each hitch on the unit behind it [N, along W].
 
-    Unknowns are the acceleration of every centre of gravity, every yaw acceleration, and the hitch forces H:
-    m a = F + H ahead - H behind, I psi'' = M + moments of both, and at each hitch both units accelerate alike.
+    Forces (N, 2) act at, and moments (N,) about, the centres of gravity [N, N m, along W]. Unknowns are the
+    acceleration of every centre of gravity, every yaw acceleration, and the hitch forces H: m a = F + H ahead - H
+    behind, I psi'' = M + moments of both, and at each hitch both units accelerate alike.
     """
     units, N = vehicle.units, len(vehicle.units)
     e, n = _along(now.psi), _across(now.psi)
@@ -194,16 +81,6 @@ def newton_euler(
     spin, turn = solution[yaw], now.yaw_rate[0]
     origin = solution[:2] - units[0].cg_x * (spin * n[0] - turn**2 * e[0])
     return ChainAccelerations(origin, solution[yaw:hitch]), solution[hitch:].reshape(N - 1, 2)
-
-
-def _levers(vehicle: Vehicle) -> FloatArray:
-    """c[i, a]: distance along unit a on the way from the origin to the centre of gravity of unit i [m]."""
-    hitches = np.array([unit.hitch_x or 0.0 for unit in vehicle.units])
-    return np.tril(np.tile(hitches, (len(hitches), 1)), -1) + np.diag([unit.cg_x for unit in vehicle.units])
-
-
-def _masses(vehicle: Vehicle) -> FloatArray:
-    return np.array([unit.mass for unit in vehicle.units])
 
 
 def _along(psi: FloatArray) -> FloatArray:
@@ -246,18 +123,13 @@ _RANGES: Final = State(  # half ranges of random states, wider than in any drive
 
 
 def mechanics(quick: bool) -> CheckSection:
-    """Checks of energy, momenta, work of gravity, two independent derivations, and the friction circle."""
+    """Accelerations against those of free bodies, and tyre forces against the friction circle."""
     chains = [_chain(n) for n in (1, 2, 3, 4)]
     return CheckSection(
         title="Mechanics",
-        text="Chains of rigid units tumble freely for 20 s and slide down a slope. Accelerations of chains of random "
-        "data in random states are compared with two independent derivations, and tyre forces with the friction limit.",
-        checks=(
-            *(check for chain in chains[1:] for check in conservation(chain)),
-            gravity_work(chains[1]),
-            *(check for chain in chains for check in _derivations(chain)),
-            _friction_circle(chains[-1], 2_000 if quick else 20_000),
-        ),
+        text="Accelerations of chains of random data in random states are compared with the equations of Newton and "
+        "Euler for each body, and tyre forces with the friction limit.",
+        checks=(*map(_derivation, chains), _friction_circle(chains[-1], 2_000 if quick else 20_000)),
     )
 
 
@@ -269,37 +141,26 @@ def _chain(n: int) -> Vehicle:
     return vehicle.model_copy(update={"units": (tractor, *[lead] * (n - 2), trailer)[:n]})
 
 
-def _derivations(vehicle: Vehicle) -> tuple[Check, ...]:
-    """Largest difference from the accelerations of each derivation, over the largest acceleration."""
-    n, rng = len(vehicle.units), np.random.default_rng(1)
-    of_lagrange, of_newton = np.array([_differences(vehicle, rng) for _ in range(_STATES)]).max(axis=0).tolist()
-    rows = (
-        ("Lagrange", of_lagrange, "Lagrange's equations, derived by hand"),
-        ("Newton and Euler", of_newton, "equations of each body, with the hitch forces as unknowns"),
-    )
-    return tuple(
-        Check(
-            f"N = {n}, {_STATES} random chains and states: accelerations against {name}, relative",
-            difference,
-            tolerance=1e-9,
-            source=source,
-        )
-        for name, difference, source in rows
+def _derivation(vehicle: Vehicle) -> Check:
+    """Largest difference from the accelerations of Newton and Euler, over the largest acceleration."""
+    rng = np.random.default_rng(1)
+    return Check(
+        f"N = {len(vehicle.units)}, {_STATES} random chains and states: accelerations, relative",
+        max(_difference(vehicle, rng) for _ in range(_STATES)),
+        tolerance=1e-9,
+        source="equations of Newton and Euler for each body, with the hitch forces as unknowns",
     )
 
 
-def _differences(vehicle: Vehicle, rng: np.random.Generator) -> tuple[float, float]:
-    """Differences of a chain of random masses, inertias and places, from a cart to a laden road train."""
+def _difference(vehicle: Vehicle, rng: np.random.Generator) -> float:
+    """Relative difference of a chain of random masses, inertias and places, from a cart to a laden road train."""
     n = len(vehicle.units)
     vehicle = vehicle.model_copy(update={"units": tuple(_random_unit(unit, rng) for unit in vehicle.units)})
     now = ChainMotion(rng.uniform(-np.pi, np.pi, n), rng.uniform(-10.0, 10.0, 2), rng.uniform(-1.0, 1.0, n))
     forces, moments = rng.uniform(-1e5, 1e5, (n, 2)), rng.uniform(-1e5, 1e5, n)
     model = np.concatenate(modelled(vehicle, now, forces, moments))
-    first, second = (
-        float(np.abs(model - np.concatenate(other)).max() / np.abs(model).max())
-        for other in (lagrange(vehicle, now, forces, moments), newton_euler(vehicle, now, forces, moments)[0])
-    )
-    return first, second
+    others = np.concatenate(newton_euler(vehicle, now, forces, moments)[0])
+    return float(np.abs(model - others).max() / np.abs(model).max())
 
 
 def _random_unit(unit: Unit, rng: np.random.Generator) -> Unit:

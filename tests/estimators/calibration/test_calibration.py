@@ -11,7 +11,7 @@ import pytest
 from estimators.calibration.boards import BoardView, board_view, calibrated, calibrated_pair, in_same_order
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
 WIDTH, HEIGHT = 1280, 720

@@ -11,7 +11,7 @@ import pytest
 
 from estimators.calibration.rectification import Rectifier
 from estimators.stereo_pair import triangulate
-from sensors.camera.lens import UNDISTORTED, CameraModel, Distortion, RawStereoRig
+from sensors.camera.rig import UNDISTORTED, CameraModel, Distortion, RawStereoRig
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, rotation_zyx, so3_exp, transform
 

@@ -47,47 +47,6 @@ def invoked(*arguments: str) -> Result:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["run", "roundabut"], ["roundabut", "roundabout"]),
-        (["run", "roundabout", "--set", "surface.fricton=0.3"], ["surface.fricton", "surface.friction"]),
-        (["run", "roundabout", "--set", "surface.friction=9"], ["surface.friction", "9", "1.5"]),
-        (["run", "roundabout", "--set", "surface.cross_fall=2.5"], ["surface.cross_fall", "2.5", "0.2"]),
-        (["run", "roundabout", "--set", "rig.rate_hz=7"], ["rig.rate_hz"]),
-        (["run", "roundabout", "--set", "speed_kmh=fast"], ["speed_kmh", "fast"]),
-        (
-            ["run", "roundabout", "--set", "vehicle=uk_longer_semitrailr"],
-            ["uk_longer_semitrailr", "uk_longer_semitrailer"],
-        ),
-        (["run", "roundabout", "--set", "vehicle=none.toml"], ["none.toml"]),
-        (["run", "roundabout", "--set", "trailer_steering=path_preveiw"], ["path_preveiw", "path_preview"]),
-        (["run", "roundabout", "--set", "trailer_steering=no_such_module:Law"], ["no_such_module"]),
-        (["run", "roundabout", "--set", "steering.gian=1"], ["gian"]),
-        (["run", "roundabout", "--set", "steering.gain=-1"], ["gain", "-1"]),
-        (["run", "roundabout", "--set", "odometry=orb"], ["orb", "circular"]),
-        (["run", "roundabout", "--set", "off_tracking=guess"], ["guess", "viso_ot"]),
-        (["run", "constant-slip", "--set", "trailer_steering=path_preview"], ["trailer_steering", "none"]),
-        (["run", "broken.toml"], ["broken.toml"]),
-        (["run", "roundabout", "--out", "full"], ["full", "not empty"]),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(arguments: list[str], says: list[str], here: Path) -> None:
-    """One line on standard error that says what and where, exit code 2, and nothing written."""
-    (here / "broken.toml").write_text("name = ", encoding="utf-8")
-    (here / "full").mkdir()
-    (here / "full" / "kept.txt").write_text("kept", encoding="utf-8")
-    before = sorted(here.rglob("*"))
-    done = invoked(*arguments, "--quiet")
-    assert done.exit_code == 2, done.stderr
-    assert done.stdout == ""
-    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    for part in says:
-        assert part in done.stderr
-    assert sorted(here.rglob("*")) == before
-
-
-@pytest.mark.slow
 def test_missing_opengl_is_refused_in_one_line_before_anything_moves(tmp_path: Path) -> None:
     """EGL that can not be loaded looks to PyOpenGL like a machine without it; the line says what to install."""
     (tmp_path / "OpenGL").mkdir()

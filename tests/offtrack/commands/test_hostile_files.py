@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from controllers.trailer_steering.policy import load_network
-from offtrack.environments.surrogate_fit import run_errors
 from offtrack.environments.training.training_directory import Plan, check_directory, read_curve
 from offtrack.exchange.recordings.camera_files import board_of, read_rig, views_of
 from offtrack.exchange.recordings.stereo_reader import read_kitti_poses, read_projections
@@ -22,14 +21,14 @@ from offtrack.reports.vehicle_sheet.combination_sheet import open_sheet
 from offtrack.studies.study import load_study
 from scenarios.assembly.adapters import ground_friction
 from scenarios.assembly.drivers_and_laws import read_trace
-from scenarios.assembly.surrogate import load_surrogate
+from scenarios.assembly.surrogate import load_surrogate, run_errors
 from scenarios.options.scenario import load_any_scenario
-from scenarios.options.surroundings import SurfaceOptions
+from scenarios.options.tables import SurfaceOptions
 from scenarios.progress import no_progress
 from scenarios.results.log import read_log
 from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.path_file import read_path
-from sensors.camera.lens import load_raw_rig
+from sensors.camera.rig import load_raw_rig
 from tests.hostile_files import HOSTILE
 from vehicle.combination.description import load_vehicle
 from vehicle.rover.description import load_rover, load_soil

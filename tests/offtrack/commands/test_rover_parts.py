@@ -12,13 +12,13 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.rover_result import RoverResult
 
 SHORT = ("slip_estimator=truth", "course.length=0.6", "surface.slope_from=0.1")
 PARTS = '''
 import math
+from dataclasses import replace
 from vehicle.option import Option
 from vehicle.rover.command import RoverCommand
 from sensors.instruments.navigation import ExactSlip
@@ -66,7 +66,6 @@ class Instrument:
         self.exact, self.bias = ExactSlip(wheel), bias
 
     def sample(self, truth):
-        from dataclasses import replace
         reading = self.exact.sample(truth)
         return replace(reading, slip_angle=reading.slip_angle + self.bias)
 '''

@@ -12,8 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.camera_observations import CameraObservations
-from offtrack.environments.pictures import reduced, reduced_shape
-from offtrack.environments.registry import CoreVectorEnv
+from offtrack.environments.registry import vector
 from offtrack.environments.rewards import Domain, Variation
 from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
@@ -41,18 +40,6 @@ def options(observation: str, *settings: str, **others: Any) -> dict[str, Any]:
     return {"observation": observation, "courses": (COURSE,), "domain": DOMAIN, "sensing": sensing, **others}
 
 
-def many(n: int, **given: Any) -> CoreVectorEnv:
-    """The vector environment without gymnasium's wrappers."""
-    made = gymnasium.make_vec(TRAILER, num_envs=n, **given).unwrapped
-    assert isinstance(made, CoreVectorEnv)
-    return made
-
-
-def names(env: Any) -> list[str]:
-    """Names of the observation's entries."""
-    return [feature.name for feature in env.unwrapped.core.features]
-
-
 _BUILT: list[World] = []
 BUILT_WORLD = "offtrack.environments.camera_observations.built_world"
 
@@ -77,15 +64,15 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
     """
     steps, given = 50, options("estimate")
     action = np.full((2, 2), 0.5, dtype=np.float32)
-    estimating, exact_env = many(2, **given), many(2, **{**given, "observation": "truth"})
+    estimating, exact_env = (
+        vector("TrailerSteering-v0", 2, **{**given, "observation": o}) for o in ("estimate", "truth")
+    )
     seen, true = [estimating.reset(seed=101)[0]], [exact_env.reset(seed=101)[0]]
     for _ in range(steps):
         seen.append(estimating.step(action)[0])
         true.append(exact_env.step(action)[0])
     estimating.close()
-    at = {
-        name: names(estimating).index(name) for name in ("off_tracking", "age", "usable", "hitch_v_x", "path_0.5_ahead")
-    }
+    at = {feature.name: k for k, feature in enumerate(estimating.core.features)}  # type: ignore[attr-defined]
     told, exact = np.array(seen), np.array(true)
     assert told[:, :, at["usable"]].all()
     assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
@@ -106,7 +93,10 @@ def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None)
     A copy pickled before the first reset, without a renderer, repeats an episode to the bit; later it is refused.
     """
     given = options("camera", image_scale=2)
-    both, one = many(2, **given), gymnasium.make(TRAILER, disable_env_checker=True, render_mode="rgb_array", **given)
+    both, one = (
+        vector("TrailerSteering-v0", 2, **given),
+        gymnasium.make(TRAILER, disable_env_checker=True, render_mode="rgb_array", **given),
+    )
     copy = pickle.loads(pickle.dumps(one.unwrapped))
     seen, alone = both.reset(seed=101)[0], one.reset(seed=102)[0]
     with pytest.raises(ValueError, match="rendered cameras cannot be copied"):
@@ -238,13 +228,6 @@ def test_rovers_pictures_are_decided_by_the_seed() -> None:
     assert all(np.array_equal(seen[0][part], seen[1][part]) for part in ("image", "features"))
 
 
-def test_pictures_are_reduced_by_means() -> None:
-    """Of whole squares; what is left over is cut off."""
-    image = np.arange(35, dtype=np.uint8).reshape(5, 7)
-    assert reduced(image, 2).tolist() == [[4, 6, 8], [18, 20, 22]]
-    assert reduced_shape((2, 391, 1344), 4) == (2, 97, 336)
-
-
 @pytest.mark.parametrize(
     ("name", "given", "words"),
     [
@@ -264,12 +247,3 @@ def test_wrong_options_are_refused_in_one_line(name: str, given: dict[str, Any],
     with pytest.raises(ValueError, match=words) as error:
         gymnasium.make(name, **({**given, "sensing": made} if sensing else given))
     assert "\n" not in str(error.value)
-
-
-def test_what_is_observed_is_in_the_environments_spec() -> None:
-    """Whoever finds a result finds what it was given, the default too."""
-    for name in (TRAILER, ROVER):
-        assert gymnasium.spec(name).kwargs["observation"] == "surrogate"
-        spec = gymnasium.make(name, observation="truth").spec
-        assert spec is not None
-        assert spec.kwargs["observation"] == "truth"

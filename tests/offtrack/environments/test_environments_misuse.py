@@ -7,16 +7,15 @@ import pickle
 from collections.abc import Callable
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 import offtrack  # noqa: F401  # registers the environments
-from offtrack.environments.registry import CORES, single, vector
-from offtrack.environments.rewards import Domain, Moment, follow_error
+from offtrack.environments.registry import single, vector
+from offtrack.environments.rewards import Domain, follow_error
+from tests.environments import DRIVING, ROVER, TRAILER, off_path
 
-TRAILER, DRIVING, ROVER = CORES
 NAN, INF = float("nan"), float("inf")
 COPIES: list[Callable[[Any], Any]] = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 KINDS: list[tuple[str, dict[str, Any]]] = [
@@ -29,14 +28,7 @@ KINDS: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-def off_path(moment: Moment) -> Any:
-    """Ending that random steering meets within seconds."""
-    return np.abs(moment.off_tracking) > 0.03
-
-
-def same(one: Any, other: Any) -> None:
-    """Assert that two results of a call are bitwise equal."""
-    np.testing.assert_equal(one, other)
+same = np.testing.assert_equal  # bitwise
 
 
 @pytest.mark.slow
@@ -75,24 +67,17 @@ def test_a_copied_vector_environment_continues_bitwise(name: str, copied: Any) -
         same(twin.step(action), env.step(action))
 
 
-def test_an_episode_with_a_renderer_cannot_be_copied_but_its_constructor_can() -> None:
-    """One line that says what to do; before the first reset a copy is built anew, as training in processes needs."""
-    env = single(TRAILER, observation="camera")
-    twin = pickle.loads(pickle.dumps(env))
-    assert twin.observation_space == env.observation_space
-    env._open = True  # as after a reset, which would take seconds here
-    for copied in COPIES:
-        with pytest.raises(ValueError, match="rendered cameras cannot be copied"):
-            copied(env)
-
-
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_a_step_needs_a_reset_and_nothing_works_after_close(name: str) -> None:
-    """The same errors for one and for many, gymnasium's own."""
+    """The same errors for one and for many, gymnasium's own; a mask of the first reset leaves others unreset."""
     for env in (single(name, render_mode="rgb_array"), vector(name, 2, render_mode="rgb_array")):
         action = env.action_space.sample()
         with pytest.raises(ResetNeeded, match="step before reset"):
             env.step(action)
+        if env.action_space.shape == (2, 2):
+            env.reset(seed=1, options={"reset_mask": np.array([True, False])})
+            with pytest.raises(ResetNeeded):
+                env.step(action)
         env.reset(seed=1)
         env.step(action)
         env.close()
@@ -102,55 +87,29 @@ def test_a_step_needs_a_reset_and_nothing_works_after_close(name: str) -> None:
                 call()
 
 
-def test_a_step_needs_a_reset_of_every_sub_environment() -> None:
-    """A mask of the first reset leaves the others without an episode."""
-    env = vector(DRIVING, 2)
-    env.reset(seed=1, options={"reset_mask": np.array([True, False])})
-    with pytest.raises(ResetNeeded):
-        env.step(np.zeros((2, 2), dtype=np.float32))
-    env.reset(options={"reset_mask": np.array([False, True])})
-    env.step(np.zeros((2, 2), dtype=np.float32))
-
-
 WRONG_ACTIONS: list[tuple[Any, str]] = [
     ([0.0, NAN], r"\[1\] = nan must be a finite number"),
     (np.array([-INF, 0.0], dtype=np.float32), r"\[0\] = -inf must be a finite number"),
-    (np.array([0.0, INF]), r"\[1\] = inf"),
     ([0.0], r"of shape \(1,\) must be of shape \(2,\)"),
-    (0.5, "of shape"),
-    ([[0.0, 0.0]], "of shape"),
-    (None, "must be numbers of shape"),
-    ("ab", "must be numbers of shape"),
-    ([True, False], "must be numbers of shape"),
-    ([0j, 1j], "must be numbers of shape"),
-    ([[0.0], [0.0, 0.0]], "must be numbers of shape"),
+    *((wrong, "must be numbers of shape") for wrong in (None, "ab", [True, False], [0j, 1j], [[0.0], [0.0, 0.0]])),
     ([10**400, 0], "must be numbers of shape"),
 ]
 
 
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_wrong_actions_are_refused_and_change_nothing(name: str) -> None:
-    """A refused action leaves the episode as it was: no number of it is taken for full steering."""
-    env, untouched = single(name), single(name)
-    for one in (env, untouched):
+    """A refused action leaves the episode as it was; of many, the number of the sub-environment is named."""
+    env, untouched, many = single(name), single(name), vector(name, 3)
+    for one in (env, untouched, many):
         one.reset(seed=1)
     for action, says in WRONG_ACTIONS:
-        with pytest.raises(ValueError, match=says) as error:
+        with pytest.raises(ValueError, match=rf"^[^\n]*{says}[^\n]*$"):
             env.step(action)
-        assert "\n" not in str(error.value)
     same(env.step(np.zeros(2, np.float32)), untouched.step(np.zeros(2, np.float32)))
-
-
-def test_wrong_actions_of_many_are_refused_by_their_place() -> None:
-    """The same rule as for one, with the number of the sub-environment."""
-    env = vector(DRIVING, 3)
-    env.reset(seed=1)
-    actions = np.zeros((3, 2), dtype=np.float32)
-    actions[2, 1] = NAN
     with pytest.raises(ValueError, match=r"actions\[2, 1\] = nan must be a finite number"):
-        env.step(actions)
+        many.step(np.array([[0.0, 0.0], [0.0, 0.0], [0.0, NAN]], np.float32))
     with pytest.raises(ValueError, match=r"actions of shape \(2,\) must be of shape \(3, 2\)"):
-        env.step(np.zeros(2, dtype=np.float32))
+        many.step(np.zeros(2, np.float32))
 
 
 def test_actions_of_other_types_and_beyond_the_limits_are_what_they_stand_for() -> None:
@@ -168,28 +127,20 @@ WRONG_OPTIONS: dict[str, list[tuple[Any, str]]] = {
     TRAILER: [
         ({"friktion": 0.3}, "did you mean 'friction'"),
         ({"course": "moon"}, "course = moon must be one of roundabout"),
-        ({"course": 99}, "or their number 0 .. 12"),
         ({"course": True}, "course = True must be one of roundabout"),
-        ({"course": 4.0}, "course = 4.0 must be one of"),
         ({"course": ("roundabout",)}, r"course = \('roundabout',\) must be one of"),
-        ({"course": -1}, "course = -1 must be one of"),
-        ({"course": NAN}, "course = nan must be one of"),
         ({"course": ["x" * 500]}, "course = "),
         ({"friction": True}, "friction = True must be a number or two bounds"),
-        ({"friction": NAN}, "within 0.05 .. 1.5"),
         ({"friction": 10**400}, "within 0.05 .. 1.5"),
         ({"friction": "ic"}, "friction = 'ic' must be a number or two bounds"),
-        ({"friction": (0.2, None)}, "must be a number or two bounds"),
         ({"friction": (0.9, 0.2)}, "must be a range within"),
     ],
     DRIVING: [
         ({"course": "roundabout"}, "unknown reset option 'course'"),
         ({1: 2}, "must be a dictionary of reset options by name"),
-        ("friction", "must be a dictionary of reset options by name"),
     ],
     ROVER: [
         ({"soil": ["beach_sand"]}, r"soil = \['beach_sand'\] must be one of"),
-        ({"soil": True}, "soil = True must be one of"),
         ({"speed": {}}, "speed = {} must be a number or two bounds"),
     ],
 }
@@ -221,9 +172,7 @@ def test_wrong_seeds_are_named() -> None:
     ("make", "says"),
     [
         (lambda: vector(DRIVING, 0), "num_envs = 0 must be a whole number"),
-        (lambda: vector(DRIVING, -1), "num_envs = -1 must be a whole number"),
         (lambda: vector(DRIVING, 10**9), "num_envs = 1000000000 must be .* at most 65536"),
-        (lambda: vector(DRIVING, 1e9), "num_envs = 1000000000.0 must be a whole number"),  # type: ignore[arg-type]
         (lambda: vector(DRIVING, True), "num_envs = True must be a whole number"),
         (lambda: vector(DRIVING, autoreset_mode="Never"), "autoreset_mode = 'Never' must be one of NextStep, SameStep"),
         (lambda: single(TRAILER, action_repeat=1.5), "action_repeat = 1.5 must be a whole number"),
@@ -231,26 +180,22 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single("TrailerStearing-v0"), "unknown environment 'TrailerStearing-v0'; did you mean 'TrailerSteer"),
         (lambda: single(TRAILER, vehicle=3), "vehicle = 3: must be a valid string"),
         (lambda: single(TRAILER, vehicle="eu_tractor_semitrailer"), "steered axles"),
-        (lambda: single(TRAILER, observation="radar"), "must be one of estimate, surrogate, truth, camera"),
         (lambda: single(TRAILER, courses=()), "courses is empty"),
         (lambda: single(TRAILER, courses=("random-x",)), "random-K"),
         (lambda: single(TRAILER, cours=()), "unknown option 'cours'"),
         (lambda: single(DRIVING, task="park"), "task = 'park' must be one of bay, gate"),
         (lambda: single(ROVER, vehicle="el_dorado_ii"), "skid-steered"),
         (lambda: single(ROVER, soils=("butter",)), "butter"),
-        (lambda: single(ROVER, action_repeat=0), "action_repeat = 0 must be a whole number, at least 1"),
         (lambda: single(TRAILER, courses="roundabout"), "courses = 'roundabout'"),
         (lambda: single(TRAILER, courses=["motorway-exit"]), "course motorway-exit: its file has heights, banks"),
         (lambda: single(TRAILER, domain={"friction": 0.3}), "domain = .*: must be an instance of Domain"),
         (lambda: single(TRAILER, reward={follow_error: NAN}), "reward = .*: must be a finite number"),
-        (lambda: single(TRAILER, endings=[off_path]), "endings = .*: must be a valid dictionary"),
         (lambda: single(TRAILER, sensing=5, observation="estimate"), "sensing = 5"),
         (lambda: single(TRAILER, image_scale=True, observation="camera"), "image_scale = True"),
         (lambda: single(ROVER, engine="steam"), "engine = 'steam' must be one of auto, compiled, interpreted"),
         (lambda: single(ROVER, observation=2), "observation = 2 must be one of estimate, surrogate, truth, camera"),
         (lambda: Domain(friction=0.3), "friction = .* must be a number or two bounds"),  # type: ignore[arg-type]
         (lambda: Domain(speed=(NAN, 3.0)), "speed = nan .. 3 must be a range"),
-        (lambda: Domain(load="ab"), "load = .* must be a number or two bounds"),  # type: ignore[arg-type]
     ],
 )
 def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: str) -> None:
@@ -277,13 +222,3 @@ def test_the_adapter_for_stable_baselines_refuses_the_same() -> None:
         same(twin.step(np.full((2, 2), 0.4, np.float32)), env.step(np.full((2, 2), 0.4, np.float32)))
     with pytest.raises(ValueError, match="reward_scale = nan must be a finite number"):
         sb3_vector(TRAILER, 2, reward_scale=NAN)
-
-
-def test_a_wrapped_environment_is_copied_with_its_wrappers() -> None:
-    """Order enforcement, spec and episode are those of the original."""
-    env = gymnasium.make(f"offtrack/{DRIVING}", disable_env_checker=True)
-    env.reset(seed=1)
-    env.step(np.ones(2, np.float32))
-    twin = copy.deepcopy(env)
-    assert twin.spec == env.spec
-    same(twin.step(np.ones(2, np.float32)), env.step(np.ones(2, np.float32)))

@@ -44,7 +44,7 @@ from offtrack.exchange.fmi_proxy.parts import (
     law_proxy,
     sensor_proxy,
 )
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy, folder_of
+from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
 from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
 from scenarios.assembly.drivers_and_laws import trailer_law
@@ -54,10 +54,10 @@ from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from tests.fmus.plants import Slave, c_compiler
 from tests.fmus.proxies import USED, alive, estimate, reading, stand_in
+from vehicle.combination.chain import smooth_ground_sizes
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.layout import command_sizes, ground_input_sizes
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
-from vehicle.combination.truth_vectors import smooth_ground_sizes
 from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
@@ -80,11 +80,6 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 
 def slave_of(fmus: Mapping[int, Path], version: int, python: str = sys.executable, **values: float) -> Slave:
     return Slave(fmus[version], fmus[version].with_suffix(""), values, {"python": python})
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_fmpy_finds_no_problem(fmus: dict[int, Path], version: int) -> None:
-    assert validate_fmu(str(fmus[version])) == []
 
 
 def test_the_law_in_its_process_steers_as_the_same_law_here(fmus: dict[int, Path]) -> None:
@@ -111,8 +106,7 @@ def test_the_process_ends_with_the_instance_and_begins_anew_after_a_reset(
     slave = slave_of(fmus, version, python)
     slave.step()
     ticks, first = slave.get(slave.outputs)
-    assert ticks == 10.0
-    assert alive(int(first))
+    assert (ticks, alive(int(first))) == (10.0, True)
     slave.fmu.reset()
     assert not alive(int(first))
     slave.begin(None, {"python": python})
@@ -307,14 +301,6 @@ def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> 
     assert np.array_equal(truth_of(0, standing, vehicle, lambda *_: 2.0 * np.eye(4)).bodies[1], 2.0 * np.eye(4))
 
 
-def test_fmpy_finds_no_problem_in_a_sensor(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
-    file = tmp_path / "sensor.fmu"
-    file.write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ()))
-    assert validate_fmu(str(file)) == []
-    file.write_bytes(fmu_bytes(driver_proxy(drive[1]).exported(3), 3, ()))
-    assert validate_fmu(str(file)) == []
-
-
 def test_a_first_map_connects_equal_names_first_and_lists_texts(
     drive: tuple[TrailerSession, Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -426,45 +412,19 @@ def test_a_system_that_cannot_be_is_one_line(settings: list[str], step: float, r
         fmu_system(load_scenario("roundabout", settings), 1, step)
 
 
-def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
-    folder = tmp_path / "with a space"
-    folder.mkdir()
-    (folder / "model.json").write_text("{}")
-    assert folder_of(folder.as_uri()) == folder_of(str(folder)) == folder
-    with pytest.raises(ValueError, match=r"no model\.json there"):
-        folder_of("")
-
-
-PREVIEW = ["law", "path_preview", "--vehicle"]
-ROVER = "is a rover's: its camera sees the sand that its own wheels have just shaped"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["law", "nix", "--vehicle", VEHICLE], "unknown name 'nix'"),
-        ([*PREVIEW, "rigid_truck"], "no axle of a trailer is steered"),
-        ([*PREVIEW, VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
-        ([*PREVIEW, VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
-        ([*PREVIEW, VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'; did you mean 'gain'?"),
-        ([*PREVIEW, VEHICLE, "-o", "law.zip"], "must end in .fmu"),
-        *(([command, "rover-craters"], ROVER) for command in ("sensor", "driver", "ground", "system")),
-    ],
-)
-def test_wrong_input_is_one_line(
-    arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_fmpy_finds_no_problem(
+    fmus: dict[int, Path],
+    drive: tuple[TrailerSession, Scenario],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["fmu", *arguments])
-    assert result.exit_code == 2
-    assert reason in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_ground_is_written_as_an_fmu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With laws, sensors, drivers, and the ground as the command writes it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fmu_writer, "_has_zig", lambda: False)
+    Path("sensor.fmu").write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ()))
+    Path("driver.fmu").write_bytes(fmu_bytes(driver_proxy(drive[1]).exported(3), 3, ()))
+    for file in (*fmus.values(), "sensor.fmu", "driver.fmu"):
+        assert validate_fmu(str(file)) == []
     result = CliRunner().invoke(app, ["fmu", "ground", "roundabout", "--set", "surface.grade=0.02", "--fmi", "2"])
     assert result.exit_code == 0, result.output
     assert validate_fmu("roundabout_ground.fmu") == []

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from offtrack.commands.cli import app
 from offtrack.exchange.bench.links import CanLink, LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.loop.bench import (
@@ -31,7 +29,7 @@ from scenarios.loop.bench import (
 )
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.options.vehicle_and_driver import OutsideOptions
+from scenarios.options.tables import OutsideOptions
 from scenarios.results.run_inputs import write_inputs
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import EgoState
@@ -105,19 +103,15 @@ def test_a_demand_holds_and_then_the_scenarios_own_law_takes_over() -> None:
     assert "lacked in 3 steps" in " ".join(report.warnings)
 
 
-def test_the_newest_of_several_messages_counts() -> None:
-    """A bench that is faster than the loop."""
-    acting, exchange = exchanged(ScriptedBench([demand(0.1), demand(0.2)]), 1)
-    assert acting == [(0.2, -0.2)]
-    assert exchange.report().received == 2
-
-
 def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:
     """The demand that answers an earlier tick comes first; the loop goes on looking until the right one is there."""
     late, right = demand(0.1, tick=0), demand(0.3, tick=20)
     bench = ScriptedBench([demand(0.0, tick=0)], [], [late], [], [right])
     acting, _ = exchanged(bench, 2, wait=5.0)
     assert acting == [(0.0, -0.0), (0.3, -0.3)]
+    acting, exchange = exchanged(ScriptedBench([demand(0.1), demand(0.2)]), 1)  # a bench that is faster than the loop
+    assert acting == [(0.2, -0.2)]
+    assert exchange.report().received == 2
 
 
 @pytest.mark.parametrize(
@@ -250,17 +244,16 @@ def test_a_bench_that_is_not_there_yet_does_no_harm() -> None:
     link.close()
 
 
-@pytest.mark.parametrize("text", ["5005", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:70000", "127.0.0.1:5005,x", ":5005"])
-def test_a_wrong_address_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="expected HOST:PORT or HOST:PORT,PORT"):
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [(text, "expected HOST:PORT or HOST:PORT,PORT")
+     for text in ("5005", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:70000", "127.0.0.1:5005,x", ":5005")]
+    + [(f"{host}:5005", "no address of a single host") for host in ("224.0.0.1", "255.255.255.255", "0.0.0.0")],
+)  # fmt: skip
+def test_a_wrong_address_is_refused(text: str, line: str) -> None:
+    """Multicast and broadcast leave the bench."""
+    with pytest.raises(ValueError, match=line):
         UdpLink(text)
-
-
-@pytest.mark.parametrize("host", ["224.0.0.1", "255.255.255.255", "0.0.0.0"])
-def test_only_a_single_host_is_addressed(host: str) -> None:
-    """No multicast and no broadcast, which leave the bench."""
-    with pytest.raises(ValueError, match="no address of a single host"):
-        UdpLink(f"{host}:5005")
 
 
 def dbc(tmp_path: Path, *fields: str, name: str = "my.dbc") -> str:
@@ -310,47 +303,6 @@ def test_the_shipped_dbc_file_fits_the_signals(inside: RunResult) -> None:
     known |= {one.name for one in (*driver_demands().numbers, *trailer_demands("", 3, is_last=True).numbers)}
     assert {signal.name for message in link._messages for signal in message.signals} <= known
     link.close()
-
-
-def refused(*arguments: str) -> str:
-    """The one line of a run that is refused."""
-    result = CliRunner().invoke(app, ["run", "roundabout", "--set", "off_tracking=truth", *arguments])
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.count("\n") == 1
-    return result.stderr
-
-
-def test_bad_links_are_refused_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bench_socket: socket.socket
-) -> None:
-    """Before anything is simulated or written."""
-    pytest.importorskip("cantools")
-    monkeypatch.chdir(tmp_path)
-    port = bench_socket.getsockname()[1]
-    outside = ("--set", "outside.demands=trailer", "--set", "outside.wait=1")
-    assert f"port {port} can't be opened: Address already in use" in refused("--udp", f"127.0.0.1:5005,{port}")
-    assert "needs --udp, --can, or outside.record" in refused(*outside)
-    assert "needs --paced, or outside.wait" in refused(*outside[:2], "--udp", f"127.0.0.1:{port}")
-    (tmp_path / "bad.dbc").write_text("BO_ what")
-    assert "bad.dbc is no DBC file" in refused("--can", "dbc=bad.dbc")
-    assert "none.dbc" in refused("--can", "dbc=none.dbc")
-    assert "dbc=FILE is missing" in refused("--can", "interface=virtual")
-    assert "interface 'udp_multicast'" in refused("--can", "dbc=example,interface=udp_multicast")
-    assert "the bus can't be opened" in refused("--can", "dbc=example,interface=socketcan,channel=nocan7")
-    lacks = dbc(tmp_path, SPEED, name="lacks.dbc")
-    assert "no message has the signal steer_demand_1" in refused(*outside, "--can", f"dbc={lacks}")
-    wrong = dbc(tmp_path, SPEED.replace("km/h", "furlong"))
-    assert "speed has the unit 'furlong', which is no unit of m/s" in refused("--can", f"dbc={wrong}")
-    (tmp_path / "demands.csv").write_text("tick,steer\n0,1\n")
-    record = ("--set", "outside.demands=trailer", "--set", "outside.record=demands.csv")
-    assert "column 'came_semitrailer' is missing" in refused(*record)
-    assert not (tmp_path / "runs").exists()
-
-
-def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(ValueError, match=r"--can needs the extra 'hil': pip install 'offtrack\[hil\]'"):
-        CanLink("dbc=example")
 
 
 class BenchDriver(ScriptedBench):

@@ -23,8 +23,7 @@ from offtrack.exchange.recordings.camera_files import (
 from offtrack.exchange.recordings.stereo_reader import Recording, open_recording, read_projections
 from offtrack.exchange.recordings.stereo_sequence import LAYOUTS
 from offtrack.exchange.recordings.writers import calibration_text, rig_text
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoCalibration, StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
 from vehicle.frames import inverse, rotation_zyx, transform
 

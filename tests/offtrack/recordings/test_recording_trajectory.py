@@ -39,20 +39,19 @@ def motion(poses: FloatArray, previous: int, current: int, health: Health = Heal
     )
 
 
-def test_motions_chain_to_the_poses_they_came_from() -> None:
-    """On a turning path: every increment belongs to the frame that it starts from."""
-    poses = circle(60)
-    motions = [motion(poses, k - 1, k) for k in range(1, 60)]
-    got = camera_poses([k * PERIOD for k in range(60)], motions)
-    np.testing.assert_allclose(got, poses, atol=1e-12)  # rounding of 60 products
-
-
-def test_a_lost_motion_is_bridged_at_the_last_velocity() -> None:
-    """At constant velocity the bridge is exact; the frames after it hang on its end."""
-    poses = circle(10)
-    motions = [motion(poses, k - 1, k, Health.LOST if k in (4, 5) else Health.OK) for k in range(1, 10)]
-    got = camera_poses([k * PERIOD for k in range(10)], motions)
-    np.testing.assert_allclose(got, poses, atol=1e-5)  # the stretch of a screw motion is one to second order
+@pytest.mark.parametrize(
+    ("count", "lost", "tolerance"),
+    [
+        (60, (), 1e-12),  # rounding of 60 products
+        (10, (4, 5), 1e-5),  # bridged at the last velocity; the stretch of a screw motion is one to second order
+    ],
+)
+def test_motions_chain_to_the_poses_they_came_from(count: int, lost: tuple[int, ...], tolerance: float) -> None:
+    """On a turning path: every increment belongs to the frame that it starts from; frames after a bridge hang on it."""
+    poses = circle(count)
+    motions = [motion(poses, k - 1, k, Health.LOST if k in lost else Health.OK) for k in range(1, count)]
+    got = camera_poses([k * PERIOD for k in range(count)], motions)
+    np.testing.assert_allclose(got, poses, atol=tolerance)
 
 
 def test_a_frame_that_was_passed_over_is_corrected_by_the_next_motion() -> None:
@@ -72,15 +71,10 @@ def test_a_dropped_frame_lies_between_its_neighbours() -> None:
     # The chord over three frames, 0.09 rad, is theta^2 / 24 = 0.3 per mille shorter than its 1.5 m of arc.
     np.testing.assert_allclose(got[:7], poses[:7], atol=3e-4)
     np.testing.assert_array_equal(got[7], got[6])  # after the end nothing is known
-
-
-def test_without_any_motion_nothing_moves() -> None:
-    """One frame, or none that could be used."""
     np.testing.assert_array_equal(camera_poses([0, 100], []), np.tile(np.eye(4), (2, 1, 1)))
 
 
 def test_kitti_text_reads_back(tmp_path: Path) -> None:
-    """Twelve digits of every number."""
     poses = circle(12)
     (tmp_path / "poses.txt").write_text(kitti_text(poses), encoding="utf-8")
     np.testing.assert_allclose(read_kitti_poses(tmp_path / "poses.txt", 12), poses, atol=1e-11)
@@ -106,7 +100,6 @@ def test_tum_text_has_time_position_and_quaternion() -> None:
     ],
 )
 def test_wrong_poses_are_refused(tmp_path: Path, text: str, says: str) -> None:
-    """The file, its line and what is wrong."""
     (tmp_path / "poses.txt").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"poses\.txt") as refused:
         read_kitti_poses(tmp_path / "poses.txt", 5)
@@ -126,6 +119,16 @@ def test_an_odometry_that_is_one_percent_short_has_one_percent_of_drift() -> Non
     assert found.lengths == (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
     # starts at 0, 10, ...; the last frame must be more than the length away: 90 + 80 + ... + 20
     assert found.subsequences == sum(range(20, 100, 10))
+    assert drift(straight(50, 1.0), straight(50, 0.9)) is None  # shorter than every length
+    assert drift(straight(1, 1.0), straight(1, 1.0)) is None
+
+
+def test_the_choice_of_the_world_is_no_drift() -> None:
+    true = circle(500)
+    found = drift(true, transform(rotation_zyx(1.0, 0.2, -0.3), np.array([5.0, -7.0, 2.0])) @ true)
+    assert found is not None
+    assert found.translation < 1e-12
+    assert found.rotation < 1e-9  # an angle from a rotation matrix is good to the root of the rounding error
 
 
 def test_a_constant_yaw_error_is_told_per_metre() -> None:
@@ -137,19 +140,3 @@ def test_a_constant_yaw_error_is_told_per_metre() -> None:
     assert found is not None
     assert found.rotation == pytest.approx(1e-4, rel=0.011)  # 101 steps over 100 m
     assert found.translation == pytest.approx(0.5 * 1e-4 * 101.0, rel=0.03)  # a step is not infinitely short
-
-
-def test_a_constant_offset_and_the_choice_of_the_world_are_no_drift() -> None:
-    """Only relative poses count."""
-    true = circle(500)
-    X = transform(rotation_zyx(1.0, 0.2, -0.3), np.array([5.0, -7.0, 2.0]))
-    found = drift(true, X @ true)
-    assert found is not None
-    assert found.translation < 1e-12
-    assert found.rotation < 1e-9  # an angle from a rotation matrix is good to the root of the rounding error
-
-
-def test_a_way_shorter_than_every_length_has_no_figure() -> None:
-    """Not 0, and no division by nothing."""
-    assert drift(straight(50, 1.0), straight(50, 0.9)) is None
-    assert drift(straight(1, 1.0), straight(1, 1.0)) is None

@@ -10,7 +10,7 @@ import pytest
 from scenarios.assembly.trailer_sensors import wheels_near
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.summary_numbers import number_at
+from scenarios.results.run_summary import number_at
 from scenarios.results.trailer_result import RunResult, error_of_estimate
 from scenarios.results.trailer_signals import ReferenceOffTracking
 from vehicle.combination.description import load_vehicle
@@ -66,16 +66,10 @@ def circle() -> Iterator[Truth]:
         x, y = 20.0 * np.sin(angle), 20.0 - 20.0 * np.cos(angle)
         X_WS = transform(rotation_zyx(angle, 0.0, 0.0), np.array([x, y, 0.0]))
         yield Truth(
-            tick=10 * k,
-            poses=np.array([[x, y, angle]]),
-            velocities=np.array([[4.0, 0.0, 0.2]]),
-            bodies=X_WS[None],
-            steer=np.zeros(1),
-            wheel_loads=np.ones(4),
-            wheel_slip_angles=np.zeros(4),
-            friction_used=np.zeros(4),
+            tick=10 * k, poses=np.array([[x, y, angle]]), velocities=np.array([[4.0, 0.0, 0.2]]), bodies=X_WS[None],
+            steer=np.zeros(1), wheel_loads=np.ones(4), wheel_slip_angles=np.zeros(4), friction_used=np.zeros(4),
             load_transfer=np.zeros(1),
-        )
+        )  # fmt: skip
 
 
 @pytest.mark.slow

@@ -94,16 +94,6 @@ def test_pictures_come_back_from_a_page(camera_run: RunResult, tmp_path: Path) -
 )
 def test_runs_that_do_not_go_together_are_refused(runs: list[Path], tmp_path: Path, which: Any, line: str) -> None:
     done = offtrack("view", *(str(runs[k]) for k in which), "--out", str(tmp_path / "page.html"))
-    assert done.exit_code == 2
+    assert (done.exit_code, done.output.count("\n")) == (2, 1)
     assert line in done.output
     assert not (tmp_path / "page.html").exists()
-
-
-def test_bad_directories_are_refused_in_one_line(runs: list[Path], tmp_path: Path) -> None:
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    done = offtrack("view", str(empty))
-    assert (done.exit_code, done.output.count("\n")) == (2, 1)
-    assert "is no finished run: it has no summary.json" in done.output
-    done = offtrack("view", str(runs[0]), "--out", str(tmp_path / "no" / "page.html"))
-    assert (done.exit_code, done.output.count("\n")) == (2, 1)

@@ -17,9 +17,15 @@ from estimators.estimates import SlipAngle, lost_slip
 from offtrack.commands import assess
 from offtrack.commands.assess import reproduce
 from offtrack.studies.reproduce import reproduction, trace_tables
-from offtrack.studies.reproduce.reina2008_figures import PUBLISHED
-from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Comparison, Reproduction, maker, names_of
-from offtrack.studies.reproduce.trace_tables import SETS, Table, TraceSet
+from offtrack.studies.reproduce.reproduction import (
+    REPRODUCTIONS,
+    Comparison,
+    Reproduction,
+    maker,
+    names_of,
+    printed,
+)
+from offtrack.studies.reproduce.trace_tables import TraceSet, evaluated, trace_log
 from scenarios.progress import Progress
 from scenarios.results.log import Log, Signal, read_log
 from sensors.messages import RoverView
@@ -37,7 +43,9 @@ def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
     printed = json.loads(result.stdout)
     written = json.loads((out / "reina2008-table2.json").read_text())
     assert printed["numbers"] == written["numbers"]
-    assert [float(one["published"]) for one in printed["numbers"]] == sorted(PUBLISHED, reverse=True)
+    assert [float(one["published"]) for one in printed["numbers"]] == sorted(
+        printed("reina2008")["table2"]["confidences"], reverse=True
+    )
     own = [one["own"] for one in printed["numbers"] if one["own"] is not None]
     assert own == sorted(own, reverse=True)
     assert own[0] > 80.0  # the trace is clear, and followed from image to image
@@ -49,32 +57,22 @@ def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
 
 def test_sets_have_the_papers_numbers_of_images() -> None:
     """Table III: 1560 images of set A and 3456 of set B, 5016 in all."""
-    assert [one.size for one in SETS] == [1560, 3456]
+    sets = [TraceSet(**one) for one in printed("reina2008")["table3"]["sets"]]
+    assert [len(one.kinds) * len(one.seeds) * one.frames for one in sets[:2]] == [1560, 3456]
 
 
 @pytest.mark.slow
 def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
     """Two short ones with a tracker of one's own that sees no trace anywhere: nothing false, everything missed."""
-    short = TraceSet(name="short", kinds=("uniform",), seeds=(101,), frames=4, profile="none", slope=0.0)
+    short = TraceSet(name="short", kinds=("uniform",), seeds=(101,), frames=4, profile="none", slope_deg=0.0)
     steps: list[tuple[float, float, str]] = []
-    table = Table(
-        name="table",
-        title="",
-        note="made up",
-        estimator=f"{__name__}:Blind",
-        sets=(short, replace(short, name="longer", frames=6)),
-        compare=lambda one, got: [Comparison(quantity=one.name, published="", own=got.frames, unit="-")],
-        draw=lambda results: Figure(),
-    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trace_tables, "default_jobs", lambda: 1)
-        made = table.reproduce(False, lambda *step: steps.append(step))
-    assert [one.own for one in made.comparisons] == [4, 6]
-    assert not made.interrupted
-    assert "made up" in made.notes
-    assert made.data["frame"].tolist() == [*range(4), *range(6)]
-    assert made.data["set"].tolist() == [0] * 4 + [1] * 6
-    assert not made.data["detected"].any()
+        sets = (short, replace(short, name="longer", frames=6))
+        data = trace_log(evaluated(sets, f"{__name__}:Blind", lambda *step: steps.append(step)))
+    assert data["frame"].tolist() == [*range(4), *range(6)]
+    assert data["set"].tolist() == [0] * 4 + [1] * 6
+    assert not data["detected"].any()
     assert steps[-1][:2] == (10, 10)
 
 
@@ -99,23 +97,6 @@ def test_every_entry_of_the_catalogue_can_be_loaded(name: str) -> None:
     """Names lead to functions."""
     assert callable(maker(name))
     assert name in names_of("all")
-
-
-def test_unknown_figure_is_refused_in_one_line(tmp_path: Path) -> None:
-    """Exit code 2, and the nearest name that there is."""
-    result = CliRunner().invoke(APP, ["reina2008-fig9", "--out", str(tmp_path / "made")])
-    assert result.exit_code == 2
-    assert "reina2008-fig" in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "made").exists()
-
-
-def test_directory_in_use_is_refused_before_any_work(tmp_path: Path) -> None:
-    """An existing file is not overwritten."""
-    (tmp_path / "other").write_text("mine")
-    result = CliRunner().invoke(APP, ["reina2008-fig6", "--quick", "--out", str(tmp_path)])
-    assert result.exit_code == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
 @pytest.mark.parametrize(("kept", "folders"), [(True, 2), (False, 1)])

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from offtrack.studies.reproduce import desaxe2018_drive, desaxe2018_field, desaxe2018_simulation
-from offtrack.studies.reproduce import desaxe2018_drive as drives
-from offtrack.studies.reproduce.desaxe2018_drive import Case, Drive, Facing, Point, Track
+from offtrack.studies.reproduce import desaxe2018 as drives
+from offtrack.studies.reproduce import desaxe2018_field
+from offtrack.studies.reproduce.desaxe2018 import Case, Drive, Facing, Outcome, Point, Track
 from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Reproduction, maker, write_reproduction
 from scenarios.assembly.adapters import course_of
 from scenarios.loop.runner import run
@@ -53,7 +53,6 @@ def made_up(case: Case, error: Callable[[FloatArray], FloatArray]) -> Drive:
         lateral=np.zeros(200),
         speed=np.full(200, 4.0),
         tracks=dict.fromkeys(case.odometries, track),
-        outcome="completed",
     )
 
 
@@ -95,6 +94,22 @@ def test_every_figure_is_drawn_and_written(name: str, cheap: list[Case], tmp_pat
     assert {load_scenario(case.scenario, case.settings).trailer_steering for case in cheap} == {"none"}
 
 
+def test_drives_are_shared_and_come_back_in_order(cheap: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nine panels of Figs 14 and 16 are six drives; cases come back in order, whatever is finished first."""
+    make("desaxe2018-fig14")
+    make("desaxe2018-fig16")
+    assert len(cheap) == 6
+    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
+    steps: list[tuple[float, float]] = []
+    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
+    monkeypatch.setattr(drives, "as_finished", lambda work, tasks, jobs: ((task, work(task)) for task in tasks[::-1]))
+    for _ in range(2):
+        driven = drives.driven(cases, lambda done, total, note="": steps.append((done, total)))
+        assert [one.case.seed for one in driven] == [3, 1, 2, 1]
+    assert steps[:4] == [(0, 300), (100, 300), (200, 300), (300, 300)]
+    assert len(cheap) == 9
+
+
 def test_figure_6_has_the_papers_baselines_and_the_errors_of_the_estimates(cheap: list[Case]) -> None:
     """0.5 to 5.0 m, to the rear and to a side; estimates that are all 2 cm off have an RMS and a mean of 2 cm."""
     own = {one.quantity: one.own for one in make("desaxe2018-fig6").comparisons}
@@ -103,13 +118,6 @@ def test_figure_6_has_the_papers_baselines_and_the_errors_of_the_estimates(cheap
     for name in ("RMS", "mean"):
         # exact up to the rounding of sums over 200 images
         assert own[f"rear, up to 2.5 m: largest {name} error"] == pytest.approx(0.02, abs=1e-12)
-
-
-def test_figures_share_their_drives(cheap: list[Case]) -> None:
-    """The nine panels of Figs 14 and 16 are six drives: a correction costs no images of its own."""
-    make("desaxe2018-fig14")
-    make("desaxe2018-fig16")
-    assert len(cheap) == 6
 
 
 def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,23 +134,6 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
     assert made.interrupted
     assert set(made.data["baseline"]) == {0.5, 1.0}
     assert any("2 of 20" in note for note in made.notes)
-
-
-@pytest.mark.slow
-def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever is finished first, and every case once."""
-    monkeypatch.setattr(drives, "drive", lambda case, progress: f"drive {case.seed}")
-    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
-    monkeypatch.setattr(drives, "_DRIVES", {})
-    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
-    steps: list[tuple[float, float]] = []
-
-    def driven() -> list[str]:
-        return [str(one) for one in drives.driven(cases, lambda done, total, note="": steps.append((done, total)))]
-
-    assert driven() == ["drive 3", "drive 1", "drive 2", "drive 1"]
-    assert steps == [(0, 300), (100, 300), (200, 300), (300, 300), (300, 300)]
-    assert driven() == ["drive 3", "drive 1", "drive 2", "drive 1"]
 
 
 def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,13 +166,13 @@ def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
     drive = made_up(case, lambda time: summed)
     track = dataclasses.replace(drive.tracks["viso2"], lateral=burst)
     drive = dataclasses.replace(drive, tracks={"viso2": track, "keyframe": track})
-    assert desaxe2018_simulation.explained_share(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
-    assert desaxe2018_drive.outcome_of(Point(), drive, "viso2").largest == pytest.approx(0.08)
+    assert drives.explained_share(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
+    assert Outcome.of(Point(), drive, "viso2").largest == pytest.approx(0.08)
 
 
 def test_bias_is_told_apart_by_side() -> None:
     """An error that is there for a path on the right only, as the paper's, is a bias of that side only."""
-    case = desaxe2018_field.field_case("left roundabout", "rear", 0.5, quick=True)
+    case = desaxe2018_field.FieldTest("left roundabout").case(quick=True)
     drive = made_up(case, lambda time: np.where(np.sin(time) < 0.0, 0.2, 0.0))
     assert desaxe2018_field.biases(drive, "viso2") == pytest.approx((0.0, 0.2))
 

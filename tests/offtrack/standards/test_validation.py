@@ -19,7 +19,7 @@ from controllers.path import arc, line
 from offtrack.commands import assess
 from offtrack.commands.assess import validate
 from offtrack.studies.validation import no_slip_limit, suite, turns_without_slip
-from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, Series, number, tally
+from offtrack.studies.validation.check import Check, CheckSection, Plot, SectionTask, Series, number
 from offtrack.studies.validation.integration import OtherStepPlant
 from offtrack.studies.validation.no_slip_limit import NoSlipChain, poses_along
 from offtrack.studies.validation.simple_drives import on_single_axles
@@ -217,42 +217,21 @@ def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *argu
     return CliRunner().invoke(app, list(arguments))
 
 
-def test_the_command_writes_a_page_and_ends_well(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Everything in its tolerance, or skipped: exit code 0."""
-    done = run(monkeypatch, (1.05, None), "--out", str(tmp_path / "new" / "one"))
-    assert done.exit_code == 0, done.output
-    assert "passed" in done.output
-    assert "skipped" in done.output
-    assert (tmp_path / "new" / "one" / "validation.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-    assert json.loads((tmp_path / "new" / "one" / "validation.json").read_text(encoding="utf-8"))["passed"] == 1
+@pytest.mark.parametrize(
+    ("values", "verdicts"), [((1.05, None), (1, 0, 1)), ((1.05, 1.2), (1, 1, 0)), ((1.05, math.nan, None), (1, 1, 1))]
+)
+def test_the_command_writes_a_page_and_fails_when_a_number_is_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, values: tuple[float | None, ...], verdicts: tuple[int, int, int]
+) -> None:
+    """Exit code 0 if everything is in its tolerance, or skipped; the page is there all the same: it shows which.
 
-
-@pytest.mark.parametrize("value", [1.2, math.nan])
-def test_the_command_fails_when_a_number_is_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, value: float) -> None:
-    """Exit code 1, and the page is there all the same: it shows which."""
-    done = run(monkeypatch, (1.05, value), "--out", str(tmp_path / "one"))
-    assert done.exit_code == 1
-    assert "failed" in done.output
-    assert (tmp_path / "one" / "validation.html").exists()
-
-
-def test_json_is_all_that_is_printed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Every check with its verdict."""
-    done = run(monkeypatch, (1.05, 1.2, None), "--json", "--out", str(tmp_path / "one"))
+    JSON is all that is printed.
+    """
+    done = run(monkeypatch, values, "--json", "--out", str(tmp_path / "new" / "one"))
+    assert done.exit_code == bool(verdicts[1]), done.output
     told = json.loads(done.stdout)
-    assert (told["passed"], told["failed"], told["skipped"]) == (1, 1, 1)
-    assert [one["value"] for one in told["checks"]] == [1.05, 1.2, None]
-    assert {"section", "name", "target", "tolerance", "unit", "source", "verdict"} <= set(told["checks"][0])
-
-
-def test_a_directory_in_use_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Exit code 2 before anything is worked out."""
-    (tmp_path / "kept.txt").write_text("kept", encoding="utf-8")
-    done = run(monkeypatch, (1.05,), "--out", str(tmp_path))
-    assert done.exit_code == 2
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "kept.txt"]
-
-
-def test_tallies_count_all_sections() -> None:
-    """One count per verdict."""
-    assert tally([*sections(1.0, 2.0), *sections(None)]) == {"passed": 1, "failed": 1, "skipped": 1}
+    assert (told["passed"], told["failed"], told["skipped"]) == verdicts
+    assert [one["name"] for one in told["checks"]] == ["radius of <the> turn"] * len(values)
+    assert {"section", "value", "target", "tolerance", "unit", "source", "verdict"} <= set(told["checks"][0])
+    assert (tmp_path / "new" / "one" / "validation.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert json.loads((tmp_path / "new" / "one" / "validation.json").read_text(encoding="utf-8")) == told

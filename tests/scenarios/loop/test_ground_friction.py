@@ -114,24 +114,6 @@ def test_a_resolved_scenario_runs_again_from_anywhere(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("surface.roughness=I", ["surface.roughness = 'I'", "known: none, A"]),
-        ("surface.potholes=-1", ["surface.potholes = -1", "between 0 and 100 1/100 m"]),
-        ("surface.pothole=1", ["'surface.pothole'", "'surface.potholes'"]),
-        ("surface.friction_left=2", ["surface.friction_left = 2", "1.5"]),
-        ("surface.friction_image_scale=0", ["surface.friction_image_scale = 0", "between 0.001 and 100 m/px"]),
-    ],
-)
-def test_settings_out_of_range_are_refused_in_one_line(setting: str, words: list[str]) -> None:
-    """Key, value, limit and unit, or the nearest known key."""
-    with pytest.raises(ValueError, match=r"^scenario roundabout: ") as refused:
-        load_scenario("roundabout", (setting,))
-    assert all(word in str(refused.value) for word in words)
-    assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
         (("radius = 2.0", "radus = 2.0"), "unknown key 'surface.patches.0.radus'; did you mean"),

@@ -15,21 +15,17 @@ from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.applied_faults import trailer_faults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
-from scenarios.catalogue import FAULT, resolve
 from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import (
-    LOOP_FAULTS,
     ActuatorFault,
+    DemandLoss,
     LoopFault,
     LoopFaultContext,
     MessageFault,
-    is_loop_kind,
 )
-from scenarios.loop_faults.fault_kinds import DemandLoss
-from scenarios.options.faults import FaultOptions
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
+from scenarios.options.tables import FaultOptions
 from tests.trailers import estimate
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -121,11 +117,6 @@ def test_messages_are_lost_in_their_share() -> None:
     arrived = carried("demand_loss:0.3@0+10", 1100)
     assert sum(map(len, arrived[:1000])) == pytest.approx(700, abs=60)
     assert all(len(one) == 1 for one in arrived[1000:])
-
-
-def test_every_kind_is_in_the_catalogue_and_has_a_family() -> None:
-    assert all(is_loop_kind(resolve("kind", name, FAULT)) for name in LOOP_FAULTS)
-    assert len(FAULT) == len(set(FAULT))
 
 
 class Swapped(ActuatorFault):

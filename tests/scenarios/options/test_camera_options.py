@@ -17,10 +17,9 @@ from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
 from scenarios.assembly.trailer_sensors import BoardCalibration, Views
 from scenarios.loop.trailer_session import TrailerSession
-from scenarios.options.perception import RigOptions
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
-from sensors.camera.lens import RawStereoRig, load_raw_rig
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario, load_scenario
+from scenarios.options.tables import RigOptions
+from sensors.camera.rig import RawStereoRig, load_raw_rig
 from sensors.camera.stereo_camera import RawStereoCamera, StereoCamera
 from sensors.messages import RoverView
 from vehicle.combination.description import load_vehicle

@@ -15,7 +15,7 @@ from scenarios import catalogue
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from vehicle.combination.description import load_vehicle, vehicle_from
-from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, without_sources
+from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, without_sources
 from vehicle.option import Option
 
 ESC = "\x1b[31m"

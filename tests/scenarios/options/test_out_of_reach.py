@@ -15,8 +15,7 @@ from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.referee import CourseJudge
 from scenarios.loop.rover_session import RoverJudge
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
 from vehicle.frames import Pose2
 
 QUICK = ("off_tracking=truth", "trailer_steering=none", "reference_unit=false", "surface.roughness=none")

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 import os
-import pickle
 import shutil
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from scenarios.results.run_directory import (
     next_run_directory,
     results_directory,
 )
-from scenarios.results.summary_numbers import Timing
+from scenarios.results.run_summary import Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.engine.compiler import engine_name
 
@@ -246,8 +245,3 @@ def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
     one = dataclasses.replace(blind_run, units=(blind_run.units[0], rearmost))
     np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], one.log["steer_trailer_3"])
     assert not one.axle_steer(one.trailer)[:, :2].any()
-
-
-def test_a_result_can_be_sent_to_another_process(camera_run: RunResult) -> None:
-    """Studies run in parallel."""
-    assert pickle.loads(pickle.dumps(camera_run)).summary() == camera_run.summary()

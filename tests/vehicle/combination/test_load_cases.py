@@ -10,7 +10,7 @@ from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehi
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.roll import roll_gradients
 from vehicle.combination.variants import LOADS, changed_vehicle, load_cases, with_load
-from vehicle.foundation.parameter_file import ParameterLibrary
+from vehicle.foundation.user_file import ParameterLibrary
 
 
 @pytest.mark.parametrize("name", [name for name in vehicle_names() if load_cases(load_vehicle(name)) != ("full",)])

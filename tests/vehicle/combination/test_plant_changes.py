@@ -11,7 +11,7 @@ from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.variants import NamedChanges, changed_vehicle, number_paths
-from vehicle.foundation.parameter_file import ParameterLibrary
+from vehicle.foundation.user_file import ParameterLibrary
 from vehicle.tyres import Planar, Tyre
 from vehicle.tyres.laws import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vehicle.engine.compiler import Compiler, compiler
-from vehicle.engine.interpreter import CasadiOne, NumpyMany, evaluated
+from vehicle.engine.kernels import CasadiOne, NumpyMany, evaluated
 from vehicle.engine.native import NativeMany, NativeOne
 from vehicle.engine.program import OPERATIONS, Operation, TapeProgram, program_of
 from vehicle.frames import FloatArray

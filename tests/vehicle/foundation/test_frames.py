@@ -10,14 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vehicle.clock import Pipe, Schedule, to_ticks
-from vehicle.foundation.polyline import arc_length, dense, resampled, rows_every
 from vehicle.frames import (
     R_BODY_CAMERA,
     Pose2,
+    arc_length,
+    dense,
     inverse,
     orthonormalised,
     planar,
+    resampled,
     rotation_zyx,
+    rows_every,
     skew,
     so3_exp,
     transform,

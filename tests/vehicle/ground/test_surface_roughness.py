@@ -12,7 +12,7 @@ from scipy.special import k1
 
 from vehicle.frames import FloatArray
 from vehicle.surface import Potholes, Roughness, RoughProfile, Surface, displacement_psd, scattered_potholes
-from vehicle.surface.roughness import PATCH_SPREAD, felt_psd
+from vehicle.surface.ground import PATCH_SPREAD, felt_psd
 
 STEP = 0.1  # of the tracks that are looked at [m]
 SEGMENT = 1024  # of Welch's method: 0.01 cycles/m apart, as fine as the tile itself

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from vehicle.foundation.parameter_file import read_toml, sources
+from vehicle.foundation.user_file import read_toml, sources
 from vehicle.rover.description import Soil, load_rover, load_soil, rover_names, rover_sources, soil_names
 
 ROVERS = Path(__file__).parents[3] / "vehicle" / "rovers"

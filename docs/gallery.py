@@ -1,6 +1,4 @@
-"""A picture of every environment, for documents: ``python -m offtrack.environments.gallery FOLDER``."""
-
-from __future__ import annotations
+"""Pictures of the environments for these documents: ``python docs/gallery.py FOLDER``."""
 
 import sys
 from collections.abc import Callable
