@@ -7,6 +7,7 @@ below its axes, where it hides no curve.
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
@@ -156,10 +157,11 @@ def chart_figure(chart: Chart, run: PlayedRun) -> Figure:
                 ax.plot(time[known], value[known], ".", color=colour, markersize=4.0, label=curve.label)
             elif known.any():
                 style: Any = {"linewidth": 1.0, "linestyle": (0, (3, 2))} if curve.style == "dashed" else {}
-                ax.plot(time, value, color=colour, label=curve.label, **style)
+                ax.plot(time[known], value[known], color=colour, label=curve.label, **style)
         if chart.limit is not None:
             limit_lines(ax, chart.limit, "limit")
-        over_time(ax, time, f"{chart.title.partition(',')[0].lower()} [{chart.unit}]")
+        name = re.split(",| of the | per | against | since ", chart.title)[0].lower()
+        over_time(ax, time, f"{name} [{chart.unit}]")
     return drawing.content
 
 
