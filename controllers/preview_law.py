@@ -134,8 +134,6 @@ def _weights(closed: FloatArray, row: FloatArray, costate: FloatArray) -> FloatA
     return np.array([weights[start:end].sum() for start, end in pairwise(ends.tolist())])
 
 
-__all__ = ["CREEP", "PERIOD"]
-
 GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]
 
 # Low-pass on unknown side forces: about the lag of a steering, and no quicker than the tyres relax, for at walking pace

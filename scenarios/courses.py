@@ -45,9 +45,8 @@ class Course:
     reference: tuple[float, float]  # the guided point in T [m]
     start: Pose2  # X_WT
     surface_centre: tuple[float, float] | None  # apex of a conical cross-fall [m]; None: a plane
-    centreline: (
-        FloatArray  # (n, 2) of the road, extended at both ends [m]: path of the tractor's rear axle, or the file's
-    )
+    # (n, 2) of the road, extended at both ends [m]: path of the tractor's rear axle, or the file's
+    centreline: FloatArray
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right at the centre line's points [m]
     relief: RoadRelief | None = None  # heights and banks of the road; None: level
     friction: FrictionMap | None = None  # of the road, in place of the scenario's

@@ -23,6 +23,7 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     listing,
+    new_directory,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -65,9 +66,7 @@ def vehicle(
         str | None,
         typer.Argument(help="Vehicle or rover: a name or a TOML file. Without it, the known names are listed."),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N")
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/vehicle-NAME-N")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -174,12 +173,7 @@ def assess(
     drawings: Annotated[
         Drawings, typer.Option(help="Also draw manoeuvres along a path: DXF for CAD, GeoJSON for GIS (extra 'cad').")
     ] = "none",
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Output directory of the report; it must not exist yet.", show_default="runs/assess-VEHICLE-N"
-        ),
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/assess-VEHICLE-N")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -286,10 +280,7 @@ _COLOURS: Final = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 
 def validate(
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Output directory for the page; it must not exist yet.", show_default="runs/validate-N"),
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/validate-N")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Run fewer cases: about half a minute.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -314,9 +305,9 @@ def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
     sections = []
     with progress_display(shown=shown) as progress:
         report = progress_bar(progress, "validation")
-        for done, task in enumerate(TASKS):
-            report(done, len(TASKS), task.title)
-            sections.append(task.work(quick))
+        for done, (title, work) in enumerate(TASKS.items()):
+            report(done, len(TASKS), title)
+            sections.append(work(quick))
     return sections
 
 

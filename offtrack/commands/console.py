@@ -37,6 +37,13 @@ SettingsOfAll = Annotated[
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
+
+
+def new_directory(show_default: str) -> Any:
+    """Option ``--out`` of a command that writes a directory, by default the next one of this name."""
+    return typer.Option(help="Output directory; it must not exist yet.", show_default=show_default)
+
+
 ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")]
 
 

@@ -21,6 +21,7 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     lines,
+    new_directory,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -157,9 +158,7 @@ def off_tracking(
             "takes four times as long.",
         ),
     ] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -234,9 +233,7 @@ def slip(
     estimator: Annotated[
         str, typer.Option(help="Slip estimator: ftrace, ftrace_plus or package.module:Name.", show_default=True)
     ] = "ftrace_plus",
-    out: Annotated[
-        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
     as_json: AsJson = False,

@@ -158,10 +158,16 @@ LAW_EXAMPLES = (
 
 _KEYS = ("steering", "degradation", "load", "steer_groups", "policy")  # of a scenario, that a law takes
 Fmi = Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content")]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content, such as VEHICLE.fmu"),
+]
 Platforms = Annotated[
     list[str] | None,
-    typer.Option(help="Further platform with a library in the FMU: linux-arm64, with FMI 3. Needs the extra zig."),
+    typer.Option(
+        help="Further platform with a library in the FMU: linux-arm64 or, of plants alone, win64, darwin64, "
+        "darwin-arm64; may be repeated. Needs the extra zig."
+    ),
 ]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", help="KEY=VALUE of the scenario; may be repeated.", show_default=False)
@@ -214,17 +220,9 @@ PLANT_EXAMPLES = (
 @app.command(epilog=lines(PLANT_EXAMPLES))
 def plant(
     vehicle: Annotated[str, typer.Argument(help="Vehicle or rover: a name (see: offtrack vehicle) or a TOML file.")],
-    fmi: Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")] = 3,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="VEHICLE.fmu")
-    ] = None,
-    platform: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Further platform with a library in the FMU: win64, darwin64, linux-arm64, darwin-arm64; may be "
-            "repeated. Needs the extra zig."
-        ),
-    ] = None,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
     soil: Annotated[
         str | None, typer.Option(help="Soil that a rover drives in: a name or a TOML file; without it, firm ground.")
     ] = None,

@@ -152,7 +152,7 @@ class SensedTrailer:
         self._signal_features = signal_features(self._signals.sample(truth), self._follow_distance)
 
     def features(self) -> FloatArray:
-        """Features as ``trailer_features.features`` lists them, of the newest estimate with health."""
+        """Features as ``observations.features`` lists them, of the newest estimate with health."""
         values, age = (0.0,) * _N_ESTIMATED, NEVER
         if self._channel.healthy is not None:
             healthy = as_estimate(self._channel.healthy).off_tracking
@@ -160,7 +160,7 @@ class SensedTrailer:
         return np.array([*values, age, float(self._channel.usable), *self._signal_features])
 
     def own_features(self) -> FloatArray:
-        """Features as ``trailer_features.own_features`` lists them: the image's age and the trailer's own sensors."""
+        """Features as ``observations.own_features`` lists them: the image's age and the trailer's own sensors."""
         return np.array([self._channel.image_age(self._tick, without=NEVER), *self._signal_features])
 
     def close(self) -> None:

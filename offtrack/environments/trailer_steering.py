@@ -58,18 +58,16 @@ turn; ``outcome`` at the end.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
 from offtrack.environments import rewards
 from offtrack.environments.camera_observations import CameraObservations
-from offtrack.environments.core import CHECKED, Info, Lanes, Observation, Result, is_whole
+from offtrack.environments.core import EnvironmentOptions, Info, Lanes, Observation, Result, is_whole
 from offtrack.environments.drivers import Drivers, Tracks
 from offtrack.environments.observations import (
     EpisodeStart,
@@ -137,20 +135,18 @@ _GRIP = 0.5  # fraction of the friction that the driver uses in turns
 _TIME_LIMIT, _GRACE = 1.5, 10.0  # as in a scenario: relative to the course at set speed [-], and added [s]
 
 
-@dataclass(frozen=True, kw_only=True, config=CHECKED)
-class TrailerSteeringOptions:
+class TrailerSteeringOptions(EnvironmentOptions):
     """Options of the environment."""
 
     vehicle: str = "uk_longer_semitrailer"  # name or file; its last unit must have steered axles and a follow point
     courses: Sequence[str | Course] = COURSES
     observation: ObservationKind = "surrogate"
-    domain: Domain = field(default_factory=Domain)
+    domain: Domain = Domain()
     reward: Mapping[Reward, float] | None = None  # None: ``rewards.USUAL``
     endings: Mapping[str, Ending] | None = None
     surrogate: SurrogateParameters | None = None  # None: the shipped one
-    sensing: str | Scenario = (
-        "roundabout"  # scenario with rig, faults, world and estimator, for ``estimate`` and ``camera``
-    )
+    # Scenario with rig, faults, world and estimator, for ``estimate`` and ``camera``
+    sensing: str | Scenario = "roundabout"
     image_scale: int = 1  # factor that reduces images, for ``camera``
     engine: Engine = "auto"
 

@@ -1,7 +1,5 @@
 """Figures of a study: the paths driven, and numbers over a varied key; and pages that play its runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ every running trial shows signs of life; trials that show none are failed by the
 their parameters. Needs the extra ``tune``.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json
@@ -72,7 +70,7 @@ def database(url: str, *, beat: int = BEAT, grace: int = GRACE) -> RDBStorage:
         expected = "postgresql://USER@HOST/DATABASE"
         raise ValueError(f"--storage {shown(hidden(url))}: expected {expected}, or sqlite:///FILE for one machine")
     scheme, module = _DRIVERS[kind]
-    check_extra("cluster", f"--storage {kind} needs", module)
+    check_extra("cluster", f"--storage {kind}: needs", module)
     address = scheme + url[len(url.partition(":")[0]) :]
     with _refusals(url), without_warnings():
         for left in reversed(range(_OPENINGS)):

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Final, Literal, TypeGuard, TypeVar
 
 import numpy as np
 
-from sensors.faults.fault import TimedFault, defaults
+from sensors.faults.fault import Options, TimedFault, defaults
 from vehicle.clock import TICK, Pipe
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import wheels
@@ -49,7 +49,7 @@ class LoopFaultContext:
 class LoopFaultKind:
     """Base of all fault kinds of the loop. The first line of the class's docstring is its description in listings."""
 
-    options: ClassVar[tuple[Option, ...]] = ()  # numbers that set its severity, in this order
+    options: ClassVar[Options] = ()  # numbers that set its severity, in this order
 
     def __init__(self, amount: tuple[float, ...], context: LoopFaultContext) -> None:
         """A fault of this severity: one number for each of ``options``.
@@ -165,7 +165,7 @@ class ActuatorStuck(_OnAxles):
     ESTA 0254).
     """
 
-    options: ClassVar[tuple[Option, ...]] = (_AXLE,)
+    options: ClassVar[Options] = (_AXLE,)
 
     def moved(self, held: FloatArray, demand: FloatArray, elapsed: float) -> FloatArray:
         """The angles at the beginning."""
@@ -175,7 +175,7 @@ class ActuatorStuck(_OnAxles):
 class ActuatorSlow(_OnAxles):
     """The trailer's steered axles turn at a share of their highest rate."""
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("share", 0.2, "rate limit over that of sound actuators", low=0.001, high=1.0),
         _AXLE,
     )
@@ -194,7 +194,7 @@ class ActuatorSlow(_OnAxles):
 class ActuatorOffset(_OnAxles):
     """The trailer's steered axles stand beside their demand."""
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("offset", 2.0, "added to the demand, + left", unit="deg", low=-45.0, high=45.0),
         _AXLE,
     )
@@ -211,7 +211,7 @@ class ActuatorDead(_OnAxles):
     EST 0239). The rate at which the centring cylinders turn them is assumed.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("rate", 5.0, "at which the axles return to straight", unit="deg/s", low=0.1, high=90.0),
         _AXLE,
     )
@@ -277,34 +277,34 @@ class EstimateLoss(_Loss):
     """Estimates are lost at random on their way to the steering law."""
 
     carries: ClassVar[Carried] = "estimates"
-    options: ClassVar[tuple[Option, ...]] = (Option("share", 0.3, "share of estimates", low=0.0, high=1.0),)
+    options: ClassVar[Options] = (Option("share", 0.3, "share of estimates", low=0.0, high=1.0),)
 
 
 class EstimateDelay(_Delay):
     """Estimates reach the steering law late."""
 
     carries: ClassVar[Carried] = "estimates"
-    options: ClassVar[tuple[Option, ...]] = (_DELAY,)
+    options: ClassVar[Options] = (_DELAY,)
 
 
 class DemandLoss(_Loss):
     """Demands are lost at random on their way to the actuators, which hold the last one."""
 
     carries: ClassVar[Carried] = "demands"
-    options: ClassVar[tuple[Option, ...]] = (Option("share", 0.3, "share of demands", low=0.0, high=1.0),)
+    options: ClassVar[Options] = (Option("share", 0.3, "share of demands", low=0.0, high=1.0),)
 
 
 class DemandDelay(_Delay):
     """Demands reach the actuators late."""
 
     carries: ClassVar[Carried] = "demands"
-    options: ClassVar[tuple[Option, ...]] = (_DELAY,)
+    options: ClassVar[Options] = (_DELAY,)
 
 
 class BrakeFault(BrakeShares):
     """Brakes of a unit, of one of its axles or of one side have a share of their torque; the retarder stays sound."""
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("share", 0.0, "torque over that of sound brakes", low=0.0, high=1.0),
         Option("unit", 0, "1 the tractor, 2 the first trailer, ...; 0: the last", low=0, high=20),
         Option("axle", 0, "of that unit from the front; 0: all", low=0, high=20),

@@ -41,7 +41,7 @@ _NUMBERS: Final = st.floats(-1.0, 1.0, width=32) | st.sampled_from([0.0, 1.0, -1
 def _options(name: str) -> dict[str, st.SearchStrategy[str]]:
     """Values of the constructor's options as Python."""
     hints = get_type_hints(CORES[name][1])
-    known = {field.name: _of(field.name, hints[field.name]) for field in fields(CORES[name][1])}
+    known = {key: _of(key, hints[key]) for key in CORES[name][1].model_fields}
     return {**known, "action_repeat": _of("action_repeat", int), "render_mode": _of("render_mode", str)}
 
 

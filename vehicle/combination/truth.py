@@ -30,9 +30,8 @@ class Truth:
     wheel_loads: FloatArray  # (n_wheels,) vertical tyre force [N]
     wheel_slip_angles: FloatArray  # (n_wheels,) slip angle of every wheel [rad]
     friction_used: FloatArray  # (n_wheels,) horizontal tyre force / (mu F_z) [-]
-    load_transfer: (
-        FloatArray  # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
-    )
+    # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
+    load_transfer: FloatArray
 
 
 def plan_pose(X_WB: FloatArray, height: float) -> FloatArray:

@@ -158,13 +158,8 @@ def displacement_psd(road_class: str, n: FloatArray) -> FloatArray:
     return np.asarray(ROAD_CLASSES[road_class] * (n / _REFERENCE) ** -2, dtype=np.float64)
 
 
-def felt_psd(road_class: str, n: FloatArray, spread: float) -> FloatArray:
-    """Density Gd [m3] after averaging by a tyre with a standard deviation of ``spread`` [m]."""
-    return displacement_psd(road_class, n) * np.exp(-((2.0 * np.pi * spread * n) ** 2))
-
-
 def plane_psd(road_class: str, k: FloatArray, spread: float) -> FloatArray:
-    """Two-sided density [m4] over the plane of spatial frequencies of modulus k > 0 [cycles/m], for ``felt_psd``."""
+    """Two-sided density [m4] over the plane of spatial frequencies of modulus k > 0 [cycles/m], as a tyre feels it."""
     q = 2.0 * np.pi * spread * k
     averaged = erfc(q) + 2.0 * q * np.exp(-(q**2)) / np.sqrt(np.pi)
     return np.asarray(displacement_psd(road_class, k) / (4.0 * k) * averaged, dtype=np.float64)

@@ -16,9 +16,8 @@ from scipy.spatial import KDTree
 
 from vehicle.frames import FloatArray, arc_length
 
-_NEAREST_TO_CENTRE: Final = (
-    0.2  # least of 1 - curvature * offset: beyond it, distances along the line are not stretched
-)
+# Least of 1 - curvature * offset: beyond it, distances along the line are not stretched
+_NEAREST_TO_CENTRE: Final = 0.2
 
 
 class Beside(NamedTuple):

@@ -40,13 +40,13 @@ def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
     out = tmp_path / "made"
     result = CliRunner().invoke(APP, ["reina2008-table2", "--quick", "--json", "--out", str(out)])
     assert result.exit_code == 0, result.output
-    printed = json.loads(result.stdout)
+    told = json.loads(result.stdout)
     written = json.loads((out / "reina2008-table2.json").read_text())
-    assert printed["numbers"] == written["numbers"]
-    assert [float(one["published"]) for one in printed["numbers"]] == sorted(
+    assert told["numbers"] == written["numbers"]
+    assert [float(one["published"]) for one in told["numbers"]] == sorted(
         printed("reina2008")["table2"]["confidences"], reverse=True
     )
-    own = [one["own"] for one in printed["numbers"] if one["own"] is not None]
+    own = [one["own"] for one in told["numbers"] if one["own"] is not None]
     assert own == sorted(own, reverse=True)
     assert own[0] > 80.0  # the trace is clear, and followed from image to image
     assert own[-1] < 50.0  # other candidates are not the trace

@@ -12,7 +12,7 @@ import pytest
 
 import offtrack
 from offtrack.exchange.fmi_proxy.system import fmu_system
-from scenarios.assembly.applied_faults import trailer_faults
+from scenarios.assembly.applied_faults import TrailerFaults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.loop.channel import InLine, Stopwatch
@@ -133,7 +133,8 @@ def test_a_kind_of_ones_own_acts_by_its_import_path() -> None:
     options = FaultOptions(kind="tests.scenarios.loop.test_loop_faults:Swapped")
     own = options.fault()
     assert isinstance(own, LoopFault)
-    faults = trailer_faults([(0, own)], load_vehicle(VEHICLE), 1, lambda _: np.random.default_rng(0))
+    context = LoopFaultContext(vehicle=load_vehicle(VEHICLE), unit=1, rng=np.random.default_rng(0))
+    faults = TrailerFaults([(own, own.built(context))])
     assert faults.demanded(0, np.array([0.1, -0.2]), np.zeros(2)).tolist() == [-0.1, 0.2]
 
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vehicle.rovers import GRAVITY, HOME, driven, plant_on
+from tests.vehicle.rovers import GRAVITY, HOME, driven, plant_on, slope_towards
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
-from vehicle.rover.terrain import Terrain, slope_towards
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 
 SIX, FOUR = load_rover("six_wheel_rover"), load_rover("el_dorado_ii")

@@ -11,14 +11,14 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from tests.vehicle.rovers import HOME, STILL, STRAIGHT, driven, plant_on
+from tests.vehicle.rovers import HOME, STILL, STRAIGHT, driven, plant_on, slope_towards
 from vehicle.combination.plant import DivergedError
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, soil_names
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.terrain import FirmPatch, Mound, Terrain, slope_towards
+from vehicle.rover.terrain import FirmPatch, Mound, Terrain
 from vehicle.rover.terramechanics import RimMotion, soil_force
 from vehicle.rover.truth import RoverTruth
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.vehicle.rovers import slope_towards
 from vehicle.frames import FloatArray
-from vehicle.rover.terrain import FirmPatch, HeightMap, Mound, Terrain, load_height_map, slope_towards
+from vehicle.rover.terrain import FirmPatch, HeightMap, Mound, Terrain, load_height_map
 
 MOUND = Mound(x=1.0, y=-0.5, height=0.4, radius=1.5)
 

@@ -1,4 +1,4 @@
-"""Pictures of the environments for these documents: ``python docs/gallery.py FOLDER``."""
+"""Pictures of the environments for the documents: ``python tools/gallery.py FOLDER``."""
 
 import sys
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Training of the trace tracker's templates: ``python -m …training.trace_templates FILE``, some minutes.
+"""Training of the trace tracker's templates: ``python tools/trace_templates.py FILE``, some minutes.
 
 A rover crosses simulated sand with a wheel slip that sweeps from one side to the other, with the sun in many directions
 at two heights; two passes are in shade. The seeds differ from those of all evaluation sequences.
