@@ -4,8 +4,6 @@ Coordinates are those of the course in metres: x along the tractor's first headi
 axle at the start.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import math

@@ -3,8 +3,6 @@
 A video is H.264 where PyAV is installed, else a GIF.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -145,7 +143,7 @@ class StripChart:
     limit: float  # the value at the top; its negative is at the bottom
 
     @classmethod
-    def with_axes(cls, size: tuple[int, int], duration: float, largest: float) -> StripChart:
+    def with_axes(cls, size: tuple[int, int], duration: float, largest: float) -> "StripChart":
         """A chart of this width and height for values of either sign up to ``largest``."""
         step = nice_step(2.0 * max(largest, 0.05), 6)  # smaller values would only show noise
         chart = cls(

@@ -1,7 +1,5 @@
 """The film of a playback: the camera's image above the plan, readings and the first chart."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ Lettering stays text, so that the page's typeface applies and numbers can be sea
 below its axes, where it hides no curve.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ A run directory holds ``scenario.toml`` (runs again identically), ``manifest.jso
 ``traceback.txt``.
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import dataclasses

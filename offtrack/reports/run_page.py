@@ -1,7 +1,5 @@
 """The reports of a trailer's and of a rover's run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Final
 

@@ -6,8 +6,6 @@ A snapshot is taken between two steps, only while somebody watches, and so seldo
 It reads the run and changes nothing, so the results are those of a run that nobody watches.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import secrets

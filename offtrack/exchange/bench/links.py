@@ -4,8 +4,6 @@ A DBC file lays out the CAN bus: a signal of the file is one of offtrack if it h
 received; any other message with a signal of offtrack is sent at every step of control. Units are those of the file.
 """
 
-from __future__ import annotations
-
 import errno
 import ipaddress
 import json
@@ -154,7 +152,7 @@ class LinkedBench:
         self.links = tuple(links)
         self._station = 0.0  # of the guided point [m]
 
-    def prepare(self, parts: Assembly, trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
+    def prepare(self, parts: "Assembly", trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
         """Tell the links which signals there are and which demands are taken."""
         self._course, self._speed = parts.course, parts.scenario.speed
         signals = signals_of(trailers, len(parts.vehicle.units))

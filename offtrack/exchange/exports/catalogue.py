@@ -3,8 +3,6 @@
 A new format is one module and one line here.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable
 from dataclasses import dataclass

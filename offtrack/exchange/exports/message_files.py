@@ -17,8 +17,6 @@ bag:
 | ``/offtrack/recording`` | ``std_msgs/String``: the recording's calibration, mounting and true poses as JSON, once |
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Writer of FMUs: model description, sources, libraries for the platforms, and a page on the content."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import io

@@ -3,8 +3,6 @@
 Names are those of ``fmi_import.plant`` where both mean the same, so that an exported plant needs no map there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final
 

@@ -4,8 +4,6 @@ The functions of FMI 3 that a plant does not need are written from the standard'
 The headers are those that FMPy ships.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence

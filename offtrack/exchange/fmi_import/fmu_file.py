@@ -1,7 +1,5 @@
 """Open FMU files: checked, unpacked into a private folder, described; their units and parameters."""
 
-from __future__ import annotations
-
 import io
 import math
 import platform

@@ -3,8 +3,6 @@
 Such an FMU gets the motion of the combination, as a sensor does, and gives estimates.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Mapping
@@ -179,7 +177,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
     """A driver that is an FMU; who keeps the set speed where it does not."""
 
     @classmethod
-    def of(cls, context: DriverContext) -> FmuDriver:
+    def of(cls, context: "DriverContext") -> "FmuDriver":
         """Driver for the course of a run.
 
         Raises:
@@ -187,7 +185,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
         """
         return cls(context)
 
-    def __init__(self, context: DriverContext) -> None:
+    def __init__(self, context: "DriverContext") -> None:
         self._course, self._speed = context.course, context.speed
         self._pace = PreviewDriver(context.tractor, context.course.path, context.speed)
         self._start("driver.parameters", driver_signals(len(context.vehicle.units)), context.parameters)
@@ -228,14 +226,14 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
             signals[f"ahead_y_{k}"] = math.cos(ego.psi) * dy - math.sin(ego.psi) * dx
         return station, signals
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> FmuDriver:
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FmuDriver":
         other = copy.copy(self)
         other._instance = copy.deepcopy(self._instance, memo)
         return other
 
 
 def driver_inputs(
-    course: Course, speed: float, near: float, tick: int, ego: EgoState
+    course: "Course", speed: float, near: float, tick: int, ego: EgoState
 ) -> tuple[float, dict[str, float]]:
     """Station of the guided point, ``near`` the last one [m], and inputs [SI] of a driver but for the path ahead."""
     path, pose = course.path, Pose2(ego.x, ego.y, ego.psi)
@@ -275,7 +273,7 @@ class WholeMotion:
     sends: ClassVar = Truth
 
     @classmethod
-    def of(cls, context: MountContext) -> OpenedSensor:
+    def of(cls, context: "MountContext") -> "OpenedSensor":
         """The sensor, without latency: that of the estimates is the FMU's own."""
         from scenarios.assembly.trailer_sensors import OpenedSensor
 

@@ -6,8 +6,6 @@ Models of other tools often take the angles of the road wheels as they are. Driv
 limits of the data sheet, and the monitor of the actuators expects them: with axles that jump the loop would oscillate.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Container, Mapping
@@ -123,7 +121,7 @@ class FmuPlant:
     fmu: ClassVar[FmuFile]
 
     @classmethod
-    def of(cls, context: PlantContext) -> FmuPlant:
+    def of(cls, context: "PlantContext") -> "FmuPlant":
         """Plant of the scenario's vehicle on its surface.
 
         Raises:
@@ -131,7 +129,7 @@ class FmuPlant:
         """
         return cls(context)
 
-    def __init__(self, context: PlantContext) -> None:
+    def __init__(self, context: "PlantContext") -> None:
         self._vehicle, self._surface = context.vehicle, context.surface
         if self._surface.gust is not None:
             self._vehicle = self._vehicle.in_wind()
@@ -263,7 +261,7 @@ class FmuPlant:
                     "choose the vehicle that the FMU simulates"
                 )
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> FmuPlant:
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FmuPlant":
         other = copy.copy(self)
         other._instance, other._truths = copy.deepcopy(self._instance, memo), dict(self._truths)
         return other

@@ -8,8 +8,6 @@ A request is one byte: ``STEP`` is followed by time, length and inputs as double
 bytes. An answer is one byte, a size and as many bytes: outputs as doubles, a state, or the text of a failure.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import json

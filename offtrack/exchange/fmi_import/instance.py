@@ -1,7 +1,5 @@
 """An FMU in a run, in a process of its own: steps with a time limit, states, and errors of one line."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
@@ -167,7 +165,7 @@ class FmuInstance:
         """End the process and remove its folder."""
         self._end()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> FmuInstance:
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FmuInstance":
         """Another instance in the same state.
 
         Raises:

@@ -1,7 +1,5 @@
 """Maps between the variables of an FMU and offtrack's signals: TOML files beside FMUs, and a first map to edit."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Estimates, sensor readings, motion and ground of a combination as numbered signals, and back."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Final

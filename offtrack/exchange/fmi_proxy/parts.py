@@ -3,8 +3,6 @@
 Readings, motion and poses go in; demands come out, friction, heights and wind, or off-tracking.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path

@@ -5,8 +5,6 @@ standard input and answers on standard output, as ``proxy.c`` says; prints go to
 so that none outlives its host.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

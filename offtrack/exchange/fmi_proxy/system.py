@@ -3,8 +3,6 @@
 SSP: "System Structure and Parameterization", Modelica Association, version 1.0.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple

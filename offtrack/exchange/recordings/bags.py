@@ -4,8 +4,6 @@ Images are kept as they are if the bag holds the files of a recording of offtrac
 their CameraInfo says, with K, D, R and P. Read by rosbags (extra ``export``), which needs no ROS.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence

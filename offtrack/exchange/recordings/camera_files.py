@@ -3,8 +3,6 @@
 The pose comes from a recording's ``rig.toml``, from options, or is assumed and reported.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Result directory of an off-tracking estimation: trajectories, table, summary, report with playback, and video."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

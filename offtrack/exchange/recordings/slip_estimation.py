@@ -1,7 +1,5 @@
 """Estimates of the slip angle in a rover's recording, image by image, and their result directory."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Poses are those of the left camera (x right, y down, z ahead) relative to its first frame.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

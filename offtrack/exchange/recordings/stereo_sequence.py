@@ -4,8 +4,6 @@ The folders have the names of the KITTI odometry benchmark or one of two plain p
 time in seconds for every frame, in order.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections import deque

@@ -9,8 +9,6 @@ A rover's recording has ``images/000000.png`` …, ``readings.csv`` (time_s, hea
 each wheel's steer angle in deg), ``rig.toml``, and where the true slip is known ``slip.csv`` (time_s, slip_deg).
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterable
@@ -316,14 +314,14 @@ class RoverRecordingWriter(RecordingFolder):
         self._count += 1
 
 
-def _of_trailer(directory: Path, parts: Assembly) -> RecordingWriter:
+def _of_trailer(directory: Path, parts: "Assembly") -> RecordingWriter:
     if parts.cameras is None:
         raise ValueError("there is no camera to record")
     last = parts.trailers[-1]
     return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
 
 
-def _of_rover(directory: Path, parts: RoverAssembly) -> RoverRecordingWriter:
+def _of_rover(directory: Path, parts: "RoverAssembly") -> RoverRecordingWriter:
     return RoverRecordingWriter(directory, parts.rig)
 
 

@@ -5,8 +5,6 @@ run's log.
 A colour is a name of the palette (``web/theme.js`` for pages, ``PALETTE`` for figures and films).
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Data sheets of vehicles by name; that of a combination: loads, reach of steered axles, handling, and drawings."""
 
-from __future__ import annotations
-
 import difflib
 import math
 from pathlib import Path

@@ -6,8 +6,6 @@ looks like a left turn.
 Lengths, widths, heights, axles and hitches come from the file; the shapes of cabs and frames are sketched.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The front is on the left and the origin is the body centre R on the ground: the 
 axis is the height in the side view and -y of R in the plan.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from typing import Final

@@ -1,7 +1,5 @@
 """Data sheet of a vehicle or a rover: numbers, tables, and a drawing to scale with border and dimensions."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
