@@ -163,7 +163,7 @@ def axle_from_above(ax: Axes, unit: Unit, x: float, axle: Axle) -> None:
         if axle.steered:
             wheel_from_above(ax, (x, -y), size, (1.0, 0.0), GREY, filled=False)
         plane = wheel_plane(axle, y, lock)
-        wheel_from_above(ax, (x, -y), size, (plane.x, plane.y), colour, filled=not axle.lifted)
+        wheel_from_above(ax, (x, -y), size, (float(plane.x), float(plane.y)), colour, filled=not axle.lifted)
 
 
 def _left_lock(unit: Unit, axle: Axle) -> float:
