@@ -15,7 +15,7 @@ from typing import Final
 import fmpy
 import numpy as np
 
-from offtrack.exchange.fmi_export.c_files import headers_folder
+from offtrack.exchange.fmi_export.plant_model import headers_folder
 from tests.fmus.plants import STEP, c_compiler
 from vehicle.frames import FloatArray
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from hypothesis import strategies as st
 
 from controllers.trailer_steering.policy import NETWORK_FILE
-from offtrack.exchange.bench.can_bus import DBC_FILE
+from offtrack.exchange.bench.links import DBC_FILE
 from offtrack.studies.study import STUDY_FILE
 from tests.fuzz.case import Case
 from tests.fuzz.mutations import hostile

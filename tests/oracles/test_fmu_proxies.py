@@ -5,14 +5,12 @@ The library for Windows needs the extra ``zig``; it is compiled, not run.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import shutil
 import signal
 import subprocess
 import sys
 import threading
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +23,7 @@ import offtrack
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.mapping import map_file
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, sensor_proxy
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
 from scenarios.options.scenario import load_scenario
@@ -152,18 +149,6 @@ def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> 
     slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
     slave.step()
     slave.close()
-
-
-@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs the extra zig")
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_library_for_windows_compiles(version: int, tmp_path: Path) -> None:
-    file = law(tmp_path, version, platforms=("linux64", "win64"))
-    assert validate_fmu(str(file)) == []
-    with zipfile.ZipFile(file) as archive:
-        (name,) = [name for name in archive.namelist() if name.endswith(".dll")]
-        content = archive.read(name)
-    assert content.startswith(b"MZ")
-    assert b"CreateProcessA" in content
 
 
 @pytest.mark.parametrize("version", [2, 3])

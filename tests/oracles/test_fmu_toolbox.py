@@ -20,9 +20,8 @@ import offtrack
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_export.plant_model import Exported, exported_plant
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, ground_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.proxy import Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, ground_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.options.scenario import load_scenario
 from vehicle.combination.description import load_vehicle

@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import LinkedBench, UdpLink
-from offtrack.reports.run_writer import write_run
+from offtrack.exchange.bench.links import CanLink, LinkedBench, UdpLink
+from offtrack.reports.run_files import write_run
 from scenarios.loop.channel import Pacer
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario

@@ -20,9 +20,8 @@ from controllers.rover_driver import RoverDriver
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.slip.rover_odometry import ReferenceSlip
 from offtrack.commands.cli import app
-from offtrack.reports.rover_report import rover_report_html
-from offtrack.reports.run_page import report_html
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
+from offtrack.reports.run_page import report_html, rover_report_html
 from scenarios.loop.channel import InLine
 from scenarios.loop.image_observers import Pictures, StereoPictures
 from scenarios.loop.referee import CourseJudge
@@ -145,9 +144,9 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
     ("broken", "error", "told"),
     [
         ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
-        ("run_video.write_video", IndexError("no such colour"), "IndexError: no such colour"),
+        ("run_files.write_film", IndexError("no such colour"), "IndexError: no such colour"),
         (
-            "run_video.write_video",
+            "run_files.write_film",
             OSError(errno.ENOSPC, "No space left on device"),
             "OSError: .*No space left on device",
         ),

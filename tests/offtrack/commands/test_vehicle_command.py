@@ -19,8 +19,8 @@ from typer.testing import CliRunner, Result
 
 from offtrack.commands.assess import vehicle
 from offtrack.reports.vehicle_sheet import rover_sheet as rover_views
+from offtrack.reports.vehicle_sheet.combination_sheet import open_sheet
 from offtrack.reports.vehicle_sheet.combination_views import CombinationDrawing, plan_view, side_view
-from offtrack.reports.vehicle_sheet.library import open_sheet
 from offtrack.reports.vehicle_sheet.sheet import Scale, save_sheet
 from vehicle.combination.data_sheet import data_sheet, handling_at
 from vehicle.combination.description import load_vehicle, vehicle_names

@@ -12,11 +12,9 @@ import pytest
 from fmpy.fmi3 import fmi3IntermediateUpdateCallback
 
 from offtrack.exchange.fmi_export import fmu_writer
-from offtrack.exchange.fmi_export.c_files import common_files
 from offtrack.exchange.fmi_export.fmu_writer import write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import combination_inputs, combination_model, plant_model
-from offtrack.exchange.fmi_export.plant_model import PlantModel
-from offtrack.exchange.fmi_export.variables import base_unit
+from offtrack.exchange.fmi_export.plant_model import PlantModel, base_unit, common_files
 from tests.fmus.hosts import host_here
 from tests.fmus.plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
 from tests.soak.measure import soaked, usage
@@ -171,14 +169,14 @@ def test_a_thousand_instances_leave_nothing(fmus: dict[int, Path]) -> None:
 
 def test_every_unit_is_known(model: PlantModel) -> None:
     variables = model.interface.variables()
-    assert all(one.quantity.unit == "-" or base_unit(one.quantity.unit) for one in variables)
+    assert all(one.signal.unit == "-" or base_unit(one.signal.unit) for one in variables)
     assert base_unit("rad/(m/s2)") == base_unit("rad s2/m")
-    starts = {one.quantity.name: one.quantity for one in variables if one.quantity.low is not None}
+    starts = {one.signal.name: one.signal for one in variables if one.signal.low is not None}
     assert all(one.low is not None and one.low <= one.start for one in starts.values())
 
 
 def test_poses_follow_no_input_at_once_and_loads_follow_slopes(model: PlantModel, vehicle: Vehicle) -> None:
-    variables = {one.quantity.name: one for one in model.interface.variables()}
+    variables = {one.signal.name: one for one in model.interface.variables()}
     assert variables["x_1"].feed_through == ()
     commands = {variables[name].reference for name in ("steer", "acceleration", "gear")}
     assert all(not commands & set(one.feed_through) for one in variables.values())
@@ -221,13 +219,13 @@ def test_trucks_and_rovers_have_their_own_interfaces(model: PlantModel, vehicle:
 
     A rover divides a communication step into equal ones of at most 5 ms, so that theirs depends on it.
     """
-    given = {quantity.name: quantity.unit for quantity in model.interface.inputs}
+    given = {one.name: one.unit for one in model.interface.inputs}
     axles = range(1, 1 + sum(len(unit.axles) for unit in vehicle.units))
     torques = [f"{kind}_torque_{k}" for kind in ("drive", "brake") for k in axles]
     assert [name for name in given if "torque" in name] == torques
     assert {given[name] for name in torques} == {"N m"}
     rover = plant_model("el_dorado_ii_skid", None, wind=False)
-    names = [one.quantity.name for one in rover.interface.variables()]
+    names = [one.signal.name for one in rover.interface.variables()]
     assert {"wheel_speed_demand_4", "ground_slope_x_4", "firm_4", "ground_height_4"} <= set(names)
     assert {"mass", "wheels.half_length", "start_psi"} <= set(names)
     assert len(names) == len(set(names))

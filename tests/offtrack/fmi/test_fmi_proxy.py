@@ -33,11 +33,7 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_signals,
     truth_values,
 )
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import (
-    driver_proxy,
-    sensor_proxy,
-)
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
@@ -244,24 +240,24 @@ def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> N
     schema = etree.XMLSchema(etree.parse(Path(ssd.__file__).parent / "schema" / "SystemStructureDescription.xsd"))
     schema.assertValid(etree.fromstring(loop.description()))
     variables = {
-        (name, one.quantity.name): one for name, exported in loop.components.items() for one in exported.variables
+        (name, one.signal.name): one for name, exported in loop.components.items() for one in exported.variables
     }
     for one in loop.connections:
         source, target = variables[one.source, one.output], variables[one.target, one.input]
         assert (source.causality, target.causality) == ("output", "input")
-        assert source.quantity.unit == target.quantity.unit, one
+        assert source.signal.unit == target.signal.unit, one
     targets = [(one.target, one.input) for one in loop.connections]
     inputs = {key for key, one in variables.items() if one.causality == "input" and key[0] != "plant"}
     assert len(targets) == len(set(targets))
     assert inputs <= set(targets)
     assert ("plant", "steer_trailer_2") in targets
-    assert variables["plant", "friction_wheel_1"].quantity.start == 0.5
-    assert variables["plant", "start_speed"].quantity.start > 0.0
+    assert variables["plant", "friction_wheel_1"].signal.start == 0.5
+    assert variables["plant", "start_speed"].signal.start > 0.0
     assert set(loop.components) == {"plant", "driver", "ground", "sensor_2", "law_2", "sensor", "law"}
     assert {one.source for one in loop.connections if one.target == "law_2"} == {"sensor_2"}
-    grounds = {one.quantity.name for one in loop.components["ground"].variables if one.causality == "output"}
+    grounds = {one.signal.name for one in loop.components["ground"].variables if one.causality == "output"}
     for name in grounds:  # the plant starts on its ground, also where a runner gives it zeros at first
-        assert variables["plant", name].quantity.start == variables["ground", name].quantity.start
+        assert variables["plant", name].signal.start == variables["ground", name].signal.start
 
 
 @pytest.mark.parametrize(

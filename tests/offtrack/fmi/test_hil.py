@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import LinkedBench, UdpLink
+from offtrack.exchange.bench.links import CanLink, LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.loop.bench import (
     Demands,

@@ -21,9 +21,9 @@ from estimators.context import TrailerContext
 from estimators.estimates import Health, Motion, OffTracking
 from offtrack.commands.estimate import app
 from offtrack.exchange.recordings import stereo_sequence
-from offtrack.exchange.recordings.recording_pictures import Composition
 from offtrack.exchange.recordings.writers import RecordingWriter
 from offtrack.reports.canvas import Picture
+from offtrack.reports.film import Film
 from scenarios.results.log import read_log
 from scenarios.results.metrics import true_off_tracking
 from sensors.camera.rig import StereoCalibration, StereoRig
@@ -409,14 +409,14 @@ def test_an_interrupt_while_the_video_is_drawn_keeps_the_estimates(yard: Path, m
     """They are complete by then; what there is of the video plays."""
     import av
 
-    genuine = Composition.picture
+    genuine = Film.picture
 
-    def picture(self: Composition, k: int) -> Picture:
-        if k == 60:
+    def picture(self: Film, now: float) -> Picture:
+        if now > 5.95:
             raise KeyboardInterrupt
-        return genuine(self, k)
+        return genuine(self, now)
 
-    monkeypatch.setattr(Composition, "picture", picture)
+    monkeypatch.setattr(Film, "picture", picture)
     assert estimated(yard, "--out", "out", "--quiet").exit_code == 130
     found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
     assert (found["outcome"], found["frames"]["used"]) == ("interrupted", FRAMES)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from offtrack.exchange.recordings.mounting import (
+from offtrack.exchange.recordings.camera_files import (
     Facing,
     MountingOptions,
     Rig,
@@ -207,7 +207,7 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
                 tracks=tracks, matches=300, inliers=300,
             )  # fmt: skip
 
-    monkeypatch.setattr("offtrack.exchange.recordings.mounting.CircularOdometry", Moving)
+    monkeypatch.setattr("offtrack.exchange.recordings.camera_files.CircularOdometry", Moving)
     grey = np.zeros((32, 64), np.uint8)
     frames = [StereoFrame(tick=100 * k, left=grey, right=grey) for k in range(10)]
     calibration = replace(RIG.calibration(), X_SC=np.eye(4))

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from offtrack.reports.player.encoding import encoded, kept_rows, small_pictures
-from offtrack.reports.player.playback import Picture, fault_spans, health_spans
-from offtrack.reports.player.run_playback import trailer_playback
+from offtrack.reports.player.playback import Picture, fault_spans, health_spans, trailer_playback
 from offtrack.reports.run_page import report_html
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.swept_path import placed
