@@ -33,7 +33,7 @@ from offtrack.commands.console import (
 from offtrack.exchange.drawings import formats_of
 from offtrack.reports import page
 from offtrack.reports.page import Cell, Emphasis
-from offtrack.reports.vehicle_sheet.library import known_vehicles, open_sheet
+from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
     Reproduction,

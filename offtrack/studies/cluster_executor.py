@@ -5,7 +5,6 @@ worker is lost is made by another one.
 """
 
 import importlib
-import importlib.util
 import logging
 import os
 import queue

@@ -26,8 +26,7 @@ from offtrack.reports.page import (
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail
-from offtrack.reports.player.run_playback import unit_body
+from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail, unit_body
 from offtrack.reports.sections import groups
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
