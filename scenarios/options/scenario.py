@@ -204,9 +204,8 @@ class Scenario(ScenarioTable):
         "Sensor (see offtrack parts sensor) or package.module:Name; not given: the estimator's own.", None
     )
     sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
-    viso_ot: VisoOt.Parameters = (
-        VisoOt.Parameters()
-    )  # of ``off_tracking = "viso_ot"``; ``estimator`` has those of others
+    # Of ``off_tracking = "viso_ot"``; ``estimator`` has those of others
+    viso_ot: VisoOt.Parameters = VisoOt.Parameters()
     odometry: str = option("Stereo odometry (see offtrack parts odometry) or package.module:Name.", "keyframe")
     steer_groups: SteerGroups = option(
         "Grouping of steered trailer axles: as in the vehicle file, one common angle, or an actuator for each axle.",

@@ -118,7 +118,7 @@ class SandKind:
     azimuth: tuple[float, float] = (
         math.radians(60.0),
         math.radians(210.0),
-    )  # of the sun relative to the path, + left [rad]
+    )  # of the sun against the path, + left [rad]
     elevation: tuple[float, float] = (math.radians(30.0), math.radians(48.0))  # of the sun [rad]
 
 

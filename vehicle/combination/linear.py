@@ -279,9 +279,8 @@ def _steering_directions(vehicle: Vehicle, *, actuators: bool) -> FloatArray:
     sizes: State[int] | Input[int] = input_sizes(vehicle) if actuators else state_sizes(vehicle)
     start = sum(sizes[: sizes._fields.index("steer")])
     directions = np.eye(sum(sizes))[:, start : start + sizes.steer]
-    tractor = [
-        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].driver_actuators
-    ]  # their first axles turn by the demand
+    # Their first axles turn by the demand
+    tractor = [1.0 / actuator.ratios[0] for actuator in vehicle.units[0].driver_actuators]
     return np.column_stack([directions[:, : len(tractor)] @ tractor, directions[:, len(tractor) :]])
 
 
@@ -306,9 +305,8 @@ def straight_running(vehicle: Vehicle, speed: float, friction: float) -> tuple[F
         raise ValueError(f"speed = {speed} m/s must be positive")
     s = State(*(np.zeros(size) for size in state_sizes(vehicle)))
     u = Input(*(np.zeros(size) for size in input_sizes(vehicle)))
-    drag = GRAVITY * float(
-        np.mean([wheel.axle.tyre.rolling_resistance for wheel in wheels(vehicle)])
-    )  # [m/s2], a first guess
+    # [m/s2], a first guess
+    drag = GRAVITY * float(np.mean([wheel.axle.tyre.rolling_resistance for wheel in wheels(vehicle)]))
     s = s._replace(
         v_x=np.array([speed]),
         omega=np.array([speed / wheel.axle.wheel_radius for wheel in wheels(vehicle)]),

@@ -108,9 +108,8 @@ class NamedChanges(Frozen):
     cornering_stiffness_scale: float = quantity(
         1.0, "-", 0.2, 3.0, "Factor on the slope of every tyre's lateral force; longitudinal stiffness and peak stay."
     )
-    steer_lag: float | None = quantity(
-        None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True
-    )  # None: as in the vehicle file
+    # None: as in the vehicle file
+    steer_lag: float | None = quantity(None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True)
     steer_lag_scale: float = quantity(1.0, "-", 0.1, 10.0, "Factor on the lag of the towed units' steering actuators.")
 
 
