@@ -31,7 +31,7 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.exchange.drawings import formats_of
-from offtrack.reports.vehicle_sheet.library import known_vehicles, open_sheet
+from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
     Reproduction,
@@ -305,9 +305,9 @@ def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
     sections = []
     with progress_display(shown=shown) as progress:
         report = progress_bar(progress, "validation")
-        for done, task in enumerate(TASKS):
-            report(done, len(TASKS), task.title)
-            sections.append(task.work(quick))
+        for done, (title, work) in enumerate(TASKS.items()):
+            report(done, len(TASKS), title)
+            sections.append(work(quick))
     return sections
 
 

@@ -19,9 +19,8 @@ from offtrack.commands.console import (
 from offtrack.commands.study import StudyOptions, takes_study_options
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
 from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_text
-from offtrack.studies.campaigns.default_campaign import default_campaign
 from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, unaccepted
-from offtrack.studies.campaigns.run_campaign import Results, results_json, run_campaign
+from offtrack.studies.campaigns.run_campaign import Results, default_campaign, results_json, run_campaign
 from offtrack.studies.case import listed, seeds_of
 from offtrack.studies.study import settings_of
 from scenarios.options.scenario import scenario_names

@@ -30,19 +30,20 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
-from offtrack.exchange.recordings.calibration_files import (
+from offtrack.exchange.recordings.camera_files import (
+    MountingOptions,
     board_of,
     camera_text,
     coverage_picture,
+    facing_named,
     photographs,
     views_of,
 )
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
-from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
 from offtrack.exchange.recordings.recording_page import write_estimation
-from offtrack.exchange.recordings.rover_recording import open_rover_recording
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options, stream
 from scenarios.progress import postponed_interrupts

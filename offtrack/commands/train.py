@@ -1,6 +1,5 @@
 """`offtrack tune`, `train`, `convert-policy` and `fit-surrogate`: parameters, policies and error models from runs."""
 
-import importlib.util
 import json
 import os
 import shlex
@@ -52,6 +51,7 @@ from offtrack.studies.tuning import (
 )
 from offtrack.studies.tuning_page import tuning_page
 from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
+from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_new_file, replaced
@@ -105,7 +105,7 @@ def train(
         check_number("--seed", seed, 0, 2**31)
         check_number("--episodes", episodes, 1, 10_000)
         check_number("--threads", threads, 1, MOST_JOBS)
-        _check_extra()
+        check_extra("rl", "training needs", "stable_baselines3", "torch")
         if observation not in ("surrogate", "truth"):
             raise ValueError(f"--observation {observation}: must be surrogate or truth")
         import torch
@@ -155,7 +155,7 @@ def convert_policy(
     the extra rl.
     """
     with one_line_errors():
-        _check_extra()
+        check_extra("rl", "training needs", "stable_baselines3", "torch")
         from offtrack.environments.training.learner import saved_network
 
         written = out or model.with_suffix(".npz")
@@ -164,13 +164,6 @@ def convert_policy(
         keep_network(network, written)
         layers = " x ".join(str(len(biases)) for biases in network.biases)
         typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
-
-
-def _check_extra() -> None:
-    """Check that the learner is installed."""
-    for module in ("stable_baselines3", "torch"):
-        if importlib.util.find_spec(module) is None:
-            raise ValueError(f"training needs {module}; install it with: pip install 'offtrack[rl]'")
 
 
 def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
@@ -291,8 +284,7 @@ def tune(
         check_number("--trials", trials, 1, 100_000)
         check_number("--jobs", jobs, 1, MOST_JOBS)
         check_number("--seed", seed, 0, 2**31)
-        if importlib.util.find_spec("optuna") is None:
-            raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
+        check_extra("tune", "tuning needs", "optuna")
         from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
 
         subject = subject_of(scenario)

@@ -8,8 +8,6 @@ Files that a run opens although its scenario does not name them, such as a table
 they are opened: see ``opened_files``.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import itertools
@@ -222,7 +220,7 @@ class Provenance(NamedTuple):
     ended: str  # UTC, ISO 8601
 
     @classmethod
-    def of(cls, table: Any) -> Provenance | None:
+    def of(cls, table: Any) -> "Provenance | None":
         """As it was saved; None for a run of before it was saved, or a damaged table."""
         try:
             return cls(**table)

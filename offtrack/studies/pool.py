@@ -4,8 +4,6 @@ A run is saved as ``<identity>.json`` (summary, and digests of the files that it
 ``<identity>.parquet`` (signals).
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence

@@ -3,8 +3,6 @@
 The directory holds the study file, tables, the report, and the runs in ``cells``; an existing study is resumed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -119,12 +117,7 @@ Finish = Callable[[Sequence[Outcome], Sequence[Row], MakeMore], None]
 
 
 def run_study(
-    title: str,
-    study: Study,
-    directory: Path,
-    options: RunOptions,
-    *,
-    finish: Finish | None = None,
+    title: str, study: Study, directory: Path, options: RunOptions, *, finish: Finish | None = None
 ) -> tuple[list[Outcome], list[Row]]:
     """Run what the directory does not hold yet of a study, and write its tables and report.
 

@@ -1,7 +1,5 @@
 """Figures of a study: the paths driven, and numbers over a varied key; and pages that play its runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,11 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun, Figure
 from offtrack.reports.player.playback import Playback
 from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
-from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, run_page
+from offtrack.reports.run_files import KINDS, MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
 from scenarios.results.log import read_log

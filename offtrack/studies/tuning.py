@@ -3,8 +3,6 @@
 A trial is a tuning set of runs. The result is compared with the default parameters on another set of runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -225,12 +225,13 @@ def test_steer_angles_are_those_recorded_and_stay_after_the_end() -> None:
 
 def test_a_recorded_speed_is_held() -> None:
     """A point mass that does as demanded follows a ramp of 0.5 m/s2 within 2 cm/s, and ends at the last speed."""
-    trace = DriverTrace(time=np.array([0.0, 4.0, 10.0]), steer=np.zeros(3), speed=np.array([2.0, 4.0, 4.0]))
+    speeds = np.array([2.0, 2.0, 4.0, 4.0])
+    trace = DriverTrace(time=np.array([0.0, 2.0, 6.0, 10.0]), steer=np.zeros(4), speed=speeds)
     driver = TraceDriver(trace)
     memory, v, worst = driver.init(), 2.0, 0.0
     for tick in range(0, 10000, 20):
         memory, command = driver.step(memory, tick, ego(tick, v_x=v))
-        worst = max(worst, abs(v - float(np.interp(tick * 1e-3, trace.time, [2.0, 4.0, 4.0]))))
+        worst = max(worst, abs(v - float(np.interp(tick * 1e-3, trace.time, speeds))))
         v += command.acceleration * 0.02
     assert worst < 0.02
     assert v == pytest.approx(4.0, abs=1e-3)

@@ -31,6 +31,7 @@ from tests.trailers import COMBINATION, estimate
 from tests.trailers import signals as readings
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
+from vehicle.combination.linear import lateral_model
 from vehicle.frames import FloatArray
 
 VEHICLE = COMBINATION.vehicle
@@ -78,6 +79,16 @@ def test_the_closed_loop_is_stable_and_better_damped(kmh: float) -> None:
     assert np.linalg.eigvals(closed).real.max() < -0.5  # what a transient halves by in 1.4 s
     unsteered = closed_loop(UNSTEERED, KMH * kmh)
     assert yaw_damping(closed) > (0.55 if kmh < 70.0 else 1.1 * yaw_damping(unsteered))
+
+
+def test_a_second_trailer_has_the_column_of_its_own_actuators() -> None:
+    """Axles of the trailer ahead are steered by another law."""
+    vehicle, speed = load_vehicle("b_double_steered"), 20.0
+    model, own = lateral_model(vehicle, speed), len(vehicle.units[2].actuators)
+    p = plant(Combination(vehicle, 2), trailer_geometry(vehicle, 2), speed)
+    n = len(model.states)
+    np.testing.assert_allclose(p.A[:n, n], model.B[:, -own:].sum(axis=1))
+    assert own < model.B.shape[1] - 1
 
 
 def test_the_path_behind_the_hitch_is_that_of_a_steady_turn() -> None:

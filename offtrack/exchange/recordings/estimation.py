@@ -5,8 +5,6 @@ CVPR 2012. Subsequences of 100, 200, … 800 m start at every tenth frame. For e
 compared with the true one. The errors of translation and rotation are divided by the length and averaged.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence

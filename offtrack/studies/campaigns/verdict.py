@@ -1,7 +1,5 @@
 """Verdict on a run of a campaign: requirements, response to the fault, and what was broken."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Dynamics, 2018, section 3 (3.2.4 for Fig. 9): the trailer moves 100 m straight a
 The estimates do not steer the trailer, so one drive serves all odometries.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -260,7 +258,7 @@ class Outcome(NamedTuple):
     inliers: float  # mean share of the matches [%]
 
     @classmethod
-    def of(cls, point: Point, one: Drive, odometry: str) -> Outcome:
+    def of(cls, point: Point, one: Drive, odometry: str) -> "Outcome":
         """Errors and matches of an odometry in a drive."""
         error, track = one.error(odometry), one.tracks[odometry]
         inliers = 100.0 * metrics.mean(track.inliers / np.maximum(track.matches, 1.0))

@@ -4,8 +4,6 @@ de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using vi
 Dynamics, 2018, section 4. The paper's off-tracking is + right; here it is + left.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,15 +20,7 @@ from estimators.odometry.image_points import Matches
 from estimators.odometry.viso2 import NEAR, Viso2Odometry
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.desaxe2018 import (
-    ENOUGH,
-    THIRD,
-    Case,
-    Drive,
-    Facing,
-    driven,
-    with_estimator,
-)
+from offtrack.studies.reproduce.desaxe2018 import ENOUGH, THIRD, Case, Drive, Facing, driven, with_estimator
 from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, compared, printed, reproduced
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession

@@ -6,8 +6,6 @@ the ground is level for the first 60 s, and then becomes a side slope. The drift
 of the same run make the trace in the camera images.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Final

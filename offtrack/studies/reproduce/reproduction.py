@@ -1,7 +1,5 @@
 """A reproduced table or figure: own and published numbers, data and a picture; and the catalogue of all."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import json

@@ -17,8 +17,6 @@ Errors of the slip angle are relative to the body's slip angle at the time of th
 identified trace.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -284,14 +282,7 @@ def _table(name: str, draw: Callable[[Results], Figure], quick: bool, progress: 
 def trace_log(of_sequence: Evaluated) -> Log:
     """A row for every image."""
     rows = [
-        [
-            one.trace_set,
-            _KINDS.index(one.kind),
-            one.seed,
-            k,
-            math.nan if present is None else present,
-            *numbers,
-        ]
+        [one.trace_set, _KINDS.index(one.kind), one.seed, k, math.nan if present is None else present, *numbers]
         for one, judgements in of_sequence.items()
         for k, (present, *numbers) in enumerate(judgements)
     ]

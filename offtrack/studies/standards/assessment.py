@@ -4,8 +4,6 @@ Measured figures are compared with the limits of the standards, and with linear 
 memory, not from the text of the standards; the tables that show them say so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -30,15 +28,7 @@ from offtrack.studies.standards.open_loop import (
     sine_with_dwell,
     theoretical_peak,
 )
-from offtrack.studies.standards.proving_ground import (
-    KINDS,
-    STANDARD,
-    Conditions,
-    Figures,
-    Kind,
-    Manoeuvre,
-    read_tables,
-)
+from offtrack.studies.standards.proving_ground import KINDS, STANDARD, Conditions, Figures, Kind, Manoeuvre, read_tables
 from offtrack.studies.standards.static_rollover import closing_curve, tilt
 from offtrack.studies.standards.steady_driving import crosswind, steady_circle, straight
 from scenarios.processes import as_finished, default_jobs
@@ -64,13 +54,13 @@ class Criterion:
     bounds: tuple[tuple[str, float], ...]  # level and its limit; a single limit has the level ""
 
     @classmethod
-    def of(cls, table: dict[str, Any]) -> Criterion:
+    def of(cls, table: dict[str, Any]) -> "Criterion":
         """The limits of a table of ``limits.toml``."""
         bounds = [*table.pop("named", {}).items()] + ([("", table.pop("limit"))] if "limit" in table else [])
         bounds += [(f"level {k}", bound) for k, bound in enumerate(table.pop("levels", ()), start=1)]
         return cls(bounds=tuple(bounds), **table)
 
-    def judge(self, figures: Figures) -> Judgement:
+    def judge(self, figures: Figures) -> "Judgement":
         """Comparison with the measured quantity."""
         factor = 1.0 if self.times is None else figures.get(self.times, math.nan)
         bounds = tuple((level, factor * bound) for level, bound in self.bounds)

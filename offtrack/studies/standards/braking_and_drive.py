@@ -8,8 +8,6 @@ Capability: each quantity is the grade or speed at which the simulated combinati
 acceleration is driven in full. Gears are a continuous ratio, so no time is lost by shifting.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

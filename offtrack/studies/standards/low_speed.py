@@ -8,8 +8,6 @@ follows from it. In a combination that does not slip, the inner end of the last 
 centre.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -16,8 +16,6 @@ the frequency response without leakage. The amplitude is small, 0.05 g at the fr
 agree.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from itertools import pairwise

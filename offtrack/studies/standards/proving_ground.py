@@ -1,7 +1,5 @@
 """A combination driven by a law on open ground without cameras, the standard manoeuvres and their results."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -312,7 +310,7 @@ class Kind:
     handed: bool = True  # it turns to one side first
 
     @classmethod
-    def of(cls, key: str, table: dict[str, Any]) -> Kind:
+    def of(cls, key: str, table: dict[str, Any]) -> "Kind":
         """The manoeuvre of a table of ``manoeuvres.toml``."""
         speeds, radii, frictions = (
             tuple(table.pop(name)) if name in table else None

@@ -8,8 +8,6 @@ the threshold is found by holding levels of the ramp, each from the state in whi
 which the combination stands.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Circle: a steering robot keeps the curvature of the rear axle's path, and latera
 motion is steady. On a constant radius the slope of the steer angle over the acceleration is the understeer gradient.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Final, NamedTuple

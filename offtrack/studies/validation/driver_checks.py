@@ -4,8 +4,6 @@ The combination is `lateral_model` with its tyres, roll and actuators over one p
 code of runs, linearised by differences. So nothing of the driver's own model enters on the combination's side.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import chain
 from typing import Final

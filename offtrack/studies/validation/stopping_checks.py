@@ -1,7 +1,5 @@
 """Checks of brakes and drive: stopping, slip under ABS, folding without it, climbing, and standing where parked."""
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -249,6 +249,8 @@ def test_pairs_taken_at_different_moments_are_refused() -> None:
     cameras = calibrated(left, BOARD), calibrated(right, BOARD)
     with pytest.raises(ValueError, match="px RMS off one pose of the right camera"):
         calibrated_pair(left, [*right[1:], right[0]], cameras, BOARD)
+    with pytest.raises(ValueError, match="only 5 pairs can be used; at least 8"):
+        calibrated_pair(left[:5], right[:5], cameras, BOARD)
     with pytest.raises(ValueError, match="16 left and 15 right images"):
         calibrated_pair(left, right[1:], cameras, BOARD)
 

@@ -83,6 +83,7 @@ def test_without_slip_the_estimate_is_exact(unit: int) -> None:
     known = [(e, t) for e, t in zip(estimated, true, strict=True) if t.health is Health.OK]
     assert len(known) > 100
     assert max(abs(t.value) for _, t in known) > 0.5  # there is something to estimate
+    assert {t.std for _, t in known} == {0.0}
     assert max(abs(e.value - t.value) for e, t in known) < 0.01
     assert max(abs(e.hitch_direction - t.hitch_direction) for e, t in known) < 0.003
 

@@ -13,8 +13,8 @@ from typer.testing import CliRunner, Result
 
 from offtrack.commands.cli import app
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
-from offtrack.studies.campaigns.default_campaign import default_campaign
 from offtrack.studies.campaigns.fault_entry import FaultTime, fault_time
+from offtrack.studies.campaigns.run_campaign import default_campaign
 from offtrack.studies.campaigns.verdict import time_of
 
 HEAD = """scenario = "roundabout"

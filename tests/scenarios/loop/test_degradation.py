@@ -77,6 +77,7 @@ def test_a_signal_at_fault_for_good_does_not_cost_a_sound_estimate() -> None:
     result = driven("roundabout", *ROUND, "course.turn_deg=45", "faults=wheel_speed_dropout@6")
     assert_safe(result)
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < 0.12
+    assert not result.log["fallback"].any()
     assert [warning for warning in result.warnings if "wheel speed distrusted from 6." in warning]
 
 

@@ -92,7 +92,7 @@ def test_captures_follow_the_cameras_schedule() -> None:
 @pytest.fixture(scope="module")
 def seen(worlds: Any) -> RunResult:
     """A second of a run with cameras; ten frames are taken."""
-    return run(load_scenario("constant-slip", SEEN), 1, progress=interrupted_after(100))
+    return run(load_scenario("constant-slip", SEEN), 1, keep_frames=True, progress=interrupted_after(100))
 
 
 @pytest.mark.slow
@@ -117,6 +117,17 @@ def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other(seen: RunResult
     assert kept.manifest["frames_sha256"] == seen.manifest["frames_sha256"]
     assert "paced" in kept.summary()
     assert "paced" not in seen.summary()
+    assert len(seen.frames) == 10
+    assert len(kept.frames) == 0  # they are kept on demand only
+
+
+def test_matches_and_motions_are_in_the_log_and_with_the_pictures(seen: RunResult) -> None:
+    """5 m/s at 10 Hz are half a metre a frame."""
+    way = np.hypot(seen.log["odometry_dx"], seen.log["odometry_dy"])
+    assert np.nanmedian(way) == pytest.approx(0.5, abs=0.02)
+    shown = seen.frames[5]
+    assert shown.matches >= shown.inliers > 20
+    assert len(shown.tracks) > 20
 
 
 @pytest.mark.slow
@@ -149,15 +160,17 @@ def test_constant_slip_has_its_closed_form_off_tracking() -> None:
     result = run(load_scenario("constant-slip", (*EXACT, "course.length=20")), 1)
     true = result.log["off_tracking_true"]
     np.testing.assert_allclose(true[np.isfinite(true)], -14.0 * np.tan(np.radians(14.0)), atol=1e-9)
+    assert not result.log["acceleration_command"].any()  # nobody drives
 
 
 def test_exact_poses_have_the_true_off_tracking_on_rough_banked_ground() -> None:
     """Rolling and pitching of the body over class E is no part of the definition; the rest is interpolation."""
-    result = short("surface.roughness=E", "surface.cross_fall=-0.025")
+    result = short("surface.roughness=E", "surface.cross_fall=-0.025", "surface.grade=0.1")
     error = result.log["off_tracking_estimate"] - result.log["off_tracking_true"]
     assert np.isfinite(error).sum() > 30
     assert np.nanmax(np.abs(error)) < 2e-4
     assert np.ptp(result.log["roll_semitrailer"]) > math.radians(1.0)
+    assert result.log["pitch_semitrailer"].mean() == pytest.approx(-0.1, abs=0.01)  # uphill the nose is up
 
 
 @pytest.mark.slow

@@ -135,6 +135,7 @@ def test_a_tractor_that_takes_the_wrong_circle_has_left_the_road() -> None:
     path, (x_ref, y_ref) = parts.course.path, parts.course.reference
     n_units, middle = len(parts.vehicle.units), 0.5 * path.length
     judge = CourseJudge(parts)
+    assert judge.progress == 0.0
     stations = [*np.arange(0.0, middle / 3.0, 0.5), *np.arange(middle, path.length, 0.5)]
 
     def outcome(station: float) -> str | None:

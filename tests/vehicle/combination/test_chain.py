@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offtrack.studies.validation.mechanics import ChainMotion, newton_euler, random_inputs, random_states
+from offtrack.studies.validation.equations import ChainMotion, newton_euler, random_inputs, random_states
 from tests.vehicle.chains import outputs, rates
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, brake_channels
