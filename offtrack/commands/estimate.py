@@ -30,23 +30,23 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
-from offtrack.exchange.recordings.calibration_files import (
+from offtrack.exchange.recordings.camera_files import (
+    MountingOptions,
     board_of,
     camera_text,
     coverage_picture,
+    facing_named,
     photographs,
     views_of,
 )
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
-from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
 from offtrack.exchange.recordings.recording_page import write_estimation
-from offtrack.exchange.recordings.rover_recording import open_rover_recording
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
-from scenarios.options.scenario import estimator_options
+from scenarios.options.scenario import estimator_options, stream
 from scenarios.progress import postponed_interrupts
-from scenarios.randomness import stream
 from scenarios.results.run_directory import check_new_file, replaced, results_directory
 from sensors.camera.rig import RawStereoRig, StereoRig
 from vehicle.foundation.quantity import check_number

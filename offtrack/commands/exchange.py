@@ -14,11 +14,10 @@ from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import signals_of
 from offtrack.exchange.fmi_import.mapping import first_map, map_file
-from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, ground_proxy, law_of_scenario, sensor_proxy
 from offtrack.exchange.fmi_proxy.proxy import Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, ground_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
-from offtrack.reports.viewing import finished_run, view_page
+from offtrack.reports.run_files import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
@@ -166,8 +165,8 @@ Out = Annotated[
 Platforms = Annotated[
     list[str] | None,
     typer.Option(
-        help="Further platform with a library in the FMU: win64, darwin64, linux-arm64, darwin-arm64; may be repeated. "
-        "Needs the extra zig."
+        help="Further platform with a library in the FMU: linux-arm64 or, of plants alone, win64, darwin64, "
+        "darwin-arm64; may be repeated. Needs the extra zig."
     ),
 ]
 Settings = Annotated[
@@ -353,7 +352,7 @@ def system(
     Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
     """
     with one_line_errors():
-        platforms = checked_platforms(platform or [], 2)
+        platforms = checked_platforms(platform or [], 2, by_python=True)
         loop = fmu_system(of_trailer(scenario, settings), seed, step)
         path = new_file(out, loop.name, ".ssp")
         with replacing(path) as unfinished:
@@ -408,7 +407,7 @@ def write_proxy(proxy: Proxy, fmi: int, out: Path | None, platform: list[str] | 
     Raises:
         ValueError: one line, if it can't be compiled, or the name is wrong.
     """
-    platforms = checked_platforms(platform or [], fmi)
+    platforms = checked_platforms(platform or [], fmi, by_python=True)
     path = new_file(out, proxy.name, ".fmu")
     exported = proxy.exported(fmi)
     with replacing(path) as unfinished:

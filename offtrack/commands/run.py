@@ -27,7 +27,7 @@ from offtrack.commands.console import (
 )
 from offtrack.exchange.bench.links import opened_bench
 from offtrack.exchange.recordings.writers import recording_in
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios import part_listing
 from scenarios.loop import runner

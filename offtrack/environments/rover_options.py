@@ -14,12 +14,12 @@ from offtrack.environments.core import EnvironmentOptions, Feature
 from offtrack.environments.observations import ObservationKind
 from offtrack.environments.pictures import SensedChannel
 from offtrack.environments.rewards import Range, Ranges, drawn_from
-from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, write
-from offtrack.reports.run_video import draw_trace
+from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, curve, write
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine
 from scenarios.options.scenario import RoverScenario, load_any_scenario, of_kind
+from scenarios.results.rover_result import trace_line
 from sensors.messages import GreyImage, RoverView
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
@@ -120,7 +120,7 @@ class SensedRover:
         healthy = self._channel.healthy
         picture = np.asarray(cv2.cvtColor(self.image, cv2.COLOR_GRAY2RGB), dtype=np.uint8)
         if healthy is not None:
-            draw_trace(picture, self._rig, healthy.wheel_slip, healthy.trace_offset, ESTIMATED)
+            curve(picture, trace_line(self._rig, healthy.wheel_slip, healthy.trace_offset), ESTIMATED, 2)
         picture = np.asarray(cv2.resize(picture, _VIEW, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
         if self._estimates:
             caption = (

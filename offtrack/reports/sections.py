@@ -1,7 +1,5 @@
 """Sections that pages of runs share: facts, numbers of the summary, timing and provenance."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence

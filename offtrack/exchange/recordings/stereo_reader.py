@@ -3,8 +3,6 @@
 Poses are those of the left camera (x right, y down, z ahead) relative to its first frame.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
-from offtrack.exchange.recordings.mounting import MountingOptions, Rig, facing_by_motion, mounting, read_rig
+from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.stereo_sequence import (
     Dropped,
     Layout,

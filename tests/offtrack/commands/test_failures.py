@@ -20,9 +20,8 @@ from controllers.rover_driver import RoverDriver
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.slip.rover_odometry import ReferenceSlip
 from offtrack.commands.cli import app
-from offtrack.reports.rover_report import rover_report_html
-from offtrack.reports.run_page import report_html
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
+from offtrack.reports.run_page import report_html, rover_report_html
 from scenarios.loop.channel import InLine
 from scenarios.loop.image_observers import Pictures, StereoPictures
 from scenarios.loop.referee import CourseJudge
@@ -112,7 +111,6 @@ def test_an_exception_of_any_part_is_the_outcome_of_its_run(
 def test_a_run_that_fails_at_once_leaves_a_whole_directory(
     scenario: tuple[str, tuple[str, ...]], part: type, rows: int, break_after: Breaker, tmp_path: Path
 ) -> None:
-    """With a log of no row, of one or two."""
     break_after(part, "observe", rows, RuntimeError("[/] & <b>\ud800"))
     result = run(load_any_scenario(*scenario), 1)
     assert len(result.log) == rows
@@ -146,9 +144,9 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
     ("broken", "error", "told"),
     [
         ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
-        ("run_video.write_video", IndexError("no such colour"), "IndexError: no such colour"),
+        ("run_files.write_film", IndexError("no such colour"), "IndexError: no such colour"),
         (
-            "run_video.write_video",
+            "run_files.write_film",
             OSError(errno.ENOSPC, "No space left on device"),
             "OSError: .*No space left on device",
         ),
@@ -157,8 +155,6 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
 def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
     broken: str, error: Exception, told: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All else is written, and the command says so."""
-
     def breaking(*arguments: Any, **options: Any) -> None:
         raise error
 

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.reports.player.playback import Picture
+from offtrack.reports.run_files import finished_run, pictures_of_page
 from offtrack.reports.run_page import report_html
-from offtrack.reports.viewing import finished_run, pictures_of_page
 from scenarios.results.log import read_log
 from scenarios.results.trailer_result import RunResult
 from tests.browser import opened_page

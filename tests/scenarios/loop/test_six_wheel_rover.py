@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from offtrack.exchange.recordings.rover_recording import open_rover_recording
-from offtrack.exchange.recordings.writers import recording_in
+from offtrack.exchange.recordings.writers import open_rover_recording, recording_in
 from scenarios.loop.runner import run
 from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.log import read_log

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import (
     appearing_at_once,
@@ -204,7 +204,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
     """Remains of a process that is killed then may be replaced; an interrupt keeps all that is finished."""
     run, seen = tmp_path / "run", list[str]()
 
-    def write_video(_: RunResult, target: Path, **__: object) -> None:
+    def write_film(_: object, target: Path, *__: object, **___: object) -> None:
         target.with_suffix(".mp4").write_bytes(b"half of it")
         shutil.copytree(run, tmp_path / "killed")
         for path in run.rglob("*"):
@@ -213,7 +213,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
         seen.extend(path.name for path in run.iterdir() if not path.name.startswith("."))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("offtrack.reports.run_video.write_video", write_video)
+    monkeypatch.setattr("offtrack.reports.run_files.write_film", write_film)
     with pytest.raises(KeyboardInterrupt):
         write_run(camera_run, run)
     kept = ["manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"]

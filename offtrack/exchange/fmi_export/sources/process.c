@@ -1,40 +1,29 @@
-/* Processes on Linux and macOS: a pair of sockets is standard input and output of the process.
+/* Processes on Linux: a pair of sockets is standard input and output of the process.
 
    The pair has no port that others could connect to, its end is noticed on both sides, also after a kill, and a write to a
    dead process is an error here and no signal. */
 
-#ifndef _WIN32
-
 #define _GNU_SOURCE
 #include "process.h"
-#include "process_common.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
-#ifdef __APPLE__
-#include <crt_externs.h>
-#define ENVIRONMENT (*_NSGetEnviron())
-#else
 extern char **environ;
-#define ENVIRONMENT environ
-#endif
-#ifndef MSG_NOSIGNAL
-#define MSG_NOSIGNAL 0 /* macOS: an option of the socket instead */
-#endif
-#ifdef SOCK_CLOEXEC
-#define PAIR (SOCK_STREAM | SOCK_CLOEXEC) /* at once: another thread may be starting another process */
-#else
-#define PAIR SOCK_STREAM
-#endif
+
+#define TAIL 2000  /* of the output that is searched for its last line [bytes] */
+#define POLITE 5.0 /* time for an orderly end [s] */
+#define LONGEST_LINE 300
 
 struct Process {
   pid_t pid;
@@ -85,7 +74,7 @@ static int spawned(Process *process, int other, const char *python, char *const 
   posix_spawnattr_setsigdefault(&attributes, &all);
   posix_spawnattr_setflags(&attributes,
                            POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-  failed = posix_spawnp(&process->pid, python, &files, &attributes, arguments, ENVIRONMENT);
+  failed = posix_spawnp(&process->pid, python, &files, &attributes, arguments, environ);
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&files);
   return failed;
@@ -97,7 +86,7 @@ Process *process_start(const char *python, const char *module, const char *argum
   int pair[2] = {-1, -1}, failed;
   if (!process) return NULL;
   process->errors = tmpfile();
-  if (!process->errors || socketpair(AF_UNIX, PAIR, 0, pair)) {
+  if (!process->errors || socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair)) {
     snprintf(reason, size, "no socket or temporary file for it: %s", strerror(errno));
     if (process->errors) fclose(process->errors);
     free(process);
@@ -106,9 +95,6 @@ Process *process_start(const char *python, const char *module, const char *argum
   fcntl(fileno(process->errors), F_SETFD, FD_CLOEXEC);
   pair[0] = out_of_the_way(pair[0]);
   pair[1] = out_of_the_way(pair[1]);
-#ifdef SO_NOSIGPIPE
-  setsockopt(pair[0], SOL_SOCKET, SO_NOSIGPIPE, &(int){1}, sizeof(int));
-#endif
   failed = spawned(process, pair[1], python, arguments);
   close(pair[1]);
   process->socket = pair[0];
@@ -134,6 +120,17 @@ static int ends(Process *process, double until) {
     }
   }
   return 1;
+}
+
+/* adds `` (it said: ...)`` to a reason */
+static void add_last_line(char *text, size_t n, char *reason, size_t size) {
+  size_t end = n, begin, used = strlen(reason);
+  while (end > 0 && (unsigned char)text[end - 1] <= ' ') end--;
+  text[end] = 0;
+  for (begin = end; begin > 0 && text[begin - 1] != '\n' && text[begin - 1] != '\r';) begin--;
+  while (text[begin] == ' ') begin++;
+  if (end > begin && used < size)
+    snprintf(reason + used, size - used, " (it said: %.*s)", LONGEST_LINE, text + begin);
 }
 
 static void death(Process *process, char *reason, size_t size) {
@@ -217,7 +214,3 @@ void process_end(Process *process, int at_once) {
   fclose(process->errors);
   free(process);
 }
-
-#else
-typedef int no_empty_file; /* C has no empty files */
-#endif

@@ -1,20 +1,19 @@
-"""Driver, ground and camera loop of a scenario as FMUs.
+"""Trailer steering law, driver, ground and camera loop of a scenario as FMUs.
 
-Motion and poses go in; demands come out, friction, heights and wind, or off-tracking.
+Readings, motion and poses go in; demands come out, friction, heights and wind, or off-tracking.
 """
-
-from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
-from offtrack.exchange.fmi_export.variables import Quantity
+from controllers.trailer import Combination
+from controllers.trailer_steering.safeguarded import Degradation
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
@@ -22,9 +21,11 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     NO_ESTIMATE,
     GroundUnder,
     articulation_signals,
+    estimate_of,
     estimate_signals,
     estimate_values,
     ground_signals,
+    reading_of,
     reading_signals,
     reading_values,
     truth_of,
@@ -36,14 +37,28 @@ from offtrack.exchange.fmi_proxy.proxy import (
     Proxy,
     Text,
     moments,
-    quantity,
     scenario_files,
     scenario_in,
 )
 from offtrack.exchange.recordings.writers import RecordingWriter
-from scenarios.assembly.adapters import course_of, plant_kind, plant_vehicle, rig_schedule, vehicle_of, watched_units
-from scenarios.assembly.drivers_and_laws import opened_driver
+from scenarios.assembly.adapters import (
+    course_of,
+    plant_kind,
+    plant_vehicle,
+    rig_schedule,
+    trailer_geometry,
+    vehicle_of,
+    watched_units,
+)
+from scenarios.assembly.drivers_and_laws import (
+    bare_law,
+    law_uses_off_tracking,
+    opened_driver,
+    steering_parameters,
+    trailer_law,
+)
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, assemble, opened_ground
+from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.courses import Course
 from scenarios.loop.channel import CONTROL, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures
@@ -51,11 +66,177 @@ from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.options.scenario import Scenario
 from scenarios.options.tables import DriverOptions
 from sensors.messages import EgoState
-from vehicle.clock import TICK
+from vehicle.clock import TICK, Schedule, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
+from vehicle.option import Option, Parameter, declared_options
 from vehicle.surface import Surface
+
+GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
+_DEGRADATION: Final = "degradation."
+_FIRST: Final = "first_step"
+
+
+def steered_unit(vehicle: Vehicle) -> int:
+    """Index of the last trailer with steered axles.
+
+    Raises:
+        ValueError: one line, if there is none.
+    """
+    steered = [unit for unit, one in enumerate(vehicle.units) if unit > 0 and one.steered_axles]
+    if not steered:
+        raise ValueError(f"vehicle {vehicle.name}: no axle of a trailer is steered; choose another --vehicle")
+    return steered[-1]
+
+
+def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | None = None) -> Proxy:
+    """The scenario's law as an FMU, with its first step at a time [s], for a unit or the last steered trailer.
+
+    Raises:
+        ValueError: one line, if it can't be constructed for the vehicle.
+    """
+    given = steering_parameters(scenario)
+    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, scenario.degradation, first_step, unit)
+
+
+def law_proxy(
+    name: str,
+    vehicle: Vehicle,
+    given: Mapping[str, Parameter],
+    degradation: Degradation | None = None,
+    first_step: float = 0.0,
+    unit: int | None = None,
+) -> Proxy:
+    """A law for a trailer of a vehicle.
+
+    Its parameters are the numbers among the law's options, and the limits of its guard.
+
+    Args:
+        name: in the catalogue, or ``package.module:Name``.
+        vehicle: the data sheet that it goes by.
+        given: values of its options; texts are fixed, and files that they name go into the FMU.
+        degradation: limits of the guard.
+        first_step: time of the law's first step [s].
+        unit: index of the trailer; None: the last steered one.
+
+    Raises:
+        ValueError: one line, if there is no such law or it can't be constructed.
+    """
+    if name.endswith(".fmu"):
+        raise ValueError(f"{name}: is an FMU already")
+    unit = steered_unit(vehicle) if unit is None else unit
+    trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
+    limits = degradation or Degradation()
+    close_part(trailer_law(name, trailer, combination, given, limits))  # checks everything
+    options = declared_options(resolve("trailer_steering", name, TRAILER_STEERING), or_keywords=True)
+    numbers = [_parameter(option, given) for option in options if _is_number(option, given)]
+    fixed = {key: value for key, value in given.items() if key not in {one.name for one in numbers}}
+    files = {Path(str(value)).name: Path(str(value)).read_bytes() for value in fixed.values() if _is_file(value)}
+    guard = _guard_parameters(limits) if law_uses_off_tracking(name) else []
+    n_units, axles = len(vehicle.units), range(1, len(trailer.steered_distances) + 1)
+    inputs = (*estimate_signals(coarse=False), *reading_signals(len(axles), n_units))
+    return Proxy(
+        kind="law",
+        name=f"{name.rpartition(':')[2]}_{vehicle.name}",
+        summary=f"trailer steering law {name} of offtrack for {vehicle.name}",
+        inputs=[signal._replace(start=NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
+        outputs=[
+            Signal(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
+        ],
+        parameters=[
+            *numbers,
+            *guard,
+            Signal(_FIRST, "s", "time of the law's first step, a whole number of milliseconds", first_step, 0.0, 1.0),
+        ],
+        settings={
+            "law": name,
+            "vehicle": vehicle.model_dump(mode="json"),
+            "unit": unit,
+            "fixed": {key: {"file": Path(str(value)).name} if _is_file(value) else value
+                      for key, value in fixed.items()},
+            "fallback": limits.fallback,
+        },
+        files=files,
+        notes=(
+            f"The law acts every {1e3 * CONTROL_PERIOD:g} ms; its demands are there at the end of the step in which it "
+            "does. Communication steps are whole numbers of milliseconds; inputs hold during one.",
+        ),
+        step=CONTROL_PERIOD,
+    )  # fmt: skip
+
+
+def _is_number(option: Option, given: Mapping[str, Parameter]) -> bool:
+    value = given.get(option.name, option.default)
+    return isinstance(value, int | float) and not isinstance(value, bool) and option.kind is float
+
+
+def _parameter(option: Option, given: Mapping[str, Parameter], prefix: str = "") -> Signal:
+    value = given.get(option.name, option.default)
+    assert isinstance(value, int | float)
+    return Signal(prefix + option.name, option.unit, option.meaning, float(value), option.low, option.high)
+
+
+def _is_file(value: Parameter) -> bool:
+    return isinstance(value, str) and Path(value).is_file()
+
+
+def _guard_parameters(degradation: Degradation) -> list[Signal]:
+    given = degradation.model_dump()
+    numbers = [option for option in declared_options(Degradation) if _is_number(option, given)]
+    limits = [_parameter(option, given, _DEGRADATION) for option in numbers]
+    return [Signal(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
+
+
+class LawComputation(Computation):
+    """A law in the process of its FMU."""
+
+    def __init__(self, opening: Opening) -> None:
+        """Construct the law.
+
+        Raises:
+            ValueError: one line, for a parameter outside its limits.
+        """
+        settings, parameters = opening.settings, dict(opening.parameters)
+        vehicle, unit, name = Vehicle.model_validate(settings["vehicle"]), int(settings["unit"]), settings["law"]
+        law = resolve("trailer_steering", name, TRAILER_STEERING)
+        options = {option.name for option in declared_options(law, or_keywords=True)}
+        given: dict[str, Parameter] = {key: value for key, value in parameters.items() if key in options}
+        given |= {key: _value(value, opening.folder) for key, value in settings["fixed"].items()}
+        trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
+        if parameters.get(GUARDED, 1.0) >= 0.5:
+            of_guard = [key for key in parameters if key.startswith(_DEGRADATION)]
+            limits = {key.removeprefix(_DEGRADATION): parameters[key] for key in of_guard}
+            degradation = Degradation.of({"fallback": settings["fallback"], **limits}, "degradation")
+            self._law = trailer_law(name, trailer, combination, given, degradation)
+        else:
+            self._law = bare_law(name, trailer, combination, given)
+        self._n_steered, self._n_units = len(trailer.steered_distances), len(vehicle.units)
+        self._memory = self._law.init()
+        first = to_ticks(parameters[_FIRST], _FIRST)
+        self._control = Schedule(period=CONTROL.period, offset=first)
+        self._demands = {f"steer_demand_{k}": 0.0 for k in range(1, self._n_steered + 1)}
+
+    def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
+        """Demands [rad] at the end of a step; inputs hold during it."""
+        estimate = estimate_of(tick, values)
+        for now in range(tick, tick + ticks):
+            if self._control.due(now):
+                reading = reading_of(now, values, self._n_steered, self._n_units)
+                self._memory, command = self._law.step(self._memory, now, estimate, reading)
+                self._demands = {f"steer_demand_{k}": float(x) for k, x in enumerate(command.angles, start=1)}
+        return self._demands
+
+    def close(self) -> None:
+        """Close the law."""
+        close_part(self._law)
+
+
+def _value(value: Any, folder: Path) -> Parameter:
+    if isinstance(value, dict):
+        return str(folder / value["file"])
+    checked: Parameter = value
+    return checked
 
 
 def driver_proxy(scenario: Scenario) -> Proxy:
@@ -77,11 +258,11 @@ def driver_proxy(scenario: Scenario) -> Proxy:
         kind="driver",
         name=f"{scenario.name}_driver",
         summary=f"driver of offtrack on the course of {scenario.name}",
-        inputs=[quantity(signal) for signal in (*MOTION, *articulation_signals(len(vehicle.units)))],
+        inputs=[*MOTION, *articulation_signals(len(vehicle.units))],
         outputs=[
-            Quantity("steer", "rad", "road-wheel angle of the tractor's foremost steered axle, + left"),
-            Quantity("acceleration", "m/s2", "above 0 drives, below 0 brakes"),
-            Quantity("gear", "-", "1 forward, -1 backward", 1.0),
+            Signal("steer", "rad", "road-wheel angle of the tractor's foremost steered axle, + left"),
+            Signal("acceleration", "m/s2", "above 0 drives, below 0 brakes"),
+            Signal("gear", "-", "1 forward, -1 backward", 1.0),
         ],
         files=scenario_files(scenario, changes),
         notes=(
@@ -166,12 +347,12 @@ def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
         name=f"{scenario.name}_ground",
         summary=f"ground of offtrack below a combination, on the course of {scenario.name}",
         inputs=[
-            quantity(Signal(f"{axis}_{k}", "rad" if axis == "psi" else "m", f"of the frame of unit {k} in the world"))
+            Signal(f"{axis}_{k}", "rad" if axis == "psi" else "m", f"of the frame of unit {k} in the world")
             for axis in _AXES
             for k in units
         ],
-        outputs=[quantity(one, ground.at_start[one.name]) for one in ground_signals(ground.vehicle)],
-        parameters=[Quantity(_SEED, "-", "decides the roughness, a whole number", float(seed), 0.0, 2.0**53)],
+        outputs=[one._replace(start=ground.at_start[one.name]) for one in ground_signals(ground.vehicle)],
+        parameters=[Signal(_SEED, "-", "decides the roughness, a whole number", float(seed), 0.0, 2.0**53)],
         files=scenario_files(scenario, changes),
         notes=(
             "At the end of a step it gives the ground under the poses of the step's beginning. Communication steps are "
@@ -235,13 +416,13 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         kind="sensor",
         name=f"{scenario.name}_sensor",
         summary=f"off-tracking by {scenario.off_tracking} of offtrack, in the world of {scenario.name}",
-        inputs=[quantity(signal) for signal in truth_signals(vehicle)],
+        inputs=list(truth_signals(vehicle)),
         outputs=[
-            *(quantity(signal, NO_ESTIMATE.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
-            *map(quantity, readings),
-            Quantity("off_tracking_count", "-", "estimates so far"),
+            *(signal._replace(start=NO_ESTIMATE.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
+            *readings,
+            Signal("off_tracking_count", "-", "estimates so far"),
         ],
-        parameters=[Quantity(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
+        parameters=[Signal(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
         texts=[Text(_FRAMES, "folder for a recording of the stereo images, which must not exist yet; empty: none")],
         said=[Text(HASH, "SHA-256 of all images so far, as in the manifest of a run")],
         settings={_UNIT: unit},
