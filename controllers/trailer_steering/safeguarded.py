@@ -63,11 +63,7 @@ class Degradation(PartParameters):
     """Criteria for ignoring estimates, and the response: limits of usable estimates, and the fallback law."""
 
     hold: float = quantity(
-        1.0,
-        "s",
-        0.0,
-        1.5,
-        "Time for which the last good estimate is used; limited to a quarter of the follow distance.",
+        1.0, "s", 0.0, 1.5, "Time for which the last good estimate is used; at most a quarter of the follow distance."
     )
     fade_rate: float = quantity(  # assumed: 3 deg/s end a turn within seconds
         0.05, "rad/s", 0.001, 1.0, "Initial rate of the change-over between laws."

@@ -28,8 +28,8 @@ from offtrack.exchange.recordings.stereo_reader import Recording, camera_poses
 from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, stream
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, check_made, constructed, resolve
 from scenarios.options.scenario import Scenario
+from scenarios.options.scenario import stream as random_stream
 from scenarios.progress import Progress, no_progress
-from scenarios.randomness import stream as random_stream
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
 from scenarios.results.run_summary import number
