@@ -134,7 +134,7 @@ def test_many_do_what_single_ones_do(name: str, options: dict[str, Any]) -> None
             assert its_reward == pytest.approx(rewards[step][k], rel=1e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
+@pytest.mark.parametrize("name", [DRIVING, *(pytest.param(name, marks=pytest.mark.slow) for name in (TRAILER, ROVER))])
 def test_a_seed_decides_the_whole_episode_bitwise(name: str) -> None:
     env = vector(name, 2)
     actions = np.random.default_rng(2).uniform(-1.0, 1.0, (30, *(env.action_space.shape or ()))).astype(np.float32)
@@ -280,7 +280,7 @@ WRONG_ACTIONS: list[tuple[Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize("name", [STEERING, DOCKING, SANDY])
+@pytest.mark.parametrize("name", [DOCKING, *(pytest.param(name, marks=pytest.mark.slow) for name in (STEERING, SANDY))])
 def test_wrong_actions_are_refused_and_change_nothing(name: str) -> None:
     """A refused action leaves the episode as it was; of many, the number of the sub-environment is named."""
     env, untouched, many = single(name), single(name), many_of(name, 3)
