@@ -139,10 +139,6 @@ class SlipAngle:
     lagged_value: float = 0.0  # beta at that tick [rad]
     lagged_std: float = np.inf  # [rad]
 
-    def age(self, tick: int) -> float:
-        """Age of the measurement at ``tick`` [s]."""
-        return (tick - self.tick) * TICK
-
 
 def lost_slip(tick: int) -> SlipAngle:
     """Estimate without information: no trace is visible."""

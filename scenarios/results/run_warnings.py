@@ -4,8 +4,6 @@ An oscillation is a row of swings to and fro of similar size and period. The swi
 slalom, do not count: its curvature swings as often. Single turns have few swings, and rough roads small ones.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -209,7 +207,7 @@ class _Found(NamedTuple):
     number: int = 0
     last: SelfCalibratedMotion | None = None
 
-    def with_motion(self, motion: SelfCalibratedMotion) -> _Found:
+    def with_motion(self, motion: SelfCalibratedMotion) -> "_Found":
         """One more."""
         return _Found(self.number + 1, motion)
 

@@ -12,6 +12,7 @@ from estimators.estimates import Health
 from estimators.off_tracking.buffer import BodyMotion
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
+from tests.trailers import signals as readings
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
@@ -81,9 +82,8 @@ def towed_drive(
         if tick % SIGNAL == 0:
             e = errors.noise * rng.standard_normal(4) * [0.02, *np.radians([0.15, 0.1, 0.1])]
             signals.append(
-                CombinationSignals(
-                    tick=tick,
-                    angles=np.zeros(2),
+                readings(
+                    tick,
                     speed=v * (1.0 + errors.scale) + float(e[0]),
                     steer=math.atan(math.tan(slip(t)) + r * FRONT / v) if v else 0.0,
                     articulation=np.array([gamma + errors.articulation + e[1]]),

@@ -13,6 +13,7 @@ from estimators.off_tracking import dead_reckoning
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
 from sensors.messages import CombinationSignals
 from tests.estimators.towed_drive import FRONT, HITCH, SIGNAL, VEHICLE, Errors, towed_drive
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, planar
 
@@ -37,17 +38,10 @@ def pose(X: FloatArray) -> FloatArray:
 
 
 def steady(speed: float, yaw_rate: float, articulation: float, seconds: float = 4.0) -> tuple[CombinationSignals, ...]:
-    """Signals of a combination on a circle."""
+    """Signals of a combination on a circle, whose front wheels do not slip."""
+    steer = math.atan(yaw_rate * FRONT / speed) if speed else 0.0
     return tuple(
-        CombinationSignals(
-            tick=tick,
-            angles=np.zeros(2),
-            speed=speed,
-            steer=math.atan(yaw_rate * FRONT / speed) if speed else 0.0,
-            articulation=np.array([articulation]),
-            yaw_rates=np.full(2, yaw_rate),
-            lateral_acceleration=0.0,
-        )
+        readings(tick, speed=speed, steer=steer, articulation=np.array([articulation]), yaw_rates=np.full(2, yaw_rate))
         for tick in range(0, round(1000 * seconds) + 1, SIGNAL)
     )
 
