@@ -32,7 +32,6 @@ class Case:
     note: str = ""  # what was done to a file
 
     def place(self, specimens: Path, folder: Path) -> None:
-        """Lay out the files in ``folder``, which does not exist yet."""
         if self.specimen:
             shutil.copytree(specimens / self.specimen, folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -43,15 +42,12 @@ class Case:
             _lay(path, content)
 
     def title(self) -> str:
-        """The case in one line."""
         what = "offtrack " + " ".join(self.command) if self.command else "script"
         return f"{self.kind}{f' ({self.note})' if self.note else ''}: {what}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """The result of a case."""
-
     code: int | None = None  # exit code; None: the process died or was stopped
     error: str = ""  # trace of an exception that got out
     out: str = ""
@@ -67,7 +63,6 @@ class Result:
 
     @property
     def ending(self) -> str:
-        """The ending, for the tally."""
         if self.refused or self.code is None:
             return "refused" if self.refused else "died"
         return self.outcome or {0: "done", 1: "failed", 130: "interrupted"}.get(self.code, "traceback")

@@ -29,7 +29,6 @@ _SHOWN: Final = 20_000  # characters that are kept of an output
 
 @cache
 def _prepared() -> _Loop:
-    """Set this process up for cases, once."""
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -55,13 +54,11 @@ class _Loop:
         self.begin(0)
 
     def begin(self, steps: int, *, ends: bool = False) -> None:
-        """Forget the last case."""
         self._left, self._ends, self._session = steps, ends, None
         self._began: float | None = None
 
     @property
     def outcome(self) -> str:
-        """Outcome of the last run."""
         return "" if self._session is None else str(self._session.outcome or "unfinished")
 
     def _counted(self, session: Any) -> None:
@@ -87,7 +84,6 @@ def _each_here(work: Callable[..., Any], tasks: Any, **_: Any) -> Iterator[tuple
 
 
 def result_of(case: Case, folder: Path) -> Result:
-    """Result of a case, run here."""
     watch = _prepared()
     os.chdir(folder)
     watch.begin(case.steps, ends=case.ends)

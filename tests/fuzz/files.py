@@ -20,27 +20,22 @@ _STEPS: Final = 40
 
 
 def settings(*pairs: str) -> tuple[str, ...]:
-    """Arguments ``--set`` for pairs KEY=VALUE."""
     return tuple(word for pair in pairs for word in ("--set", pair))
 
 
 def run(scenario: str, *pairs: str) -> tuple[str, ...]:
-    """Arguments of a run with settings; its directory is ``out``."""
     return ("run", scenario, *settings(*pairs), "--no-video", "--quiet", "--out", "out")
 
 
 def trailer(*pairs: str) -> tuple[str, ...]:
-    """Arguments of a short run of a trailer."""
     return run("lane-change", *SHORT, *pairs)
 
 
 def along(file: str, kind: str = "path") -> tuple[str, ...]:
-    """Arguments of a short run along a file's path."""
     return run("lane-change", f"course.kind={kind}", f"course.file={file}", "off_tracking=truth", "speed_kmh=20")
 
 
 def rover(*pairs: str) -> tuple[str, ...]:
-    """Arguments of a short run of a rover."""
     return run("rover-slope", *SHORT_ROVER, *pairs)
 
 
@@ -82,8 +77,6 @@ for name in list(before):
 
 
 class Read(NamedTuple):
-    """A kind of file, and what reads it."""
-
     name: str
     kind: FileType | None  # None: the program's own file
     specimen: str
@@ -153,7 +146,6 @@ FILES: Final[Sequence[Read]] = (
 
 @st.composite
 def hostile_files(draw: st.DrawFn, read: Read, specimens: Path) -> Case:
-    """A hostile version of a file and a command that reads it."""
     folder = specimens / read.specimen
     found = [path for name in read.paths for path in folder.glob(name)] if read.specimen else []
     name = draw(st.sampled_from(sorted(str(path.relative_to(folder)) for path in found) or list(read.paths)))

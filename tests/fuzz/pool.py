@@ -16,8 +16,6 @@ HANG: Final = 60.0  # after that a case is stopped [s]
 
 
 class Tried(NamedTuple):
-    """A case that was tried."""
-
     case: Case
     result: Result
     wrong: str | None  # what was found, in one line

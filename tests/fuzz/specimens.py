@@ -42,14 +42,12 @@ SHORT_ROVER: Final = "course.length=0.5", "slip_estimator=truth"
 
 
 def make(folder: Path, names: Iterable[str]) -> None:
-    """Make the specimens of these names, each in a folder of its name."""
     for name in names:
         (folder / name).mkdir(parents=True)
         SPECIMENS[name](folder / name)
 
 
 def _parameters(folder: Path) -> None:
-    """Files of a vehicle, a rover and a soil, a scenario of each, studies and an own part."""
     package = Path(vehicle.__file__).parent
     shutil.copy(package / "parameters" / "uk_longer_semitrailer.toml", folder / "vehicle.toml")
     shutil.copy(package / "rovers" / "el_dorado_ii.toml", folder / "rover.toml")
@@ -123,7 +121,6 @@ def _textured(k: int, side: int) -> np.ndarray:
 
 
 def _stereo(folder: Path) -> None:
-    """A rectified recording and a raw one."""
     calibration = RIG.calibration()
     f = calibration.focal_length
     camera = CameraModel(width=RIG.width, height=RIG.height, fx=f, fy=f, cx=calibration.cx, cy=calibration.cy)
@@ -137,7 +134,6 @@ def _stereo(folder: Path) -> None:
 
 
 def _rover(folder: Path) -> None:
-    """A rover's recording; its images show no trace."""
     rig = nominal_rig(load_rover("el_dorado_ii"))
     shape = (rig.camera.height, rig.camera.width)
     truth = cast(RoverTruth, SimpleNamespace(slip_angle=0.1))
@@ -150,7 +146,6 @@ def _rover(folder: Path) -> None:
 
 
 def _photographs(folder: Path) -> None:
-    """Photographs of a checkerboard."""
     camera = CameraModel(width=320, height=200, fx=210.0, fy=210.0, cx=158.0, cy=101.0)
     rng = np.random.default_rng(5)
     (folder / "photos").mkdir()
@@ -163,7 +158,6 @@ def _photographs(folder: Path) -> None:
 
 
 def _results(folder: Path) -> None:
-    """A finished run with an estimator."""
     run = folder / "run"
     run.mkdir()
     (run / "scenario.toml").write_text('off_tracking = "viso_ot"\n', encoding="utf-8")
@@ -179,7 +173,6 @@ def _results(folder: Path) -> None:
 
 
 def _study(folder: Path) -> None:
-    """A finished study and a finished tuning, which their commands continue."""
     from tests.fuzz.files import STUDY, TUNING
 
     for command in (STUDY, TUNING):

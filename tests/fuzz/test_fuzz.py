@@ -43,7 +43,6 @@ def test_random_scenarios_studies_campaigns_environments_and_hostile_files_end_w
 
 
 def test_every_kind_of_file_has_hostile_versions() -> None:
-    """A new kind in the table of user files must get a line in the table of the fuzz suite."""
     assert set(FileKind) <= {read.kind for read in FILES}
 
 
@@ -66,7 +65,6 @@ def test_equal_seeds_draw_equal_cases() -> None:
 
 @pytest.mark.slow
 def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path) -> None:
-    """A process that died or hung is replaced, and the next case is tried."""
     scripts = {
         "raise RuntimeError('planted')": "RuntimeError: planted",
         "raise ValueError('a\\nb')": "2 lines for a refusal",

@@ -34,7 +34,6 @@ SETTINGS = {"vehicle": VEHICLE, "off_tracking": "truth", "trailer_steering": "no
 
 
 def tool(name: str, *arguments: str) -> str:
-    """What a command of the toolbox says."""
     command = [sys.executable, "-m", f"fmu_manipulation_toolbox.cli.{name}", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -42,7 +41,6 @@ def tool(name: str, *arguments: str) -> str:
 
 
 def exported(name: str, version: int) -> Exported:
-    """An export of a kind."""
     scenario = load_scenario("roundabout", ["off_tracking=truth"])
     if name in ("truck", "rover"):
         kind, soil = ("rigid_truck", None) if name == "truck" else ("el_dorado_ii", "beach_sand")

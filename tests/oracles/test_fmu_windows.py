@@ -25,7 +25,6 @@ BOTH = ("linux64", "win64")
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of Wine's files and of programs."""
     return tmp_path_factory.mktemp("windows")
 
 
@@ -51,25 +50,6 @@ def test_a_truck_weaves_on_windows_as_the_plant_here(host: Host, name: str, vers
     worst = deviations(driven_here(vehicle, drive), found)
     assert worst.pop("wheel_load") < 1e-5  # N, of some 1e5
     assert max(worst.values()) < 1e-9
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_rover_drives_on_windows_as_on_linux(host: Host, version: int, tmp_path: Path) -> None:
-    """A soil has powers and exponentials, by two C libraries."""
-    fmu = tmp_path / "rover.fmu"
-    write_fmu(fmu, plant_model("el_dorado_ii", "beach_sand", wind=False), version, BOTH)
-    slave, time = Slave(fmu, tmp_path / "x", {**START, "start_speed": 0.2}), np.arange(2000) * 0.01
-    outputs = slave.outputs
-    rows = {f"wheel_speed_demand_{k}": 2.0 + 0.3 * k * np.sin(0.5 * time) for k in range(1, 5)}
-    expected = [slave.get(outputs)]
-    for row in zip(*rows.values(), strict=True):
-        slave.set(dict(zip(rows, row, strict=True)))
-        slave.step()
-        expected.append(slave.get(outputs))
-    slave.close()
-    done = host.run(fmu, tmp_path / "x", rows=rows, outputs=outputs, starts={**START, "start_speed": 0.2})
-    assert done.returncode == 0, done.stderr
-    assert np.abs(np.loadtxt(done.stdout.splitlines()) - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("version", [2, 3])

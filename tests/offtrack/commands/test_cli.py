@@ -35,14 +35,12 @@ def offtrack(*arguments: str, cwd: Path, **environment: str) -> subprocess.Compl
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working directory of what is invoked in this process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))  # the catalogue adds the working directory
     return tmp_path
 
 
 def invoked(*arguments: str) -> Result:
-    """The command in this process."""
     return CliRunner().invoke(app, arguments)
 
 
@@ -129,7 +127,6 @@ class Proportional:
 
 
 def test_help_tells_a_newcomer_what_to_do_next() -> None:
-    """Every help names a command to try, and the list of scenarios says what each is."""
     assert "offtrack run roundabout" in " ".join(invoked("--help").stdout.split())
     assert "--set" in invoked("run", "--help").stdout
     listed = invoked("scenarios").stdout
@@ -148,7 +145,6 @@ def test_the_list_of_commands_needs_none_of_their_libraries() -> None:
 
 
 def test_every_command_of_the_list_can_be_called() -> None:
-    """The table leads to a command of that name, whose own help begins with the same verb."""
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]  # a group has them
     listed = dict(re.findall(r"^  ([a-z-]+) +([A-Z].*)", invoked("--help").stdout.partition("Commands:")[2], re.M))
     assert list(listed) == list(commands)

@@ -111,7 +111,6 @@ def test_an_exception_of_any_part_is_the_outcome_of_its_run(
 def test_a_run_that_fails_at_once_leaves_a_whole_directory(
     scenario: tuple[str, tuple[str, ...]], part: type, rows: int, break_after: Breaker, tmp_path: Path
 ) -> None:
-    """With a log of no row, of one or two."""
     break_after(part, "observe", rows, RuntimeError("[/] & <b>\ud800"))
     result = run(load_any_scenario(*scenario), 1)
     assert len(result.log) == rows
@@ -156,8 +155,6 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
 def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
     broken: str, error: Exception, told: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All else is written, and the command says so."""
-
     def breaking(*arguments: Any, **options: Any) -> None:
         raise error
 

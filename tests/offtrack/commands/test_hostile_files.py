@@ -57,14 +57,12 @@ def prepare(folder: Path) -> None:
 
 
 def stereo(folder: Path, rate: float | None) -> None:
-    """Read all frames."""
     for _, frame in stream(find_sequence(folder, rate).frames, (8, 6)):
         if isinstance(frame, Dropped):
             raise ValueError(frame.reason)
 
 
 def rover(folder: Path) -> None:
-    """Read the only view."""
     view = open_rover_recording(folder).view(0)
     if isinstance(view, str):
         raise ValueError(view)
@@ -126,7 +124,6 @@ def _at_once() -> Iterator[None]:
 @pytest.mark.parametrize("kind", HOSTILE)
 @pytest.mark.parametrize("what", OPENED)
 def test_something_else_in_place_of_a_file_is_refused_in_one_line(what: str, kind: str, tmp_path: Path) -> None:
-    """All other files are as they should be."""
     name, opened = OPENED[what]
     prepare(tmp_path)
     (tmp_path / name).unlink(missing_ok=True)

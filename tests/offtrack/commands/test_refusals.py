@@ -75,7 +75,6 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def ports() -> Iterator[dict[str, str]]:
-    """Ports that are taken."""
     with socket.socket() as tcp, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
         for taken in (tcp, udp):
             taken.bind(("127.0.0.1", 0))
@@ -174,7 +173,6 @@ REFUSED = [  # command line, and words of the answer in their order
     ("sweep study.toml --scheduler tcp://h:1 --dask-jobqueue q.yaml", "choose one"),
     ("sweep study.toml --scheduler tcp://h:1 --jobs 2", "leave it out"),
     ("sweep study.toml --dask-jobqueue q.yaml", "needs --jobs"),
-    ("sweep study.toml --quiet --dask-jobqueue q.yaml --jobs 2", "q.yaml"),
     ("sweep study.toml --scheduler tcp://h:1 --patience 0", "--patience"),
     ("campaign trailer-steering-fault", "did you mean 'trailer-steering-faults'"),
     ("campaign roundabuot", "did you mean 'roundabout'"),

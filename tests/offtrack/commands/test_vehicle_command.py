@@ -46,7 +46,6 @@ def run(*arguments: str) -> Result:
 
 
 def test_without_a_name_all_vehicles_are_listed(offtrack_vehicle: Path) -> None:
-    """A line each, with what it is; as JSON name to summary."""
     listed = run().stdout
     summaries = {name: load_vehicle(name).summary for name in vehicle_names()}
     summaries |= {name: load_rover(name).summary for name in rover_names()}
@@ -71,7 +70,6 @@ def test_a_vehicle_is_shown_and_drawn(offtrack_vehicle: Path) -> None:
 
 @pytest.mark.slow
 def test_json_is_the_data_sheet_and_nothing_else(offtrack_vehicle: Path) -> None:
-    """The same numbers as beside the drawing, with units in their names."""
     done = run("b_double", "--json", "--out", "sheet")
     numbers = json.loads(done.stdout)
     assert numbers == json.loads((offtrack_vehicle / "sheet" / "facts.json").read_text(encoding="utf-8"))
@@ -158,14 +156,12 @@ def test_the_plan_shows_a_left_turn_with_ackermann_and_opposite_trailer_axles() 
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Path]]:
-    """Files of the sheet of a vehicle, SVG and PNG, drawn once."""
     return cache(lambda name: save_sheet(open_sheet(name).draw, tmp_path_factory.mktemp(name)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rigid_truck", "a_double", "wb67", "el_dorado_ii", "el_dorado_ii_skid"])
 def test_the_sheet_is_to_scale_and_whole(name: str, drawn: Callable[[str], tuple[Path, Path]]) -> None:
-    """Both pictures are there, with the same proportions, and no lettering leaves the border."""
     sheet = open_sheet(name)
     svg, png = drawn(name)
     root = ElementTree.parse(svg).getroot()
@@ -191,7 +187,6 @@ def test_the_same_vehicle_gives_the_same_drawing(
 
 
 def test_a_rover_is_shown_with_its_loads_and_its_soils(offtrack_vehicle: Path) -> None:
-    """Wheel loads, tipping, speeds, steering and traction; the same numbers as JSON."""
     done = run("el_dorado_ii")
     assert done.exit_code == 0
     for words in ("front left", "uphill 51°", "69.7", "0.41 m/s", "±60°", "on the spot", "toyoura sand", "91%"):

@@ -16,7 +16,7 @@ from offtrack.environments.registry import vector
 from offtrack.environments.rewards import Domain, Variation
 from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
-from scenarios.options.scenario import Scenario, load_scenario
+from scenarios.options.scenario import load_scenario
 from sensors.world.world import World
 from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import load_vehicle
@@ -141,8 +141,6 @@ def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observat
 
 @pytest.mark.slow
 def test_a_spawned_process_has_cameras_of_its_own() -> None:
-    """A spawned process and this one make the same observation from the same options."""
-
     def make() -> Any:
         return gymnasium.make(f"offtrack:{ROVER}", observation="camera", image_scale=4)
 
@@ -226,24 +224,3 @@ def test_rovers_pictures_are_decided_by_the_seed() -> None:
     assert seen[0]["image"].shape == (1, 120, 160)
     assert seen[0]["image"].std() > 5.0
     assert all(np.array_equal(seen[0][part], seen[1][part]) for part in ("image", "features"))
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "words"),
-    [
-        (TRAILER, {"observation": "camera", "image_scale": 0}, "image_scale = 0 must be 1 .. 48"),
-        (TRAILER, {"observation": "camera", "sensing": "rover-slope"}, "rover-slope is a rover's"),
-        (ROVER, {"observation": "camera", "sensing": "roundabout"}, "roundabout is a trailer's"),
-        (ROVER, {"observation": "estimate", "soils": ("none",)}, "firm ground takes no trace"),
-        (TRAILER, {"observation": "estimate", "sensing": "off_tracking=truth"}, "use observation = 'truth'"),
-        (TRAILER, {"observation": "estimate", "sensing": "off_tracking=surrogate"}, "use observation = 'surrogate'"),
-        (TRAILER, {"observation": "estimate", "sensing": "rig.rate_hz=8"}, "multiple of the control step, 0.02 s"),
-    ],
-)
-def test_wrong_options_are_refused_in_one_line(name: str, given: dict[str, Any], words: str) -> None:
-    """When the environment is made."""
-    sensing = given.get("sensing", "")
-    made: str | Scenario = load_scenario("roundabout", [sensing]) if "=" in sensing else sensing
-    with pytest.raises(ValueError, match=words) as error:
-        gymnasium.make(name, **({**given, "sensing": made} if sensing else given))
-    assert "\n" not in str(error.value)

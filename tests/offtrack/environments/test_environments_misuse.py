@@ -14,6 +14,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.registry import single, vector
 from offtrack.environments.rewards import Domain, follow_error
+from scenarios.options.scenario import load_scenario
 from tests.environments import DRIVING, ROVER, TRAILER, off_path
 
 NAN, INF = float("nan"), float("inf")
@@ -53,7 +54,6 @@ def test_a_copy_continues_the_episode_bitwise(name: str, options: dict[str, Any]
 @pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_a_copied_vector_environment_continues_bitwise(name: str, copied: Any) -> None:
-    """Ended episodes restart in both alike, from the same random streams."""
     env = vector(name, 3, **({"endings": {"off path": off_path}} if name == TRAILER else {}))
     rng = np.random.default_rng(2)
     actions = rng.uniform(-1.0, 1.0, (160, *(env.action_space.shape or ()))).astype(np.float32)
@@ -148,7 +148,6 @@ WRONG_OPTIONS: dict[str, list[tuple[Any, str]]] = {
 
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_wrong_reset_options_are_named(name: str) -> None:
-    """One line with key, value and what is allowed; the environment works on."""
     env = single(name)
     for options, says in WRONG_OPTIONS[name]:
         with pytest.raises(ValueError, match=says) as error:
@@ -159,7 +158,6 @@ def test_wrong_reset_options_are_named(name: str) -> None:
 
 
 def test_wrong_seeds_are_named() -> None:
-    """One and many refuse the same."""
     env, many = single(DRIVING), vector(DRIVING, 2)
     wrong: list[Any] = [-1, True, 1.5, NAN, "1", {}]
     for seed in wrong:
@@ -192,6 +190,18 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single(TRAILER, reward={follow_error: NAN}), "reward = .*: must be a finite number"),
         (lambda: single(TRAILER, sensing=5, observation="estimate"), "sensing = 5"),
         (lambda: single(TRAILER, image_scale=True, observation="camera"), "image_scale = True"),
+        (lambda: single(TRAILER, observation="camera", image_scale=0), "image_scale = 0 must be 1 .. 48"),
+        (lambda: single(TRAILER, observation="camera", sensing="rover-slope"), "rover-slope is a rover's"),
+        (lambda: single(ROVER, observation="camera", sensing="roundabout"), "roundabout is a trailer's"),
+        (lambda: single(ROVER, observation="estimate", soils=("none",)), "firm ground takes no trace"),
+        *(
+            (lambda key=key: single(TRAILER, observation="estimate", sensing=load_scenario("roundabout", [key])), line)
+            for key, line in (
+                ("off_tracking=truth", "use observation = 'truth'"),
+                ("off_tracking=surrogate", "use observation = 'surrogate'"),
+                ("rig.rate_hz=8", "multiple of the control step, 0.02 s"),
+            )
+        ),
         (lambda: single(ROVER, engine="steam"), "engine = 'steam'; known: auto, compiled, interpreted"),
         (lambda: single(ROVER, observation=2), "observation = 2 must be estimate, surrogate, truth, camera"),
         (lambda: Domain(friction=0.3), "friction = .* must be a number or two bounds"),  # type: ignore[arg-type]
@@ -199,7 +209,6 @@ def test_wrong_seeds_are_named() -> None:
     ],
 )
 def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: str) -> None:
-    """One line with name, value and what is allowed."""
     with pytest.raises(ValueError, match=says) as error:
         make()
     assert "\n" not in str(error.value)

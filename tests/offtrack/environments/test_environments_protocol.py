@@ -25,7 +25,6 @@ EVERY: list[tuple[str, dict[str, Any]]] = [
 
 
 def vector(name: str, n: int, **options: Any) -> CoreVectorEnv:
-    """The environment without gymnasium's wrappers."""
     made = gymnasium.make_vec(name, num_envs=n, **options).unwrapped
     assert isinstance(made, CoreVectorEnv)
     return made
@@ -70,7 +69,6 @@ def check_seeding(env: CoreVectorEnv, seed: int) -> None:
 
 
 def check_info(env: CoreVectorEnv, info: dict[str, Any]) -> None:
-    """Every entry has a mask ``_name``."""
     for name in info:
         assert name.startswith("_") or np.shape(info[f"_{name}"]) == (env.num_envs,)
 
@@ -130,7 +128,6 @@ def test_many_do_what_single_ones_do(name: str, options: dict[str, Any]) -> None
 
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_a_seed_decides_the_whole_episode_bitwise(name: str) -> None:
-    """The same seed and actions give the same numbers, also after another episode and in a pickled copy."""
     env = vector(name, 2)
     actions = np.random.default_rng(2).uniform(-1.0, 1.0, (30, *(env.action_space.shape or ()))).astype(np.float32)
 
@@ -159,7 +156,6 @@ def test_who_starts_again_leaves_the_others_as_they_would_have_been() -> None:
 
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
 def test_pictures_show_what_moves_and_random_steps_stay_finite(name: str) -> None:
-    """Any demand gives observations within their space and finite rewards, jackknifes included."""
     env = gymnasium.make(name, render_mode="rgb_array", disable_env_checker=True)
     env.action_space.seed(1)
     env.reset(seed=1)

@@ -27,7 +27,6 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("name", offtrack.environments.registry.CORES)
 def test_its_own_checker_has_nothing_to_complain_of(name: str) -> None:
-    """Warnings are errors here."""
     check_env(gymnasium.make(f"offtrack/{name}", disable_env_checker=True).unwrapped)
 
 
@@ -98,7 +97,6 @@ def test_a_saved_model_becomes_a_law(make: Any, tmp_path: Path) -> None:
 
 
 def test_other_files_are_no_models(tmp_path: Path) -> None:
-    """An archive of something else, and a model whose weights are damaged."""
     with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
         archive.writestr("data", "{}")
     with zipfile.ZipFile(tmp_path / "damaged.zip", "w") as archive:

@@ -31,7 +31,6 @@ N = 200
 
 
 def truth(value: float) -> Estimate:
-    """The same off-tracking for all."""
     return Estimate(
         np.full(N, value), np.zeros(N), np.zeros((N, 3)), np.ones((N, 3)), np.zeros(N), np.ones(N, dtype=bool)
     )

@@ -23,7 +23,6 @@ from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.functions import numbers
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.frames import Pose2
 from vehicle.surface import Surface
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
@@ -110,18 +109,6 @@ def test_a_fleet_steps_every_vehicle_as_a_plant_of_its_own() -> None:
         assert seen.poses[k] == pytest.approx(plant.observe(state, 0).poses, abs=1e-9)  # rounding over 2000 ticks
 
 
-def test_a_fleet_starts_leaning_as_the_ground_does() -> None:
-    """On conical ground a plant's bodies rest on their springs with the load of the lower side's wheels larger."""
-    centre = (10.0, 20.0)
-    plant = Plant(VEHICLE, Surface(friction=0.8, cross_fall=0.04, centre=centre))
-    truth = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 0)
-    fleet, one = PlantBatch(VEHICLE, 2, "auto"), drawn(cross_fall=0.04)
-    ground = BatchGround(one.friction, one.cross_fall, np.array([centre]))
-    seen = fleet.place(np.array([1]), Variation(VEHICLE).numbers(one), ground, one.speed)
-    assert abs(truth.load_transfer[1]) > 0.01
-    assert seen.load_transfer[1] == pytest.approx(truth.load_transfer, abs=1e-9)
-
-
 def test_encoders_err_throughout_an_episode_as_much_as_their_data_sheet_says() -> None:
     """Biases of 0.1 deg and 0.1 deg/s, 1 sigma, over 500 episodes; 3 sigma of such a sample's deviation are 10 %."""
     encoders, n = Encoders(500, 2), 500
@@ -178,7 +165,6 @@ def test_options_narrow_the_domain_and_seeds_and_numbers_decide() -> None:
 
 
 def moment(**values: Any) -> Moment:
-    """A moment of one combination at which all is well, but for ``values``."""
     fine = Moment(
         off_tracking=np.zeros(1),
         curvature=np.zeros(1),
@@ -208,7 +194,6 @@ def test_rewards_cost_nothing_at_best_and_have_their_units() -> None:
 
 
 def test_endings_are_met_at_their_limits() -> None:
-    """And not before."""
     for ending, name, harmless, bad in (
         (rewards.jackknifed, "articulation", [[1.5]], [[-1.6]]),
         (rewards.rolled_over, "load_transfer", [[0.1, 0.97]], [[0.1, -0.99]]),

@@ -67,7 +67,6 @@ class Docker:
         self.limit, self.tick, self.backing = tractor.steering.limit, 0, False
 
     def act(self, seen: FloatArray) -> tuple[float, float]:
-        """Action for an observation."""
         ahead, aside, c, s, gamma, speed, steer = seen.tolist()
         end = Pose2(-c * ahead - s * aside, s * ahead - c * aside, -math.atan2(s, c))
         axle = end @ Pose2(self.to_axle, 0.0, 0.0)
@@ -92,7 +91,6 @@ class Docker:
 
 
 def docked(seeds: range) -> list[str]:
-    """Outcomes of the episodes of these seeds."""
     n = len(seeds)
     environment = gymnasium.make_vec(DRIVING, num_envs=n, task="bay")
     seen, _ = environment.reset(seed=list(seeds))  # type: ignore[arg-type]  # gymnasium's hint knows of one seed only
@@ -115,7 +113,6 @@ def test_a_scripted_driver_backs_into_most_bays() -> None:
 
 
 def gentle() -> Circumstances:
-    """One combination as its file says, on dry and level ground."""
     return (
         Domain()
         .drawn(np.full((1, N_DRAWN), 0.5))

@@ -19,7 +19,6 @@ from typer.testing import CliRunner
 
 from controllers.trailer_steering.policy import Network, load_network
 from offtrack.commands.cli import app
-from offtrack.environments.observations import HitchPaths
 from offtrack.environments.registry import vector
 from offtrack.environments.rewards import Domain
 from offtrack.environments.training import evaluation
@@ -43,7 +42,6 @@ from scenarios.progress import no_progress
 from scenarios.results.metrics import rms, true_off_tracking
 from tests.environments import features
 from vehicle.combination.description import load_vehicle
-from vehicle.frames import FloatArray
 
 needs_extra = pytest.mark.skipif(
     importlib.util.find_spec("stable_baselines3") is None,
@@ -94,7 +92,6 @@ def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In one line, with exit code 2."""
     found = importlib.util.find_spec
     missing = ("stable_baselines3", "torch")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else found(name))
@@ -142,8 +139,6 @@ def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
 
 
 class _Planted:
-    """An object whose unpickling leaves a trace."""
-
     def __reduce__(self) -> tuple[Any, tuple[Path]]:
         return Path.touch, (Path("was here"),)
 
@@ -152,7 +147,6 @@ class _Planted:
 @needs_extra
 @pytest.mark.parametrize("place", ["policy_class", "observation_space", "policy.pth"])
 def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither those in the model's description nor those among its tensors."""
     import torch
 
     from offtrack.environments.training.learner import Budget, learn
@@ -235,26 +229,3 @@ def test_errors_of_the_estimate_reach_the_law() -> None:
     bias = float(np.median(aim))
     assert abs(bias) > 0.1
     assert info["off_tracking"][0] == pytest.approx(-bias, abs=0.03)
-
-
-def test_a_path_is_returned_as_it_was_at_its_mark() -> None:
-    """Points of a circle, seen from where the trailer was half a second ago, not from where it is now."""
-    radius, paths = 20.0, HitchPaths(1, 14.0)
-
-    def pose(angle: float) -> FloatArray:
-        return np.array([[radius * math.sin(angle), radius * (1.0 - math.cos(angle)), angle]])
-
-    paths.begin(np.arange(1), pose(0.0), np.array([14.0]))
-    angles = np.arange(1, 600) * 0.05 / radius
-    for angle in angles[:-25]:
-        paths.step(pose(float(angle)))
-    mark = paths.mark()
-    for angle in angles[-25:]:
-        paths.step(pose(float(angle)))
-    seen = paths.behind(0, mark, 12.0)
-    assert np.array_equal(seen[0], [0.0, 0.0])
-    assert seen[1:, 0].max() <= 0.0
-    assert -12.0 <= seen[-1, 0] < -11.8
-    distance = np.hypot(seen[:, 0], seen[:, 1] - radius)  # the circle's centre is square to the left
-    assert distance == pytest.approx(np.full(len(seen), radius), abs=1e-3)
-    assert np.hypot(*np.diff(seen[1:], axis=0).T) == pytest.approx(0.1, abs=1e-3)

@@ -35,7 +35,6 @@ def law(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def own_law(law: Path, tmp_path: Path) -> Path:
-    """A copy of the law that a test may change, alone in its folder."""
     (tmp_path / "inbox").mkdir()
     return Path(shutil.copy(law, tmp_path / "inbox" / "own.fmu"))
 
@@ -147,7 +146,6 @@ LOADED: Final[dict[str, tuple[Change, str]]] = {
 
 
 def rewritten(path: Path, change: Change) -> None:
-    """Change the members of an archive."""
     with zipfile.ZipFile(path) as archive:
         members = {member: archive.read(member) for member in archive.namelist()}
     change(members)
@@ -157,13 +155,11 @@ def rewritten(path: Path, change: Change) -> None:
 
 
 def opened(path: Path) -> FmuInstance:
-    """The FMU as a law, as a run opens it."""
     fmu = open_fmu(path)
     return FmuInstance(fmu, read_map(fmu, SIGNALS), {})
 
 
 def check_refused(path: Path, line: str) -> None:
-    """It is refused soon, in one line with its name."""
     begin = time.monotonic()
     with pytest.raises(ValueError) as caught:  # noqa: PT011 -- the text is looked at below
         opened(path)

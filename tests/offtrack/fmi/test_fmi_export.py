@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from fmpy.fmi3 import fmi3IntermediateUpdateCallback
 
-import offtrack
 from offtrack.exchange.fmi_export import fmu_writer
 from offtrack.exchange.fmi_export.fmu_writer import write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import combination_inputs, combination_model, plant_model
@@ -98,13 +97,10 @@ def test_wrong_steps_and_values_are_refused_with_a_message(fmus: dict[int, Path]
     slave.close()
 
 
-@pytest.mark.parametrize("heavier", [1.0, 1.1])
-def test_a_truck_weaves_as_one_here_with_the_same_numbers(
-    fmus: dict[int, Path], vehicle: Vehicle, heavier: float
-) -> None:
+def test_a_truck_weaves_as_one_here_with_the_same_numbers(fmus: dict[int, Path], vehicle: Vehicle) -> None:
     """The same equations, compiled with other flags; a parameter is that number of the vehicle file."""
     unit, drive = vehicle.units[0], weave(5.0)
-    mass = unit.mass * heavier
+    mass = unit.mass * 1.1
     here = vehicle.model_copy(update={"units": (unit.model_copy(update={"mass": mass}), *vehicle.units[1:])})
     slave = slave_of(fmus, 2, {**START, "units.0.mass": mass})
     found = deviations(driven_here(here, drive), driven_there(slave, vehicle, drive))
@@ -235,29 +231,3 @@ def test_trucks_and_rovers_have_their_own_interfaces(model: PlantModel, vehicle:
     assert len(names) == len(set(names))
     assert (model.internal_step, rover.internal_step) == (1e-3, None)
     assert "at most 5 ms" in rover.stepping
-
-
-@pytest.mark.slow
-def test_our_own_fmu_in_a_run_drives_as_the_plant_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a bank, with rough ground and another friction under the right wheels.
-
-    The plant here looks the ground up anew every 0.1 m, the FMU gets it every 10 ms: hundredths of a millimetre.
-    """
-    file = tmp_path / "truck.fmu"
-    monkeypatch.setattr(fmu_writer, "_has_zig", lambda: False)
-    write_fmu(file, combination_model(load_vehicle("eu_tractor_semitrailer")), 2, ("linux64",), optimisation=0)
-    settings = {
-        "vehicle": "eu_tractor_semitrailer",
-        "off_tracking": "truth",
-        "trailer_steering": "none",
-        "course.turn_deg": 30.0,
-        "course.entry": 20.0,
-        "course.exit": 5.0,
-        "surface.cross_fall": 0.04,
-        "surface.friction_right": 0.4,
-        "surface.roughness": "C",
-    }
-    own = offtrack.run("roundabout", settings=settings)
-    other = offtrack.run("roundabout", settings=settings | {"plant.fmu": str(file)})
-    for name in ("x_tractor", "y_semitrailer", "psi_semitrailer", "off_tracking_true"):
-        np.testing.assert_allclose(other[name], own[name], atol=1e-4)

@@ -18,12 +18,11 @@ from controllers.trailer import Combination
 from offtrack.commands.cli import app
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import FmuLaw, law_of, law_signals
-from offtrack.exchange.fmi_import.fmu_plant import plant_signals
 from offtrack.exchange.fmi_import.instance import FmuInstance
-from offtrack.exchange.fmi_import.mapping import map_file, read_map
+from offtrack.exchange.fmi_import.mapping import PartSignals, Signal, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.catalogue import ODOMETRY, resolve
-from tests.fmus.models import LAW, LAW_CODE, build_fmu, proportional_law, pursuit_driver, rolling_plant
+from tests.fmus.models import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, pursuit_driver, rolling_plant
 from vehicle.combination.description import load_vehicle
 
 SIGNALS = law_signals(2, 2)
@@ -42,7 +41,6 @@ def law(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def own_law(law: Path, tmp_path: Path) -> Path:
-    """A copy of the law that a test may change."""
     return Path(shutil.copy(law, tmp_path / "own.fmu"))
 
 
@@ -51,30 +49,7 @@ def opened(law: Path, **parameters: float) -> FmuInstance:
     return FmuInstance(fmu, read_map(fmu, SIGNALS), parameters)
 
 
-@pytest.mark.slow
-def test_a_law_as_fmu_gives_the_log_of_the_same_law_in_python(law: Path) -> None:
-    (law.parent / "same_law.py").write_text(
-        "import numpy as np\n"
-        "from controllers.trailer import SteerCommand\n"
-        "class Same:\n"
-        "    def __init__(self, trailer, *, gain=0.2): self.gain = gain\n"
-        "    def init(self): return None\n"
-        "    def step(self, memory, tick, off_tracking, signals):\n"
-        "        e = off_tracking.value if off_tracking else 0.0\n"
-        "        return memory, SteerCommand(angles=np.full(len(signals.angles), self.gain * e))\n",
-        encoding="utf-8",
-    )
-    with pytest.MonkeyPatch.context() as patched:
-        patched.syspath_prepend(str(law.parent))
-        own = run(trailer_steering="same_law:Same", steering__gain=0.3)
-    other = run(trailer_steering=str(law), steering__gain=0.3)
-    assert own.log.names == other.log.names
-    for name in own.log.names:
-        np.testing.assert_array_equal(other[name], own[name], name)
-
-
 def processes() -> set[int]:
-    """Processes that this one has started and not waited for."""
     return {int(number) for file in Path("/proc/self/task").glob("*/children") for number in file.read_text().split()}
 
 
@@ -159,20 +134,6 @@ def test_units_signs_and_offsets_of_a_map(own_law: Path) -> None:
     assert found["steer_demand_2"] == pytest.approx(np.deg2rad(-3.0))
 
 
-def test_a_plant_as_fmu_turns_on_the_circles_of_its_closed_form(tmp_path: Path) -> None:
-    """Without slip: radius of the rear axle wheelbase / tan(steer), articulation by hitch and trailer length."""
-    fmu = open_fmu(rolling_plant(tmp_path, 0.7, 8.0))
-    links = read_map(fmu, plant_signals(load_vehicle("uk_longer_semitrailer")))
-    instance = FmuInstance(fmu, links, links.start_values({"start_speed": 5.0}))
-    signals = {"steer": 0.2, "acceleration": 0.0}
-    for _ in range(200):
-        found = instance.step(100, signals)
-    radius = 3.8 / np.tan(0.2)
-    expected = np.arcsin(8.0 / np.hypot(radius, 0.7)) - np.arctan2(0.7, radius)
-    assert found["psi_1"] - found["psi_2"] == pytest.approx(expected, abs=1e-4)
-    assert found["psi_1"] == pytest.approx(20.0 * 5.0 / radius, rel=1e-9)
-
-
 def test_lengths_that_are_not_those_of_the_data_sheet_are_named(tmp_path: Path) -> None:
     plant = rolling_plant(tmp_path, 1.5, 8.0)
     with pytest.raises(ValueError, match=r"unit 2 begins 0\.73 m from the hitch of tractor, which is at x = 0\.77"):
@@ -237,3 +198,13 @@ def test_an_fmu_has_its_parameters_as_options_and_cannot_be_every_part(law: Path
         made(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1), gain="x")
     with pytest.raises(ValueError, match="an FMU can't be this part"):
         resolve("odometry", str(law), ODOMETRY)
+
+
+def test_declared_units_are_used(tmp_path: Path) -> None:
+    """An output in degrees by its own unit definition needs no word in a map."""
+    unit = '<UnitDefinitions><Unit name="grad"><BaseUnit rad="1" factor="0.015707963"/></Unit></UnitDefinitions>'
+    quantities = (Quantity("a", "input"), Quantity("angle", "output", "grad"))
+    fmu = open_fmu(build_fmu(tmp_path, "deg", quantities, "v[1] = v[0];", units=unit))
+    part = PartSignals(kind="part", inputs=(Signal("a", "-", ""),), outputs=(Signal("angle", "rad", ""),))
+    instance = FmuInstance(fmu, read_map(fmu, part), {})
+    assert instance.step(10, {"a": 100.0})["angle"] == pytest.approx(np.pi / 2, abs=1e-6)

@@ -22,8 +22,7 @@ from offtrack.commands.cli import app
 from offtrack.exchange.fmi_export import fmu_writer
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
-from offtrack.exchange.fmi_import.fmu_parts import law_of, off_tracking_signals
-from offtrack.exchange.fmi_import.instance import FmuInstance
+from offtrack.exchange.fmi_import.fmu_parts import off_tracking_signals
 from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from offtrack.exchange.fmi_import.numbered_signals import (
     PATH_POINTS,
@@ -34,31 +33,17 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_signals,
     truth_values,
 )
-from offtrack.exchange.fmi_proxy.parts import (
-    DriverComputation,
-    GroundComputation,
-    SensorComputation,
-    driver_proxy,
-    ground_proxy,
-    in_wind_of,
-    law_proxy,
-    sensor_proxy,
-)
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
-from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
+from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
-from scenarios.assembly.trailer_run import assemble, opened_ground
+from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.channel import InLine
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from tests.fmus.plants import Slave, c_compiler
 from tests.fmus.proxies import USED, alive, estimate, reading, stand_in
-from vehicle.combination.chain import smooth_ground_sizes
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.layout import command_sizes, ground_input_sizes
-from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
-from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
 VEHICLE = "uk_longer_semitrailer"
@@ -200,31 +185,6 @@ def test_signals_keep_an_estimate() -> None:
     np.testing.assert_array_equal(long.path[[0, -1]], estimate(0, points=1000).path[[0, -1]])
 
 
-class Clock:
-    """In place of an FMU that steps by 10 ms and gives the beginning of its last step."""
-
-    period, used, until = 10, frozenset[str](), FmuInstance.until
-
-    def __init__(self, *_: object) -> None:
-        self.ticks = 0
-
-    def step(self, ticks: int, _: object) -> dict[str, float]:
-        """A step."""
-        self.ticks += ticks
-        return dict.fromkeys(("steer_demand_1", "steer_demand_2", "steer"), 1e-3 * (self.ticks - ticks))
-
-
-def test_the_clock_of_a_law_keeps_up_with_the_run(fmus: dict[int, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loop asks every 20 ms, the FMU steps by 10 ms: after every call its time is just past that of the run."""
-    monkeypatch.setattr("offtrack.exchange.fmi_import.fmu_parts.FmuInstance", Clock)
-    vehicle = load_vehicle(VEHICLE)
-    law = law_of(str(fmus[2]))(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1))
-    memory = law.init()
-    for tick in range(0, 200, 20):
-        memory, command = law.step(memory, tick, None, reading(tick))
-        assert command.angles[0] == pytest.approx(1e-3 * tick)  # the last step began at the run's time
-
-
 @pytest.fixture(scope="module")
 def drive() -> tuple[TrailerSession, Scenario]:
     """Four seconds of a run, of which sensor and driver are asked again."""
@@ -235,55 +195,6 @@ def drive() -> tuple[TrailerSession, Scenario]:
         session.advance()
     session.close()
     return session, scenario
-
-
-def opening(proxy: Proxy, folder: Path, **texts: str) -> Opening:
-    """What the process of an FMU gets, with its files in a folder."""
-    for name, content in proxy.files.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_bytes(content)
-    parameters = {one.name: one.start for one in proxy.parameters}
-    return Opening(folder=folder, settings=proxy.settings, parameters=parameters, texts=texts)
-
-
-def test_the_sensor_estimates_as_in_the_run(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
-    """Roll and pitch go over as angles, which rounds them; the noise of the readings is that of the run's streams."""
-    session, scenario = drive
-    proxy = sensor_proxy(scenario, 3)
-    sensor = SensorComputation(opening(proxy, tmp_path, frames=""))
-    assert sensor.step(0, 10, dict.fromkeys((one.name for one in proxy.inputs), 0.0))["off_tracking_known"] == 0.0
-    found: dict[int, OffTracking] = {}
-    for row in session.rows:
-        tick = row.truth.tick
-        values = sensor.step(tick, 10, truth_values(row.truth))
-        assert set(values) == {one.name for one in proxy.outputs}
-        estimated = estimate_of(tick + 10, values)  # an importer's time may be that of the end of the step
-        if estimated is not None:
-            found[estimated.tick] = estimated
-    sensor.close()
-    own = [one.off_tracking for one in session.trailers[0].estimates]
-    assert [*found] == [one.tick for one in own]
-    for one in own:
-        for name in ("value", "std", "path", "hitch_direction_rate", "path_tangent", "v_y", "yaw_rate"):
-            np.testing.assert_allclose(getattr(found[one.tick], name), getattr(one, name), atol=1e-10)
-    last = session.rows[-2].truth  # sensors of the combination are read every 20 ms; this sample is the run's own
-    for name, value in reading_values(session.parts.trailers[0].signals.sample(last)).items():
-        assert values[f"measured_{name}"] == pytest.approx(value, abs=1e-10)
-
-
-def test_the_driver_drives_as_in_the_run(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
-    """Bitwise: the same inputs, the same memory."""
-    session, scenario = drive
-    proxy = driver_proxy(scenario)
-    driver = DriverComputation(opening(proxy, tmp_path))
-    for row in session.rows:
-        truth = row.truth
-        motion = dict(zip(("x", "y", "psi"), truth.poses[0].tolist(), strict=True))
-        motion |= dict(zip(("v_x", "v_y", "yaw_rate"), truth.velocities[0].tolist(), strict=True))
-        motion["articulation_1"] = float(truth.poses[0, 2] - truth.poses[1, 2])
-        demand = driver.step(truth.tick, 10, motion)
-        assert list(demand) == [one.name for one in proxy.outputs]
-        assert tuple(demand.values()) == tuple(row.record.driver)
 
 
 def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> None:
@@ -342,61 +253,11 @@ def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> N
     assert ("plant", "steer_trailer_2") in targets
     assert variables["plant", "friction_wheel_1"].signal.start == 0.5
     assert variables["plant", "start_speed"].signal.start > 0.0
-
-
-def test_every_steered_trailer_has_its_sensor_and_law_and_the_plant_its_ground(loop: FmuSystem) -> None:
-    """Each law gets the estimates and readings of its own trailer, and steers that trailer's axles.
-
-    The plant starts on its ground, also where a runner gives it zeros at first; all of it comes from one component.
-    """
     assert set(loop.components) == {"plant", "driver", "ground", "sensor_2", "law_2", "sensor", "law"}
-    steered = [len(unit.steered_axles) for unit in load_vehicle("b_double_steered").units]
-    sources = {one.input: (one.source, one.output) for one in loop.connections if one.target == "plant"}
-    for law, first, count in (("law_2", 0, steered[1]), ("law", steered[1], steered[2])):
-        for k in range(1, count + 1):
-            assert sources[f"steer_trailer_{first + k}"] == (law, f"steer_demand_{k}")
     assert {one.source for one in loop.connections if one.target == "law_2"} == {"sensor_2"}
-    starts, ground = (
-        {one.signal.name: one.signal.start for one in loop.components[name].variables if one.causality == causality}
-        for name, causality in (("plant", "input"), ("ground", "output"))
-    )
-    assert ground.items() <= starts.items()
-    assert starts["friction_wheel_1"] == 0.5
-    assert abs(starts["ground_height_1"]) > 0.0
-    assert all(sources[name][0] == "ground" for name in ground)
-
-
-UNEVEN = {
-    "bank": ["surface.cross_fall=0.03"],
-    "slope": ["surface.grade=0.02"],
-    "sides": ["surface.friction_right=0.2"],
-    "rough": ["surface.roughness=C"],
-    "gust": ["vehicle=eu_tractor_semitrailer", "trailer_steering=none", "wind.speed=10", "wind.length=20"],
-}
-
-
-@pytest.mark.parametrize("name", UNEVEN)
-def test_the_ground_of_a_system_is_that_of_the_run(name: str, tmp_path: Path) -> None:
-    """What the plant of a run looks up, wherever the units are, up to the rounding of places."""
-    scenario = load_scenario("roundabout", ["off_tracking=truth", *UNEVEN[name]])
-    proxy = ground_proxy(scenario, 5)
-    ground = GroundComputation(opening(proxy, tmp_path))
-    surface, _ = opened_ground(scenario, course_of(scenario, vehicle_of(scenario)), 5)
-    vehicle = in_wind_of(surface, vehicle_of(scenario))
-    plant = Plant(vehicle, surface)
-    state = plant.initial_state(Pose2(12.0, 3.0, 0.4), 4.0)
-    for _ in range(100):
-        state = plant.step(state, VehicleCommand(0.2, 0.5, (0.0,) * command_sizes(vehicle).trailer_steer), 10)
-    kinematics = plant._kinematics_of(state)
-    poses = plant.observe(state, 0).poses
-    inputs = {f"{axis}_{k}": x for axis, row in zip(("x", "y", "psi"), poses.T, strict=True)
-              for k, x in enumerate(row.tolist(), start=1)}  # fmt: skip
-    assert set(inputs) == {one.name for one in proxy.inputs}
-    values = np.array([*ground.step(10, 10, inputs).values()])
-    lookup, parts = SurfaceLookup(surface, vehicle), sum(ground_input_sizes(vehicle))
-    np.testing.assert_allclose(values[:parts], lookup.ground_inputs(kinematics), atol=1e-13)
-    heights = lookup.smooth_ground(kinematics)[: smooth_ground_sizes(vehicle).height]
-    np.testing.assert_allclose(values[parts : parts + len(heights)], heights, atol=1e-13)
+    grounds = {one.signal.name for one in loop.components["ground"].variables if one.causality == "output"}
+    for name in grounds:  # the plant starts on its ground, also where a runner gives it zeros at first
+        assert variables["plant", name].signal.start == variables["ground", name].signal.start
 
 
 @pytest.mark.parametrize(

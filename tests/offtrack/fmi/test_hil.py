@@ -30,7 +30,6 @@ from scenarios.loop.bench import (
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.options.tables import OutsideOptions
-from scenarios.results.run_inputs import write_inputs
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import EgoState
 
@@ -61,8 +60,6 @@ class ScriptedBench:
 
 
 class SilentBench:
-    """A bench that gets no signals."""
-
     def __init__(self, link: Link) -> None:
         self.links = (link,)
 
@@ -71,15 +68,6 @@ class SilentBench:
 
     def signals(self, tick: int, ego: EgoState, sensed: Sequence[Sensed]) -> dict[str, float]:
         return {}
-
-
-class Proportional(ScriptedBench):
-    """A bench that answers at once: both axles turn with the articulation."""
-
-    def send(self, tick: int, values: Mapping[str, float]) -> None:
-        super().send(tick, values)
-        angle = -0.4 * values["articulation_1"]
-        self.script.append([{"tick": tick, "steer_demand_1": angle, "steer_demand_2": 0.8 * angle}])
 
 
 def demand(angle: float, **more: float) -> Numbers:
@@ -128,7 +116,6 @@ def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:
     ],
 )
 def test_a_wrong_message_is_refused_as_a_whole(message: Numbers, line: str) -> None:
-    """It changes nothing and is counted; the first reason becomes a warning."""
     acting, exchange = exchanged(ScriptedBench([demand(0.1)], [message]), 2)
     assert acting == [(0.1, -0.1)] * 2
     report = exchange.report()
@@ -161,15 +148,7 @@ def inside() -> RunResult:
     return run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1)
 
 
-@pytest.fixture(scope="module")
-def steered() -> tuple[RunResult, Proportional]:
-    bench = Proportional()
-    settings = (*SHORT, "trailer_steering=none", "outside.demands=trailer", "outside.wait=1")
-    return run(load_scenario("roundabout", settings), 1, bench=LinkedBench([bench])), bench
-
-
 def test_signals_alone_change_nothing(inside: RunResult) -> None:
-    """A run that is only watched from outside has bitwise the same log."""
     bench = ScriptedBench()
     watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, bench=LinkedBench([bench]))
     assert watched.log == inside.log
@@ -183,30 +162,6 @@ def test_signals_alone_change_nothing(inside: RunResult) -> None:
     # the sensors' errors: 0.5 % of the speed and 20 mm/s of noise; 0.2 and 0.1 degrees of play (three times each)
     assert third["speed"] == pytest.approx(inside.log["v_x_tractor"][row], abs=0.1)
     assert third["steer"] == pytest.approx(inside.log["steer_tractor"][row], abs=0.012)
-
-
-def test_a_bench_steers_the_trailer(steered: tuple[RunResult, Proportional], inside: RunResult) -> None:
-    """Its demands are those that the log shows, at once as the loop waits, and the axles follow them with their lag."""
-    result, bench = steered
-    demands = result.log["steer_trailer_1_command"][::2]
-    np.testing.assert_array_equal(demands, [-0.4 * values["articulation_1"] for values in bench.signals])
-    assert np.abs(demands).max() > 0.05
-    assert np.abs(result.log["steer_trailer_1"]).max() == pytest.approx(np.abs(demands).max(), rel=0.05)
-    assert not inside.log["steer_trailer_1_command"].any()
-    numbers = result.summary()
-    assert numbers["outside"]["reproducible"] is False  # type: ignore[call-overload, index]
-    assert "demands came from outside by script" in " ".join(numbers["warnings"])  # type: ignore[arg-type]
-
-
-def test_a_run_directory_repeats_the_demands_bitwise(steered: tuple[RunResult, Proportional], tmp_path: Path) -> None:
-    """``scenario.toml`` names the record beside it; no bench is there any more."""
-    text = write_inputs(steered[0].scenario_toml, steered[0].inputs, tmp_path)
-    (tmp_path / "scenario.toml").write_text(text)
-    again = run(load_scenario(str(tmp_path / "scenario.toml")), 1)
-    assert again.log == steered[0].log
-    assert again.outside is not None
-    assert again.outside.source == "record"
-    assert again.summary()["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
 
 
 @pytest.fixture
@@ -251,7 +206,6 @@ def test_a_bench_that_is_not_there_yet_does_no_harm() -> None:
     + [(f"{host}:5005", "no address of a single host") for host in ("224.0.0.1", "255.255.255.255", "0.0.0.0")],
 )  # fmt: skip
 def test_a_wrong_address_is_refused(text: str, line: str) -> None:
-    """Multicast and broadcast leave the bench."""
     with pytest.raises(ValueError, match=line):
         UdpLink(text)
 

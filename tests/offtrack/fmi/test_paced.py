@@ -18,8 +18,6 @@ from vehicle.clock import Schedule
 
 
 class Clock:
-    """A clock that only moves when somebody sleeps or works."""
-
     def __init__(self) -> None:
         self.now = 100.0  # [s]
 
@@ -97,14 +95,11 @@ def test_what_fails_in_the_camera_thread_is_named_at_the_delivery(fails: str, li
 
 
 class Order(ThreadPoolExecutor):
-    """A thread that notes what it is given."""
-
     def __init__(self) -> None:
         super().__init__(1)
         self.given: list[str] = []
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Note the name of the call."""
         self.given.append(getattr(call, "__name__", ""))
         return super().submit(call, *args, **kwargs)
 

@@ -68,7 +68,6 @@ def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp
 
 @pytest.mark.slow
 def test_json_is_all_that_is_printed(photos: Path, tmp_path: Path) -> None:
-    """For scripts: every image with its error."""
     result = calibrate(photos / "left", "--right", photos / "right", *GIVEN, "--json", "--out", tmp_path / "rig.toml")
     numbers = json.loads(result.stdout)
     assert numbers["pair"]["rms_px"] < 0.1
@@ -88,7 +87,6 @@ def test_one_camera_alone(photos: Path, tmp_path: Path) -> None:
 
 
 def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Path) -> None:
-    """A photograph without the board costs its pair only."""
     copy = tmp_path / "photos"
     shutil.copytree(photos, copy)
     cv2.imwrite(str(copy / "right" / "03.png"), np.full((400, 640), 90, np.uint8))
@@ -100,9 +98,11 @@ def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Pat
 
 def test_too_few_and_unequal_images_are_refused(photos: Path, tmp_path: Path) -> None:
     some, out = sorted((photos / "left").iterdir()), tmp_path / "rig.toml"
+    fewer = shutil.copytree(photos / "right", tmp_path / "fewer")
+    (fewer / "15.png").unlink()
     for arguments, reason in (
         (some[:4], "only 4 of 4 images can be used; at least 8 are needed"),
-        ([photos / "left", "--right", some[0]], "16 left and 1 right images"),
+        ([photos / "left", "--right", fewer], "16 left and 15 right images"),
     ):
         result = calibrate(*arguments, *GIVEN, "--out", out)
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)

@@ -40,7 +40,6 @@ def write_times(directory: Path, times: Iterable[float | str]) -> None:
 @pytest.mark.parametrize("layout", LAYOUTS, ids=[layout.left for layout in LAYOUTS])
 @pytest.mark.parametrize("kind", ["png", "jpg", "pgm"])
 def test_every_layout_and_format_is_found(tmp_path: Path, layout: Layout, kind: str) -> None:
-    """Left and right image of a frame have the same number; ticks count from the first frame."""
     write_times(make(tmp_path, range(3), layout, kind), [7.0, 7.1, 7.25])
     sequence = find_sequence(tmp_path)
     assert sequence.layout == layout
@@ -78,7 +77,6 @@ def test_names_of_the_two_cameras_are_paired_by_their_number_or_their_order(
 
 
 def test_a_number_without_images_is_a_frame_that_is_missing(tmp_path: Path) -> None:
-    """Times and poses stay with their frames; the frame is dropped when it is read."""
     write_times(make(tmp_path, [0, 1, 3]), [0.0, 0.1, 0.2, 0.3])
     frames = find_sequence(tmp_path).frames
     assert [f.tick for f in frames] == [0, 100, 200, 300]
@@ -123,7 +121,6 @@ def test_frames_find_their_lines_of_times(
     ],
 )
 def test_wrong_times_are_refused(tmp_path: Path, times: list[float | str] | None, names: str, says: str) -> None:
-    """The line names the file, its line and the way out."""
     for side in ("left", "right"):
         write_images(tmp_path / side, [f"{name}.png" for name in names or "0123"])
     if times is not None:
@@ -149,7 +146,6 @@ def test_a_folder_without_images_is_named(tmp_path: Path) -> None:
 
 
 def test_images_that_are_no_pairs_are_refused_before_anything_is_estimated(tmp_path: Path) -> None:
-    """Of different sizes, or text files called images: the files are named."""
     write_images(tmp_path / "a" / "left", ["0.png"])
     write_images(tmp_path / "a" / "right", ["0.png"], (12, 8))
     with pytest.raises(ValueError, match=r"right/0\.png has 12x8 px and .*left/0\.png 24x16 px"):

@@ -112,7 +112,6 @@ def exported(tmp_path: Path) -> Path:
 
 
 def test_a_bag_gives_the_recording_again(exported: Path) -> None:
-    """Images, times and calibration are the same, so estimates are."""
     recording = exported.parent / "images"
     with unpacked_bag(exported, {}) as folder:
         assert (folder / "calib.txt").read_bytes() == (recording / "calib.txt").read_bytes()
@@ -126,7 +125,6 @@ def test_a_bag_gives_the_recording_again(exported: Path) -> None:
 
 
 def test_a_bag_is_read_by_another_package(exported: Path) -> None:
-    """Every value and pose, without a deviation, and the units."""
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="not installed: pip install mcap-ros2-support")
     from mcap.reader import make_reader
 
@@ -181,7 +179,6 @@ def test_topics_can_be_chosen_and_images_compressed_or_coloured(tmp_path: Path) 
 
 
 def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
-    """Name, messages, topics and a part of the line."""
     plain = stereo()
     both = {"left": 0, "right": 1}
 
@@ -224,7 +221,6 @@ def test_a_broken_file_is_one_line(tmp_path: Path) -> None:
 
 
 def one_line(arguments: list[str], line: str, folder: Path) -> None:
-    """The command ends with one line and exit code 2, and leaves nothing."""
     answer = CliRunner().invoke(app, [*arguments, "--quiet", "--out", str(folder / "out")])
     assert answer.exit_code == 2, answer.output
     assert line in answer.stderr
@@ -233,7 +229,6 @@ def one_line(arguments: list[str], line: str, folder: Path) -> None:
 
 
 def test_mcap_has_frames_bodies_paths_signals_and_images(tmp_path: Path) -> None:
-    """A run and its recording, read by another package: every value, unit, pose and byte."""
     pytest.importorskip("foxglove", reason="MCAP needs the extra 'export'")
     reader_of = pytest.importorskip("mcap.reader", reason="not installed: pip install mcap mcap-protobuf-support")
     decoder = pytest.importorskip("mcap_protobuf.decoder", reason="not installed: pip install mcap-protobuf-support")

@@ -33,7 +33,6 @@ QUICK = ("course.turn_deg=30", "course.entry=20", "course.exit=5", "off_tracking
 
 
 def driven(path: FloatArray, **more: Any) -> DrivenPath:
-    """One body along poses (n, 3)."""
     return DrivenPath(
         title="test",
         notes=("a note",),
@@ -62,7 +61,6 @@ def areas(told: dict[str, Any], layer: str) -> list[Any]:
 
 
 def test_a_straight_drive_sweeps_a_rectangle() -> None:
-    """From the rear at the start to the front at the end, as wide as the body."""
     (swept,) = areas(geojson(drawing(driven(straight()))), drawings.SWEPT)
     assert swept.bounds == pytest.approx((-1.0, -1.0, 23.0, 1.0))
     assert swept.area == pytest.approx(24.0 * 2.0)
@@ -154,7 +152,6 @@ def test_names_from_files_do_not_break_the_drawing(tmp_path: Path) -> None:
 
 
 def test_the_same_drive_gives_the_same_file(tmp_path: Path) -> None:
-    """No times and no random identifiers."""
     for name in ("a", "b"):
         for kind in ("dxf", "geojson"):
             write_drawing(drawing(driven(straight())), tmp_path / f"{name}.{kind}", kind)
@@ -191,7 +188,6 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
 
 
 def test_assessments_draw_what_follows_a_path(tmp_path: Path) -> None:
-    """A file beside the log of a manoeuvre along a path; none for a pulse, or if nothing moved."""
     vehicle = load_vehicle("rigid_truck")
     path = straight()
     signals = [Signal(name, "-", name) for name in ("time", "x_truck", "y_truck", "psi_truck")]

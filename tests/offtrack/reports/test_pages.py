@@ -42,8 +42,6 @@ VOID: Final = {"meta", "link", "br", "input", "img", "image", "path", "use", "ci
 
 
 class Balance(HTMLParser):
-    """Notes tags that are not closed in order."""
-
     def __init__(self) -> None:
         super().__init__()
         self.open: list[str] = []
@@ -125,7 +123,6 @@ def test_a_run_page_shows_the_image_where_the_off_tracking_was_largest(camera_ru
     ids=lambda content: content.kind,
 )
 def test_every_kind_of_content_is_escaped(content: Content) -> None:
-    """Text and attributes alike."""
     html = Page(
         title=BAD, heading=BAD, subtitle=BAD, verdict=Verdict(BAD, True), cards=[Card(BAD, BAD, BAD, BAD)],
         sections=[Section(BAD, BAD, [content], Verdict(BAD, False)), Section(BAD, content=[content], collapsed=True)],

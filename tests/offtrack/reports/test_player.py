@@ -26,7 +26,6 @@ MOMENT = 12.345  # [s]
 
 @pytest.fixture(scope="module")
 def written(camera_run: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run directory with page and log."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "report.html").write_text(report_html(camera_run, camera_run.summary()), encoding="utf-8")
     write_log(camera_run.log, folder / "signals.parquet")
@@ -49,7 +48,6 @@ def row_at(log: Log, t: float) -> int:
 
 
 def check_all_parts(opened: Opened, log: Log, t: float, run: RunResult) -> None:
-    """Numbers, playheads, outlines and picture are those of the log at this time."""
     row = row_at(log, t)
     assert opened.value("player.t") == pytest.approx(t, abs=1e-6)
     assert opened.page.inner_text('[data-part="now"]') == f"{t:.2f} s"
@@ -127,7 +125,6 @@ def test_play_moves_on_and_stops_at_the_end(opened: Opened) -> None:
 
 @pytest.mark.slow
 def test_the_3d_view_draws_the_vehicle(opened: Opened) -> None:
-    """Its picture changes with the time and is not of one colour."""
     page = opened.page
     page.evaluate("player.show(5)")
     page.click('[data-view="scene"]')
@@ -165,7 +162,6 @@ def test_the_page_fits_a_phone(browser: Any, written: Path) -> None:
 
 
 def numbers_of(table: dict[str, Any], text: str, signal: str) -> np.ndarray[Any, Any]:
-    """A signal's values, decoded in Python."""
     place = next(one for one in table["runs"][0]["signals"] if one["name"] == signal)["values"]
     data = gzip.decompress(base64.b64decode(text))
     return np.frombuffer(data, "<f4", place["count"], place["at"])

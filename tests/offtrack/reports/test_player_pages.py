@@ -21,7 +21,6 @@ def offtrack(*arguments: str) -> None:
 
 @pytest.fixture(scope="module")
 def assessed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An assessment in two manoeuvres."""
     out = tmp_path_factory.mktemp("assessed") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(

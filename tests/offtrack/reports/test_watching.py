@@ -21,7 +21,6 @@ from tests.browser import Opened
 
 
 def so_far(result: RunResult, share: float) -> RunResult:
-    """The first part of a run."""
     rows = int(share * len(result.log))
     log = Log(result.log.signals, result.log.rows[:rows])
     frames = tuple(frame for frame in result.frames if frame.tick <= log["tick"][-1])

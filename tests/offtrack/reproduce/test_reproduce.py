@@ -77,24 +77,19 @@ def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
 
 
 class Blind:
-    """Sees nothing."""
-
     @classmethod
     def of(cls, context: RoverContext) -> Blind:
-        """Nothing to know."""
         return cls()
 
     def init(self) -> None:
         """Nothing to remember."""
 
     def step(self, memory: None, view: RoverView) -> tuple[None, SlipAngle]:
-        """Lost."""
         return None, lost_slip(view.tick)
 
 
 @pytest.mark.parametrize("name", REPRODUCTIONS)
 def test_every_entry_of_the_catalogue_can_be_loaded(name: str) -> None:
-    """Names lead to functions."""
     assert callable(maker(name))
     assert name in names_of("all")
 

@@ -73,7 +73,6 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
 
 
 def make(name: str, *, quick: bool = False) -> Reproduction:
-    """The figure of this name."""
     return maker(name)(quick, no_progress)
 
 

@@ -48,17 +48,15 @@ from offtrack.studies.standards.proving_ground import (
 )
 from offtrack.studies.standards.static_rollover import falls
 from offtrack.studies.standards.steady_driving import set_speed, steady_circle
+from offtrack.studies.validation.linear_checks import audited_vehicle
 from offtrack.studies.validation.stopping_checks import without_abs
 from scenarios.results.log import Log, Signal
 from scenarios.results.swept_path import UnitOutline, tail_swings
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.handling import rearward_amplification, understeer_gradient
 from vehicle.combination.layout import State, slices, state_sizes
-from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.unit import Axle
 from vehicle.frames import FloatArray, Pose2
-from vehicle.tyres.laws import LinearTyre
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +84,6 @@ def test_distances_grow_as_friction_falls(vehicle: Vehicle) -> None:
 
 @pytest.mark.parametrize("hand", ["left", "right"])
 def test_split_friction_is_steered_out(vehicle: Vehicle, hand: str) -> None:
-    """The driver stays within 10 cm of the line, more slowly than on dry road, faster than on ice alone."""
     figures = braking_split(vehicle, "none", Conditions(hand="left" if hand == "left" else "right")).figures
     assert figures["braking_split_path_error_m"] < 0.1
     assert figures["braking_split_articulation_rad"] < math.radians(3.0)
@@ -207,7 +204,6 @@ def rear_path(side: float) -> Path:
 
 
 def rolled(path: Path) -> FloatArray:
-    """Poses of a truck whose rear axle follows the path."""
     return np.array([path.pose(float(s)) for s in np.arange(0.0, path.length, 0.03)])
 
 
@@ -329,38 +325,6 @@ def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) ->
         assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03
 
 
-STIFFNESS = (280_693.53, 581_536.8, 970_209.0)  # of the audited 40 t set's axles [N/rad]
-
-
-def audited() -> Vehicle:
-    """The 40 t combination as rl_path_planning's audit has it: three axles, tyres in proportion to slip and load."""
-    shipped = load_vehicle("eu_tractor_semitrailer")
-    tractor, trailer = shipped.units
-    bare = shipped.model_copy(update={"units": (tractor, trailer.model_copy(update={"axles": (trailer.axles[1],)}))})
-    stiffness = iter(STIFFNESS)
-    units = []
-    for unit, loads in zip(bare.units, static_axle_loads(bare), strict=True):
-        pairs = zip(unit.axles, loads, strict=True)
-        axles = tuple(on_linear_tyres(axle, load, next(stiffness)) for axle, load in pairs)
-        units.append(unit.model_copy(update={"axles": axles}))
-    return bare.model_copy(update={"units": tuple(units)})
-
-
-def on_linear_tyres(axle: Axle, load: float, stiffness: float) -> Axle:
-    tyre = LinearTyre(
-        model="linear",
-        cornering_stiffness=stiffness / load,
-        longitudinal_stiffness=15.0,
-        nominal_load=load / 2,
-        load_sensitivity=0.0,
-        relaxation_length=0.05,
-        damping=0.0,
-        rolling_resistance=0.0,
-        pneumatic_trail=0.0,
-    )
-    return axle.model_copy(update={"tyre": tyre, "ackermann_x": None})
-
-
 @pytest.fixture(scope="module")
 def driven() -> Manoeuvre:
     return lane_change(load_vehicle("eu_tractor_semitrailer"), "none")
@@ -390,24 +354,13 @@ def test_the_robot_does_what_is_prescribed(driven: Manoeuvre) -> None:
 
 def test_linear_theory_gives_the_reference_figures_of_the_audited_set() -> None:
     """Amplification 1.122 and 1.082, overshoot 0.336 m: computed independently, to the digits that were printed."""
-    figures = linear_figures(audited(), tyre_dynamics=False)
+    figures = linear_figures(audited_vehicle(), tyre_dynamics=False)
     assert figures["rearward_amplification"] == pytest.approx(1.122, abs=1e-3)
     assert figures["rearward_amplification_yaw"] == pytest.approx(1.082, abs=1e-3)
     assert figures["transient_off_tracking_m"] == pytest.approx(0.336, abs=1e-3)
 
 
-@pytest.mark.slow
-def test_the_audited_set_amplifies_as_linear_theory_says() -> None:
-    """Simulated whole, on linear tyres: roll, 0.05 m of relaxation and 0.15 g of nonlinearity leave a few per cent."""
-    vehicle = audited()
-    theory, done = linear_figures(vehicle), lane_change(vehicle, "none").figures
-    for name in ("rearward_amplification", "rearward_amplification_yaw"):
-        assert done[name] == pytest.approx(theory[name], rel=0.03)
-    assert done["transient_off_tracking_m"] == pytest.approx(theory["transient_off_tracking_m"], abs=0.02)
-
-
 def test_a_rigid_truck_is_driven_too() -> None:
-    """Without a trailer the last unit is the first: amplification from the front axle to its centre of gravity."""
     done = lane_change(load_vehicle("rigid_truck"), "none")
     assert done.outcome == "completed"
     assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0)

@@ -156,7 +156,6 @@ def test_all_values_are_within_the_tolerance_of_their_target(title: str) -> None
 
 
 def test_a_package_that_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The checks that need it are skipped, with what to install; none of them passes or fails."""
     monkeypatch.setattr(no_slip_limit, "installed", lambda: False)
     for one in no_slip_limit.slalom_checks():
         assert one.verdict == "skipped"
@@ -200,7 +199,6 @@ def sections(*values: float | None) -> list[CheckSection]:
 
 
 def test_the_page_says_everything_and_needs_nothing() -> None:
-    """Values, targets, tolerances, sources and verdicts; no script, no other file; text is escaped."""
     page = validation_page(sections(1.05, 1.2, None), {"python": "3.x"})
     for text in ("1.05 m", "1.20 m", "1.00 m", "± 0.1", "a &amp; b", "radius of &lt;the&gt; turn (not installed)",
                  "1 passed, 1 failed, 1 skipped", "a &lt; b", "Slowly round.", "<svg", "3.x"):  # fmt: skip

@@ -61,7 +61,6 @@ def campaign(tmp_path: Path) -> Campaign:
 
 
 def log(off_tracking: FloatArray, health: FloatArray, fallback: FloatArray | None = None) -> Log:
-    """Ten seconds of one trailer's signals, 100 a second."""
     columns: dict[str, FloatArray] = {"time": TIME, "off_tracking_true_trailer": off_tracking, "health_trailer": health}
     columns |= {} if fallback is None else {"fallback_trailer": fallback}
     return Log.of((Signal(name, "-", ""), values) for name, values in columns.items())
@@ -186,7 +185,6 @@ def test_a_harmless_fault_need_not_be_noticed_if_the_campaign_says_so(campaign: 
 
 
 def test_runs_that_ended_before_their_fault_are_left_out(campaign: Campaign, tmp_path: Path) -> None:
-    """They tell nothing of the fault, unless they ended badly."""
     outcomes = [made(campaign, tmp_path, k) for k in range(len(campaign.cases()))]
     early = {**outcomes[2].numbers, "timing": {"simulated_s": 3.0}}
     outcomes[2] = Outcome(case=outcomes[2].case, numbers=early, signals=outcomes[2].signals)

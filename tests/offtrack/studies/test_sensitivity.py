@@ -107,7 +107,6 @@ def test_groups_of_failed_runs_are_left_out_and_named(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_real_study_has_its_indices_in_every_output(tmp_path: Path) -> None:
-    """JSON, CSV and report; a number of the model among the keys."""
     text = HEAD + '"surface.roughness" = "none"\n[draw]\nplant.mass_scale.uniform = [0.9, 1.1]\n'
     text += 'speed_kmh.uniform = [40, 50]\n[sensitivity]\nmethod = "morris"\ntrajectories = 2\n'
     (tmp_path / "s.toml").write_text(text, encoding="utf-8")

@@ -65,7 +65,6 @@ def test_lists_and_seeds_are_read_from_text_and_files(tmp_path: Path) -> None:
 
 
 def saved(cells: Path, case: Case, outcome: str) -> Path:
-    """Save a run with this outcome, and return the file of its summary."""
     signals = cells / f"{case.identity()}.parquet"
     signals.write_bytes(b"signals")
     summary = {"outcome": outcome, "signals_sha256": hashlib.sha256(b"signals").hexdigest(), "files_sha256": {}}
@@ -139,7 +138,6 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path) -> None:
-    """Host, processor, engine and duration are in both tables; --where names a value of an axis."""
     (tmp_path / "study.toml").write_text(study(speed_kmh=("50", "60")).to_toml())
     out = tmp_path / "out"
 
@@ -166,7 +164,6 @@ def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path
 def test_that_the_model_is_interpreted_is_said_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """By the command, not by each of its processes."""
     monkeypatch.setenv("OFFTRACK_COMPILER", "none")
     warn_once.cache_clear()
     outcomes = run_cases(study(speed_kmh=("60",)).cases(), tmp_path, RunOptions(jobs=2))
@@ -200,7 +197,6 @@ def test_a_study_in_its_own_directory_keeps_the_users_file(tmp_path: Path) -> No
 
 @pytest.mark.usefixtures("runs_here")
 def test_compare_writes_table_and_report(tmp_path: Path) -> None:
-    """Two laws on a short road: a row each, as JSON and in the directory, with a self-contained page."""
     out = tmp_path / "out"
     fixed = [part for key, value in SHORT if key != "off_tracking" for part in ("--set", f"{key}={value}")]
     arguments = ["compare", "cambered-road", "--controllers", "none,path_preview", "--json", "--out", str(out), *fixed]

@@ -55,7 +55,6 @@ def identity_of(scenario: str, *settings: str) -> str:
 
 @pytest.fixture(autouse=True)
 def _own_path(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Folders that a test adds to the path are gone after it."""
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 
@@ -113,7 +112,6 @@ def test_an_own_module_counts_with_all_that_it_imports(tmp_path: Path, monkeypat
 
 @pytest.fixture
 def read_again() -> Iterator[None]:
-    """Whatever becomes of a test, the next one reads offtrack's own files anew."""
     yield
     identity.installed.cache_clear()
 

@@ -156,7 +156,6 @@ def test_trials_in_a_database_are_shared_and_dead_ones_are_tried_again(tmp_path:
 
 
 def test_a_password_is_never_shown() -> None:
-    """Neither in the representation of a task nor in messages."""
     url = "postgresql://me:s3cr:t@host:5432/trials"
     assert hidden(url) == "postgresql://me:***@host:5432/trials"
     assert hidden("postgresql://me@host/trials") == "postgresql://me@host/trials"

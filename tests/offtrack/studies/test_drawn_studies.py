@@ -81,7 +81,6 @@ def test_the_interval_of_the_mean_holds_as_often_as_it_says() -> None:
 
 @pytest.mark.usefixtures("runs_here")
 def test_a_drawn_study_runs_and_reports(tmp_path: Path) -> None:
-    """A row for each point of the grid over all draws; runs with their values; the page names what was drawn."""
     text = HEAD.replace("[set]", '[set]\nsurface.roughness = "none"') + SAMPLE.format(count=2, method="latin")
     path = tmp_path / "study.toml"
     path.write_text(text + "[draw]\nspeed_kmh.uniform = [40, 60]\n[limits]\ntyres.friction_used_max = 0.0\n", "utf-8")
