@@ -63,9 +63,8 @@ class Path:
 
     start: Pose2
     segments: tuple[Segment, ...]
-    stations: tuple[float, ...] = field(
-        init=False, repr=False, compare=False
-    )  # of each segment's start, and of the end [m]
+    # Of each segment's start, and of the end [m]
+    stations: tuple[float, ...] = field(init=False, repr=False, compare=False)
     knots: tuple[Pose2, ...] = field(init=False, repr=False, compare=False)  # the poses there
 
     def __post_init__(self) -> None:

@@ -247,9 +247,8 @@ def steer_demand(
     L, v = tractor.wheelbase, f.fmax(now.v_x, CREEP)
     moves = f.if_else(now.v_x > CREEP, 1.0, 0.0)
     drift = moves * now.v_y / v
-    turn = (
-        travel(f, guided_point, now) / v * on.curvature
-    )  # of the tractor in a steady turn on this curvature, per metre of its own [rad/m]
+    # Of the tractor in a steady turn on this curvature, per metre of its own [rad/m]
+    turn = travel(f, guided_point, now) / v * on.curvature
     steady = _steady_turn(f, tractor, turn, v, _scrub(model, now.yaw_rate / v, steer), slips)
     straight = 1.0 - L / x_ref
     # Steer angles of a rolling tractor: whose guided point travels along the path, and with the present yaw rate.

@@ -34,7 +34,7 @@ import numpy as np
 from controllers.checked import check_angles, checked_step
 from controllers.trailer import ActuationAware, Combination, SteerCommand, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.actuators import ActuatorFinding, ActuatorSupervision, SupervisionMemory
-from controllers.trailer_steering.kinematics import HitchMotion, hitch_motion, reachable
+from controllers.trailer_steering.kinematics import HitchMotion, TractorMotion, hitch_motion, reachable
 from controllers.trailer_steering.signal_laws import Fallback, FallbackMemory, FallbackName
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.parity import MotionReference
@@ -54,6 +54,7 @@ _MISSING: Final = 0.1  # of the follow distance: a path error of about 0.1 rad t
 _INTERVAL: Final = 100  # between estimates, if it is not known [ticks]
 _LONGEST_INTERVAL: Final = 300  # over which the motion in an estimate is a mean [ticks]
 _SIGMAS: Final = 3.0  # of an estimate's own standard deviation: no jump
+_USUAL: Final = 0.15  # off-tracking without an estimate, by the fallback, 1 sigma [m]
 _GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
 _HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]
 _GAP = 0.3  # accepted at any speed: two missing frames [s]
@@ -63,11 +64,7 @@ class Degradation(PartParameters):
     """Criteria for ignoring estimates, and the response: limits of usable estimates, and the fallback law."""
 
     hold: float = quantity(
-        1.0,
-        "s",
-        0.0,
-        1.5,
-        "Time for which the last good estimate is used; limited to a quarter of the follow distance.",
+        1.0, "s", 0.0, 1.5, "Time for which the last good estimate is used; at most a quarter of the follow distance."
     )
     fade_rate: float = quantity(  # assumed: 3 deg/s end a turn within seconds
         0.05, "rad/s", 0.001, 1.0, "Initial rate of the change-over between laws."
@@ -75,8 +72,8 @@ class Degradation(PartParameters):
     max_age: float = quantity(  # 2 m of travel at 10 km/h
         0.6, "s", 0.1, 2.0, "Largest accepted age of an estimate on arrival."
     )
-    max_std: float = quantity(  # command steer errs by 0.7 m RMS on a roundabout
-        0.8, "m", 0.01, 5.0, "Largest accepted standard deviation of a degraded estimate."
+    max_std: float = quantity(  # the fallback errs by as much
+        0.15, "m", 0.01, 5.0, "Largest accepted standard deviation of an estimate."
     )
     max_jump: float = quantity(0.25, "m", 0.01, 10.0, "Largest accepted difference of an estimate from the prediction.")
     recovery: float = quantity(0.5, "s", 0.0, 10.0, "Duration of good estimates after which they are used again.")
@@ -119,9 +116,8 @@ def motion_reference(estimate: OffTracking, before: OffTracking | None) -> Motio
 
 def usable(estimate: OffTracking, tick: int, criteria: Degradation) -> bool:
     """True if the estimate is healthy enough and not too old."""
-    vague = estimate.health is Health.DEGRADED and estimate.std > criteria.max_std
     lost = estimate.health is Health.LOST or not math.isfinite(estimate.value)
-    return not (vague or lost) and estimate.age(tick) <= criteria.max_age
+    return not lost and estimate.std <= criteria.max_std and estimate.age(tick) <= criteria.max_age
 
 
 def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, follow_distance: float) -> bool:
@@ -171,6 +167,7 @@ class EstimateGuard:
         """For a trailer with steered axles."""
         self._trailer, self._combination, self._degradation = trailer, combination, degradation
         self._monitor = SignalMonitor(combination.vehicle, combination.unit, trailer.axle_distances)
+        self._tractor = TractorMotion(combination)
         self._fallback = Fallback(trailer, combination=combination, name=degradation.fallback)
 
     def init(self) -> GuardMemory:
@@ -218,13 +215,23 @@ class EstimateGuard:
         """
         motion = hitch_motion(self._combination, signals)
         if off_tracking is not None and _is_new(memory, off_tracking):
-            memory = self._with_estimate(memory, tick, off_tracking, motion)
+            # front wheels that slide to the side turn slower than the vehicle travels
+            ways = (motion, self._tractor.of_hitch(signals))
+            agreeing = min(ways, key=lambda way: abs(way.v_x - off_tracking.v_x))
+            memory = self._with_estimate(memory, tick, off_tracking, agreeing)
         memory = self._with_handover(memory, tick, motion)
         if memory.law_steers and memory.good is not None:
-            return memory, memory.good
-        if not memory.law_steers and memory.sound_since is not None:
-            return memory, memory.sound
+            return memory, self._expected(memory.good)
+        if not memory.law_steers and memory.sound_since is not None and memory.sound is not None:
+            return memory, self._expected(memory.sound)
         return memory, None if off_tracking is None else replace(off_tracking, health=Health.LOST)
+
+    def _expected(self, estimate: OffTracking) -> OffTracking:
+        """The off-tracking that is to be expected with a vague estimate: the least squares of it and of none at all."""
+        if estimate.health is Health.LOST:
+            return estimate
+        believed = _USUAL**2 / (_USUAL**2 + estimate.std**2)
+        return estimate.sheared((believed - 1.0) * estimate.value, self._trailer.follow_distance)
 
     def steered(
         self, memory: GuardMemory, tick: int, wanted: FloatArray, signals: CombinationSignals

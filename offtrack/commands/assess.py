@@ -31,6 +31,8 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.exchange.drawings import formats_of
+from offtrack.reports import page
+from offtrack.reports.page import Cell, Emphasis
 from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
@@ -42,10 +44,10 @@ from offtrack.studies.reproduce.reproduction import (
 )
 from offtrack.studies.standards.assessment import OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
-from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
+from offtrack.studies.standards.assessment_report import BY_NAME, levels_table, matrix_table, write_assessment
 from offtrack.studies.standards.proving_ground import KINDS, Conditions, Hand, steered_trailer
-from offtrack.studies.validation.check import Check, CheckSection, number, tally
-from offtrack.studies.validation.suite import TASKS, validation_page
+from offtrack.studies.validation.check import CheckSection, tally
+from offtrack.studies.validation.suite import TASKS, checks_table, validation_page
 from scenarios.results.run_directory import (
     appearing_at_once,
     check_run_directory,
@@ -221,28 +223,34 @@ def _conditions(
 def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
     console = PlainConsole()
     if len(matrix.cases) > 1:
-        console.print(_matrix(matrix))
+        title = f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)"
+        console.print(_as_printed(matrix_table(matrix, limits=False), title))
     else:
         (case,) = matrix.cases
         console.print(_figures(case))
         if case.judgements:
-            console.print(_levels(case))
+            console.print(_as_printed(levels_table(case), f"{case.vehicle.name}: limits of the standards"))
     for warning in matrix.warnings:
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
 
 
-def _matrix(matrix: AssessmentMatrix) -> Table:
-    """All quantities over the cases, with the levels reached; the report names the limits."""
-    shown = matrix_table(matrix, limits=False)
-    title = f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)"
-    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in shown.columns), title=title)
-    styles = {"bad": "red", "good": "green"}
+_STYLES: Final[dict[Emphasis, str]] = {"": "", "bad": "red", "good": "green", "soft": "dim", "best": "bold"}
+
+
+def _as_printed(shown: page.Table, title: str, **style: Any) -> Table:
+    """A page's table for the terminal, without the columns that have no text."""
+    kept = [k for k in range(len(shown.columns)) if any(len(row) == 1 or _cell(row[k]).text for row in shown.rows)]
+    columns = [shown.columns[k] for k in kept]
+    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in columns), title=title, **style)
     for row in shown.rows:
-        cells = [("", cell) if isinstance(cell, str) else (styles.get(cell.emphasis, ""), cell.text) for cell in row]
-        bold = len(cells) == 1
-        table.add_row(*(Text(text, style="bold" if bold else style) for style, text in cells))
+        cells = [_cell(row[k]) for k in kept] if len(row) > 1 else [Cell(_cell(row[0]).text, "best")]
+        table.add_row(*(Text(one.text, style=_STYLES[one.emphasis]) for one in cells))
     return table
+
+
+def _cell(content: str | Cell) -> Cell:
+    return content if isinstance(content, Cell) else Cell(content)
 
 
 def _figures(assessment: Assessment) -> Table:
@@ -258,25 +266,6 @@ def _figures(assessment: Assessment) -> Table:
             label, value = BY_NAME[name].label, BY_NAME[name].text(manoeuvre.figures[name])
             table.add_row(head if k == 0 else "", label, value, theory, end_section=k == len(shown) - 1)
     return table
-
-
-def _levels(assessment: Assessment) -> Table:
-    columns = ("quantity", ">measured", "reached", "limits", "standard")
-    table = table_of(*columns, title=f"{assessment.vehicle.name}: limits of the standards")
-    for judgement in assessment.judgements:
-        criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        bad = judgement.reached in ("none", "missed", "not measured")
-        table.add_row(
-            quantity.label,
-            quantity.text(judgement.measured),
-            Text(judgement.reached, style="red" if bad else "green"),
-            bounds_text(judgement),
-            f"{criterion.standard} ({criterion.source})",
-        )
-    return table
-
-
-_COLOURS: Final = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 
 def validate(
@@ -312,9 +301,8 @@ def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
 
 
 def _write_validation(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
-    page = validation_page(sections, facts)
     with appearing_at_once(directory) as folder:
-        (folder / "validation.html").write_text(page, encoding="utf-8")
+        (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
         (folder / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
 
 
@@ -346,38 +334,15 @@ def _finite(value: float | None) -> float | None:
 def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
     console = PlainConsole()
     for part in sections:
-        _print_section(console, part)
+        table, sources = checks_table(part)
+        console.print(_as_printed(table, part.title, box=None, pad_edge=False))
+        for k, source in enumerate(sources, start=1):
+            console.print(f"  [{k}] {source}", style="dim")
+        console.print()
     counts = tally(sections)
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     console.print(verdicts, style="bold red" if counts["failed"] else "bold green")
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
-
-
-def _print_section(console: PlainConsole, part: CheckSection) -> None:
-    """Print the checks of a section and, below, the numbered sources."""
-    sources = list(dict.fromkeys(check.source for check in part.checks))
-    table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    table.add_column("quantity", ratio=1)
-    for name in ("model", "target", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("source", justify="right", no_wrap=True)
-    for check in part.checks:
-        table.add_row(*_row(check), f"[{1 + sources.index(check.source)}]")
-    console.print(table)
-    for k, source in enumerate(sources):
-        console.print(f"  [{1 + k}] {source}", style="dim")
-    console.print()
-
-
-def _row(check: Check) -> tuple[str | Text, ...]:
-    return (
-        check.name + (f" ({check.remark})" if check.remark else ""),
-        "-" if check.value is None else number(check.value, check.tolerance),
-        f"{number(check.target, check.tolerance)} {check.unit}",
-        f"{check.tolerance:.2g}",
-        Text(check.verdict, style=_COLOURS[check.verdict]),
-    )
 
 
 REPRODUCE_EXAMPLES = "Examples: offtrack reproduce reina2008-table3   offtrack reproduce all --quick --out papers"

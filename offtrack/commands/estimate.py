@@ -45,9 +45,8 @@ from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_sl
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
-from scenarios.options.scenario import estimator_options
+from scenarios.options.scenario import estimator_options, stream
 from scenarios.progress import postponed_interrupts
-from scenarios.randomness import stream
 from scenarios.results.run_directory import check_new_file, replaced, results_directory
 from sensors.camera.rig import RawStereoRig, StereoRig
 from vehicle.foundation.quantity import check_number

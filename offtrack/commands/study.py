@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -142,11 +142,11 @@ def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
 
     Wrong options end in one line.
     """
-    signature = inspect.signature(command, eval_str=True)
+    signature, fields = inspect.signature(command), dataclasses.fields(StudyOptions)
     *own, _ = signature.parameters.values()
-    hints = get_type_hints(StudyOptions, include_extras=True)
-    fields = dataclasses.fields(StudyOptions)
-    parameters = [*own, *map(partial(_parameter, hints), fields)]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    shared = [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in fields]
+    parameters = [*own, *shared]
 
     @functools.wraps(command)
     def expanded(**values: Any) -> None:
@@ -160,11 +160,6 @@ def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
     # read by inspect.signature, and so by typer; typeshed does not know it
     expanded.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return expanded
-
-
-def _parameter(hints: dict[str, Any], field: dataclasses.Field[Any]) -> inspect.Parameter:
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(field.name, kind, default=field.default, annotation=hints[field.name])
 
 
 TextColumn = tuple[str, list[str]]  # heading and cells

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from controllers.trailer_steering.policy import load_network, save_network
+from controllers.trailer_steering.policy import load_network
 from offtrack.commands.console import (
     AsJson,
     PlainConsole,
@@ -27,6 +27,7 @@ from offtrack.environments import registry
 from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
     ENVIRONMENT,
+    NETWORK,
     Plan,
     Scores,
     check_directory,
@@ -53,7 +54,7 @@ from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
-from scenarios.results.run_directory import check_new_file, replaced, replacing
+from scenarios.results.run_directory import check_new_file, replaced
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text
@@ -114,13 +115,14 @@ def train(
         torch.set_num_threads(threads or os.cpu_count() or 1)
         plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
         directory = out or Path("runs") / f"train-{observation}-{seed}"
+        network = directory / NETWORK
         check_directory(plan, directory)
         registry.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
         with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
             budget = Budget(steps, None if minutes is None else 60.0 * minutes)
             learned = learn(plan, budget, directory, progress_bar(display, "train"))
             with postponed_interrupts():
-                network = keep_network(learned.network, directory)
+                keep_network(learned.network, network)
             scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
             command = shlex.join(["offtrack", *sys.argv[1:]])
             result = summary(plan, learned.curve, scores, described(), command)
@@ -159,8 +161,7 @@ def convert_policy(
         written = out or model.with_suffix(".npz")
         check_new_file(written)
         network = saved_network(model, load_vehicle(vehicle))
-        with replacing(written) as unfinished, unfinished.open("wb") as file:
-            save_network(network, file)
+        keep_network(network, written)
         layers = " x ".join(str(len(biases)) for biases in network.biases)
         typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
 

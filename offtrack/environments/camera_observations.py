@@ -26,8 +26,7 @@ from scenarios.assembly.trailer_run import opened_sensing, opened_sensor, traile
 from scenarios.assembly.trailer_sensors import MountContext, Views, built_world
 from scenarios.courses import Course
 from scenarios.loop.trailer_session import OffTrackingEstimate, as_estimate
-from scenarios.options.scenario import Scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import Scenario, stream
 from scenarios.results.trailer_signals import Estimate
 from sensors.instruments.combination import CombinationSensors
 from sensors.messages import StereoFrame

@@ -83,8 +83,7 @@ from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import course_of, outlines, tractor_geometry
 from scenarios.assembly.surrogate import SurrogateParameters, load_surrogate
 from scenarios.courses import Course, Turn, turns
-from scenarios.options.scenario import Scenario, load_scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import Scenario, load_scenario, stream
 from vehicle.clock import to_ticks
 from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle

@@ -98,11 +98,7 @@ def queued(file: Path, jobs: int) -> "Iterator[Client]":
 
 
 def _submit(cluster: Any, jobs: int, where: str) -> None:
-    """Submit jobs.
-
-    Raises:
-        ValueError: one line, if none can be submitted.
-    """
+    """Submit jobs."""
     command = [*shlex.split(cluster.job_cls.submit_command or ""), ""][0]
     if command and shutil.which(command) is None:
         raise ValueError(f"{where}: no job can be submitted here: there is no command {command}")
@@ -283,11 +279,7 @@ class DaskExecutor:
 
 
 def _register(client: "Client", workshop: "Workshop") -> None:
-    """Give the workers of a cluster their part; one that is lost meanwhile must not end the study.
-
-    Raises:
-        OSError: if a worker was lost each time.
-    """
+    """Give the workers of a cluster their part; one that is lost meanwhile must not end the study."""
     for attempt in range(1, _REGISTRATIONS + 1):
         try:
             client.register_plugin(workshop, name=workshop.name)

@@ -254,6 +254,17 @@ class Draws:
         return {name: one.model_dump(exclude_none=True) for name, one in design.items() if one} | {"draw": drawn}
 
 
+def number_of(place: str, value: Any) -> float:
+    """The number of a key.
+
+    Raises:
+        ValueError: one line that begins with ``place``, if it is none, or out of all proportion.
+    """
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < _LARGEST:
+        raise ValueError(f"{place} = {shown(str(value))} must be a number")
+    return float(value)
+
+
 def read_draws(
     path: str, sample: Sample | None, table: Sequence[tuple[str, Any]], sensitivity: Sensitivity | None = None
 ) -> Draws:

@@ -11,7 +11,7 @@ import tomli_w
 from pydantic import Field, field_validator
 
 from offtrack.studies.case import Case, Outcome, Settings, cases_of, identities, is_word, parameters_beside
-from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, read_draws
+from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, number_of, read_draws
 from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
@@ -72,7 +72,6 @@ def subject_of(scenario: str) -> Subject:
 
 
 FILE = "study.toml"
-_LARGEST = 1e12  # number of a limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,9 +210,7 @@ def _limit(path: Path, key: str, value: Any) -> float:
     known = [quantity.path for quantity in QUANTITIES]
     if key not in known:
         raise ValueError(f"study {path}: limits.{shown(key)}{nearest(key, known)}")
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < _LARGEST:
-        raise ValueError(f"study {path}: limits.{key} = {shown(str(value))} must be a number")
-    return float(value)
+    return number_of(f"study {path}: limits.{key}", value)
 
 
 def dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

@@ -249,11 +249,7 @@ def _fail_dead_trials(study: optuna.Study) -> None:
 
 
 def _check_files(study: optuna.Study, tuning: Tuning) -> None:
-    """Refuse to go on with trials in a database that opened a file of another content than it has here.
-
-    Raises:
-        ValueError: one line.
-    """
+    """Refuse to go on with trials in a database that opened a file of another content than it has here."""
     for trial in study.get_trials(deepcopy=False):
         for file, known in trial.user_attrs.get(_FILES, {}).items():
             if digest(Path(file)) not in ("", known):  # another machine may not have it

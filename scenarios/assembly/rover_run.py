@@ -16,9 +16,8 @@ from estimators.odometry.repeated_frames import NewViews
 from scenarios.assembly.adapters import rig_schedule
 from scenarios.assembly.applied_faults import refuse_loop_faults, sensor_faults
 from scenarios.catalogue import ROVER_DRIVER, ROVER_SENSOR, SLIP_ESTIMATOR, Part, check_made, constructed, resolve
-from scenarios.options.scenario import RoverScenario, RoverSurfaceOptions, SandOptions
+from scenarios.options.scenario import RoverScenario, RoverSurfaceOptions, SandOptions, stream
 from scenarios.progress import Progress, no_progress
-from scenarios.randomness import stream
 from sensors.context import RoverSensorContext
 from sensors.faults.fault import with_faults
 from sensors.instruments.navigation import ExactSlip, LaserTracker, RoverInstruments

@@ -48,10 +48,9 @@ from scenarios.assembly.trailer_sensors import (
 )
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.courses import Course
-from scenarios.options.scenario import Scenario
+from scenarios.options.scenario import Scenario, stream
 from scenarios.options.tables import SurfaceOptions
 from scenarios.progress import Progress, no_progress
-from scenarios.randomness import stream
 from scenarios.roads.crg_file import CrgSurface, read_crg
 from sensors.faults.fault import Fault, with_faults
 from sensors.faults.message_kinds import SignalFault

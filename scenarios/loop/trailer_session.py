@@ -33,6 +33,7 @@ from scenarios.results.run_warnings import (
     SteeredAxle,
     actuator_warnings,
     calibration_warnings,
+    doubt_warnings,
     signal_warnings,
     steer_warnings,
 )
@@ -443,6 +444,11 @@ def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
     )
 
 
+def _doubts(trailer: SteeredTrailer) -> Iterable[str]:
+    """Warnings about what the estimator doubts, and the law's guard does not."""
+    return doubt_warnings((e.off_tracking for e in trailer.estimates), {one.signal for one in trailer.findings})
+
+
 def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
     """Warnings about signals and steering actuators of all trailers."""
     return tuple(
@@ -450,6 +456,7 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
         for trailer in session.trailers
         for line in (
             *(f": {line}" for line in signal_warnings(trailer.findings)),
+            *(f": {line}" for line in _doubts(trailer)),
             *(f", {line}" for line in actuator_warnings(trailer.actuator_findings)),
         )
     )

@@ -7,7 +7,9 @@ from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeVar
+from zlib import crc32
 
+import numpy as np
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator, model_validator
 
 from controllers.trailer_steering.policy import shipped_networks
@@ -202,9 +204,8 @@ class Scenario(ScenarioTable):
         "Sensor (see offtrack parts sensor) or package.module:Name; not given: the estimator's own.", None
     )
     sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
-    viso_ot: VisoOt.Parameters = (
-        VisoOt.Parameters()
-    )  # of ``off_tracking = "viso_ot"``; ``estimator`` has those of others
+    # Of ``off_tracking = "viso_ot"``; ``estimator`` has those of others
+    viso_ot: VisoOt.Parameters = VisoOt.Parameters()
     odometry: str = option("Stereo odometry (see offtrack parts odometry) or package.module:Name.", "keyframe")
     steer_groups: SteerGroups = option(
         "Grouping of steered trailer axles: as in the vehicle file, one common angle, or an actuator for each axle.",
@@ -380,3 +381,8 @@ def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
             yield from _known_keys(table, f"{prefix}{name}.")
         if not tables:
             yield prefix + name
+
+
+def stream(seed: int, name: str) -> np.random.Generator:
+    """Random stream of a run by name; another consumer does not change it."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()),)))

@@ -1,6 +1,6 @@
 """Tables of a scenario: cameras and sensors, ground, wind and traffic, driver and simulated vehicle, and faults.
 
-Each is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}``, or shorter the text
+Each fault is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}``, or shorter the text
 ``dropout:0.1@5+2``: kind, amount, start [s] and duration [s]. All but the kind may be left out. Amounts of several
 numbers are separated by commas, several faults in one text by semicolons.
 
@@ -221,11 +221,7 @@ class DriverOptions(Frozen):
         default_factory=dict, description="Parameters of the user's own driver."
     )
     max_lateral_acceleration: float | None = quantity(
-        None,
-        "m/s2",
-        0.05,
-        10.0,
-        "Limit of lateral acceleration; the driver slows down in turns to keep it; not given: no limit.",
+        None, "m/s2", 0.05, 10.0, "Largest lateral acceleration; the driver slows down in turns; not given: no limit."
     )
     stops: tuple[StopTable, ...] = Field(
         default=(), max_length=50, description="Standstills on the course, each with station, wait and back."

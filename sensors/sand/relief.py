@@ -115,10 +115,7 @@ class SandKind:
     rocks: float = 0.0  # beside the path [1/m2]
     foreign_tracks: bool = False  # tracks of other vehicles beside and across the path
     mast: bool = False  # the rover has a mast with a head that pans
-    azimuth: tuple[float, float] = (
-        math.radians(60.0),
-        math.radians(210.0),
-    )  # of the sun relative to the path, + left [rad]
+    azimuth: tuple[float, float] = (math.radians(60.0), math.radians(210.0))  # of the sun from the path, + left [rad]
     elevation: tuple[float, float] = (math.radians(30.0), math.radians(48.0))  # of the sun [rad]
 
 

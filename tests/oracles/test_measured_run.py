@@ -14,8 +14,7 @@ import pytest
 
 from scenarios.assembly.adapters import course_of, surface_of, vehicle_of
 from scenarios.loop.runner import run
-from scenarios.options.scenario import load_scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import load_scenario, stream
 from vehicle.frames import dense
 from vehicle.surface.relief import BesideLine
 

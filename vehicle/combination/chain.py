@@ -282,17 +282,19 @@ class WheelTruth(NamedTuple, Generic[V]):
     slip_angles: V  # (n_wheels,) [rad]
     friction_used: V  # (n_wheels,) horizontal tyre force / (mu F_z) [-]
     load_transfer: V  # (N,) right less left wheel loads of each unit over their sum [-]
+    speeds: V  # (n_wheels,) of the tread, by the wheel's rotation [m/s]
 
 
 def wheel_truth_sizes(vehicle: Vehicle) -> WheelTruth[int]:
     """Length of every part of the vector."""
     n, n_steered = vehicle.n_wheels, sum(len(unit.steered_axles) for unit in vehicle.units)
-    return WheelTruth(n_steered, n, n, n, len(vehicle.units))
+    return WheelTruth(n_steered, n, n, n, len(vehicle.units), n)
 
 
 def wheel_truth(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> WheelTruth[ca.SX]:
     """Ground truth of axles and wheels in this state."""
-    outputs = output(Chain.of(vehicle), s, u)
+    chain = Chain.of(vehicle)
+    outputs = output(chain, s, u)
     angles = {axle: ratio * s.steer[k] for k, turned in enumerate(turned_axles(vehicle)) for axle, ratio in turned}
     return WheelTruth(
         steer=ca.vertcat(*(angles[axle] for axle in sorted(angles))),
@@ -300,6 +302,7 @@ def wheel_truth(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> WheelTrut
         slip_angles=outputs.slip_angle,
         friction_used=outputs.friction_used,
         load_transfer=outputs.lateral_load_transfer,
+        speeds=ca.vertcat(*(wheel.axle.wheel_radius * s.omega[k] for k, wheel in enumerate(chain.wheels))),
     )
 
 
@@ -322,6 +325,7 @@ class TruthAssembly:
             wheel_slip_angles=wheels[self._wheels.slip_angles],
             friction_used=wheels[self._wheels.friction_used],
             load_transfer=wheels[self._wheels.load_transfer],
+            wheel_speeds=wheels[self._wheels.speeds],
         )
 
 

@@ -32,6 +32,7 @@ class Truth:
     friction_used: FloatArray  # (n_wheels,) horizontal tyre force / (mu F_z) [-]
     # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
     load_transfer: FloatArray
+    wheel_speeds: FloatArray | None = None  # (n_wheels,) of the tread, by the rotation [m/s]; None: it is not modelled
 
 
 def plan_pose(X_WB: FloatArray, height: float) -> FloatArray:

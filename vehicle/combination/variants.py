@@ -101,25 +101,15 @@ class NamedChanges(Frozen):
     """Changes that concern several numbers of a vehicle at once."""
 
     mass_scale: float = quantity(
-        1.0,
-        "-",
-        0.2,
-        3.0,
-        "Factor on the mass, yaw and roll inertia of every unit; "
-        "wheel inertias, springs in roll, suspension frequencies and gradients stay.",
+        1.0, "-", 0.2, 3.0, "Factor on mass, yaw and roll inertia of every unit; wheels, springs and gradients stay."
     )
     inertia_scale: float = quantity(1.0, "-", 0.1, 5.0, "Further factor on the yaw inertia of every unit.")
     cg_height_scale: float = quantity(1.0, "-", 0.2, 2.0, "Factor on the height of every unit's centre of gravity.")
     cornering_stiffness_scale: float = quantity(
-        1.0,
-        "-",
-        0.2,
-        3.0,
-        "Factor on the initial slope of every tyre's lateral force; longitudinal stiffness and peak friction stay.",
+        1.0, "-", 0.2, 3.0, "Factor on the slope of every tyre's lateral force; longitudinal stiffness and peak stay."
     )
-    steer_lag: float | None = quantity(
-        None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True
-    )  # None: as in the vehicle file
+    # None: as in the vehicle file
+    steer_lag: float | None = quantity(None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True)
     steer_lag_scale: float = quantity(1.0, "-", 0.1, 10.0, "Factor on the lag of the towed units' steering actuators.")
 
 

@@ -179,9 +179,8 @@ def scattered_potholes(
     along = arc_length(centreline)
     count = round(per_100_m * along[-1] / 100.0)
     diameter = _DIAMETERS[0] * (_DIAMETERS[1] / _DIAMETERS[0]) ** rng.random(count)
-    depth = rng.uniform(_DEPTHS[0], _DEPTHS[1], size=count) * (
-        0.4 + 0.6 * diameter / _DIAMETERS[1]
-    )  # wide ones are deeper
+    # Wide ones are deeper
+    depth = rng.uniform(_DEPTHS[0], _DEPTHS[1], size=count) * (0.4 + 0.6 * diameter / _DIAMETERS[1])
     room = road_half_width - 0.5 * diameter
     track = rng.choice([-_WHEEL_TRACK, _WHEEL_TRACK], size=count) + _WANDER * rng.standard_normal(count)
     offset = np.where(rng.random(count) < 0.5, track, rng.uniform(-1.0, 1.0, size=count) * room)

@@ -227,12 +227,10 @@ def _content(plan: Plan) -> str:
     return json.dumps(plan.plain(), indent=2) + "\n"
 
 
-def keep_network(network: Network, directory: Path) -> Path:
-    """Write the network completely or not at all, and return its file."""
-    path = directory / NETWORK
+def keep_network(network: Network, path: Path) -> None:
+    """Write the network completely or not at all."""
     with replacing(path) as unfinished, unfinished.open("wb") as file:
         save_network(network, file)
-    return path
 
 
 def summary(

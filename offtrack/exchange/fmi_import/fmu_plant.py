@@ -211,6 +211,7 @@ class FmuPlant:
         unknown = np.isnan(velocities)
         if unknown.any():
             velocities = np.where(unknown, _velocities(poses, last, tick), velocities)
+        speeds = _column(found, "wheel_speed", wheel_count)
         return Truth(
             tick=tick,
             poses=poses,
@@ -221,6 +222,7 @@ class FmuPlant:
             wheel_slip_angles=_or(_column(found, "wheel_slip_angle", wheel_count), np.zeros(wheel_count)),
             friction_used=_or(_column(found, "friction_used", wheel_count), np.zeros(wheel_count)),
             load_transfer=_or(_column(found, "load_transfer", n), np.zeros(n)),
+            wheel_speeds=None if np.isnan(speeds).any() else speeds,
         )
 
     def _bodies(self, poses: FloatArray, found: Mapping[str, float]) -> FloatArray:

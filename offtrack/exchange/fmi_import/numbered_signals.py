@@ -238,6 +238,7 @@ def motion_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
         *numbered("wheel_slip_angle", "rad", [f"of {tyre}" for tyre in tyres]),
         *numbered("friction_used", "-", [f"horizontal force of {tyre} over friction times load" for tyre in tyres]),
         *numbered("load_transfer", "-", [f"of {name}: right less left wheel loads over all" for name in units]),
+        *numbered("wheel_speed", "m/s", [f"of the tread of {tyre}, by its rotation" for tyre in tyres]),
         *numbered("articulation", "rad", [f"heading of {name} less that of the next unit" for name in units[:-1]]),
     )  # fmt: skip
 

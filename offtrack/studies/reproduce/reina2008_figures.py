@@ -20,8 +20,8 @@ from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
 from offtrack.studies.reproduce.reproduction import Reproduction, compared, printed, reproduced
 from offtrack.studies.reproduce.trace_tables import bars
+from scenarios.options.scenario import stream
 from scenarios.progress import Progress
-from scenarios.randomness import stream
 from scenarios.results import metrics
 from scenarios.results.log import Log, Signal
 from sensors.instruments.navigation import LaserTracker

@@ -34,9 +34,9 @@ from offtrack.reports.plots import ESTIMATED, GREY, TRUE
 from offtrack.studies.reproduce.reproduction import Reproduction, compared, printed, reproduced
 from scenarios.assembly.rover_run import rover_geometry
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+from scenarios.options.scenario import stream
 from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress
-from scenarios.randomness import stream
 from scenarios.results import metrics
 from scenarios.results.log import Log, Signal
 from sensors.sand.rover_pass import SlipProfile, labelled_sequence

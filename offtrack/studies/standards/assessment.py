@@ -7,7 +7,7 @@ memory, not from the text of the standards; the tables that show them say so.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -326,11 +326,12 @@ def assess(
         ValueError: one line, if the vehicle has no axles for the law to steer, or can not be driven, or for an unknown
             manoeuvre or conditions that it can not be driven under.
     """
-    kinds, loads = chosen(manoeuvres), tuple(cases) or ((AS_IN_FILE, vehicle),)
+    kinds = chosen(manoeuvres)
     check_conditions(kinds, conditions[0])
+    each = [(load, condition) for load in tuple(cases) or ((AS_IN_FILE, vehicle),) for condition in conditions]
     tasks = [
         _Task(case, kind.key, loaded, trailer_steering, condition)
-        for case, ((_, loaded), condition) in enumerate((load, condition) for load in loads for condition in conditions)
+        for case, ((_, loaded), condition) in enumerate(each)
         for kind in kinds
         if kind.handed or condition is conditions[0]
     ]
@@ -351,9 +352,7 @@ def assess(
                 manoeuvres=tuple(done[case, kind.key] for kind in kinds if (case, kind.key) in done),
                 linear=linear_figures(loaded, speed=condition.speed),
             )
-            for case, ((load, loaded), condition) in enumerate(
-                (load, condition) for load in loads for condition in conditions
-            )
+            for case, ((load, loaded), condition) in enumerate(each)
         ),
     )
 
@@ -370,8 +369,7 @@ def loaded(vehicle: Vehicle, names: Sequence[str]) -> tuple[tuple[str, Vehicle],
     return tuple((case, with_load(vehicle, case)) for case in dict.fromkeys(cases))
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
+class _Task(NamedTuple):
     """A manoeuvre to drive."""
 
     case: int

@@ -356,7 +356,7 @@ def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
     for case, case_name in zip(matrix.cases, matrix.names, strict=True):
         ending = f" · {case_name}" if several else ""
         if case.judgements:
-            yield Section(f"Levels{ending}", _LEVELS, [_levels(case)])
+            yield Section(f"Levels{ending}", _LEVELS, [levels_table(case)])
         for manoeuvre in case.manoeuvres:
             name = f"{case.load}-{case.conditions.hand}-{manoeuvre.key}" if several else manoeuvre.key
             yield Section(
@@ -416,21 +416,15 @@ def judged_cell(case: Assessment, name: str, value: float) -> Cell:
     return Cell(f"{text} ({', '.join(dict.fromkeys(reached))})", "bad" if bad else "good")
 
 
-def _levels(assessment: Assessment) -> Table:
-    columns = [Column("name"), Column("number", "measured"), Column("text", "reached")]
+def levels_table(assessment: Assessment) -> Table:
+    """A row for each limit of the standards that applies."""
     rows: list[Row] = []
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        bad = judgement.reached in _BAD
-        rows.append(
-            [
-                quantity.label,
-                quantity.text(judgement.measured),
-                Cell(judgement.reached, "bad" if bad else "good"),
-                bounds_text(judgement),
-                f"{criterion.standard} ({criterion.source})",
-            ]
-        )
+        reached = Cell(judgement.reached, "bad" if judgement.reached in _BAD else "good")
+        standard = f"{criterion.standard} ({criterion.source})"
+        rows.append([quantity.label, quantity.text(judgement.measured), reached, bounds_text(judgement), standard])
+    columns = [Column("name", "quantity"), Column("number", "measured"), Column("text", "reached")]
     return Table([*columns, Column("note", "limits"), Column("note", "standard")], rows)
 
 

@@ -72,6 +72,13 @@ def validation_page(sections: Sequence[CheckSection], facts: Mapping[str, str]) 
 
 def _section(index: int, part: CheckSection) -> PageSection:
     """The checks, the sources that their last column numbers, and the plots."""
+    table, sources = checks_table(part)
+    plots = [_figure(plot, f"validation-{index}-{k}") for k, plot in enumerate(part.plots)]
+    return PageSection(part.title, part.text, [table, Items(sources, numbered=True), *plots])
+
+
+def checks_table(part: CheckSection) -> tuple[Table, list[str]]:
+    """A row for each check, and the sources that its last column numbers."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     columns = [
         Column("text", "quantity"),
@@ -80,9 +87,7 @@ def _section(index: int, part: CheckSection) -> PageSection:
         Column("text"),
         Column("number", "source"),
     ]
-    table = Table(columns, [_row(check, 1 + sources.index(check.source)) for check in part.checks])
-    plots = [_figure(plot, f"validation-{index}-{k}") for k, plot in enumerate(part.plots)]
-    return PageSection(part.title, part.text, [table, Items(sources, numbered=True), *plots])
+    return Table(columns, [_row(check, 1 + sources.index(check.source)) for check in part.checks]), sources
 
 
 def _row(check: Check, source: int) -> list[str | Cell]:

@@ -55,6 +55,7 @@ def test_without_a_name_all_vehicles_are_listed(offtrack_vehicle: Path) -> None:
     assert json.loads(run("--json").stdout) == summaries
 
 
+@pytest.mark.slow
 def test_a_vehicle_is_shown_and_drawn(offtrack_vehicle: Path) -> None:
     """Loads as published, reach and handling, where the numbers come from, and where the sheet lies."""
     done = run("openpbs_tractor_semitrailer_6x2")
@@ -177,6 +178,7 @@ def test_the_sheet_is_to_scale_and_whole(name: str, drawn: Callable[[str], tuple
     assert {name, sheet.summary, sheet.note, f"{sheet.numbers['length_m']:.2f}"} <= set(lettering)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rigid_truck", "el_dorado_ii"])
 def test_the_same_vehicle_gives_the_same_drawing(
     name: str, drawn: Callable[[str], tuple[Path, Path]], tmp_path: Path
@@ -186,6 +188,7 @@ def test_the_same_vehicle_gives_the_same_drawing(
     assert svg.read_bytes() == drawn(name)[0].read_bytes()
 
 
+@pytest.mark.slow
 def test_a_rover_is_shown_with_its_loads_and_its_soils(offtrack_vehicle: Path) -> None:
     done = run("el_dorado_ii")
     assert done.exit_code == 0

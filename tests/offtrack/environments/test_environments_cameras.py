@@ -151,6 +151,7 @@ def test_a_spawned_process_has_cameras_of_its_own() -> None:
     assert np.array_equal(seen["image"][0], expected["image"])
 
 
+@pytest.mark.slow
 def test_an_episodes_seed_decides_its_world() -> None:
     """The other circumstances follow from the seed too, for any observation."""
     built: list[int] = []

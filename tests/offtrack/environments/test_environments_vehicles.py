@@ -231,6 +231,7 @@ def test_a_difference_of_the_sides_turns_it_and_leaves_the_path() -> None:
     assert info["cross_track"] > 1.0
 
 
+@pytest.mark.slow
 def test_an_action_that_holds_is_the_same_action_again_and_again() -> None:
     """Three steps at once against three in a row: observation, added rewards and metrics, bitwise."""
     held, single = (vector("TrailerSteering-v0", 2, autoreset_mode="Disabled", action_repeat=k) for k in (3, 1))

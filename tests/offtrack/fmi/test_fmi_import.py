@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import math
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,12 +19,16 @@ from controllers.trailer import Combination
 from offtrack.commands.cli import app
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import FmuLaw, law_of, law_signals
+from offtrack.exchange.fmi_import.fmu_plant import SteeringActuators
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import PartSignals, Signal, map_file, read_map
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.catalogue import ODOMETRY, resolve
 from tests.fmus.models import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, pursuit_driver, rolling_plant
-from vehicle.combination.description import load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.frames import Pose2
+from vehicle.surface import Surface
 
 SIGNALS = law_signals(2, 2)
 SHORT: dict[str, Any] = {"off_tracking": "truth", "course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
@@ -208,3 +213,37 @@ def test_declared_units_are_used(tmp_path: Path) -> None:
     part = PartSignals(kind="part", inputs=(Signal("a", "-", ""),), outputs=(Signal("angle", "rad", ""),))
     instance = FmuInstance(fmu, read_map(fmu, part), {})
     assert instance.step(10, {"a": 100.0})["angle"] == pytest.approx(np.pi / 2, abs=1e-6)
+
+
+STEP = 10  # of the loop [ms]
+
+
+def command_of(vehicle: Vehicle, steer: float) -> VehicleCommand:
+    """Demands of all axles that differ, as a law gives them that knows nothing of groups."""
+    n_trailer = vehicle.n_by_law
+    return VehicleCommand(steer, 0.0, tuple(0.5 * steer * (k - 1) for k in range(n_trailer)))
+
+
+@pytest.mark.parametrize("name", ["uk_longer_semitrailer", "uk_longer_semitrailer_grouped", "rigid_truck_8x4"])
+def test_axles_move_as_those_of_the_plant_here(name: str) -> None:
+    """Through lag and limits of rate and angle, by an independent path: the plant integrates, this is a closed form."""
+    vehicle = load_vehicle(name)
+    plant, actuators = Plant(vehicle, Surface(friction=0.8)), SteeringActuators(vehicle, given=())
+    state, angles = plant.initial_state(Pose2(0.0, 0.0, 0.0), 2.0), actuators.straight()
+    for k in range(300):
+        command = command_of(vehicle, math.radians(50.0 if k < 180 else -3.0))
+        state = plant.step(state, command, STEP)
+        angles = actuators.turned(angles, command, 1e-3 * STEP)
+        np.testing.assert_allclose(angles, plant.observe(state, 0).steer, atol=2e-4)  # of the plant's ticks of 1 ms
+    assert np.ptp(angles) > 0.01
+
+
+def test_an_axle_whose_angle_the_fmu_gives_gets_the_demand() -> None:
+    """Its actuator is inside the FMU, and must not lag twice."""
+    vehicle = load_vehicle("uk_longer_semitrailer")
+    actuators = SteeringActuators(vehicle, given={"steer_angle_1", "steer_angle_3"})
+    command = VehicleCommand(0.2, 0.0, (0.1, -0.1))
+    angles = actuators.turned(actuators.straight(), command, 0.05)
+    assert actuators.command(command, angles).steer == 0.2
+    assert angles[2] == -0.1
+    assert angles[1] == pytest.approx(math.radians(20.0) * 0.05)  # at its limit of rate: 0.1 rad are far

@@ -67,6 +67,7 @@ def slave_of(fmus: Mapping[int, Path], version: int, python: str = sys.executabl
     return Slave(fmus[version], fmus[version].with_suffix(""), values, {"python": python})
 
 
+@pytest.mark.slow
 def test_the_law_in_its_process_steers_as_the_same_law_here(fmus: dict[int, Path]) -> None:
     """Bitwise: values go over as they are. Its guard is that of a run, and steps of 10 ms are held in between."""
     vehicle = load_vehicle(VEHICLE)

@@ -269,6 +269,7 @@ class BenchDriver(ScriptedBench):
         self.script.append([{"tick": tick, "steer_demand": steer, "acceleration_demand": acceleration}])
 
 
+@pytest.mark.slow
 def test_a_bench_drives_the_tractor() -> None:
     """It sees what a driver sees, and its demands are in the log; the scenario's own law steers the trailer."""
     bench = BenchDriver()

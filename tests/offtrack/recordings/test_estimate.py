@@ -144,10 +144,12 @@ class HeldValue:
             raise RuntimeError("no such off-tracking")
         if memory % 2 == 0:
             return memory + 1, None
-        still = {"path_tangent": 0.0, "hitch_direction": 0.0, "hitch_direction_rate": 0.0}
-        moving = {"v_x": 5.0, "v_y": 0.0, "yaw_rate": 0.0}
+        motion: dict[str, Any] = {"v_x": 5.0, "v_y": 0.0, "yaw_rate": 0.0, "path_tangent": 0.0}
+        straight: dict[str, Any] = {"hitch_direction": 0.0, "hitch_direction_rate": 0.0}
         path = np.array([[0.0, 0.0], [-self.follow_distance, self.value]])
-        told = OffTracking(tick=frame.tick, value=self.value, std=0.01, health=Health.OK, path=path, **still, **moving)
+        told = OffTracking(
+            tick=frame.tick, value=self.value, std=0.01, health=Health.OK, path=path, **straight, **motion
+        )
         return memory + 1, told
 
 

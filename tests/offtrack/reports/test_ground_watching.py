@@ -40,6 +40,7 @@ def test_ground_watching_measures_a_dragged_trailer_to_20_mm(dragged: RunResult)
     assert dragged.signal("off_tracking_true")[-1] == pytest.approx(-14.0 * np.tan(np.radians(2.0)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_reference_unit_stands_beside_the_truth(dragged: RunResult) -> None:
     """Every tenth message of 100 Hz gives a value once the buffer is full; their RMS is roughly that of the unit."""
     reference = dragged.signal("off_tracking_reference")

@@ -100,6 +100,7 @@ def test_a_page_shows_hostile_names_as_text(camera_run: RunResult) -> None:
     assert (balance.wrong, balance.open) == ([], [])
 
 
+@pytest.mark.slow
 def test_a_run_page_shows_the_image_where_the_off_tracking_was_largest(camera_run: RunResult) -> None:
     """The caption states the time of the image; they were taken at 10 Hz."""
     worst = camera_run.log["time"][np.nanargmax(np.abs(camera_run.signal("off_tracking_true")))]

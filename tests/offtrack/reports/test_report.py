@@ -97,6 +97,7 @@ def test_the_commanded_steer_angles_are_drawn(blind_run: RunResult) -> None:
     assert drawn > missing + 90  # 30 points a curve: matplotlib leaves out those on straight lines
 
 
+@pytest.mark.slow
 def test_a_page_says_what_there_is_not(blind_run: RunResult, camera_run: RunResult) -> None:
     """No empty diagrams without cameras; warnings come first; a page of an odometry that never worked."""
     doubtful = dataclasses.replace(blind_run, warnings=("units.0 (tractor): <light>",))

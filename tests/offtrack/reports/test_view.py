@@ -69,10 +69,12 @@ def test_a_run_alone_is_rebuilt_as_it_was(runs: list[Path]) -> None:
     assert run.result.trailers[0].follow_distance == pytest.approx(14.0)
 
 
+@pytest.mark.slow
 def test_a_rover_is_viewed_too(runs: list[Path], tmp_path: Path) -> None:
     assert offtrack("view", str(runs[2]), "--out", str(tmp_path / "rover.html")).exit_code == 0
 
 
+@pytest.mark.slow
 def test_pictures_come_back_from_a_page(camera_run: RunResult, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     page.write_text(report_html(camera_run, camera_run.summary()), encoding="utf-8")
@@ -85,6 +87,7 @@ def test_pictures_come_back_from_a_page(camera_run: RunResult, tmp_path: Path) -
     assert pictures_of_page(page) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "line"),
     [

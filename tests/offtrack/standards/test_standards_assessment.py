@@ -54,6 +54,7 @@ def test_every_manoeuvre_is_driven_and_measured(assessed: Assessment) -> None:
         assert set(manoeuvre.figures) <= set(BY_NAME)
 
 
+@pytest.mark.slow
 def test_the_low_speed_turn_has_its_reference_figures(assessed: Assessment) -> None:
     """Kinematic reference without slip: swept path 5.86 m, tail swing 0.27 m, frontal swing 0.513 m.
 
@@ -67,6 +68,7 @@ def test_the_low_speed_turn_has_its_reference_figures(assessed: Assessment) -> N
     assert figures["turn_path_error_m"] < 0.05  # the standard's tolerance
 
 
+@pytest.mark.slow
 def test_the_roundabout_is_a_little_tighter_than_without_slip(assessed: Assessment) -> None:
     """Without slip: inner radius 5.330 m, width 7.170 m, tail swing 0.241 m, articulation 44.88 degrees.
 
@@ -81,6 +83,7 @@ def test_the_roundabout_is_a_little_tighter_than_without_slip(assessed: Assessme
     assert math.radians(44.88) < figures["roundabout_articulation_rad"] < math.radians(48.0)
 
 
+@pytest.mark.slow
 def test_measured_handling_agrees_with_linear_theory(assessed: Assessment) -> None:
     """Small motions: damping and threshold within 3 %; the lane change within 7 %, with load-sensitive tyres."""
     for name in ("yaw_damping", "rollover_threshold_g"):
@@ -89,6 +92,7 @@ def test_measured_handling_agrees_with_linear_theory(assessed: Assessment) -> No
         assert assessed.figures[name] == pytest.approx(assessed.linear[name], rel=0.07)
 
 
+@pytest.mark.slow
 def test_cross_fall_makes_the_combination_crab(assessed: Assessment) -> None:
     """3 % of its weight over a stiffness of 4.6 a rad is 0.37 degrees of slip: 0.09 m at the last axle, + roughness."""
     figures = by_key(assessed)["straight"].figures
@@ -103,6 +107,7 @@ def test_a_steered_trailer_needs_less_room() -> None:
     assert steered < unsteered - 0.5
 
 
+@pytest.mark.slow
 def test_a_vehicle_too_long_for_the_roundabout_jackknifes_there() -> None:
     """That is a finding: no figure is made up, and no level is reached."""
     done = roundabout(load_vehicle("wb67"), "none")
@@ -141,6 +146,7 @@ def test_every_limit_says_where_it_comes_from() -> None:
     assert all("memory" in criterion.source for criterion in CRITERIA if criterion.standard.startswith("PBS"))
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assessment) -> None:
     page = assessment_page(AssessmentMatrix(vehicle=assessed.vehicle, cases=(assessed,)))
     assert not PAGE_LINK.search(page)
@@ -152,6 +158,7 @@ def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assess
     assert page.count("from memory") > 10
 
 
+@pytest.mark.slow
 def test_the_command_prints_json_and_writes_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "offtrack.studies.standards.assessment.default_jobs", lambda: 1
@@ -183,6 +190,7 @@ def test_a_turn_to_the_right_is_the_mirror_of_one_to_the_left() -> None:
     np.testing.assert_allclose(right.course * (1.0, -1.0), left.course, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_off_tracking_of_the_aashto_turn_is_below_that_of_the_steady_circle() -> None:
     """WHI / SAE: R - sqrt(R^2 - L1^2 + h^2 - L2^2) in a circle without end; 180 degrees do not quite reach it."""
     vehicle = load_vehicle("desaxe_field_combination")

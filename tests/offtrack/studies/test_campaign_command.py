@@ -268,6 +268,7 @@ def test_an_interrupted_campaign_and_its_bisection_are_continued(
     assert invoked(*command, str(out), "--where", "trailer_steering=mpc").exit_code == 2
 
 
+@pytest.mark.slow
 def test_the_default_campaign_has_every_fault_that_the_scenario_can_have() -> None:
     """Without cameras no fault of images; onsets on the way into the turn and in it; three laws."""
     made = default_campaign("turn-90", (("off_tracking", "truth"),), None, None)

@@ -79,6 +79,7 @@ def test_the_interval_of_the_mean_holds_as_often_as_it_says() -> None:
     assert held / 2000 == pytest.approx(0.95, abs=0.015)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_drawn_study_runs_and_reports(tmp_path: Path) -> None:
     text = HEAD.replace("[set]", '[set]\nsurface.roughness = "none"') + SAMPLE.format(count=2, method="latin")

@@ -52,6 +52,7 @@ def by_key(analysis: Analysis) -> dict[str, tuple[float, float, float]]:
     return {index.key: (index.first, index.second, index.first_half_width) for index in analysis.indices}
 
 
+@pytest.mark.slow
 def test_sobol_indices_are_those_of_ishigami(tmp_path: Path) -> None:
     """Closed form: V = a²/8 + b π⁴/5 + b² π⁸/18 + 1/2; the third variable acts by its interaction alone."""
     read = study(tmp_path, HEAD + ISHIGAMI + '[sensitivity]\nmethod = "sobol"\nsamples = 2048\n')

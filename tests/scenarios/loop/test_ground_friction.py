@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 
 from scenarios.assembly.adapters import course_of, surface_of
-from scenarios.options.scenario import Scenario, load_scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import Scenario, load_scenario, stream
 from scenarios.results.trailer_result import friction_picture
 from vehicle.combination.description import load_vehicle
 from vehicle.surface import Surface

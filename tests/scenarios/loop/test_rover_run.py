@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -76,9 +77,22 @@ def test_the_slip_angle_corrects_dead_reckoning_across_the_slope() -> None:
 def test_the_paper_s_ground_truth_agrees_with_the_exact_slip() -> None:
     """Laser tracker and compass (Reina 2008, eqs 5 and 6): 3 mm over 0.3 m and 0.35 degrees: within 1 degree RMS."""
     result = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none")
-    error = number_at(result.summary(), "slip.reference_error_rms_deg")
+    summary = result.summary()
+    error = number_at(summary, "slip.reference_error_rms_deg")
     assert error is not None
     assert 0.1 < error < 1.0
+    assert number_at(summary, "slip.valid_fraction") == 1.0
+    assert number_at(summary, "slip.lagged_error_rms_deg") is None  # an exact slip is not estimated anew
+
+
+def test_errors_of_later_estimates_are_against_the_truth_at_their_tick() -> None:
+    """Every other one is a degree off, the others do not exist."""
+    result = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none")
+    rows = result.log.rows.copy()
+    off = np.where(np.arange(len(rows)) % 2, np.nan, math.radians(1.0))
+    rows[:, result.log.names.index("slip_angle_lagged")] = result.log["slip_angle_true"] + off
+    changed = replace(result, log=replace(result.log, rows=rows))
+    assert number_at(changed.summary(), "slip.lagged_error_rms_deg") == pytest.approx(1.0)
 
 
 def test_sinking_in_ends_the_run_as_entrapped(tmp_path: Path) -> None:
