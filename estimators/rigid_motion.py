@@ -4,8 +4,6 @@ The covariance (6, 6) of a motion X_PC is that of (rotation vector [rad], transl
 the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + d_p``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ by the local plane stay unbiased over that distance. If a frame cannot be locate
 odometry from frame to frame is the fallback: first as a better prediction, then with its own motion.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -57,7 +55,7 @@ class KeyframeMemory(NamedTuple):
     noise: float = 0.0  # of the camera, once it was seen [grey levels]
     consistency: SelfConsistency = SelfConsistency()
     doubt: Doubted | None = None
-    other: KeyframeMemory | None = None
+    other: "KeyframeMemory | None" = None
 
 
 class KeyframeOdometry:

@@ -18,8 +18,6 @@ follow point. In forward travel the path continues from the hitch. Standstill is
 ``estimators.off_tracking.motion_smoother``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -76,7 +74,7 @@ class BodyMotion:
     anchor: Anchor | None = None  # as in ``estimates.Motion``, for the body
 
     @classmethod
-    def lost(cls, tick: int, previous_tick: int) -> BodyMotion:
+    def lost(cls, tick: int, previous_tick: int) -> "BodyMotion":
         """Motion without information."""
         unknown = np.diag(np.full(6, np.inf))
         return cls(tick=tick, previous_tick=previous_tick, X_PC=np.eye(4), covariance=unknown, health=Health.LOST)
@@ -165,7 +163,7 @@ class OffTrackingBuffer:
         estimate = _estimate(memory.samples, hitch_path, motion)
         return memory._replace(samples=memory.samples[: hitch_path.kept]), estimate
 
-    def _hitch_path(self, samples: tuple[Sample, ...]) -> _HitchPath:
+    def _hitch_path(self, samples: tuple[Sample, ...]) -> "_HitchPath":
         """Hitch path as far back as the follow point and the tangent there need it."""
         R_OS = levelled(samples)
         all_positions = positions_along(samples, R_OS)

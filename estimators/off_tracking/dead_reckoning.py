@@ -23,8 +23,6 @@ covariance from their uncertainty, their random walk and the white noise of ever
 come from one wrong parameter are therefore fully correlated, as they are in truth.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

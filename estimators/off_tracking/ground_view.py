@@ -14,8 +14,6 @@ without k takes half of it for a rotation: 0.07 deg of roll at 1 m of height cau
 estimated with every motion.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ the rear camera sees other ground, the motion alone is used.
 Assumed, as in the original: plane, rigid ground, and cameras at constant height and attitude.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import ClassVar, NamedTuple, Self

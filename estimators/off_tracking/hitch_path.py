@@ -3,8 +3,6 @@
 Paths are (n, 2) [m], newest point first; s is the length of the chords from the newest point back [m].
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -10,8 +10,6 @@ de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using vi
 Dynamics, 2018.
 """
 
-from __future__ import annotations
-
 import math
 from typing import ClassVar, NamedTuple, Self
 

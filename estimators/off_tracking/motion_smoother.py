@@ -19,8 +19,6 @@ significant, singly and in sum, are withheld. As soon as some of them together a
 and they are released as one motion. So a slow start loses nothing, and a standstill adds no motion and no uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import reduce

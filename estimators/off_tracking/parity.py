@@ -18,8 +18,6 @@ Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub
 articulations, ``unit + 1`` yaw rates, and more.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -181,7 +179,7 @@ class ParityRelations:
             np.array([[row.get(slip, 0.0) for slip in (_REAR_SLIP, _FRONT_SLIP)] for _, row, _ in relations]),
         )
 
-    def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
+    def _articulations(self, recent: FloatArray, level: float) -> "Iterator[_Relation]":
         """A, of each hitch."""
         time = recent[:, 0] * TICK
         span = float(time[-1] - time[0])
@@ -195,7 +193,7 @@ class ParityRelations:
             row = {(1 + k, 1): 1.0 / limit, (self._rate(k), 1): -1.0 / limit, (self._rate(k + 1), 1): 1.0 / limit}
             yield change / limit, row, (0.0, 0.0, 0.0)
 
-    def _tractor(self, mean: FloatArray, level: float) -> _Relation:
+    def _tractor(self, mean: FloatArray, level: float) -> "_Relation":
         """K."""
         per_speed = math.tan(mean[STEER]) / self._wheelbase
         turning, measured = per_speed * mean[SPEED], mean[self._gyro(0)]
@@ -211,7 +209,7 @@ class ParityRelations:
             row[_FRONT_SLIP] = 1.0 / limit
         return (turning - measured) / limit, row, (0.0, 0.0, 0.0)
 
-    def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:
+    def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> "Iterator[_Relation]":
         """S, Y, D and T."""
         v_x, v_y, turned = self._at_hitch(mean)
         # front wheels that slide to the side turn slower; rolling along their planes they tell how fast they travel

@@ -9,8 +9,6 @@ behind the lateral line through them, and the newest sample is connected to the 
 are still measured from stays among the samples, off the path.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import islice, pairwise

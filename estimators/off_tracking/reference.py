@@ -1,7 +1,5 @@
 """Off-tracking from the poses of a reference unit, by the same path buffer."""
 
-from __future__ import annotations
-
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np

@@ -22,8 +22,6 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   asks for errors of sensors that are out of the question, no motion is believed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ its fault, which goes on being measured, and is trusted again when that is small
 signal none is distrusted: the reference then is the one to doubt.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -59,7 +57,7 @@ class SignalError(NamedTuple):
     slope: float = 0.0  # [1/s]
     tick: int = -1  # of the last measurement; below 0: none yet
 
-    def measured(self, value: float, tick: int, *, exact: bool) -> SignalError:
+    def measured(self, value: float, tick: int, *, exact: bool) -> "SignalError":
         """The error after a measurement; an ``exact`` one is taken as it is."""
         if self.tick < 0:
             return SignalError(value, 0.0, tick)

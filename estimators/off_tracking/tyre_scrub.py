@@ -13,8 +13,6 @@ The signals have the angles of one trailer. Steered axles of those ahead of it p
 they are steered for.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -7,8 +7,6 @@ de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using vi
 Dynamics, 2018.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import ClassVar, Generic, Literal, NamedTuple, Self
