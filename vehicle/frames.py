@@ -44,6 +44,10 @@ class Pose2(NamedTuple):
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.psi)
 
+    def spatial(self) -> FloatArray:
+        """The pose as a matrix (4, 4), on the ground without pitch and roll."""
+        return transform(rotation_zyx(self.psi, 0.0, 0.0), np.array([self.x, self.y, 0.0]))
+
     def apply(self, points: FloatArray) -> FloatArray:
         """Points given in B, shape (n, 2), expressed in A."""
         c, s = math.cos(self.psi), math.sin(self.psi)

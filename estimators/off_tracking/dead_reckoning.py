@@ -34,7 +34,7 @@ from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, rotation_zyx, transform
+from vehicle.frames import FloatArray, Pose2
 
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
@@ -119,7 +119,7 @@ class Reckoned(NamedTuple):
     def X(self) -> FloatArray:
         """The pose (4, 4), without roll, pitch and heave."""
         yaw, x, y = self.pose.tolist()
-        return transform(rotation_zyx(yaw, 0.0, 0.0), np.array([x, y, 0.0]))
+        return Pose2(x, y, yaw).spatial()
 
 
 class _Rates(NamedTuple):
@@ -149,21 +149,18 @@ class DeadReckoning:
         Raises:
             ValueError: if the unit is not towed.
         """
-        if not 1 <= unit < len(vehicle.units):
-            raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
+        vehicle.check_towed(unit)
         self._unit, self._scrub = unit, TyreScrub(vehicle, unit)
-        self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
+        self._levers = vehicle.hitch_levers(unit)
         self._front = vehicle.units[0].steered_axles[0].x
         self._axle_distance, self._own_push = self._scrub.axle_distance, self._scrub.trailer_per_acceleration()
         slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_SCRUB, _SLIP_PER_ARTICULATION, _SLIP_OFFSET, _OWN_SLIP]
         slips[1] = slips[1]._replace(mean=self._scrub.per_acceleration())
-        self._priors = [_SCALE, _SLIP_PER_BRAKING, *slips, *[_GYRO_BIAS] * (unit + 1)]
         gyros = unit + 1
+        priors = [_SCALE, _SLIP_PER_BRAKING, *slips, *[_GYRO_BIAS] * gyros]
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
-        self._std = np.array([prior.std for prior in self._priors])
-        self._mean = np.array([prior.mean for prior in self._priors])
-        self._per_metre = np.array([1.0 / prior.distance for prior in self._priors])
-        self._per_second = np.array([1.0 / prior.time for prior in self._priors])
+        self._mean, self._std, distances, times = np.array(priors).T
+        self._per_metre, self._per_second = 1.0 / distances, 1.0 / times
 
     def prior(self) -> Parameters:
         """Parameters before anything is learnt."""
@@ -174,7 +171,7 @@ class DeadReckoning:
 
         Slips have no limit. Sensors that are noisier than assumed are expected to have larger constant errors as well.
         """
-        sensors = [_SCALE_OF, *range(_GYROS, len(self._priors))]
+        sensors = [_SCALE_OF, *range(_GYROS, len(self._mean))]
         difference = np.abs(parameters.mean - self._mean)[sensors] / self._std[sensors]
         return float(np.max(difference)) / noise_level(history, self._unit)
 
@@ -266,7 +263,7 @@ class DeadReckoning:
 
         ``kept`` (n, p) is the share of the parameters' deviation from their prior that is left at each sample.
         """
-        unit, p = self._unit, len(self._priors)
+        unit, p = self._unit, len(self._mean)
         mean = (self._mean + kept * (parameters.mean - self._mean)).T
         speed, steer, scrub, *readings, rolling, bank, gained = columns
         gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[_GYROS:]
@@ -289,9 +286,8 @@ class DeadReckoning:
         braking = np.maximum(-gained, 0.0) + _SLIDING * np.abs(front_slip)
         rolled = speed * (1.0 - scale + per_braking * braking)
         spread = np.tile(self._spread(parameters), (len(speed), 1))
-        trailer = self._trailer_axles(
-            *self._carried(at_axle(rolled, slip), slip, gammas, gyros), gyros[unit], rolling, bank
-        )
+        v_x, v_y, _ = self._carried(at_axle(rolled, slip), slip, gammas, gyros)[-1]
+        trailer = self._trailer_axles(v_x, v_y, gyros[unit], rolling, bank)
         spread[:, OWN] += _OWN_SPREAD * trailer.push
         spread[:, _VARYING] += _TORQUE_SPREAD * np.abs(gained)
         spread[:, OWN] += _TORQUE_SPREAD * np.maximum(-gained, 0.0)
@@ -317,17 +313,10 @@ class DeadReckoning:
         D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(v_x) - aside)
         D[:, 1] = (D[:, 1] + (sliding - v_x * aside)[:, None] * by_slip) / along[:, None]
         D[:, 2] = slip[:, None] * D[:, 1] + v_x[:, None] * by_slip
-        D[:, 2, of_gyro] += self._hitches[0]
-        v_y = v_x * slip + gyros[0] * self._hitches[0]
-        for k, gamma in enumerate(gammas):
-            c, s = np.cos(gamma), np.sin(gamma)
-            R = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
-            v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
+        for k, (v_x, v_y, R) in enumerate(self._carried(v_x, slip, gammas, gyros)):  # noqa: B020 - on purpose
+            D[:, 2, of_gyro + k] += self._levers[k]
             D[:, 1:] = R @ D[:, 1:]
             D[:, 1, of_articulation + k], D[:, 2, of_articulation + k] = -v_y, v_x
-            if k + 1 < unit:
-                v_y = v_y + gyros[k + 1] * self._hitches[k + 1]
-                D[:, 2, of_gyro + k + 1] += self._hitches[k + 1]
         D[:, 0, of_gyro + unit] = 1.0
         D[:, :, _GYROS:p] = -D[:, :, of_gyro:]
         own_slip = float(np.mean(trailer.slip[trailer.is_known])) if trailer.is_known.any() else math.nan
@@ -335,14 +324,15 @@ class DeadReckoning:
 
     def _carried(
         self, v_x: FloatArray, slip: FloatArray, gammas: FloatArray, gyros: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Velocity of the trailer's hitch along its axes, from that of the tractor's rear axle."""
-        v_y = v_x * slip
-        for hitch_x, gamma, rate in zip(self._hitches, gammas, gyros, strict=False):
-            v_y = v_y + rate * hitch_x
-            c, s = np.cos(gamma), np.sin(gamma)
+    ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Velocity at every hitch along the axes of the unit behind, and the rotation (n, 2, 2) into these axes."""
+        v_y, carried = v_x * slip, []
+        for lever, gamma, rate in zip(self._levers, gammas, gyros, strict=False):
+            R = _rotations(gamma)
+            (c, s), v_y = R[:, :, 0].T, v_y + rate * lever
             v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-        return v_x, v_y
+            carried.append((v_x, v_y, R))
+        return carried
 
     def _trailer_axles(
         self, v_x: FloatArray, v_y: FloatArray, yaw_rate: FloatArray, rolling: FloatArray, bank: FloatArray
@@ -370,7 +360,7 @@ class DeadReckoning:
         ``level`` the noise of the signals over the assumed one.
         """
         mean, known = parameters
-        p, dt = len(self._priors), np.diff(time)
+        p, dt = len(self._mean), np.diff(time)
         slow = np.abs(of.rates[:, 1]) < _PULLING
         rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]
         D[:, :, p:] *= level
@@ -378,8 +368,7 @@ class DeadReckoning:
         D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = _integral(dt, rates[:, 0])
-        c, s = np.cos(yaw), np.sin(yaw)
-        R = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
+        R = _rotations(yaw)
         velocity = np.einsum("nij,nj->ni", R, rates[:, 1:])
         x, y = _integral(dt, velocity[:, 0]), _integral(dt, velocity[:, 1])
         G = weights[:, None, None] * D  # share of every sample in the derivatives of the pose at the end
@@ -403,6 +392,12 @@ class DeadReckoning:
         lasting = G.sum(axis=0)
         by_slip, by_signals = lasting[:, [_VARYING, _BRAKING]], lasting[:, p:-3] / level
         return Reckoned(pose, covariance, at_end, cross, float(step.sum()), by_slip, by_signals, of.own_slip)
+
+
+def _rotations(angles: FloatArray) -> FloatArray:
+    """Rotations (n, 2, 2) by angles (n,) [rad]."""
+    c, s = np.cos(angles), np.sin(angles)
+    return np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
 
 
 def _away_from_zero(speed: FloatArray) -> FloatArray:
@@ -434,9 +429,8 @@ def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
 
 def _running_mean(values: FloatArray) -> FloatArray:
     """Mean of the last samples up to each one, of fewer at the beginning."""
-    sums = np.cumsum(values)
-    before = np.concatenate([np.zeros(min(_MEAN_OF, len(values))), sums[:-_MEAN_OF]])
-    mean: FloatArray = (sums - before) / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF)
+    sums = np.convolve(values, np.ones(_MEAN_OF))[: len(values)]
+    mean: FloatArray = sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF)
     return mean
 
 

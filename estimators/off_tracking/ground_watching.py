@@ -30,7 +30,7 @@ from estimators.off_tracking.ground_view import (
 )
 from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.pose_chain import Sample, closed, positions_now
-from estimators.rigid_motion import UncertainMotion, change_frame, rotation_vector
+from estimators.rigid_motion import UncertainMotion, change_frame, planar_covariance, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, arc_length, inverse
@@ -235,6 +235,6 @@ def _remeasured(
     n = np.array([-math.tan(direction), 1.0])
     lever = np.array([-follow_distance, passed.y]) - closure.motion.X[:2, 3]
     gradient = np.array([lever[0] * n[1] - lever[1] * n[0], *n])  # of y at the crossing by (d_theta, d_x, d_y)
-    covariance = closure.motion.covariance[np.ix_((2, 3, 4), (2, 3, 4))]
+    covariance = planar_covariance(closure.motion.covariance)
     variance = float(gradient @ covariance @ gradient) + (_TILT**2 + (_LONGER * unrest) ** 2) * float(n @ n)
     return replace(off_tracking, value=passed.y, std=math.sqrt(variance), path=path, path_tangent=direction)

@@ -27,8 +27,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.rigid_motion import UncertainMotion, chained, composed, rotation_vector
-from vehicle.frames import FloatArray, so3_exp, transform
+from estimators.rigid_motion import (
+    PLANAR,
+    UncertainMotion,
+    chained,
+    composed,
+    planar_covariance,
+    planar_pose,
+    with_planar,
+)
+from vehicle.frames import FloatArray
 
 _LAG = 8  # motions that are re-estimated; at 10 Hz later ones add no information
 # White jerk as a density, along yaw [rad/s3/sqrt(Hz)], x and y [m/s3/sqrt(Hz)].
@@ -37,7 +45,6 @@ _START = np.array([0.3, 3.0, 1.0])  # initial standard deviation of the accelera
 _GATE = 16.27  # squared normalised innovation of three components: 99.9 %
 _DISBELIEVED = 1e4  # factor on the covariance of an outlier
 _LEAST = np.diag([1e-7, 1e-6, 1e-6]) ** 2  # of motions with zero covariance: rounding [rad, m]
-_PLANAR = np.ix_([2, 3, 4], [2, 3, 4])  # of rotation vector and translation
 
 
 class Moment(NamedTuple):
@@ -62,7 +69,7 @@ Moments = tuple[Moment, ...]  # newest last; the pose of the first one is final
 
 def started(tick: int, X_OS: FloatArray, motion: UncertainMotion, span: float) -> Moments:
     """Filter after its first motion, which took ``span`` [s] and ended at the pose X_OS (4, 4)."""
-    error = motion.covariance[_PLANAR] + _LEAST
+    error = planar_covariance(motion.covariance) + _LEAST
     state = np.concatenate([np.zeros(3), _moved(motion.X) / span, np.zeros(3)])
     covariance = np.zeros((9, 9))
     covariance[3:6, 3:6], covariance[6:, 6:] = error / span**2, np.diag(_START**2)
@@ -75,7 +82,7 @@ def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *
 
     ``anchored`` motions are measured from a keyframe.
     """
-    error = motion.covariance[_PLANAR] + _LEAST
+    error = planar_covariance(motion.covariance) + _LEAST
     moment = _measured(moments[-1], tick, motion.X, span, error, anchored=anchored)
     last = moments[-1]
     if moment.score > _GATE and last.outlier:  # two in a row are a manoeuvre: both are accepted
@@ -151,24 +158,20 @@ def _jerk(t: float) -> FloatArray:
 
 def _moved(X_PC: FloatArray) -> FloatArray:
     """Yaw [rad], x and y [m] (3,) of a motion, along the axes halfway between P and C."""
-    yaw = float(rotation_vector(X_PC[:3, :3])[2])
+    yaw, x, y = planar_pose(X_PC).tolist()
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    x, y = X_PC[0, 3], X_PC[1, 3]
     return np.array([yaw, c * x + s * y, c * y - s * x])
 
 
 def _replaced(X_PC: FloatArray, moved: FloatArray) -> FloatArray:
     """Motion with its yaw, x and y replaced."""
     yaw, x, y = moved.tolist()
-    own = float(rotation_vector(X_PC[:3, :3])[2])
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    R = so3_exp(np.array([0.0, 0.0, yaw - own])) @ X_PC[:3, :3]
-    return transform(R, np.array([c * x - s * y, s * x + c * y, X_PC[2, 3]]))
+    return with_planar(X_PC, np.array([yaw, c * x - s * y, s * x + c * y]))
 
 
 _WINDOW = 15  # consecutive motions that are tested together; detects a creep of a third of a sigma
 _STILL_GATE = 25.0  # largest squared normalised motion (yaw, x, y) at standstill: noise exceeds it once in 60 000 times
-_STILL_PLANAR = [2, 3, 4]  # yaw, x and y; roll, pitch and heave are not travel
 _STILL_LEAST = np.diag([1e-6, 1e-5, 1e-5]) ** 2  # of motions with zero covariance: rounding [rad, m]
 _MOST = np.array([0.003, 0.02, 0.02])  # largest motion that can be noise: a tenth of a second at walking pace [rad, m]
 
@@ -185,7 +188,7 @@ Withheld = tuple[Step, ...]  # oldest first
 
 def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion | None]:
     """Withheld motions after one more, and the released motion; None: the trailer stands."""
-    moved, std = _planar(step.motion.X), np.sqrt(np.diag(step.motion.covariance)[_STILL_PLANAR])
+    moved, std = planar_pose(step.motion.X), np.sqrt(np.diag(step.motion.covariance)[PLANAR])
     noise_alone = bool(np.all(np.abs(moved) < _MOST) and np.all(std < _MOST))
     if not (noise_alone or withheld):
         return (), step.motion
@@ -208,10 +211,5 @@ def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
 
 def _score(total: UncertainMotion, covariance: FloatArray) -> float:
     """Squared normalised planar motion."""
-    moved = _planar(total.X)
-    return float(moved @ np.linalg.solve(covariance[np.ix_(_STILL_PLANAR, _STILL_PLANAR)] + _STILL_LEAST, moved))
-
-
-def _planar(X: FloatArray) -> FloatArray:
-    """Yaw [rad], x and y [m] (3,) of a small motion."""
-    return np.array([rotation_vector(X[:3, :3])[2], X[0, 3], X[1, 3]])
+    moved = planar_pose(total.X)
+    return float(moved @ np.linalg.solve(planar_covariance(covariance) + _STILL_LEAST, moved))

@@ -24,6 +24,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimators.hitch_motion import HitchMotion, hitch_motions
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
@@ -144,7 +145,7 @@ class ParityRelations:
         fixed = [axle.x for axle in tractor.axles if not axle.steered] or [axle.x for axle in tractor.axles]
         self._wheelbase = tractor.steered_axles[0].x - sum(fixed) / len(fixed) if tractor.steered_axles else math.inf
         self._front = tractor.steered_axles[0].x if tractor.steered_axles else 0.0
-        self._levers = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]  # of the hitches [m]
+        self._levers = vehicle.hitch_levers(unit)
         self._unit, self._axle_distance = unit, axle_distance
 
     def parity(
@@ -211,14 +212,14 @@ class ParityRelations:
 
     def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> "Iterator[_Relation]":
         """S, Y, D and T."""
-        v_x, v_y, turned = self._at_hitch(mean)
+        v_x, v_y, own = self._at_hitch(mean, float(mean[SPEED]))
+        turned = sum(mean[FIRST : self._gyro(0)].tolist())
         # front wheels that slide to the side turn slower; rolling along their planes they tell how fast they travel
-        travelled, _, _ = self._at_hitch(mean, self._rolled(mean))
+        travelled = self._at_hitch(mean, self._rolled(mean)).v_x
         v_x = min(max(reference.v_x, min(v_x, travelled)), max(v_x, travelled))
         limit = scale * (_S[0] + _S[1] * max(abs(v_x), abs(reference.v_x)))
         yield (v_x - reference.v_x) / limit, {(0, 0): math.cos(turned) / limit}, (-1.0 / limit, 0.0, 0.0)
         limit, rate = scale * _Y, self._rate(self._unit)
-        own = float(mean[self._gyro(self._unit)])
         yield (own - reference.yaw_rate) / limit, {(rate, 0): 1.0 / limit}, (0.0, -1.0 / limit, 0.0)
         if reference.v_x < _SLOW:
             return
@@ -240,15 +241,10 @@ class ParityRelations:
         c, s = math.cos(mean[STEER]), math.sin(mean[STEER])
         return float(mean[SPEED] - self._front * mean[self._gyro(0)] * s * c) / (c * c)
 
-    def _at_hitch(self, mean: FloatArray, speed: float | None = None) -> tuple[float, float, float]:
-        """Velocity at the trailer's hitch along its own axes [m/s], and the sum of the articulations [rad]."""
-        v_x, v_y, turned = float(mean[SPEED]) if speed is None else speed, 0.0, 0.0
-        for k, lever in enumerate(self._levers):
-            v_y += float(mean[self._gyro(k)]) * lever
-            angle = float(mean[FIRST + k])
-            c, s = math.cos(angle), math.sin(angle)
-            v_x, v_y, turned = c * v_x - s * v_y, s * v_x + c * v_y, turned + angle
-        return v_x, v_y, turned
+    def _at_hitch(self, mean: FloatArray, speed: float) -> HitchMotion:
+        """Motion of the trailer's hitch for a speed of the tractor's rear axle [m/s]."""
+        gyros = mean[self._gyro(0) : self._gyro(self._unit + 1)].tolist()
+        return hitch_motions(speed, 0.0, self._levers, gyros, mean[FIRST : self._gyro(0)].tolist())[-1]
 
     def _gyro(self, unit: int) -> int:
         """Column of a yaw rate."""

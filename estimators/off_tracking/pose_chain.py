@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.estimates import Anchor
 from estimators.off_tracking.hitch_path import Crossing
-from estimators.rigid_motion import UncertainMotion, chained, composed, stretched
+from estimators.rigid_motion import UncertainMotion, along_axes, chained, composed, stretched
 from vehicle.frames import FloatArray, arc_length, cross, inverse, transform
 
 # Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
@@ -78,8 +78,8 @@ def extended(
     measured, origin = increment.covariance, samples[0].tick
     if anchor is not None and anchor.tick in X_OA:
         measured, origin = anchor.covariance, anchor.tick
-    R = np.kron(np.eye(2), X_OA[origin][:3, :3])
-    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, R @ measured @ R.T, doubtful)
+    measured = along_axes(X_OA[origin][:3, :3], measured)
+    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, measured, doubtful)
     if keep_start:
         return (end, *samples)
     keyframe = kept if anchor is None else anchor.tick
@@ -89,8 +89,8 @@ def extended(
 def measured_from(samples: tuple[Sample, ...], tick: int, covariance: FloatArray) -> tuple[Sample, ...]:
     """Samples whose newest was measured from that of another tick, with this covariance (6, 6) along its axes."""
     origin = next(sample for sample in samples if sample.tick == tick)
-    R = np.kron(np.eye(2), origin.X_OS[:3, :3])
-    return (samples[0]._replace(anchor=tick, covariance=R @ covariance @ R.T), *samples[1:])
+    covariance = along_axes(origin.X_OS[:3, :3], covariance)
+    return (samples[0]._replace(anchor=tick, covariance=covariance), *samples[1:])
 
 
 def rested(
@@ -98,8 +98,7 @@ def rested(
 ) -> tuple[Sample, ...]:
     """Samples of a body at rest until a later tick, with a motion error of this covariance (6, 6)."""
     newest = samples[0]
-    R = np.kron(np.eye(2), newest.X_OS[:3, :3])
-    end = Sample(tick, newest.X_OS, newest.tick, R @ covariance @ R.T, doubtful)
+    end = Sample(tick, newest.X_OS, newest.tick, along_axes(newest.X_OS[:3, :3], covariance), doubtful)
     return _thinned((end, *samples), keyframe)
 
 

@@ -35,14 +35,13 @@ from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTracking
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
-from estimators.rigid_motion import rotation_vector
+from estimators.rigid_motion import PLANAR, along_axes, planar_covariance, planar_pose, with_planar
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, inverse, so3_exp, transform
+from vehicle.frames import FloatArray, inverse
 
 DIRECTION = "direction of the cameras"  # among the doubts of an estimate
-PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
 # What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
 _OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
 
@@ -70,8 +69,7 @@ def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> Bo
     if anchor.tick not in X_OS or reference not in X_OS:
         return None
     X_PA = inverse(X_OS[reference]) @ X_OS[anchor.tick]
-    R = np.kron(np.eye(2), X_PA[:3, :3])
-    covariance = R @ anchor.covariance @ R.T
+    covariance = along_axes(X_PA[:3, :3], anchor.covariance)
     return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
 
 
@@ -82,15 +80,12 @@ def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
     """
     P = test.reckoned.covariance
     gain = np.linalg.solve(test.covariance, P).T
-    turn, x, y = (test.reckoned.pose + gain @ test.innovation).tolist()
-    own = float(rotation_vector(motion.X_PC[:3, :3])[2])
-    X_PC = transform(so3_exp(np.array([0.0, 0.0, turn - own])) @ motion.X_PC[:3, :3], np.array([x, y, 0.0]))
-    X_PC[2, 3] = motion.X_PC[2, 3]
+    X_PC = with_planar(motion.X_PC, test.reckoned.pose + gain @ test.innovation)
     alike = max(1.0, SLIP_DISTANCE / max(test.reckoned.distance, _SHORTEST_STEP))
     rest = np.eye(3) - gain
     covariance = np.diag(np.diag(motion.covariance))
-    measured = motion.covariance[np.ix_(PLANAR, PLANAR)]
-    covariance[np.ix_(PLANAR, PLANAR)] = gain @ measured @ gain.T + alike * rest @ P @ rest.T
+    measured = gain @ planar_covariance(motion.covariance) @ gain.T
+    covariance[np.ix_(PLANAR, PLANAR)] = measured + alike * rest @ P @ rest.T
     return replace(motion, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED, anchor=None)
 
 
@@ -209,14 +204,14 @@ class FusionMemory(NamedTuple):
     """Signals, the reference, and the state of the mutual check."""
 
     history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
-    reference: Known | None  # last pose that was measured and believed; None: nothing was received yet
+    monitor: MonitorMemory  # of the signals
+    reference: Known | None = None  # last pose that was measured and believed; None: nothing was received yet
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
     alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [rad]
     turned: float = 0.0  # largest such angle while it is more than tyres explain: the camera may be turned by it [rad]
     correction: Correction | None = None  # of the off-tracking after the last bridge
-    monitor: MonitorMemory | None = None  # of the signals; None: no message arrived yet
 
 
 class SignalFusion:
@@ -235,7 +230,7 @@ class SignalFusion:
 
     def init(self) -> FusionMemory:
         """Memory before the first message."""
-        return FusionMemory(self._reckoning.no_history(), None)
+        return FusionMemory(self._reckoning.no_history(), self._monitor.init())
 
     def step(
         self,
@@ -273,8 +268,7 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
-        if memory.monitor is not None and memory.monitor.distrusted:
-            estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
+        estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
         if memory.turned:
             std = math.hypot(estimate.std, memory.turned * self._follow_distance)
             health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
@@ -285,13 +279,12 @@ class SignalFusion:
         self, memory: FusionMemory, motion: BodyMotion | None, signals: tuple[CombinationSignals, ...]
     ) -> tuple[FusionMemory, tuple[CombinationSignals, ...]]:
         """Memory with the signals compared with the camera, and signals in which one at fault is corrected."""
-        before = monitor = memory.monitor or self._monitor.init()
+        before = monitor = memory.monitor
         for message in signals:
             monitor = self._monitor.received(monitor, message)
         if motion is not None and motion.health is Health.OK:
-            monitor = self._monitor.compared(
-                monitor, MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
-            )
+            reference = MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
+            monitor = self._monitor.compared(monitor, reference)
         memory = memory._replace(monitor=monitor)
         if monitor.distrusted != before.distrusted:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
@@ -309,8 +302,9 @@ class SignalFusion:
         def reckoned(since: int) -> Reckoned | None:
             parameters = self._since(reference, path, since)
             known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
-            misleads = memory.monitor is not None and self._monitor.misleads(memory.monitor)
-            return known._replace(covariance=_CORRECTED * known.covariance) if known and misleads else known
+            if known is None or not self._monitor.misleads(memory.monitor):
+                return known
+            return known._replace(covariance=_CORRECTED * known.covariance)
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
@@ -319,13 +313,8 @@ class SignalFusion:
         step = reckoned(newest)
         if step is None or tick <= newest or not agree(history, self._unit):
             return None
-        motion = BodyMotion(
-            tick=tick,
-            previous_tick=newest,
-            X_PC=step.X,
-            covariance=spatial(step.covariance),
-            health=Health.DEGRADED,
-        )
+        covariance = spatial(step.covariance)
+        motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
 
@@ -386,10 +375,9 @@ class SignalFusion:
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
         if reckoned is None or not agree(memory.history, self._unit):
             return None
-        yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
-        innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose
-        S = reckoned.covariance + motion.covariance[np.ix_(PLANAR, PLANAR)]
-        faulty = [] if memory.monitor is None else [k for k in memory.monitor.distrusted if k < len(self._any_error)]
+        innovation = planar_pose(motion.X_PC) - reckoned.pose
+        S = reckoned.covariance + planar_covariance(motion.covariance)
+        faulty = [k for k in memory.monitor.distrusted if k < len(self._any_error)]
         by_faulty = reckoned.by_signals[:, faulty] * self._any_error[faulty]
         S += by_faulty @ by_faulty.T
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)

@@ -17,6 +17,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from estimators.hitch_motion import hitch_motions
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.loads import static_axle_loads
@@ -58,7 +59,7 @@ class TyreScrub:
         loads = static_axle_loads(vehicle)
         self._units = [list(map(_tyres, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
         self._units = self._units[: unit + 1]
-        self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
+        self._hitches = vehicle.hitch_levers(unit)
         self._arms = sum(tyres.arm for tyres in self._units[-1])
 
     def slip(self, signals: CombinationSignals) -> float:
@@ -109,16 +110,11 @@ class TyreScrub:
 
     def _motions(self, signals: CombinationSignals) -> list[_Motion]:
         """Motion of every unit at its front hitch, the tractor's at its rear axle, without slip of the tractor."""
-        v_x, v_y = signals.speed, 0.0
+        rates, gammas = signals.yaw_rates.tolist(), signals.articulation.tolist()
         motions = []
-        for unit, rate in enumerate(signals.yaw_rates[: len(self._units)].tolist()):
-            if unit:
-                c, s = math.cos(signals.articulation[unit - 1]), math.sin(signals.articulation[unit - 1])
-                v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
+        for v_x, v_y, yaw_rate in hitch_motions(signals.speed, 0.0, self._hitches, rates, gammas):
             least = math.copysign(max(abs(v_x), _LEAST_SPEED), v_x)
-            motions.append(_Motion(v_x, v_y / least, rate / least))
-            if unit < len(self._hitches):
-                v_y += rate * self._hitches[unit]
+            motions.append(_Motion(v_x, v_y / least, yaw_rate / least))
         return motions
 
     def _rear_slip(self, curvature: float, force_y: float) -> float:
