@@ -73,6 +73,11 @@ class BodyMotion:
     health: Health
     anchor: Anchor | None = None  # as in ``estimates.Motion``, for the body
 
+    @property
+    def uncertain(self) -> UncertainMotion:
+        """X_PC with its covariance."""
+        return UncertainMotion(self.X_PC, self.covariance)
+
     @classmethod
     def lost(cls, tick: int, previous_tick: int) -> "BodyMotion":
         """Motion without information."""
@@ -129,7 +134,9 @@ class OffTrackingBuffer:
             _LONGEST_REST if memory.withheld else _LONGEST_GAP
         ):
             motion = _bridge(memory.last, motion)
-            memory = memory._replace(samples=_bridged(memory.samples, motion))
+            start = up_to(memory.samples, motion.previous_tick)  # is kept for a motion that replaces the bridge
+            samples = extended(start, motion.tick, motion.uncertain, doubtful=True, keep_start=True)
+            memory = memory._replace(samples=samples)
         else:
             memory = BufferMemory((first_sample(motion.tick),))
         return self._estimated(memory, motion)
@@ -145,9 +152,8 @@ class OffTrackingBuffer:
         tick; None if it is not known. A later measured motion from a sample before it replaces its end and corrects the
         path between.
         """
-        increment = UncertainMotion(motion.X_PC, motion.covariance)
         start = up_to(memory.samples, motion.previous_tick)
-        samples = extended(start, motion.tick, increment, doubtful=True, keep_start=False, kept=since)
+        samples = extended(start, motion.tick, motion.uncertain, doubtful=True, keep_start=False, kept=since)
         hitch_path = self._hitch_path(samples)
         passed = samples[-1 if hitch_path.passed is None else hitch_path.indices[hitch_path.passed.beyond]]
         for sample in reversed([sample for sample in samples[1:] if sample.tick >= max(since, passed.tick)]):
@@ -244,8 +250,7 @@ def _with_motion(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
     keyframe = None if motion.anchor is None else motion.anchor.tick
     doubtful = motion.health is not Health.OK
     seamless = memory.last is not None and memory.last.tick == motion.previous_tick
-    measured = Step(UncertainMotion(motion.X_PC, motion.covariance), keyframe)
-    withheld, moved = released(memory.withheld if seamless else (), measured)
+    withheld, moved = released(memory.withheld if seamless else (), Step(motion.uncertain, keyframe))
     start = up_to(memory.samples, motion.previous_tick)
     if not seamless and memory.withheld and memory.last is not None:
         start = _after_rest(memory.samples, memory.last.tick, motion.previous_tick, stands=moved is None)
@@ -264,11 +269,10 @@ def _smoothed(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
     if memory.withheld:
         return memory
     span = (motion.tick - motion.previous_tick) * TICK
-    measured = UncertainMotion(motion.X_PC, motion.covariance)
     if not memory.moments:
-        return memory._replace(moments=started(motion.tick, memory.samples[0].X_OS, measured, span))
-    moments = updated(memory.moments, motion.tick, measured, span, anchored=motion.anchor is not None)
-    X_OS = {moment.tick: moment.X_OS for moment in moments}
+        return memory._replace(moments=started(motion.tick, memory.samples[0].X_OS, motion.uncertain, span))
+    moments = updated(memory.moments, motion.tick, motion.uncertain, span, anchored=motion.anchor is not None)
+    X_OS = {moment.measured.tick: moment.X_OS for moment in moments}
     samples = tuple(
         sample._replace(X_OS=X_OS[sample.tick]) if sample.tick in X_OS else sample for sample in memory.samples
     )
@@ -286,25 +290,14 @@ def _after_rest(samples: tuple[Sample, ...], since: int, until: int, stands: boo
     return rested(up_to(samples, since), until, covariance, doubtful=True, keyframe=None)
 
 
-def _bridged(samples: tuple[Sample, ...], bridge: BodyMotion) -> tuple[Sample, ...]:
-    """Samples with the end of a bridge; its start is kept for a motion that replaces the bridge."""
-    increment = UncertainMotion(bridge.X_PC, bridge.covariance)
-    return extended(up_to(samples, bridge.previous_tick), bridge.tick, increment, doubtful=True, keep_start=True)
-
-
 def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
     """Motion at the velocity of the last one in place of a lost motion, with the uncertainty of that guess."""
     span = (lost.tick - lost.previous_tick) * TICK
     since = (lost.tick - last.tick) * TICK
     ratio = (lost.tick - lost.previous_tick) / (last.tick - last.previous_tick)
     rotation, translation = _UNKNOWN_YAW_ACCELERATION * since * span, _UNKNOWN_ACCELERATION * since * span
-    return BodyMotion(
-        tick=lost.tick,
-        previous_tick=lost.previous_tick,
-        X_PC=stretched(last.X_PC, ratio),
-        covariance=np.diag([rotation**2] * 3 + [translation**2] * 3),
-        health=Health.LOST,
-    )
+    covariance = np.diag([rotation**2] * 3 + [translation**2] * 3)
+    return replace(lost, X_PC=stretched(last.X_PC, ratio), covariance=covariance)
 
 
 def velocity(motion: BodyMotion) -> tuple[float, float, float]:

@@ -159,20 +159,15 @@ class GroundWatching:
         self, samples: tuple[Sample, ...], passed: tuple[tuple[int, GroundView], ...], rear: GroundView
     ) -> Closure | None:
         """Match of the rear view with the front view taken nearest to it; None without one."""
-        index_of = {sample.tick: index for index, sample in enumerate(samples)}
+        views = dict(passed)
         X_CW = inverse(samples[0].X_OS)
         front, rear_camera = (camera.X_SC[:3, 3] for camera in self._cameras)
-        distances = [
-            (float(np.linalg.norm((X @ [*front, 1.0])[:2] - rear_camera[:2])), index_of[tick], view, X)
-            for tick, view in passed
-            if tick in index_of and (X := X_CW @ samples[index_of[tick]].X_OS) is not None
-        ]
-        if not distances:
+        poses = {index: X_CW @ one.X_OS for index, one in enumerate(samples) if one.tick in views}  # X_CK
+        distances = {k: float(np.linalg.norm((X @ [*front, 1.0])[:2] - rear_camera[:2])) for k, X in poses.items()}
+        index = min(distances, key=distances.__getitem__, default=0)
+        if index == 0 or distances[index] > self._reach:
             return None
-        distance, index, view, X_CK = min(distances, key=lambda candidate: candidate[0])
-        if distance > self._reach or index == 0:
-            return None
-        pairs = paired(rear, view)
+        X_CK, pairs = poses[index], paired(rear, views[samples[index].tick])
         if not pairs.enough:
             return None
         measured = planar_motion(pairs)
@@ -183,7 +178,7 @@ class GroundWatching:
 
     def _message(self, body: BodyMotion, matched: list[Pairs]) -> Motion:
         """Motion of the front camera, for the log."""
-        motion = UncertainMotion(body.X_PC, body.covariance)
+        motion = body.uncertain
         if body.health is not Health.LOST:
             motion = change_frame(inverse(self._X_SC), motion)
         return Motion(

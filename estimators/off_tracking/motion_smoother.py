@@ -47,15 +47,21 @@ _DISBELIEVED = 1e4  # factor on the covariance of an outlier
 _LEAST = np.diag([1e-7, 1e-6, 1e-6]) ** 2  # of motions with zero covariance: rounding [rad, m]
 
 
-class Moment(NamedTuple):
-    """One motion, the predicted and the corrected state at its end, and the pose there."""
+class _Measured(NamedTuple):
+    """A motion as measured."""
 
-    tick: int
-    X_OS: FloatArray  # (4, 4) newest estimate
-    X_PC: FloatArray  # (4, 4) as measured
+    tick: int  # of its end
+    X_PC: FloatArray  # (4, 4)
     span: float  # [s]
     error: FloatArray  # (3, 3) covariance of its yaw, x and y
     anchored: bool  # measured from a keyframe
+
+
+class Moment(NamedTuple):
+    """One motion, the predicted and the corrected state at its end, and the pose there."""
+
+    measured: _Measured
+    X_OS: FloatArray  # (4, 4) newest estimate
     predicted: FloatArray  # (9,)
     predicted_covariance: FloatArray  # (9, 9)
     state: FloatArray  # (9,)
@@ -74,7 +80,8 @@ def started(tick: int, X_OS: FloatArray, motion: UncertainMotion, span: float) -
     covariance = np.zeros((9, 9))
     covariance[3:6, 3:6], covariance[6:, 6:] = error / span**2, np.diag(_START**2)
     covariance[:3, :3] = _LEAST
-    return (Moment(tick, X_OS, motion.X, span, error, False, state, covariance, state, covariance, False, 0.0),)
+    measured = _Measured(tick, motion.X, span, error, False)
+    return (Moment(measured, X_OS, state, covariance, state, covariance, False, 0.0),)
 
 
 def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *, anchored: bool) -> Moments:
@@ -82,22 +89,22 @@ def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *
 
     ``anchored`` motions are measured from a keyframe.
     """
-    error = planar_covariance(motion.covariance) + _LEAST
-    moment = _measured(moments[-1], tick, motion.X, span, error, anchored=anchored)
+    measured = _Measured(tick, motion.X, span, planar_covariance(motion.covariance) + _LEAST, anchored)
     last = moments[-1]
+    moment = _filtered(last, measured, measured.error)
     if moment.score > _GATE and last.outlier:  # two in a row are a manoeuvre: both are accepted
-        before = moments[-2]
-        last = _measured(before, last.tick, last.X_PC, last.span, last.error, anchored=last.anchored)
+        last = _filtered(moments[-2], last.measured, last.measured.error)
         moments = (*moments[:-1], last)
-        moment = _measured(last, tick, motion.X, span, error, anchored=anchored)
+        moment = _filtered(last, measured, measured.error)
     elif moment.score > _GATE:
-        doubted = _measured(last, tick, motion.X, span, _DISBELIEVED * error, anchored=anchored)
-        moment = doubted._replace(error=error, outlier=True, score=moment.score)
+        doubted = _filtered(last, measured, _DISBELIEVED * measured.error)
+        moment = doubted._replace(outlier=True, score=moment.score)
     return _smoothed((*moments, moment)[-_LAG - 1 :])
 
 
-def _measured(last: Moment, tick: int, X_PC: FloatArray, span: float, error: FloatArray, *, anchored: bool) -> Moment:
-    """Moment after a motion with this covariance (3, 3) of yaw, x and y."""
+def _filtered(last: Moment, measured: _Measured, error: FloatArray) -> Moment:
+    """Moment after a motion, taken to have this covariance (3, 3) of yaw, x and y."""
+    _, X_PC, span, _, anchored = measured
     F = _transition(span)
     Q = np.kron(_jerk(span), np.diag(_JERK**2))
     own = 0.5 * error if anchored else _LEAST  # half for each of the two poses of a motion
@@ -110,12 +117,8 @@ def _measured(last: Moment, tick: int, X_PC: FloatArray, span: float, error: Flo
     gain = np.linalg.solve(S, P[:3]).T
     covariance = P - gain @ P[:3]
     return Moment(
-        tick=tick,
-        X_OS=chained(last.X_OS, X_PC),
-        X_PC=X_PC,
-        span=span,
-        error=error,
-        anchored=anchored,
+        measured,
+        chained(last.X_OS, X_PC),
         predicted=predicted,
         predicted_covariance=P,
         state=predicted - gain @ predicted[:3],
@@ -129,12 +132,12 @@ def _smoothed(moments: Moments) -> Moments:
     """Moments with smoothed poses, except the first one."""
     state, motions = moments[-1].state, []
     for before, moment in zip(moments[-2::-1], moments[:0:-1], strict=True):
-        t = moment.span
+        t = moment.measured.span
         gain = np.linalg.solve(moment.predicted_covariance, _transition(t) @ before.covariance).T
         older = before.state + gain @ (state - moment.predicted)
         # from the cubic with these velocities and accelerations at its ends
         moved = 0.5 * t * (older[3:6] + state[3:6]) + t**2 / 12.0 * (older[6:] - state[6:])
-        motions.append(_replaced(moment.X_PC, moved))
+        motions.append(_replaced(moment.measured.X_PC, moved))
         state = older
     poses = accumulate(reversed(motions), chained, initial=moments[0].X_OS)
     return tuple(moment._replace(X_OS=X_OS) for moment, X_OS in zip(moments, poses, strict=True))
@@ -147,13 +150,8 @@ def _transition(t: float) -> FloatArray:
 
 def _jerk(t: float) -> FloatArray:
     """Covariance (3, 3) of distance, velocity and acceleration from white jerk of density 1 over ``t`` [s]."""
-    return np.array(
-        [
-            [t**5 / 20.0, t**4 / 8.0, t**3 / 6.0],
-            [t**4 / 8.0, t**3 / 3.0, t**2 / 2.0],
-            [t**3 / 6.0, t**2 / 2.0, t],
-        ]
-    )
+    across, ahead, along = t**4 / 8.0, t**3 / 6.0, t**2 / 2.0
+    return np.array([[t**5 / 20.0, across, ahead], [across, t**3 / 3.0, along], [ahead, along, t]])
 
 
 def _moved(X_PC: FloatArray) -> FloatArray:
@@ -202,8 +200,7 @@ def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion 
 
 def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
     """Covariance (6, 6) of the total; errors of motions from one keyframe do not accumulate."""
-    one_keyframe = steps[0].keyframe is not None and all(step.keyframe == steps[0].keyframe for step in steps)
-    if not one_keyframe:
+    if steps[0].keyframe is None or any(step.keyframe != steps[0].keyframe for step in steps):
         return total.covariance
     mean: FloatArray = reduce(np.add, (step.motion.covariance for step in steps)) / len(steps)
     return mean

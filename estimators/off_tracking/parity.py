@@ -73,9 +73,7 @@ def agree(history: FloatArray, unit: int) -> bool:
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
     time = recent[:, 0] * TICK
     gammas, rates = recent[:, FIRST : FIRST + unit], recent[:, FIRST + unit : FIRST + 2 * unit + 1]
-    differences = -np.diff(rates, axis=1)
-    turned = np.sum(0.5 * np.diff(time)[:, None] * (differences[1:] + differences[:-1]), axis=0)
-    residual = gammas[-1] - gammas[0] - turned
+    residual = gammas[-1] - gammas[0] + np.trapezoid(np.diff(rates, axis=1), time, axis=0)
     drifted = GYRO_BIAS * float(time[-1] - time[0])
     std = math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
     limit = _STUCK * std * noise_level(history, unit)
@@ -187,9 +185,7 @@ class ParityRelations:
         limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, GYRO_BIAS * span)
         for k in range(self._unit):
             gamma, ahead, behind = recent[:, FIRST + k], recent[:, self._gyro(k)], recent[:, self._gyro(k + 1)]
-            rate = ahead - behind
-            turned = float(np.sum(0.5 * np.diff(time) * (rate[1:] + rate[:-1])))
-            change = math.remainder(float(gamma[-1] - gamma[0]) - turned, math.tau)
+            change = math.remainder(float(gamma[-1] - gamma[0] - np.trapezoid(ahead - behind, time)), math.tau)
             # What a fault adds here depends on its past; what it is now, the other relations show.
             row = {(1 + k, 1): 1.0 / limit, (self._rate(k), 1): -1.0 / limit, (self._rate(k + 1), 1): 1.0 / limit}
             yield change / limit, row, (0.0, 0.0, 0.0)

@@ -51,13 +51,11 @@ class Comparison(NamedTuple):
 
     reckoned: Reckoned
     innovation: FloatArray  # (3,) yaw [rad], x and y [m]
-    gain: FloatArray  # (p, 3) of the parameters
     covariance: FloatArray  # (3, 3) of the innovation
     score: float  # chi-square, 3 degrees of freedom
     score_beyond: float  # the same if tyres may slip by any angle
     is_alike: bool  # True: the axles of tractor and trailer contradict the camera's direction of travel alike
-    own_slip: float  # of the trailer's axles, by the camera [rad]; NaN at walking pace
-    own_std: float  # its standard deviation [rad]
+    parameters: Parameters  # at the end of the motion, if it is believed
 
 
 def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> BodyMotion | None:
@@ -331,9 +329,8 @@ class SignalFusion:
         reference = memory.reference
         assert reference is not None
         continues = not path.samples or any(sample.tick == motion.previous_tick for sample in path.samples)
-        test = self._tested(memory, motion)
+        longer, test = from_reference(path, motion, reference.tick), self._tested(memory, motion)
         if test is None:  # no signals
-            longer = from_reference(path, motion, reference.tick)
             motion, continues = (motion, continues) if longer is None else (longer, True)
             known = Known(motion.tick, reference.parameters)
             return (memory._replace(reference=known), motion) if continues else (memory, None)
@@ -343,19 +340,16 @@ class SignalFusion:
         memory = memory._replace(misfit=misfit, distrusted=distrusted, sudden=sudden)
         if distrusted or test.score_beyond > _GATE or 0 < sudden <= _SUDDEN:
             return memory, None
-        longer = from_reference(path, motion, reference.tick)
-        if longer is not None:
-            spanning = self._tested(memory, longer)
-            if spanning is not None and spanning.score_beyond <= _GATE:
-                test, motion, continues = spanning, longer, True
-        parameters = self._corrected(test)
-        if not continues or self._reckoning.deviation(parameters, memory.history) > _IMPOSSIBLE:
+        spanning = None if longer is None else self._tested(memory, longer)
+        if longer is not None and spanning is not None and spanning.score_beyond <= _GATE:
+            test, motion, continues = spanning, longer, True
+        if not continues or self._reckoning.deviation(test.parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
         if np.any(np.diag(motion.covariance)[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
             motion = weighted(motion, test)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)
-        memory = self._doubted(memory._replace(reference=Known(motion.tick, parameters)), test.reckoned.distance)
+        memory = self._doubted(memory._replace(reference=Known(motion.tick, test.parameters)), test.reckoned.distance)
         return memory, motion
 
     def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
@@ -386,21 +380,16 @@ class SignalFusion:
         any_slip = expected + reckoned.by_slip @ _ANY_SLIP @ reckoned.by_slip.T
         distance = math.copysign(max(reckoned.distance, _SHORTEST_STEP), reckoned.pose[1])
         direction = float(innovation[2]) / distance
+        # slip of the trailer's axles, by the camera
+        own_slip, own_std = reckoned.own_slip + direction, math.sqrt(motion.covariance[4, 4]) / distance
+        mean, covariance = reckoned.parameters
+        corrected = Parameters(mean + gain @ innovation, covariance - gain @ S @ gain.T)
         return Comparison(
             reckoned,
             innovation,
-            gain,
             S,
             score=float(innovation @ np.linalg.solve(expected, innovation)),
             score_beyond=float(innovation @ np.linalg.solve(any_slip, innovation)),
             is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
-            own_slip=reckoned.own_slip + direction,
-            own_std=math.hypot(math.sqrt(motion.covariance[4, 4]) / distance, _ROLLING_STD),
+            parameters=self._reckoning.with_own_slip(corrected, own_slip, math.hypot(own_std, _ROLLING_STD)),
         )
-
-    def _corrected(self, test: Comparison) -> Parameters:
-        """Parameters at the end of the motion."""
-        expected = test.reckoned.parameters
-        mean = expected.mean + test.gain @ test.innovation
-        corrected = Parameters(mean, expected.covariance - test.gain @ test.covariance @ test.gain.T)
-        return self._reckoning.with_own_slip(corrected, test.own_slip, test.own_std)
