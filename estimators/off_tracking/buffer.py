@@ -1,7 +1,6 @@
 """Off-tracking buffer: the past path of the hitch in the trailer frame, compared with the follow point.
 
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018. The paper's trailer frame has x to the right, y forward and psi clockwise; here, with S as in
+In de Saxe 2018 the trailer's frame has x to the right, y forward and psi clockwise; here, with S as in
 ``vehicle.frames`` (x forward, y left, psi anticlockwise),
 
     x = y_paper,  y = -x_paper,  psi = -psi_paper,  value = -e_tr,  follow_distance = a + b.

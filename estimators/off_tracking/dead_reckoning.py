@@ -131,15 +131,6 @@ class _Rates(NamedTuple):
     own_slip: float  # as in ``Reckoned``
 
 
-class _TrailerAxles(NamedTuple):
-    """Axles of the trailer at n samples."""
-
-    slip: FloatArray  # beyond the usual one [rad]
-    is_known: NDArray[np.bool_]  # False at walking pace
-    push: FloatArray  # size of the lateral acceleration, with gravity [m/s2]
-    per_rate: FloatArray  # change of the slip by the yaw rate [s]
-
-
 class DeadReckoning:
     """Dead reckoning of one trailer."""
 
@@ -239,10 +230,9 @@ class DeadReckoning:
 
     def row(self, signals: CombinationSignals) -> FloatArray:
         """Tick, speed, steer angle, scrub, articulations, yaw rates, tangent of the axles, pull of the bank."""
-        scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
-        ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
-        rolling = self._scrub.rolling(signals)
-        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates, rolling, bank])
+        scrub, gammas, rates = self._scrub, signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
+        own = signals.tick, signals.speed, signals.steer, scrub.slip(signals), *gammas, *rates
+        return np.array([*own, scrub.rolling(signals), scrub.bank(signals)])
 
     def _spread(self, parameters: Parameters) -> FloatArray:
         """Standard deviations (p,) of the parameters in the long run; a slip that is large may change as much."""
@@ -287,24 +277,28 @@ class DeadReckoning:
         rolled = speed * (1.0 - scale + per_braking * braking)
         spread = np.tile(self._spread(parameters), (len(speed), 1))
         v_x, v_y, _ = self._carried(at_axle(rolled, slip), slip, gammas, gyros)[-1]
-        trailer = self._trailer_axles(v_x, v_y, gyros[unit], rolling, bank)
-        spread[:, OWN] += _OWN_SPREAD * trailer.push
+        # slip of the trailer's axles beyond the usual one, and its change by the yaw rate; unknown at walking pace
+        is_known, per_speed, push = np.abs(v_x) > _ROLLING, 1.0 / _away_from_zero(v_x), v_x * gyros[unit] + bank
+        rolling_direction = np.arctan(rolling + self._axle_distance * gyros[unit] * per_speed)
+        own_slip = np.arctan(v_y * per_speed) - rolling_direction - np.sign(v_x) * self._own_push * push
+        per_rate = self._axle_distance * per_speed
+        spread[:, OWN] += _OWN_SPREAD * np.abs(push)
         spread[:, _VARYING] += _TORQUE_SPREAD * np.abs(gained)
         spread[:, OWN] += _TORQUE_SPREAD * np.maximum(-gained, 0.0)
         if by_trailer:
-            apart = np.where(trailer.is_known, trailer.slip - own, 0.0)
+            apart = np.where(is_known, own_slip - own, 0.0)
             variance = kept**2 * np.diag(parameters.covariance) + (1.0 - kept**2) * spread**2
             by_tractor = np.sum(np.square(by_slip[:, :p]) * variance, axis=1)
-            by_axles = variance[:, OWN] + np.square(trailer.per_rate * GYRO_BIAS)
+            by_axles = variance[:, OWN] + np.square(per_rate * GYRO_BIAS)
             shown = _SHOWN * (front_slip - forward * per[0] * pushes[0])  # front tyres slip, or the rear ones do
             excess = np.maximum(apart**2 - by_tractor - _UNUSUAL**2 * by_axles, 0.0)
             sliding, hidden = np.minimum(excess, shown**2), _OWN_SHARE**2 * excess
             spread[:, [_VARYING, OWN]] = np.sqrt(spread[:, [_VARYING, OWN]] ** 2 + hidden[:, None])
             by_tractor, by_axles = by_tractor + sliding, by_axles + hidden
-            share = np.where(trailer.is_known, by_tractor / (by_tractor + by_axles), 0.0)
+            share = np.where(is_known, by_tractor / (by_tractor + by_axles), 0.0)
             slip = slip - share * apart
             by_slip *= (1.0 - share)[:, None]
-            by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * trailer.per_rate
+            by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * per_rate
         v_x = at_axle(rolled, slip)
         along = np.cos(steer) ** 2 + slip * aside
         D = np.zeros((len(speed), 3, p + 2 * unit + 2))
@@ -319,8 +313,8 @@ class DeadReckoning:
             D[:, 1, of_articulation + k], D[:, 2, of_articulation + k] = -v_y, v_x
         D[:, 0, of_gyro + unit] = 1.0
         D[:, :, _GYROS:p] = -D[:, :, of_gyro:]
-        own_slip = float(np.mean(trailer.slip[trailer.is_known])) if trailer.is_known.any() else math.nan
-        return _Rates(np.column_stack([gyros[unit], v_x, v_y]), D, spread, own_slip)
+        mean_slip = float(np.mean(own_slip[is_known])) if is_known.any() else math.nan
+        return _Rates(np.column_stack([gyros[unit], v_x, v_y]), D, spread, mean_slip)
 
     def _carried(
         self, v_x: FloatArray, slip: FloatArray, gammas: FloatArray, gyros: FloatArray
@@ -333,17 +327,6 @@ class DeadReckoning:
             v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
             carried.append((v_x, v_y, R))
         return carried
-
-    def _trailer_axles(
-        self, v_x: FloatArray, v_y: FloatArray, yaw_rate: FloatArray, rolling: FloatArray, bank: FloatArray
-    ) -> _TrailerAxles:
-        """The trailer's axles if its hitch has this velocity."""
-        is_known = np.abs(v_x) > _ROLLING
-        per_speed = 1.0 / _away_from_zero(v_x)
-        direction = np.arctan(rolling + self._axle_distance * yaw_rate * per_speed)
-        push = v_x * yaw_rate + bank
-        slip = np.arctan(v_y * per_speed) - direction - np.sign(v_x) * self._own_push * push
-        return _TrailerAxles(slip, is_known, np.abs(push), self._axle_distance * per_speed)
 
     def _summed(
         self,

@@ -5,8 +5,7 @@ SIFT is the descriptor that SURF approximates, its patent has expired, and it ta
 The cameras keep their height, so one scale is enough. The trailer's yaw is known to a few degrees from its own motion,
 so descriptors are aligned with the ground instead of the dominant gradient.
 
-The steps of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them: C. de Saxe, D. Cebon, "Estimation
-of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
+The steps are those of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them.
 
 A camera tilted against the ground distorts it by perspective: a point at r from the centre of the view appears at
 r + r (k . r), with k the tilt over the height. Between two views at a distance d this acts as the shear d k^T. A fit

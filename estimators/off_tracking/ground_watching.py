@@ -1,7 +1,6 @@
 """Ground-watching off-tracking: the rear camera recognises ground that the front camera saw before.
 
-Miao's system as de Saxe 2018, section 1.2, describes it (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking
-using visual odometry", Vehicle System Dynamics, 2018). Two downward cameras sit under the trailer, one near the fifth
+Miao's system as de Saxe 2018, section 1.2, describes it. Two downward cameras sit under the trailer, one near the fifth
 wheel and one near the follow point. The motion of the ground in both images between frames fills the buffer. When the
 rear camera passes over ground that the front camera has seen, matching the two images gives the past pose of the
 trailer in the current one, and with it the hitch's path at the follow point without drift. With one camera, or where

@@ -5,9 +5,6 @@ speed and steer angle, articulation and trailer yaw rate). Their equations are n
 The tractor's rear axle travels along the tractor's axis, and the steer angle gives the yaw rate; together they give the
 velocity of its hitch. The measured articulation transforms it into the axes of the next unit, whose gyro measures its
 yaw rate. Where tyres slip, on a cross-fall or ice, the path is rotated by the slip angle.
-
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018.
 """
 
 import math

@@ -1,7 +1,6 @@
 """Smoothing of a trailer's planar motion by a fixed-lag Kalman smoother, and detection of its standstill.
 
-de Saxe 2018 (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics,
-2018) asks for a Kalman filter that smooths the off-tracking. Successive values of it share all but two of their
+de Saxe 2018 asks for a Kalman filter that smooths the off-tracking. Successive values of it share all but two of their
 motions. Their errors are a random walk over the distance, forgotten after the trailer's length, so a filter that
 assumes white noise on them is wrong. The errors of the motions are white, so the motions are filtered: velocities (yaw,
 x, y) in the axes of the trailer, at constant acceleration with white jerk. Past velocities are re-estimated with every
@@ -192,21 +191,15 @@ def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion 
         return (), step.motion
     steps = (*withheld, step)[-_WINDOW:]
     sums = list(accumulate((s.motion for s in reversed(steps)), lambda newer, older: composed(older, newer)))
-    scores = [_score(total, _covariance(steps[-k:], total)) for k, total in enumerate(sums, start=1)]
+    scores = [_score(steps[-k:], total) for k, total in enumerate(sums, start=1)]
     if noise_alone and max(scores) < _STILL_GATE:
         return steps, None
     return (), sums[int(np.argmax(scores))]
 
 
-def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
-    """Covariance (6, 6) of the total; errors of motions from one keyframe do not accumulate."""
-    if steps[0].keyframe is None or any(step.keyframe != steps[0].keyframe for step in steps):
-        return total.covariance
-    mean: FloatArray = reduce(np.add, (step.motion.covariance for step in steps)) / len(steps)
-    return mean
-
-
-def _score(total: UncertainMotion, covariance: FloatArray) -> float:
-    """Squared normalised planar motion."""
-    moved = planar_pose(total.X)
+def _score(steps: Sequence[Step], total: UncertainMotion) -> float:
+    """Squared normalised planar motion of some steps in total; errors from one keyframe do not accumulate."""
+    moved, covariance = planar_pose(total.X), total.covariance
+    if steps[0].keyframe is not None and all(step.keyframe == steps[0].keyframe for step in steps):
+        covariance = reduce(np.add, (step.motion.covariance for step in steps)) / len(steps)
     return float(moved @ np.linalg.solve(planar_covariance(covariance) + _STILL_LEAST, moved))

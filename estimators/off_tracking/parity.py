@@ -165,17 +165,17 @@ class ParityRelations:
             rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
             if abs(float(mean[SPEED] * mean[self._gyro(0)])) <= _BEND:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
-        n_signals = 2 * self._unit + 3
         values, own = np.array([value for value, _, _ in relations]), np.array([own for _, _, own in relations])
-        signatures = tuple(
-            np.array([[row.get((signal, part), 0.0) for part in range(2)] for _, row, _ in relations])
-            for signal in range(n_signals)
-        )
+
+        def columns(*places: tuple[int, int]) -> FloatArray:
+            return np.array([[row.get(place, 0.0) for place in places] for _, row, _ in relations])
+
+        signatures = [columns((signal, 0), (signal, 1)) for signal in range(2 * self._unit + 3)]
         return Parity(
             values,
             tuple(s[:, np.any(s != 0.0, axis=0) | (np.arange(2) == 0)] for s in signatures),
             (own[:, :1], own[:, 1:2], own[:, 2:], *(() if rolls else (own,))),
-            np.array([[row.get(slip, 0.0) for slip in (_REAR_SLIP, _FRONT_SLIP)] for _, row, _ in relations]),
+            columns(_REAR_SLIP, _FRONT_SLIP),
         )
 
     def _articulations(self, recent: FloatArray, level: float) -> "Iterator[_Relation]":

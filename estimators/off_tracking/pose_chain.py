@@ -265,14 +265,10 @@ def with_bridge(samples: tuple[Sample, ...], reckoned: tuple[Sample, ...], since
     is no closing error, and nothing is put between.
     """
     index = {sample.tick: k for k, sample in enumerate(reckoned)}
-    end = samples[0].tick
-    if end not in index or since not in index:
+    line = reckoned[index.get(samples[0].tick, len(reckoned)) : index.get(since, -1) + 1]  # newest first
+    if len(line) < 3:
         return samples
-    between = reckoned[index[end] + 1 : index[since]]
-    if not between:
-        return samples
-    X_OP = reckoned[index[since]].X_OS
-    line = reckoned[index[end] : index[since] + 1]  # newest first
+    X_OP = line[-1].X_OS
     steps = [float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3])) for a, b in pairwise(line)]
     travelled = np.cumsum(steps[::-1])[::-1]  # from the start to each of them
     if not travelled[0] > 0.0:
@@ -280,7 +276,7 @@ def with_bridge(samples: tuple[Sample, ...], reckoned: tuple[Sample, ...], since
     closing = inverse(X_OP) @ samples[0].X_OS @ inverse(line[0].X_OS) @ X_OP  # error as a motion in P
     measured = samples[0].covariance if samples[0].anchor == since else 0.0 * samples[0].covariance
     corrected = []
-    for sample, distance in zip(between, travelled[1:], strict=True):
+    for sample, distance in zip(line[1:-1], travelled[1:], strict=True):
         u = float(distance / travelled[0])
         X_PS = stretched(closing, u) @ inverse(X_OP) @ sample.X_OS
         covariance = u**2 * measured + u * (1.0 - u) * line[0].covariance

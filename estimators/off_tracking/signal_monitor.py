@@ -106,12 +106,8 @@ class SignalMonitor:
     def __init__(self, vehicle: Vehicle, unit: int, axle_distances: tuple[float, ...]) -> None:
         """For the ``unit`` of a vehicle, with the distances of its axles behind its hitch [m]."""
         names = [one.name for one in vehicle.units[: unit + 1]]
-        self.names = (
-            "wheel speed",
-            *(f"hitch angle of {name}" for name in names[1:]),
-            *(f"gyro of {name}" for name in names),
-            "steer angle",
-        )
+        angles, gyros = [f"hitch angle of {name}" for name in names[1:]], [f"gyro of {name}" for name in names]
+        self.names = ("wheel speed", *angles, *gyros, "steer angle")
         self._unit, self._n_axles = unit, len(axle_distances)
         self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE])
@@ -121,14 +117,8 @@ class SignalMonitor:
     def init(self) -> MonitorMemory:
         """Memory before the first message: all signals are sound."""
         n = len(self.names)
-        return MonitorMemory(
-            history=np.empty((0, FIRST + n - 1)),
-            jumped=(-_RECENT,) * n,
-            errors=(None,) * n,
-            suspect=(-1, 0),
-            compared_at=0,
-            findings=(),
-        )
+        history = np.empty((0, FIRST + n - 1))
+        return MonitorMemory(history, (-_RECENT,) * n, (None,) * n, suspect=(-1, 0), compared_at=0, findings=())
 
     def received(self, memory: MonitorMemory, signals: CombinationSignals) -> MonitorMemory:
         """Memory with a message; those without a number, or out of order, are passed over.
@@ -170,13 +160,8 @@ class SignalMonitor:
         for k, error in enumerate(memory.errors[1 : 1 + n]):
             if error is not None and repeats[1 + k]:  # the gyros know how it goes on
                 articulation[k] = signals.articulation[k] - error.value + self._turned(memory, k, error.tick)
-        return replace(
-            signals,
-            speed=signals.speed - float(errors[0]),
-            steer=signals.steer - float(errors[-1]),
-            articulation=articulation,
-            yaw_rates=yaw_rates,
-        )
+        speed, steer = signals.speed - float(errors[0]), signals.steer - float(errors[-1])
+        return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
 
     def misleads(self, memory: MonitorMemory) -> bool:
         """True if motion that is reckoned from the signals is not evidence: one at fault is not the steer angle."""

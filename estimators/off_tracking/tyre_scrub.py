@@ -61,6 +61,7 @@ class TyreScrub:
         self._units = self._units[: unit + 1]
         self._hitches = vehicle.hitch_levers(unit)
         self._arms = sum(tyres.arm for tyres in self._units[-1])
+        self._rear = [tyres for tyres in self._units[0] if not tyres.steered]
 
     def slip(self, signals: CombinationSignals) -> float:
         """Slip angle [rad] of the tractor's rear axle, + to the left."""
@@ -81,9 +82,8 @@ class TyreScrub:
 
         Each tyre takes the part of the side force that is its part of the load.
         """
-        rear = [tyres for tyres in self._units[0] if not tyres.steered]
-        stiffness = sum(tyres.stiffness for tyres in rear)
-        return -sum(tyres.load for tyres in rear) / (GRAVITY * stiffness) if rear else 0.0
+        stiffness = sum(tyres.stiffness for tyres in self._rear)
+        return -sum(tyres.load for tyres in self._rear) / (GRAVITY * stiffness) if self._rear else 0.0
 
     def rolling(self, signals: CombinationSignals) -> float:
         """Tangent of the trailer's direction of travel at its hitch, + left, that its axles ask for on a straight."""
@@ -119,13 +119,12 @@ class TyreScrub:
 
     def _rear_slip(self, curvature: float, force_y: float) -> float:
         """Slip at the tractor's origin, from the moments about its foremost axle."""
-        front = self._units[0][0].x
-        rear = [tyres for tyres in self._units[0] if not tyres.steered]
-        if not rear:
+        if not self._rear:
             return 0.0
+        front = self._units[0][0].x
         moment = force_y * (self._hitches[0] - front)
-        moment -= sum(tyres.stiffness * tyres.x * curvature * (tyres.x - front) for tyres in rear)
-        return moment / sum(tyres.stiffness * (tyres.x - front) for tyres in rear)
+        moment -= sum(tyres.stiffness * tyres.x * curvature * (tyres.x - front) for tyres in self._rear)
+        return moment / sum(tyres.stiffness * (tyres.x - front) for tyres in self._rear)
 
 
 def _forces(axles: Sequence[_Tyres], angles: Sequence[float], curvature: float, moment: float) -> tuple[float, float]:
