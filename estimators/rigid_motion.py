@@ -84,6 +84,13 @@ def planar_covariance(covariance: FloatArray) -> FloatArray:
     return covariance[np.ix_(PLANAR, PLANAR)]
 
 
+def spatial_covariance(planar: FloatArray, rest: FloatArray) -> FloatArray:
+    """Covariance (6, 6) with that of yaw, x and y (3, 3) in the place of their part of ``rest`` (6, 6)."""
+    spatial = rest.copy()
+    spatial[np.ix_(PLANAR, PLANAR)] = planar
+    return spatial
+
+
 def with_planar(X: FloatArray, pose: FloatArray) -> FloatArray:
     """The motion with another yaw [rad], x and y [m] (3,), and its own roll, pitch and height."""
     yaw, x, y = pose.tolist()

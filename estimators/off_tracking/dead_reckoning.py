@@ -176,11 +176,8 @@ class DeadReckoning:
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
-        level = noise_level(history, self._unit)
-        if level == 1.0:
-            return np.zeros((3, 3))
         by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
-        margin: FloatArray = (level**2 - 1.0) * 0.5 * (by_parameters + by_parameters.T)
+        margin: FloatArray = (noise_level(history, self._unit) ** 2 - 1.0) * 0.5 * (by_parameters + by_parameters.T)
         return margin
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
@@ -216,8 +213,9 @@ class DeadReckoning:
             return None
         at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
-        along = _acceleration(ticks, table[:, 0])
-        table = np.column_stack([table[:, :_BANK], bank, along, at_rest])
+        before = np.interp(ticks - _MARGIN, ticks, table[:, 0])
+        gained = (np.abs(table[:, 0]) - np.abs(before)) / (_MARGIN * TICK)  # below 0 if the wheels slow down [m/s2]
+        table = np.column_stack([table[:, :_BANK], bank, gained, at_rest])
         columns = np.array([np.interp(nodes, ticks, column) for column in table.T])
         moving = columns[-1] < 0.5
         kept = self._kept(nodes * TICK, columns[0] * moving)
@@ -245,8 +243,7 @@ class DeadReckoning:
         """Share (n, p) of the parameters' deviation from their prior at the first sample that is kept at each one."""
         distance = _integral(np.diff(time), np.abs(speed))
         forgotten = np.outer(distance, self._per_metre) + np.outer(time - time[0], self._per_second)
-        kept: FloatArray = np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN))
-        return kept
+        return np.asarray(np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN)))
 
     def _rates(self, columns: FloatArray, kept: FloatArray, parameters: Parameters, by_trailer: bool) -> _Rates:
         """Yaw rate and velocity of the hitch in the trailer at every sample, with their derivatives.
@@ -391,13 +388,6 @@ def _away_from_zero(speed: FloatArray) -> FloatArray:
 def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     """Integral (n,) from the first sample to every sample, by the trapezoidal rule."""
     return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
-
-
-def _acceleration(ticks: FloatArray, speed: FloatArray) -> FloatArray:
-    """Acceleration (n,) of the wheels over the last `_MARGIN` ticks, below 0 if they slow down [m/s2]."""
-    before = np.interp(ticks - _MARGIN, ticks, speed)
-    gained: FloatArray = (np.abs(speed) - np.abs(before)) / (_MARGIN * TICK)
-    return gained
 
 
 def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:

@@ -221,7 +221,8 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
     for _ in range(_ITERATIONS):
         turned = q @ R.T
         from_middle, then = p - middles, (q - middles) @ R.T
-        slant = _outer(from_middle, from_middle) - _outer(then, q - middles)  # times k: shift by the tilt
+        slant = from_middle[:, :, None] * from_middle[:, None]  # times k: shift by the tilt
+        slant -= then[:, :, None] * (q - middles)[:, None]
         residual = p - turned - t - slant @ k
         J = np.concatenate([(turned @ _TURN.T)[:, :, None], np.broadcast_to(np.eye(2), slant.shape), slant], axis=2)
         A = J.reshape(-1, 5)
@@ -235,10 +236,6 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
     X = X.copy()
     X[:2, :2], X[:2, 3] = R, t
     return _GroundMotion(UncertainMotion(X, _motion_covariance(residual, normal, disagreement)), disagreement)
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[:, :, None] * b[:, None, :])
 
 
 def _motion_covariance(residual: FloatArray, normal: FloatArray, disagreement: float) -> FloatArray:

@@ -52,13 +52,6 @@ class Views(NamedTuple):
     rear: GroundView | None
 
 
-class Closure(NamedTuple):
-    """Pose of the past trailer in the current one, from its front view and the current rear view."""
-
-    sample: int  # index of the past pose
-    motion: UncertainMotion  # X_CK
-
-
 class GroundMemory(NamedTuple):
     """Buffer, reference views and state of the closure."""
 
@@ -102,7 +95,9 @@ class GroundWatching:
 
     def step(self, memory: GroundMemory, frame: StereoFrame) -> tuple[GroundMemory, CameraOffTracking | None]:
         """Memory with the frame in it, and the off-tracking at its capture; None for the first frame."""
-        views = self._viewed(frame, memory.heading + memory.yaw)
+        (front, rear), heading = self._cameras, memory.heading + memory.yaw
+        behind = None if self._single else viewed(rear, frame.right, heading)
+        views = Views(viewed(front, frame.left, heading), behind)
         if memory.views is None:
             return memory._replace(tick=frame.tick, views=views, passed=((frame.tick, views.front),)), None
         matched = [paired(before, now) for before, now in zip(memory.views, views, strict=True) if before and now]
@@ -125,10 +120,6 @@ class GroundWatching:
         memory, off_tracking = self._closed(memory, views, off_tracking)
         return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(body, matched))
 
-    def _viewed(self, frame: StereoFrame, heading: float) -> Views:
-        front, rear = self._cameras
-        return Views(viewed(front, frame.left, heading), None if self._single else viewed(rear, frame.right, heading))
-
     def _lost(
         self, memory: GroundMemory, tick: int, views: Views, matched: list[Pairs]
     ) -> tuple[GroundMemory, CameraOffTracking]:
@@ -150,14 +141,17 @@ class GroundWatching:
             since = memory.since
             doubtful = not self._single and since > _LASTS and off_tracking.health is Health.OK
             return memory, replace(off_tracking, health=Health.DEGRADED) if doubtful else off_tracking
-        samples = closed(samples, closure.sample, closure.motion.X)
+        samples = closed(samples, closure[0], closure[1].X)
         memory = memory._replace(buffer=memory.buffer._replace(samples=samples), since=0.0)
-        return memory, _remeasured(samples, closure, self._follow_distance, off_tracking, memory.unrest)
+        return memory, _remeasured(samples, closure[1], self._follow_distance, off_tracking, memory.unrest)
 
     def _closure(
         self, samples: tuple[Sample, ...], passed: tuple[tuple[int, GroundView], ...], rear: GroundView
-    ) -> Closure | None:
-        """Match of the rear view with the front view taken nearest to it; None without one."""
+    ) -> tuple[int, UncertainMotion] | None:
+        """Index of a past sample and its pose X_CK now, by the rear view and the front view nearest to it then.
+
+        None if no view is near, or the two do not match.
+        """
         views = dict(passed)
         X_CW = inverse(samples[0].X_OS)
         front, rear_camera = (camera.X_SC[:3, 3] for camera in self._cameras)
@@ -173,7 +167,7 @@ class GroundWatching:
         correction = measured.X @ inverse(X_CK)
         turn = abs(float(rotation_vector(correction[:3, :3])[2]))
         shift = float(np.linalg.norm(measured.X[:2, 3] - X_CK[:2, 3]))
-        return None if shift > _MISTAKEN[0] or turn > _MISTAKEN[1] else Closure(index, measured)
+        return None if shift > _MISTAKEN[0] or turn > _MISTAKEN[1] else (index, measured)
 
     def _message(self, body: BodyMotion, matched: list[Pairs]) -> Motion:
         """Motion of the front camera, for the log."""
@@ -217,7 +211,7 @@ def _advanced(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -
 
 
 def _remeasured(
-    samples: tuple[Sample, ...], closure: Closure, follow_distance: float, off_tracking: OffTracking, unrest: float
+    samples: tuple[Sample, ...], X_CK: UncertainMotion, follow_distance: float, off_tracking: OffTracking, unrest: float
 ) -> OffTracking:
     """Off-tracking on the corrected path, with the uncertainty of the closure and of the cameras' attitude."""
     path = positions_now(samples)[:, :2]
@@ -227,8 +221,8 @@ def _remeasured(
         return off_tracking
     direction = tangent(path, s, passed.s, 0.75).direction
     n = np.array([-math.tan(direction), 1.0])
-    lever = np.array([-follow_distance, passed.y]) - closure.motion.X[:2, 3]
+    lever = np.array([-follow_distance, passed.y]) - X_CK.X[:2, 3]
     gradient = np.array([lever[0] * n[1] - lever[1] * n[0], *n])  # of y at the crossing by (d_theta, d_x, d_y)
-    covariance = planar_covariance(closure.motion.covariance)
+    covariance = planar_covariance(X_CK.covariance)
     variance = float(gradient @ covariance @ gradient) + (_TILT**2 + (_LONGER * unrest) ** 2) * float(n @ n)
     return replace(off_tracking, value=passed.y, std=math.sqrt(variance), path=path, path_tangent=direction)

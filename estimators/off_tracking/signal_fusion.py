@@ -35,7 +35,7 @@ from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTracking
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
-from estimators.rigid_motion import PLANAR, along_axes, planar_covariance, planar_pose, with_planar
+from estimators.rigid_motion import PLANAR, along_axes, planar_covariance, planar_pose, spatial_covariance, with_planar
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -81,25 +81,15 @@ def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
     X_PC = with_planar(motion.X_PC, test.reckoned.pose + gain @ test.innovation)
     alike = max(1.0, SLIP_DISTANCE / max(test.reckoned.distance, _SHORTEST_STEP))
     rest = np.eye(3) - gain
-    covariance = np.diag(np.diag(motion.covariance))
-    measured = gain @ planar_covariance(motion.covariance) @ gain.T
-    covariance[np.ix_(PLANAR, PLANAR)] = measured + alike * rest @ P @ rest.T
+    planar = gain @ planar_covariance(motion.covariance) @ gain.T + alike * rest @ P @ rest.T
+    covariance = spatial_covariance(planar, np.diag(np.diag(motion.covariance)))
     return replace(motion, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED, anchor=None)
 
 
 def doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
     """The motion, degraded, with its covariances multiplied by the misfit."""
-    anchor = motion.anchor
-    if anchor is not None:
-        anchor = replace(anchor, covariance=misfit * anchor.covariance)
+    anchor = motion.anchor and replace(motion.anchor, covariance=misfit * motion.anchor.covariance)
     return replace(motion, covariance=misfit * motion.covariance, health=Health.DEGRADED, anchor=anchor)
-
-
-def spatial(covariance: FloatArray) -> FloatArray:
-    """Covariance (6, 6) of a motion from that of its yaw, x and y."""
-    spatial = _OUT_OF_PLANE.copy()
-    spatial[np.ix_(PLANAR, PLANAR)] = covariance
-    return spatial
 
 
 REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
@@ -194,7 +184,7 @@ _ROCKING = np.diag([0.0004, 0.004, 0.005]) ** 2  # yaw [rad], x and y [m]
 class Known(NamedTuple):
     """Pose of the path, and the parameters of dead reckoning from there."""
 
-    tick: int
+    tick: int  # below 0: nothing was received yet
     parameters: Parameters
 
 
@@ -203,7 +193,7 @@ class FusionMemory(NamedTuple):
 
     history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
     monitor: MonitorMemory  # of the signals
-    reference: Known | None = None  # last pose that was measured and believed; None: nothing was received yet
+    reference: Known  # last pose that was measured and believed
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
@@ -228,7 +218,7 @@ class SignalFusion:
 
     def init(self) -> FusionMemory:
         """Memory before the first message."""
-        return FusionMemory(self._reckoning.no_history(), self._monitor.init())
+        return FusionMemory(self._reckoning.no_history(), self._monitor.init(), Known(-1, self._reckoning.prior()))
 
     def step(
         self,
@@ -242,7 +232,9 @@ class SignalFusion:
 
         The motion may end before ``tick``; dead reckoning adds the rest.
         """
-        start = memory.reference or Known(tick if motion is None else motion.previous_tick, self._reckoning.prior())
+        start = memory.reference
+        if start.tick < 0:
+            start = start._replace(tick=tick if motion is None else motion.previous_tick)
         memory, signals = self._monitored(memory, motion, signals)
         rows = [self._reckoning.row(message) for message in signals]
         history = extended_history(memory.history, rows, start.tick, tick)
@@ -256,9 +248,8 @@ class SignalFusion:
                 bridge = self._bridged(before, path, motion.tick) if path.reckoned else None
                 path, estimate = self._buffer.step(path if bridge is None else bridge[0], believed)
                 if bridge is not None:
-                    correction = corrected(
-                        memory.correction, bridge[1], estimate, believed.previous_tick, self._follow_distance
-                    )
+                    since, correction = believed.previous_tick, memory.correction
+                    correction = corrected(correction, bridge[1], estimate, since, self._follow_distance)
                     memory = memory._replace(correction=correction)
         if estimate is None or estimate.tick < tick:
             path, estimate = self._bridged(memory, path, tick) or (path, estimate)
@@ -294,7 +285,6 @@ class SignalFusion:
     def _bridged(self, memory: FusionMemory, path: BufferMemory, tick: int) -> tuple[BufferMemory, OffTracking] | None:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
         reference, history = memory.reference, memory.history
-        assert reference is not None
         newest = path.samples[0].tick if path.samples else reference.tick
 
         def reckoned(since: int) -> Reckoned | None:
@@ -306,12 +296,12 @@ class SignalFusion:
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
-            return None if whole is None else spatial(whole.covariance)
+            return None if whole is None else spatial_covariance(whole.covariance, _OUT_OF_PLANE)
 
         step = reckoned(newest)
         if step is None or tick <= newest or not agree(history, self._unit):
             return None
-        covariance = spatial(step.covariance)
+        covariance = spatial_covariance(step.covariance, _OUT_OF_PLANE)
         motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
@@ -327,7 +317,6 @@ class SignalFusion:
     ) -> tuple[FusionMemory, BodyMotion | None]:
         """Memory with the parameters corrected, and the motion as the path gets it; None: it is not believed."""
         reference = memory.reference
-        assert reference is not None
         continues = not path.samples or any(sample.tick == motion.previous_tick for sample in path.samples)
         longer, test = from_reference(path, motion, reference.tick), self._tested(memory, motion)
         if test is None:  # no signals
@@ -354,7 +343,6 @@ class SignalFusion:
 
     def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
         """Memory after a motion over a distance [m], with the angle by which the camera may be turned."""
-        assert memory.reference is not None
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
         alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
         size = max(abs(now), abs(alike))
@@ -364,7 +352,6 @@ class SignalFusion:
 
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> Comparison | None:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
-        assert memory.reference is not None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
         if reckoned is None or not agree(memory.history, self._unit):

@@ -37,6 +37,10 @@ class _Tyres(NamedTuple):
     stiffness: float  # of the axle [N/rad]
     steered: bool
 
+    @classmethod
+    def of(cls, axle: Axle, load: float) -> "_Tyres":
+        return cls(axle.x, load, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)
+
     @property
     def arm(self) -> float:
         """Moment about the unit's origin per slip angle [N m/rad]."""
@@ -57,7 +61,7 @@ class TyreScrub:
     def __init__(self, vehicle: Vehicle, unit: int) -> None:
         """For signals of the towed ``unit``."""
         loads = static_axle_loads(vehicle)
-        self._units = [list(map(_tyres, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
+        self._units = [list(map(_Tyres.of, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
         self._units = self._units[: unit + 1]
         self._hitches = vehicle.hitch_levers(unit)
         self._arms = sum(tyres.arm for tyres in self._units[-1])
@@ -147,7 +151,3 @@ def _angles(axles: Sequence[_Tyres], steered: Sequence[float]) -> list[float]:
     """Angle of every axle [rad]."""
     given = iter(steered)
     return [next(given, 0.0) if tyres.steered else 0.0 for tyres in axles]
-
-
-def _tyres(axle: Axle, load: float) -> _Tyres:
-    return _Tyres(axle.x, load, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)
