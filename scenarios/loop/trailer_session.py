@@ -1,7 +1,5 @@
 """The closed-loop run of a combination: its driver, its steered trailers, and their session."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
