@@ -33,8 +33,8 @@ class _Pace(NamedTuple):
 
 # Slip that varies by 1.6 deg within 5 s at 8 cm/s has a random walk of 3.6 deg/sqrt(m).
 QUICK: Final = _Pace(walk=math.radians(4.0), trend=0.0, length=1.0)
-# A rover on a slope, or in a bend: its heading to the slope turns by some degrees in a decimetre.
-_STEADY: Final = _Pace(walk=math.radians(0.5), trend=math.radians(1.5), length=1.5)
+# A rover that drives onto a slope (Reina 2008, Fig. 8): some degrees within some decimetres.
+_STEADY: Final = _Pace(walk=math.radians(1.0), trend=math.radians(3.0), length=1.0)
 PACES: Final = (QUICK, _STEADY)
 PIECES: Final = 56  # each at least SHORTEST long; together the visible length of the trace
 SHORTEST: Final = 0.0125  # [m]

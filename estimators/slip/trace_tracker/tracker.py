@@ -168,11 +168,18 @@ class Grip(NamedTuple):
 
     ratio: float  # slip ratio [-]
     variance: float
+    usual: float  # slip ratio, mean over some decimetres [-]
+    uneven: float  # mean square of its difference from that, over the last metres
 
     def rolled(self, rolled: float) -> Grip:
         """After ``rolled`` [m] by the rims."""
-        keep = math.exp(-rolled / _RATIO_LENGTH)
-        return Grip(_RATIO + keep * (self.ratio - _RATIO), keep**2 * self.variance + (1.0 - keep**2) * _RATIO_STD**2)
+        keep, usual, uneven = (math.exp(-rolled / length) for length in (_RATIO_LENGTH, _USUAL, _MEMORY))
+        return Grip(
+            _RATIO + keep * (self.ratio - _RATIO),
+            keep**2 * self.variance + (1.0 - keep**2) * _RATIO_STD**2,
+            self.ratio + usual * (self.usual - self.ratio),
+            (self.ratio - self.usual) ** 2 + uneven * (self.uneven - (self.ratio - self.usual) ** 2),
+        )
 
     def measured(self, ratio: float, std: float) -> Grip:
         """Corrected by a measured slip ratio, unless that is out of the question."""
@@ -180,13 +187,15 @@ class Grip(NamedTuple):
         if innovation**2 > 16.0 * variance:
             return self
         share = self.variance / variance
-        return Grip(self.ratio + share * innovation, (1.0 - share) * self.variance)
+        return self._replace(ratio=self.ratio + share * innovation, variance=(1.0 - share) * self.variance)
 
 
 # Light rovers on level dry sand have 0.05 to 0.15, uphill more, downhill less; assumed.
 _RATIO: Final = 0.1  # mean [-]
 _RATIO_STD: Final = 0.07
 _RATIO_LENGTH: Final = 3.0  # correlation length, by the slopes of the ground, assumed [m]
+_USUAL: Final = 0.5  # [m]
+_MEMORY: Final = 1.5  # [m]
 _RUT: Final = 12  # half of the width that shows the ground of the rut [px]
 _LONGEST: Final = 0.04  # way between images beyond which one lug mark is mistaken for the next [m]
 _REACH: Final = 0.35  # largest difference of the way from the expected one, as a share
@@ -252,11 +261,14 @@ def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:
 
 _LAG: Final = 2.0  # of the delayed, more accurate estimate [s]
 # Ratio of the errors to the filter's standard deviation, which allows for fast slip changes and shadows at any time.
-_OF_FILTER: Final = 0.85
+_OF_FILTER: Final = 0.75
 # Ground 2 cm above or below the wheels' plane seems to move by so much less or more. A way that is wrong by a share
 # shifts the trace of a bend like a slip of that share of its turn from the wheel to the middle of the view.
 _UNEVEN: Final = 0.03
 _MIDDLE: Final = 0.36  # [m]
+# Slip ratio changes by 1.0 per radian of pitch, slip angle by 0.9 per radian of roll (rovers on sand). Ground that is
+# uneven along the way, as slip ratios show, is so across it. A change of slip is known some 0.15 m later.
+_BY_UNEVENNESS: Final = 0.9 / 1.0 * 0.15 / _USUAL  # [rad]
 _CERTAIN: Final = (0.3, 0.7)  # rut score of sand without a trace, and of clear traces
 
 
@@ -269,18 +281,18 @@ def slip_angle(rig: TraceRig, histories: Histories, grip: Grip, steer: float, ti
     slip, variance = path_state.slip_at(path, 0)
     lagged, lagged_variance = path_state.slip_at(path, piece)
     value, rate = slip + path.steered, path_state.bend(path, 0)
-    by_way = (rate * _MIDDLE) ** 2 * (grip.variance + _UNEVEN**2)
+    added = (rate * _MIDDLE) ** 2 * (grip.variance + _UNEVEN**2) + _BY_UNEVENNESS**2 * grip.uneven
     return SlipAngle(
         tick=tick,
         value=value,
-        std=math.sqrt(_OF_FILTER**2 * variance + by_way),
+        std=math.sqrt(_OF_FILTER**2 * variance + added),
         health=Health.OK,
         wheel_slip=wheel_direction(rig, value, rate) - steer,
         trace_offset=path.offset,
         confidence=float(np.interp(score, _CERTAIN, (0.0, 1.0))),
         lagged_tick=int(path.ticks[piece]) if known else None,
         lagged_value=lagged + float(path.steer[[max(piece - 1, 0), piece]].mean()) if known else 0.0,
-        lagged_std=math.sqrt(_OF_FILTER**2 * lagged_variance + by_way) if known else math.inf,
+        lagged_std=math.sqrt(_OF_FILTER**2 * lagged_variance + added) if known else math.inf,
     )
 
 
@@ -357,7 +369,9 @@ class FTracePlus:
 
     def init(self) -> TraceMemory:
         """Before the first view."""
-        return TraceMemory(None, 0.0, 0.0, 0.0, Grip(_RATIO, _RATIO_STD**2), None, None, None, 0, unknown_sun(), None)
+        return TraceMemory(
+            None, 0.0, 0.0, 0.0, Grip(_RATIO, _RATIO_STD**2, _RATIO, 0.0), None, None, None, 0, unknown_sun(), None
+        )
 
     def step(self, memory: TraceMemory, view: RoverView) -> tuple[TraceMemory, SlipAngle]:
         """Memory and slip angle; the last estimate is repeated until the rover has moved by a piece."""

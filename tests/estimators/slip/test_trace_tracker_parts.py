@@ -267,7 +267,7 @@ def test_way_of_the_centre_follows_from_that_of_a_wheel(radius: float) -> None:
 
 def test_slip_ratio_is_drawn_to_what_the_ground_shows() -> None:
     """Readings of -0.05 +- 0.02 win within some images, an impossible one does not; unseen it is forgotten."""
-    grip = Grip(0.1, 0.07**2)
+    grip = Grip(0.1, 0.07**2, 0.1, 0.0)
     for _ in range(20):
         grip = grip.rolled(0.016).measured(-0.05, 0.02)
     assert grip.ratio == pytest.approx(-0.05, abs=0.01)
