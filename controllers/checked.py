@@ -1,7 +1,5 @@
 """Checks of controllers while they run: exceptions and commands that are not finite numbers end with one line."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from typing import Any, Generic, TypeVar

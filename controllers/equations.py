@@ -1,7 +1,5 @@
 """Functions for equations on floats, arrays and CasADi symbols, and the lag of a steering actuator."""
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 

@@ -3,8 +3,6 @@
 Speed profiles of paths keep limits of lateral and longitudinal acceleration.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections.abc import Sequence
@@ -65,9 +63,8 @@ class Path:
 
     start: Pose2
     segments: tuple[Segment, ...]
-    stations: tuple[float, ...] = field(
-        init=False, repr=False, compare=False
-    )  # of each segment's start, and of the end [m]
+    # Of each segment's start, and of the end [m]
+    stations: tuple[float, ...] = field(init=False, repr=False, compare=False)
     knots: tuple[Pose2, ...] = field(init=False, repr=False, compare=False)  # the poses there
 
     def __post_init__(self) -> None:
@@ -169,7 +166,7 @@ class SpeedProfile:
     speeds: FloatArray  # (n,) [m/s]
 
     @classmethod
-    def of(cls, path: Path, speed: float, max_lateral_acceleration: float, max_acceleration: float) -> SpeedProfile:
+    def of(cls, path: Path, speed: float, max_lateral_acceleration: float, max_acceleration: float) -> "SpeedProfile":
         """The fastest profile within ``speed`` [m/s] and both accelerations [m/s2].
 
         Raises:

@@ -19,8 +19,6 @@ The path ahead is known. Its optimal use is a weighted sum of the curvatures ahe
 curvature j periods ahead is -(R + B'P B)^-1 B' ((A - B K)')^j P E.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -136,8 +134,6 @@ def _weights(closed: FloatArray, row: FloatArray, costate: FloatArray) -> FloatA
     return np.array([weights[start:end].sum() for start, end in pairwise(ends.tolist())])
 
 
-__all__ = ["CREEP", "PERIOD"]
-
 GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]
 
 # Low-pass on unknown side forces: about the lag of a steering, and no quicker than the tyres relax, for at walking pace
@@ -251,9 +247,8 @@ def steer_demand(
     L, v = tractor.wheelbase, f.fmax(now.v_x, CREEP)
     moves = f.if_else(now.v_x > CREEP, 1.0, 0.0)
     drift = moves * now.v_y / v
-    turn = (
-        travel(f, guided_point, now) / v * on.curvature
-    )  # of the tractor in a steady turn on this curvature, per metre of its own [rad/m]
+    # Of the tractor in a steady turn on this curvature, per metre of its own [rad/m]
+    turn = travel(f, guided_point, now) / v * on.curvature
     steady = _steady_turn(f, tractor, turn, v, _scrub(model, now.yaw_rate / v, steer), slips)
     straight = 1.0 - L / x_ref
     # Steer angles of a rolling tractor: whose guided point travels along the path, and with the present yaw rate.

@@ -7,8 +7,6 @@ length of the last axle, so that they do not depend on speed. Articulation and s
 fed forward.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +31,7 @@ class RollingChain:
     lengths: tuple[float, ...]  # of every towed unit: hitch to axle [m]
 
     @classmethod
-    def of(cls, vehicle: Vehicle) -> RollingChain:
+    def of(cls, vehicle: Vehicle) -> "RollingChain":
         """The lengths of a vehicle.
 
         Raises:
@@ -122,7 +120,7 @@ class ReverseReference:
     tractor_curvatures: FloatArray  # (n,) [1/m]
 
     @classmethod
-    def of(cls, chain: RollingChain, points: FloatArray) -> ReverseReference:
+    def of(cls, chain: RollingChain, points: FloatArray) -> "ReverseReference":
         """The reference through points (n, 2) [m] of the last axle's path, in the order of forward travel.
 
         Station 0 is at the first point.

@@ -5,8 +5,6 @@ drift, which every rover can. ``crab`` keeps the body along the path and points 
 needs steering on all wheels. ``none`` ignores the drift.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

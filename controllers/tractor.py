@@ -12,8 +12,6 @@ Forces act the trail behind the groups' places, at x'. The spread of a group res
 tight turns only, and is left to the law.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Interface of trailer steering laws: data sheets in, commands out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 

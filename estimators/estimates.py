@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from typing import Final
 
@@ -92,10 +92,24 @@ class OffTracking:
     v_y: float  # [m/s]
     yaw_rate: float  # of the trailer [rad/s]
     bridged: float = 0.0  # time since the last motion that was measured and believed, by dead reckoning [s]
+    doubts: tuple[str, ...] = ()  # sensors that contradict the others now, by name
 
     def age(self, tick: int) -> float:
         """Age of the measurement at ``tick`` [s]."""
         return (tick - self.tick) * TICK
+
+    def sheared(self, offset: float, follow_distance: float) -> OffTracking:
+        """The estimate with its path sheared: where it was at the hitch, and ``offset`` [m] more at the follow point.
+
+        The follow point is ``follow_distance`` [m] behind the hitch.
+        """
+        x, y = self.path.T
+        return replace(
+            self,
+            value=self.value + offset,
+            path=np.column_stack([x, y - x * offset / follow_distance]),
+            path_tangent=math.atan(math.tan(self.path_tangent) - offset / follow_distance),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,10 +138,6 @@ class SlipAngle:
     lagged_tick: int | None = None  # tick of a delayed, more accurate estimate; None: there is none
     lagged_value: float = 0.0  # beta at that tick [rad]
     lagged_std: float = np.inf  # [rad]
-
-    def age(self, tick: int) -> float:
-        """Age of the measurement at ``tick`` [s]."""
-        return (tick - self.tick) * TICK
 
 
 def lost_slip(tick: int) -> SlipAngle:

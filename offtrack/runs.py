@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
 from offtrack.reports.sections import groups
 from scenarios.loop.runner import run as run_scenario
 from scenarios.options.scenario import AnyScenario, load_any_scenario

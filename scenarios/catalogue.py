@@ -4,8 +4,6 @@ Reading the catalogue imports no part. A new part is one module and one line. Ea
 declarations of its classes; a class without them is refused before anything of it is called.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os
@@ -18,8 +16,7 @@ from typing import Any, Final, Protocol, TypeVar
 from scenarios.loop_faults.fault import LOOP_FAULTS
 from sensors.faults.fault import FAULTS
 from vehicle.foundation.own_parts import defined_at, raised_at
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 from vehicle.option import Option
 
 ContextT = TypeVar("ContextT", contravariant=True)

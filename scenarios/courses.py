@@ -5,8 +5,6 @@ Builders take the tractor's front end and width [m]. The default entry holds the
 off-tracking of a long semitrailer needs; on the default exit the trailer leaves the turn completely.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,9 +45,8 @@ class Course:
     reference: tuple[float, float]  # the guided point in T [m]
     start: Pose2  # X_WT
     surface_centre: tuple[float, float] | None  # apex of a conical cross-fall [m]; None: a plane
-    centreline: (
-        FloatArray  # (n, 2) of the road, extended at both ends [m]: path of the tractor's rear axle, or the file's
-    )
+    # (n, 2) of the road, extended at both ends [m]: path of the tractor's rear axle, or the file's
+    centreline: FloatArray
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right at the centre line's points [m]
     relief: RoadRelief | None = None  # heights and banks of the road; None: level
     friction: FrictionMap | None = None  # of the road, in place of the scenario's
@@ -105,12 +102,7 @@ def roundabout(
 
 
 def figure_of_eight(
-    *,
-    front_x: float,
-    width: float,
-    radius: float = _RADIUS,
-    entry: float = _ENTRY,
-    exit: float = _EXIT,
+    *, front_x: float, width: float, radius: float = _RADIUS, entry: float = _ENTRY, exit: float = _EXIT
 ) -> Course:
     """A full circle to the left, then one to the right, with the outer front corner on the ``radius`` [m] in both.
 
@@ -238,10 +230,7 @@ def straight(*, front_x: float, length: float) -> Course:
 
 
 def _course(
-    reference: tuple[float, float],
-    segments: tuple[Segment, ...],
-    *,
-    surface_centre: tuple[float, float] | None = None,
+    reference: tuple[float, float], segments: tuple[Segment, ...], *, surface_centre: tuple[float, float] | None = None
 ) -> Course:
     path = Path(Pose2(reference[0], reference[1], 0.0), segments)
     return Course(

@@ -1,8 +1,8 @@
 """Optional packages, which are installed with an extra of offtrack."""
 
-from __future__ import annotations
-
+import importlib
 import importlib.util
+from typing import Any
 
 
 def check_extra(extra: str, what: str, *packages: str) -> None:
@@ -11,5 +11,16 @@ def check_extra(extra: str, what: str, *packages: str) -> None:
     Raises:
         ValueError: one line that says how to install it.
     """
-    if any(importlib.util.find_spec(package) is None for package in packages):
+    if any(importlib.util.find_spec(package.partition(".")[0]) is None for package in packages):
         raise ValueError(f"{what} the extra '{extra}': pip install 'offtrack[{extra}]'")
+
+
+def import_extra(extra: str, what: str, *modules: str) -> Any:
+    """Import modules of an extra and return the first; ``what`` begins the line of a refusal.
+
+    Raises:
+        ValueError: one line that says how to install it.
+    """
+    check_extra(extra, what, *modules)
+    first, *_ = [importlib.import_module(module) for module in modules]
+    return first

@@ -1,7 +1,5 @@
 """Images that a user gives: photograph and bitmap formats only, their size checked before they are decoded."""
 
-from __future__ import annotations
-
 import io
 import os
 import threading
@@ -33,8 +31,21 @@ _FORMATS: Final = (
     (b"P5", PpmImageFile),
     (b"P6", PpmImageFile),
 )
+_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 _PLAIN: Final = (b"P1", b"P2", b"P3")  # numbers as text, which Pillow reads at a megapixel per second
 _STDERR: Final = threading.Lock()  # images are read in several threads
+
+
+def images_in(folder: Path) -> list[Path]:
+    """Image files of a folder in the order of their names.
+
+    Raises:
+        ValueError: one line, if there are none.
+    """
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    if not files:
+        raise ValueError(f"{folder} contains no images ({', '.join(_SUFFIXES)})")
+    return files
 
 
 def pixel_size(path: Path) -> tuple[int, int]:

@@ -1,7 +1,5 @@
 """Listings of replaceable parts and of scenario keys, generated from the catalogue and the models."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -14,8 +12,8 @@ from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import tables_in
+from vehicle.foundation.user_file import nearest
 from vehicle.option import Option, declared_options
 from vehicle.rover.description import load_rover, load_soil, rover_names, soil_names
 
@@ -146,10 +144,7 @@ def _of_catalogue(table: catalogue.Catalogue) -> Kind:
         for name in table:
             part = catalogue.resolve(kind, name, table)
             yield Part(
-                kind=kind,
-                name=name,
-                meaning=_first_line(part),
-                parameters=tuple(map(_key, declared_options(part))),
+                kind=kind, name=name, meaning=_first_line(part), parameters=tuple(map(_key, declared_options(part)))
             )
 
     return listed

@@ -3,8 +3,6 @@
 They are never forked: a child of a process with an OpenGL context hangs.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re
@@ -163,7 +161,7 @@ class SpareWorkers:
         for pool in pools:
             pool.shutdown(kill_workers=True)
 
-    def _taken(self) -> ProcessPoolExecutor:
+    def _taken(self) -> "ProcessPoolExecutor":
         with self._lock:
             if self._ended:
                 raise WorkerDiedError("its process was stopped")
@@ -171,7 +169,7 @@ class SpareWorkers:
             self._busy.append(pool)
         return pool
 
-    def _left(self, pool: ProcessPoolExecutor, *, usable: bool) -> None:
+    def _left(self, pool: "ProcessPoolExecutor", *, usable: bool) -> None:
         with self._lock:
             self._busy.remove(pool)
             usable = usable and not self._ended
@@ -181,7 +179,7 @@ class SpareWorkers:
             pool.shutdown(kill_workers=True)
 
 
-def _pool(count: int, *, together: int, idle: float | None = None) -> ProcessPoolExecutor:
+def _pool(count: int, *, together: int, idle: float | None = None) -> "ProcessPoolExecutor":
     """A pool of processes, which end after an ``idle`` time [s] without a task; ``together`` work at the same time."""
     from loky import ProcessPoolExecutor
 
@@ -202,7 +200,7 @@ def _death(error: BaseException | None) -> str:
 
 
 @contextmanager
-def workers(count: int) -> Iterator[ProcessPoolExecutor]:
+def workers(count: int) -> "Iterator[ProcessPoolExecutor]":
     """Worker processes that ignore interrupts; an error or interrupt here, or the end of this process, ends them.
 
     Raises:

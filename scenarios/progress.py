@@ -1,7 +1,5 @@
 """Progress of long work, and the interrupts (SIGINT, SIGTERM) that end it between two steps."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator

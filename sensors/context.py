@@ -1,7 +1,5 @@
 """Contexts that sensors are constructed from: ``SensorClass.of(context)``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -24,10 +22,10 @@ class WorldViews(Protocol):
     """The rendered world of a run, which all cameras of the run share."""
 
     @property
-    def world(self) -> World:
+    def world(self) -> "World":
         """The world; built when it is first asked for."""
 
-    def seen_by(self, calibration: StereoCalibration) -> StereoRenderer:
+    def seen_by(self, calibration: "StereoCalibration") -> "StereoRenderer":
         """Renderer for cameras of this calibration.
 
         Raises:

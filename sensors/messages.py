@@ -3,8 +3,6 @@
 A message class with images names their fields in ``IMAGES``, a stereo pair left first (see ``sensors.messages``).
 """
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import Field, dataclass, is_dataclass
 from types import NoneType, UnionType

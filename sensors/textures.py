@@ -1,7 +1,5 @@
 """Procedural, periodic textures of roads, fields, plants and houses, made of fractal noise."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import cv2

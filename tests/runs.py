@@ -17,7 +17,7 @@ import pytest
 import scenarios.assembly.trailer_sensors
 from scenarios.results.log import Log, Signal
 from scenarios.results.metrics import true_off_tracking
-from scenarios.results.summary_numbers import Timing
+from scenarios.results.run_summary import Timing
 from scenarios.results.swept_path import UnitOutline
 from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, RunResult
 from sensors.world.world import World, build_world

@@ -1,4 +1,4 @@
-"""Trailers, readings and estimates that tests of controllers share."""
+"""Trailers, truths, readings and estimates that tests share."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from controllers.trailer import Combination, TrailerGeometry
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
+from vehicle.combination.truth import Truth
+from vehicle.frames import FloatArray
 
 TWO_OF_THREE: Final = TrailerGeometry(
     follow_distance=14.0,
@@ -55,3 +57,20 @@ def estimate(tick: int, **changes: Any) -> OffTracking:
         yaw_rate=0.0,
     )
     return replace(straight, **changes)
+
+
+def truth(tick: int, *, bodies: FloatArray, **changes: Any) -> Truth:
+    """Truth of units with these poses of their bodies (N, 4, 4): at rest at the origin, but for the changes."""
+    n, nothing = len(bodies), np.empty(0)
+    still = Truth(
+        tick=tick,
+        poses=np.zeros((n, 3)),
+        velocities=np.zeros((n, 3)),
+        bodies=bodies,
+        steer=nothing,
+        wheel_loads=nothing,
+        wheel_slip_angles=nothing,
+        friction_used=nothing,
+        load_transfer=np.zeros(n),
+    )
+    return replace(still, **changes)

@@ -3,8 +3,6 @@
 As in dm_control's observables, rates are whole ticks and latency is kept out of the sensor models.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -43,7 +41,7 @@ class Schedule:
             raise ValueError(f"period, offset, latency must be > 0, >= 0, >= 0 ticks, got {self}")
 
     @classmethod
-    def at_rate(cls, rate_hz: float, *, latency: float = 0.0, name: str = "rate_hz") -> Schedule:
+    def at_rate(cls, rate_hz: float, *, latency: float = 0.0, name: str = "rate_hz") -> "Schedule":
         """A schedule from a rate [Hz] and a latency [s].
 
         Raises:
@@ -64,11 +62,11 @@ class Pipe(Generic[Message]):
 
     in_flight: tuple[tuple[int, Message], ...] = ()
 
-    def put(self, delivery_tick: int, message: Message) -> Pipe[Message]:
+    def put(self, delivery_tick: int, message: Message) -> "Pipe[Message]":
         """A pipe with one more message in flight."""
         return Pipe((*self.in_flight, (delivery_tick, message)))
 
-    def deliver(self, tick: int) -> tuple[Pipe[Message], tuple[Message, ...]]:
+    def deliver(self, tick: int) -> "tuple[Pipe[Message], tuple[Message, ...]]":
         """A pipe without the messages due by ``tick``, and those messages."""
         due = tuple(message for when, message in self.in_flight if when <= tick)
         return Pipe(tuple(item for item in self.in_flight if item[0] > tick)), due

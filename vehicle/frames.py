@@ -1,4 +1,4 @@
-"""Frames, poses and angles, as every other module uses them.
+"""Frames, poses, angles and planar polylines, as every other module uses them.
 
 All frames are right-handed. ``X_AB`` is the pose of frame B in frame A, ``p_AQ`` the position of Q from the
 origin of A along the axes of A, ``R_AB`` a rotation; inner letters must cancel (``X_WC = X_WS @ X_SC``).
@@ -13,8 +13,6 @@ origin of A along the axes of A, ``R_AB`` a rotation; inner letters must cancel 
 Yaw, steer, curvature and articulation are positive to the left (about +z); pitch about +y (nose down), roll
 about +x (left side up), as in ISO 8855.
 """
-
-from __future__ import annotations
 
 import math
 from typing import NamedTuple
@@ -32,7 +30,7 @@ class Pose2(NamedTuple):
     y: float  # [m]
     psi: float  # yaw of B in A [rad]
 
-    def __matmul__(self, other: Pose2) -> Pose2:
+    def __matmul__(self, other: "Pose2") -> "Pose2":
         """X_AC = X_AB @ X_BC."""
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(
@@ -41,7 +39,7 @@ class Pose2(NamedTuple):
             wrap(self.psi + other.psi),
         )
 
-    def inverse(self) -> Pose2:
+    def inverse(self) -> "Pose2":
         """X_BA from X_AB."""
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.psi)
@@ -136,3 +134,51 @@ def orthonormalised(R: FloatArray) -> FloatArray:
 
 # Axes of a camera that looks along the body's +x: its x (right) is -y, its y (down) is -z, its z is +x.
 R_BODY_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def arc_length(points: FloatArray) -> FloatArray:
+    """Distance along the polyline through points (n, 2) from the first point to each of them [m], shape (n,)."""
+    chords = points[1:] - points[:-1]
+    along = np.zeros(len(chords) + 1)
+    np.cumsum(np.hypot(chords[:, 0], chords[:, 1]), out=along[1:])
+    return along
+
+
+def resampled(points: FloatArray, stations: FloatArray) -> FloatArray:
+    """Points (m, 2) at distances ``stations`` (m,) along the polyline through points (n, 2) [m]."""
+    along = arc_length(points)
+    return np.stack([np.interp(stations, along, points[:, i]) for i in range(2)], axis=1)
+
+
+def dense(points: FloatArray, spacing: float) -> tuple[FloatArray, float]:
+    """Points (m, 2) about ``spacing`` [m] apart from one end of the polyline to the other, and their spacing [m]."""
+    length = float(arc_length(points)[-1])
+    stations = np.linspace(0.0, length, max(2, int(length / spacing) + 1))
+    return resampled(points, stations), float(stations[1])
+
+
+def sides(line: FloatArray, half_width: float | FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Left and right edge (n, 2) of a strip along a line (n, 2) [m].
+
+    Its half width is one number, or (n, 2) to the left and to the right at the points of the line [m].
+    """
+    along = np.gradient(line, axis=0)
+    along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]  # repeated points have no direction
+    left = np.column_stack([-along[:, 1], along[:, 0]])
+    widths = np.broadcast_to(half_width, (len(line), 2))
+    return line + widths[:, :1] * left, line - widths[:, 1:] * left
+
+
+def is_left(line: FloatArray, nearest: NDArray[np.intp], xy: FloatArray) -> NDArray[np.bool_]:
+    """True for positions (..., 2) [m] to the left of their nearest points (...) of a line (n, 2) [m]."""
+    before, after = np.maximum(nearest - 1, 0), np.minimum(nearest + 1, len(line) - 1)
+    along, away = line[after] - line[before], xy - line[nearest]
+    left: NDArray[np.bool_] = along[..., 0] * away[..., 1] > along[..., 1] * away[..., 0]
+    return left
+
+
+def rows_every(points: FloatArray, spacing: float) -> NDArray[np.intp]:
+    """Indices of points (n, 2) about ``spacing`` [m] of arc length apart."""
+    along = arc_length(points)
+    rows: NDArray[np.intp] = np.unique(np.searchsorted(along, np.arange(0.0, along[-1], spacing)))
+    return rows

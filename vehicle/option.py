@@ -5,17 +5,14 @@ repository has a nested class ``Parameters``, a table whose fields carry default
 meaning; its constructor takes the table as ``parameters``. The two forms meet in `declared_options` and `arguments`.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Self
 
 from pydantic import ValidationError
 
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import Frozen, Option, Parameter, complaint, option, quantity
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 
 COMBINATION: Final = "combination"  # keyword of a law's constructor for the data sheet of the whole combination
 __all__ = [

@@ -32,8 +32,6 @@ matter; until then the higher value is assumed, one standard deviation more.
 The largest side force is reached at a slip in proportion to the friction. Beyond it an axle only brakes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple

@@ -21,8 +21,6 @@ Dead reckoning: O is the trailer's frame S at the start. An estimate of the path
 tick; the later part stays.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
@@ -40,8 +38,7 @@ from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2, limited_angle, wrap
+from vehicle.frames import FloatArray, Pose2, arc_length, limited_angle, wrap
 
 _NEWTON_STEPS = 5  # from the solution for small angles: 1e-12 rad within the range of axles
 _STEEPEST = 1.3  # limit of directions of travel, 74 deg: the tangent stays finite [rad]
@@ -61,7 +58,7 @@ class AxleGroup:
     linkages: tuple[Linkage, ...]  # steered axles that share an actuator
 
     @classmethod
-    def of(cls, trailer: TrailerGeometry) -> AxleGroup:
+    def of(cls, trailer: TrailerGeometry) -> "AxleGroup":
         """The axle group of a trailer's data sheet."""
         every, steered = np.array(trailer.axle_distances), np.array(trailer.steered, dtype=bool)
         return cls(

@@ -24,8 +24,6 @@ fades out over one band of speeds and the LQR fades in over another; the command
 the bands little steering is needed: a low-speed law would oscillate there, and the trailer itself is well damped.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import lru_cache

@@ -36,8 +36,6 @@ is steered at all, and the rear is steered off its path. Path preview does the s
 measured one.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

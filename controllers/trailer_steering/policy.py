@@ -11,8 +11,6 @@ estimate, constant until the next one, and the combination's own sensors. A ``.n
 The output, within -1 .. 1, is the demanded angle over the actuators' limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -28,9 +26,8 @@ from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, elapsed_since
 from vehicle.foundation.data_file import read_arrays
-from vehicle.foundation.polyline import arc_length
 from vehicle.foundation.user_file import FileType, shown
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 from vehicle.option import PartParameters, option
 
 NETWORK_FILE: Final = FileType("a trained network", 16_000_000)

@@ -1,4 +1,4 @@
-"""Laws on the combination's own signals, without an estimate: straight axles, command steer, and the heading law CT-AT.
+"""Laws on the combination's own signals, without an estimate, and the fallback when an estimate is lost.
 
 Command steer turns the axles with the articulation, as mechanical and hydraulic systems do by a linkage from the
 turntable. To emulate a rigid axle L' behind the hitch,
@@ -28,13 +28,20 @@ gains were not available. Derived here:
 
 Tyre slip is not modelled. On a slippery or cambered road the heading error grows until it balances the slip, and a
 steady off-tracking of about follow distance times slip over gain remains: the known weakness of the scheme.
-"""
 
-from __future__ import annotations
+Dead reckoning keeps the rear on the path of the hitch, where command steer lets it swing out at the entry of a turn and
+cut in at its exit. It needs sensors that agree with each other. Where an articulation does not change by the difference
+of two yaw rates, or a wheel speed repeats itself, command steer takes over: it errs, but its error does not grow.
+
+Wheel speed, angles and gyros give the motion of the hitch, with slip by the data sheet of the combination. While there
+are estimates, they replace the path that is reckoned, and show what the data sheet does not know: slip on a cross-fall,
+the bias of articulation and gyro, and the scale of the wheel speed. Without them the path goes on by dead reckoning.
+Only the last follow distance of it counts, so that errors do not grow for ever.
+"""
 
 import math
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -43,19 +50,24 @@ from controllers.trailer_steering.kinematics import (
     AxleGroup,
     HitchMotion,
     ReckonedPath,
+    TractorMotion,
     check_steered,
+    corrected,
     extended,
     hitch_motion,
     limited_direction,
+    motion_between,
     reachable,
     straight_behind,
+    target_on,
 )
-from estimators.estimates import OffTracking
+from controllers.trailer_steering.path_laws import PathLawMemory, VirtualDriver
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
+from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals
-from vehicle.clock import elapsed_since
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.clock import TICK, elapsed_since
+from vehicle.frames import FloatArray, arc_length
 from vehicle.option import PartParameters, quantity
 
 _CREEP = 0.2  # below this speed the direction of travel is sensor noise, and the axles keep their angles [m/s]
@@ -201,3 +213,211 @@ class CtAt(SteeringLaw[CtAtMemory]):
         heading = tangent(path, s, ahead, _REACH).direction - motion.yaw_rate * self._preview
         difference = math.atan2(passed.y, self._trailer.follow_distance)  # of heading to the reference trailer
         return heading + self._gain * difference
+
+
+_SLIP_DISTANCE = 2.0  # over which the remaining slip is learnt: some estimates [m]
+_OFFSET_DISTANCE = 50.0  # over which its constant part is learnt: straight and bend [m]
+_FORGOTTEN = 12.0  # distance after which a slip that was learnt no longer holds: a bend ends [m]
+_SENSOR_TIME = 5.0  # over which the sensors' errors are learnt [s]
+_LONGEST_GAP = 500  # between two estimates that are compared [ticks]
+_SLOWEST = 0.5  # directions below this speed are noise [m/s]
+_MOST_SLIP = 0.1  # of what is learnt [rad]
+_PAUSE = 300  # of the steering, after which the driver starts anew [ticks]
+_STD = 0.15  # assumed: of the off-tracking by dead reckoning [m]
+
+
+class Learnt(NamedTuple):
+    """Errors of the signals that the estimates show."""
+
+    slip: float = 0.0  # of the tractor's rear axle, beyond the data sheet [rad]
+    offset: float = 0.0  # its constant part, or the bias of the articulation [rad]
+    yaw_rate: float = 0.0  # bias of the trailer's gyro [rad/s]
+    scale: float = 1.0  # true speed over that of the wheels [-]
+
+
+class ReckonedDriverMemory(NamedTuple):
+    """State of the driver between two steps."""
+
+    tick: int | None  # of the last step; None before the first
+    path: ReckonedPath
+    learnt: Learnt
+    estimate: OffTracking | None  # newest one
+    driver: PathLawMemory
+
+
+class ReckonedDriver:
+    """Dead reckoning at every step, and steering on demand."""
+
+    def __init__(self, trailer: TrailerGeometry, combination: Combination) -> None:
+        """For a trailer with steered axles."""
+        self._trailer, self._unit = trailer, combination.unit
+        self._tractor = TractorMotion(combination)
+        self._driver = VirtualDriver(trailer)
+
+    def init(self) -> ReckonedDriverMemory:
+        """Straight road behind, wheels straight."""
+        path = straight_behind(self._trailer.follow_distance)
+        return ReckonedDriverMemory(None, path, Learnt(), None, self._driver.init())
+
+    def reckoned(
+        self, memory: ReckonedDriverMemory, tick: int, estimate: OffTracking | None, signals: CombinationSignals
+    ) -> ReckonedDriverMemory:
+        """Memory at ``tick``, with an estimate if there is a new one that can be relied on."""
+        elapsed = elapsed_since(memory.tick, tick)
+        motion = self._motion(memory.learnt, signals)
+        kept = math.exp(-abs(motion.v_x) * elapsed / _FORGOTTEN)
+        learnt = memory.learnt._replace(slip=kept * memory.learnt.slip)
+        path = extended(memory.path, tick, motion, elapsed)
+        memory = memory._replace(tick=tick, path=path, learnt=learnt)
+        if estimate is None or (memory.estimate is not None and estimate.tick <= memory.estimate.tick):
+            return memory
+        learnt = self._learnt(memory, estimate)
+        return memory._replace(path=corrected(memory.path, estimate), learnt=learnt, estimate=estimate)
+
+    def steered(
+        self, memory: ReckonedDriverMemory, tick: int, signals: CombinationSignals, last: FloatArray
+    ) -> tuple[ReckonedDriverMemory, FloatArray]:
+        """Memory and angles (n_steered,) [rad] on the path as it is reckoned at ``tick``; ``last`` are demanded now."""
+        before = memory.driver if memory.driver.tick is not None and tick - memory.driver.tick <= _PAUSE else None
+        driver = before or self._driver.init()._replace(tick=tick - 1)
+        driver = driver._replace(demand=tuple(last.tolist()))
+        driver, command = self._driver.step(driver, tick, self._estimate(memory, tick, signals), signals)
+        return memory._replace(driver=driver), command.angles
+
+    def _motion(self, learnt: Learnt, signals: CombinationSignals) -> HitchMotion:
+        """Motion of the hitch, with the slip of the tractor's rear axle."""
+        v_x, v_y, yaw_rate = self._tractor.of_hitch(signals, learnt.slip + learnt.offset)
+        return HitchMotion(learnt.scale * v_x, learnt.scale * v_y, yaw_rate - learnt.yaw_rate)
+
+    def _learnt(self, memory: ReckonedDriverMemory, estimate: OffTracking) -> Learnt:
+        """Errors that a new estimate shows; its velocities are means since the one before."""
+        before, learnt = memory.estimate, memory.learnt
+        if before is None or estimate.tick - before.tick > _LONGEST_GAP:
+            return learnt
+        motion = motion_between(memory.path, before.tick, estimate.tick)
+        if motion is None or min(motion.v_x, estimate.v_x) < _SLOWEST:
+            return learnt
+        interval = (estimate.tick - before.tick) * TICK
+        distance = interval * estimate.v_x
+        quick, steady = (1.0 - math.exp(-distance / over) for over in (_SLIP_DISTANCE, _OFFSET_DISTANCE))
+        slow = 1.0 - math.exp(-interval / _SENSOR_TIME)
+        slip = learnt.slip + quick * (math.atan2(estimate.v_y, estimate.v_x) - motion.direction)
+        speeds = math.hypot(estimate.v_x, estimate.v_y) / math.hypot(motion.v_x, motion.v_y)
+        return Learnt(
+            slip=max(-_MOST_SLIP, min(_MOST_SLIP, (1.0 - steady) * slip)),
+            offset=max(-_MOST_SLIP, min(_MOST_SLIP, learnt.offset + steady * slip)),
+            yaw_rate=learnt.yaw_rate + slow * (motion.yaw_rate - estimate.yaw_rate),
+            scale=learnt.scale * (1.0 + slow * (speeds - 1.0)),
+        )
+
+    def _estimate(self, memory: ReckonedDriverMemory, tick: int, signals: CombinationSignals) -> OffTracking:
+        """The off-tracking by dead reckoning."""
+        motion, path = self._motion(memory.learnt, signals), memory.path.in_trailer()
+        target = target_on(path, self._trailer.follow_distance)
+        ahead = float(signals.yaw_rates[self._unit - 1])
+        return OffTracking(
+            tick=tick,
+            value=0.0 if target is None else target.offset,
+            std=math.inf if target is None else _STD,
+            health=Health.LOST if target is None else Health.DEGRADED,
+            path=path,
+            hitch_direction=motion.direction,
+            hitch_direction_rate=ahead - motion.yaw_rate,
+            path_tangent=0.0 if target is None else target.direction,
+            v_x=motion.v_x,
+            v_y=motion.v_y,
+            yaw_rate=motion.yaw_rate,
+        )
+
+
+FallbackName = Literal["dead_reckoning", "command_steer", "straight"]
+
+# Command steer shortens the wheelbase, which destabilises a trailer at speed; systems in use lock there. Assumed,
+# between the speed of a tight turn and that of a road: full authority up to 30 km/h, none from 50 km/h on [m/s].
+_FULL_UP_TO: Final = 8.3
+_NONE_FROM: Final = 13.9
+_COMPARED: Final = 2000  # signals that are tested against each other [ticks]
+_GAP: Final = 0.3  # without signals, after which the path is unknown [s]
+_CHANGE_TIME: Final = 2.0  # between dead reckoning and command steer [s]
+_UNLIMITED: Final = 1e3  # rate of the laws here; the guard limits it for all of them [rad/s]
+
+
+class FallbackMemory(NamedTuple):
+    """State of the fallback between two steps."""
+
+    reckoning: ReckonedDriverMemory
+    rows: tuple[tuple[float, ...], ...] = ()  # signals of the last seconds in the order of `DeadReckoning.row`
+    doubted: float = 0.0  # distance until the reckoned path is made of signals that agree [m]
+    steered_at: int | None = None  # last step of steering [ticks]
+    share: float = 1.0  # of dead reckoning against command steer
+
+
+class Fallback:
+    """Steering by dead reckoning or command steer, reduced with speed; or straight wheels at any speed."""
+
+    def __init__(self, trailer: TrailerGeometry, *, combination: Combination, name: FallbackName) -> None:
+        """Construct it for a trailer with steered axles."""
+        free = replace(trailer, max_steer_rate=_UNLIMITED)
+        if combination.unit == 0 and name == "dead_reckoning":  # without a hitch the signals do not check each other
+            name = "command_steer"
+        self._trailer, self._unit, self._name = trailer, combination.unit, name
+        self._reckoning = ReckonedDriver(free, combination)
+        self._command_steer = CommandSteer(free, combination=combination)
+
+    def init(self) -> FallbackMemory:
+        """Straight road behind."""
+        return FallbackMemory(self._reckoning.init())
+
+    def observed(
+        self, memory: FallbackMemory, tick: int, estimate: OffTracking | None, signals: CombinationSignals
+    ) -> FallbackMemory:
+        """Memory with the signals of ``tick``, and with an estimate if there is a new one that can be relied on."""
+        if self._name != "dead_reckoning" or not _are_finite(signals):
+            return memory
+        before, length = memory.reckoning.tick, self._trailer.follow_distance
+        elapsed = elapsed_since(before, tick)
+        reckoning = self._reckoning.reckoned(memory.reckoning, tick, estimate, signals)
+        doubted = length if elapsed > _GAP else max(0.0, memory.doubted - abs(signals.speed) * elapsed)
+        if reckoning.estimate is not memory.reckoning.estimate:
+            doubted = 0.0
+        rows = (*[row for row in memory.rows if row[0] >= tick - _COMPARED], _row(signals, self._unit))
+        return memory._replace(reckoning=reckoning, rows=rows, doubted=doubted)
+
+    def steered(
+        self, memory: FallbackMemory, tick: int, signals: CombinationSignals, last: FloatArray
+    ) -> tuple[FallbackMemory, FloatArray]:
+        """New memory and angles (n_steered,) [rad], not limited in rate; straight if a signal is not finite.
+
+        ``last`` are the angles demanded so far.
+        """
+        if self._name == "straight" or not _are_finite(signals):
+            return memory, np.zeros(len(last))
+        _, command = self._command_steer.step(CommandSteerMemory(tick - 1, tuple(last.tolist())), tick, None, signals)
+        angles = command.angles
+        if self._name == "dead_reckoning":
+            memory = self._with_share(memory, tick)
+            reckoning, by_path = self._reckoning.steered(memory.reckoning, tick, signals, last)
+            memory = memory._replace(reckoning=reckoning)
+            angles = memory.share * by_path + (1.0 - memory.share) * angles
+        authority = min(1.0, max(0.0, (_NONE_FROM - abs(signals.speed)) / (_NONE_FROM - _FULL_UP_TO)))
+        return memory, authority * angles
+
+    def _with_share(self, memory: FallbackMemory, tick: int) -> FallbackMemory:
+        """Memory after a test of the signals; on the way between dead reckoning and command steer."""
+        if not agree(np.array(memory.rows), self._unit):
+            memory = memory._replace(doubted=self._trailer.follow_distance)
+        wanted = 0.0 if memory.doubted > 0.0 else 1.0
+        pause = math.inf if memory.steered_at is None else (tick - memory.steered_at) * TICK
+        step = 1.0 if pause > _GAP else pause / _CHANGE_TIME
+        share = memory.share + max(-step, min(step, wanted - memory.share))
+        return memory._replace(share=share, steered_at=tick)
+
+
+def _are_finite(signals: CombinationSignals) -> bool:
+    read = (signals.speed, *signals.articulation.tolist(), *signals.yaw_rates.tolist(), *signals.angles.tolist())
+    return all(map(math.isfinite, read))
+
+
+def _row(signals: CombinationSignals, unit: int) -> tuple[float, ...]:
+    ahead, rates = signals.articulation[:unit].tolist(), signals.yaw_rates[: unit + 1].tolist()
+    return (signals.tick, signals.speed, signals.steer, 0.0, *ahead, *rates)

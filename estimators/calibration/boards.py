@@ -1,7 +1,7 @@
 """Calibration of a camera or a stereo pair from photographs of a checkerboard, through OpenCV.
 
 Zhang 2000: Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI, 2000, with the lens of
-``sensors.camera.lens``. Sets of photographs that cannot give a good calibration are refused with the reason.
+``sensors.camera.rig``. Sets of photographs that cannot give a good calibration are refused with the reason.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.calibration_target import Checkerboard
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray, inverse, orthonormalised, so3_exp, transform
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from estimators.odometry.image_points import Points, detect_corners, disparity_guess, track
 from estimators.stereo_pair import Turned, displaced
-from sensors.camera.lens import mount_rotation
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
 

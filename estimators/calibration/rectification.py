@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, transform
 

@@ -47,8 +47,7 @@ from estimators.off_tracking.pose_chain import (
 )
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, inverse, so3_exp
+from vehicle.frames import FloatArray, arc_length, inverse, so3_exp
 
 REVERSING = 20.0  # longest reversing manoeuvre that keeps its path: into a yard, or another attempt [m]
 _BEYOND = 1.0  # path kept behind the follow point, for the tangent there [m]

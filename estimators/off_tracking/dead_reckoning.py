@@ -5,13 +5,18 @@ tractor's yaw rate, turned by the articulation into the next unit, and so on to 
 measures its yaw rate. Unlike there, the tractor's rear axle slips and the sensors have errors. These are parameters,
 which a Kalman filter learns from the camera (``estimators.off_tracking.signal_fusion``):
 
-- the scale of the wheel speed, and its part in curves: the steered front wheels slip by an angle in proportion to the
-  lateral acceleration a, and roll along the direction in which they point, not that in which they travel;
-  gravity along the axles of a banked road counts as acceleration, as the trailer's accelerometer feels it;
+- the scale of the wheel speed, and the slip of braked wheels per deceleration. Steered front wheels roll along their
+  planes whatever their tyres do, so the speed follows from their angle and the tractor's yaw rate, also on ice;
 - the slip angle of the tractor's rear axle: a slowly varying part, a constant part, which includes the bias of the
   articulation, and parts in proportion to a, to what the scrub of tyres causes by the data sheet
-  (``estimators.off_tracking.tyre_scrub``), and to the articulation;
+  (``estimators.off_tracking.tyre_scrub``), and to the articulation; gravity along the axles of a banked road counts as
+  acceleration, as the trailer's accelerometer feels it;
+- the slip angle of the trailer's own axles, which tell the direction of travel at its hitch once more;
 - the bias of every gyro.
+
+Slips that vary change by as much as they are large: tyres that slide do not stop at once. Without a camera the two
+directions of travel, by the tractor and by the trailer's own axles, are weighted by their variances. Where they
+contradict each other tyres slide: mostly the lightly loaded ones of the tractor, and the trailer's by a part of it.
 
 The pose after a stretch of signals is a sum over the samples. So are its derivatives by the parameters, and its
 covariance from their uncertainty, their random walk and the white noise of every sample. Errors within a stretch that
@@ -20,9 +25,11 @@ come from one wrong parameter are therefore fully correlated, as they are in tru
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.off_tracking.parity import ARTICULATION_NOISE, GYRO_BIAS, GYRO_NOISE, SPEED_NOISE, noise_level
 from estimators.off_tracking.tyre_scrub import TyreScrub
@@ -36,7 +43,8 @@ _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolat
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
-_BANK = -1  # column of the bank's pull
+_TANGENT, _BANK = -2, -1  # columns of the tangent of the trailer's axles, and of the bank's pull
+_LATELY = 25  # samples of the last half second
 _SWAY = 2000  # time that it is averaged over: bodies sway, and trailers drift to the side as they turn in [ticks]
 # Speed at which that drift (slip changes by 0.03 rad in the time) is as large as the usual bank of 2.5 %. There half of
 # the mean is believed: least squares of a bank and its error [m/s].
@@ -44,6 +52,8 @@ _FAST = 12.0
 # A vehicle that seems to stand may creep, and rocks on its tyres: white noise of every sample, 1 sigma. Of a start or a
 # stop, 3 mm are missed within a tenth of a second; a standstill of ten seconds adds 30 mm.
 _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
+# As it pulls away, driven wheels that spin are pushed to the side: by some 20 mm on ice.
+_PULLING, _PULLED = 0.8, np.array([0.0, 0.0, 0.1])  # speed below which it counts, and white noise [rad/s], [m/s]
 
 
 class Prior(NamedTuple):
@@ -57,18 +67,35 @@ class Prior(NamedTuple):
 
 _MOST_FORGOTTEN = 300.0  # beyond it nothing is left, and exp(-x) must not vanish [-]
 _FOR_EVER = 1e6  # constant during a drive [m], [s]
+_ROLLING = 0.3  # slower than this, directions of travel are noise [m/s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
 # or steered trailer axles) on friction of 0.3 to 0.8, at 5 to 88 km/h; no combination needed more than three of it.
 _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of 0.5 m, and what the next one leaves [-]
-_SIDE = Prior(-0.03, 0.012, _FOR_EVER, _FOR_EVER)  # slip of steered truck tyres per a: 1/(4 g) [rad s2/m]
+# Slip of braked wheels per deceleration: 0.008 on dry road, some 0.1 where the ABS acts on ice [s2/m].
+_SLIDING = 1.3  # deceleration that slows a wheel as rolling resistance does at a slip angle of 1 rad [m/s2]
+_SLIP_PER_BRAKING = Prior(0.01, 0.03, 30.0, _FOR_EVER)
 # What data sheets leave of the slip. With 4 mrad and 8 m, outages of 20 s have sigmas nearer to their errors. But in
 # the closed loop the estimate is then 15 mm off after 2 s without images, not 9 mm, and states 6 mm.
-_SLIP = Prior(0.0, 0.005, 12.0, _FOR_EVER)  # [rad]
+SLIP_DISTANCE = 12.0  # over which the slip that varies is alike [m]
+_SLIP = Prior(0.0, 0.005, SLIP_DISTANCE, _FOR_EVER)  # [rad]
 _SLIP_PER_ACCELERATION = Prior(-0.02, 0.004, _FOR_EVER, _FOR_EVER)  # its mean is that of the data sheet [rad s2/m]
 _SLIP_PER_SCRUB = Prior(0.9, 0.15, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
 _SLIP_PER_ARTICULATION = Prior(0.0, 0.005, _FOR_EVER, _FOR_EVER)
 _SLIP_OFFSET = Prior(0.0, 0.002, _FOR_EVER, _FOR_EVER)  # an angle sensor is right to 0.1 deg [rad]
+# Slip of the trailer's axles beyond 1/(2.5 g) of the lateral acceleration, by which their load and tyres differ.
+_OWN_SLIP = Prior(0.0, 0.01, 6.0, _FOR_EVER)  # [rad]
+_OWN_SPREAD = 0.02  # [rad s2/m]
+# Spread of slips to the side per acceleration along: drive and brakes use the grip that holds an axle [rad s2/m].
+_TORQUE_SPREAD = 0.015
+_UNUSUAL = 2.0  # contradiction of the two directions from which on the tractor slides [sigma of the trailer's slip]
+_SHOWN = 1.25  # slip of the tractor's rear axle over what the steer angle shows of it, at most
+_OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two directions, the part that is the trailer's
+# Direction of travel by which the camera may differ from the axles of both units alike [rad], and for each m/s2.
+_TURNED = (0.03, 0.05)
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
+
+
+_SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
 
 
 class Parameters(NamedTuple):
@@ -83,14 +110,35 @@ class Reckoned(NamedTuple):
 
     pose: FloatArray  # (3,) yaw [rad], x and y [m]
     covariance: FloatArray  # (3, 3)
-    cross: FloatArray  # (p, 3) covariance of the parameters at the end with the pose
+    parameters: Parameters  # at the end
+    cross: FloatArray  # (p, 3) covariance of these with the pose
     distance: float  # [m]
+    by_slip: FloatArray  # (3, 2) derivatives by slips that last: of the tractor's rear axle, and of braked wheels
+    own_slip: float  # of the trailer's axles if the pose is right, mean [rad]; NaN at walking pace
 
     @property
     def X(self) -> FloatArray:
         """The pose (4, 4), without roll, pitch and heave."""
         yaw, x, y = self.pose.tolist()
         return transform(rotation_zyx(yaw, 0.0, 0.0), np.array([x, y, 0.0]))
+
+
+class _Rates(NamedTuple):
+    """Motion at n samples of signals."""
+
+    rates: FloatArray  # (n, 3) yaw rate and velocity of the hitch, in the trailer
+    derivatives: FloatArray  # (n, 3, p + signals)
+    spread: FloatArray  # (n, p) of the parameters in the long run
+    own_slip: float  # as in ``Reckoned``
+
+
+class _TrailerAxles(NamedTuple):
+    """Axles of the trailer at n samples."""
+
+    slip: FloatArray  # beyond the usual one [rad]
+    is_known: NDArray[np.bool_]  # False at walking pace
+    push: FloatArray  # size of the lateral acceleration, with gravity [m/s2]
+    per_rate: FloatArray  # change of the slip by the yaw rate [s]
 
 
 class DeadReckoning:
@@ -106,9 +154,11 @@ class DeadReckoning:
             raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
         self._unit, self._scrub = unit, TyreScrub(vehicle, unit)
         self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
-        slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_SCRUB, _SLIP_PER_ARTICULATION, _SLIP_OFFSET]
+        self._front = vehicle.units[0].steered_axles[0].x
+        self._axle_distance, self._own_push = self._scrub.axle_distance, self._scrub.trailer_per_acceleration()
+        slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_SCRUB, _SLIP_PER_ARTICULATION, _SLIP_OFFSET, _OWN_SLIP]
         slips[1] = slips[1]._replace(mean=self._scrub.per_acceleration())
-        self._priors = [_SCALE, _SIDE, *slips, *[_GYRO_BIAS] * (unit + 1)]
+        self._priors = [_SCALE, _SLIP_PER_BRAKING, *slips, *[_GYRO_BIAS] * (unit + 1)]
         gyros = unit + 1
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
         self._std = np.array([prior.std for prior in self._priors])
@@ -121,11 +171,21 @@ class DeadReckoning:
         return Parameters(self._mean, np.diag(self._std**2))
 
     def deviation(self, parameters: Parameters, history: FloatArray) -> float:
-        """Largest difference of a parameter from its prior mean [standard deviations of the prior].
+        """Largest difference of a sensor's error from its prior mean [standard deviations of the prior].
 
-        Sensors that are noisier than assumed are expected to have larger constant errors as well.
+        Slips have no limit. Sensors that are noisier than assumed are expected to have larger constant errors as well.
         """
-        return float(np.max(np.abs(parameters.mean - self._mean) / self._std)) / noise_level(history, self._unit)
+        sensors = [_SCALE_OF, *range(_GYROS, len(self._priors))]
+        difference = np.abs(parameters.mean - self._mean)[sensors] / self._std[sensors]
+        return float(np.max(difference)) / noise_level(history, self._unit)
+
+    def turned(self, parameters: Parameters, history: FloatArray) -> tuple[float, float]:
+        """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad]."""
+        tractor, own = parameters.mean[[_VARYING, OWN]].tolist()
+        alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
+        recent = history[-_LATELY:]
+        aside = np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]) if len(recent) else 0.0
+        return alike, _TURNED[0] + _TURNED[1] * abs(float(aside))
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
@@ -140,13 +200,26 @@ class DeadReckoning:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
         kept = np.exp(-distance * self._per_metre - time * self._per_second)
         mean = self._mean + kept * (parameters.mean - self._mean)
-        covariance = np.outer(kept, kept) * parameters.covariance + np.diag((1.0 - kept**2) * self._std**2)
+        spread = self._spread(parameters)
+        covariance = np.outer(kept, kept) * parameters.covariance + np.diag((1.0 - kept**2) * spread**2)
         return Parameters(mean, covariance)
 
-    def reckoned(self, history: FloatArray, since: int, until: int, parameters: Parameters) -> Reckoned | None:
+    def with_own_slip(self, parameters: Parameters, slip: float, std: float) -> Parameters:
+        """Parameters with a measured slip [rad] of the trailer's axles."""
+        if not math.isfinite(slip + std):
+            return parameters
+        across = parameters.covariance[:, OWN]
+        gain = across / (across[OWN] + std**2)
+        mean = parameters.mean + gain * (slip - parameters.mean[OWN])
+        return Parameters(mean, parameters.covariance - np.outer(gain, across))
+
+    def reckoned(
+        self, history: FloatArray, since: int, until: int, parameters: Parameters, *, by_trailer: bool = False
+    ) -> Reckoned | None:
         """Motion from the tick ``since`` to the tick ``until``; None if signals are missing for too long.
 
-        ``history`` (n, columns) holds the `row` of every message, oldest first.
+        ``history`` (n, columns) holds the `row` of every message, oldest first. Directions of travel are those by the
+        tractor's axles, and ``by_trailer`` by those of the trailer, too.
         """
         begin, longer, end = np.searchsorted(history[:, 0], [since - _MARGIN, since - _SWAY, until + _MARGIN]).tolist()
         ticks, table = history[begin:end, 0], history[begin:end, 1:]
@@ -156,27 +229,31 @@ class DeadReckoning:
             return None
         at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
-        table = np.column_stack([table[:, :_BANK], bank])
-        columns = [np.interp(nodes, ticks, column) for column in (*table.T, at_rest)]
-        moving = columns.pop() < 0.5
+        along = _acceleration(ticks, table[:, 0])
+        table = np.column_stack([table[:, :_BANK], bank, along, at_rest])
+        columns = np.array([np.interp(nodes, ticks, column) for column in table.T])
+        moving = columns[-1] < 0.5
         kept = self._kept(nodes * TICK, columns[0] * moving)
-        means = self._mean + kept * (parameters.mean - self._mean)
-        rates, derivatives = self._rates(np.array(columns), means.T)
-        rates, derivatives = rates * moving[:, None], derivatives * moving[:, None, None]
-        creep = np.where(moving[:, None, None], 0.0, np.diag(_CREEP))
-        derivatives[:, :, len(self._priors) :] *= noise_level(history, self._unit)
-        derivatives = np.concatenate([derivatives, creep], axis=2)
-        return self._summed(nodes * TICK, rates, derivatives, kept, parameters.covariance)
+        rates, level = self._rates(columns[:-1], kept, parameters, by_trailer), noise_level(history, self._unit)
+        return self._summed(nodes * TICK, rates, moving, level, kept, parameters)
 
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""
-        return np.empty((0, 6 + 2 * self._unit))
+        return np.empty((0, 7 + 2 * self._unit))
 
     def row(self, signals: CombinationSignals) -> FloatArray:
-        """Tick, speed, steer angle, slip by scrub, articulations, yaw rates, and pull of the bank, of a message."""
+        """Tick, speed, steer angle, scrub, articulations, yaw rates, tangent of the axles, pull of the bank."""
         scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
         ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
-        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates, bank])
+        rolling = self._scrub.rolling(signals)
+        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates, rolling, bank])
+
+    def _spread(self, parameters: Parameters) -> FloatArray:
+        """Standard deviations (p,) of the parameters in the long run; a slip that is large may change as much."""
+        spread = self._std.copy()
+        for place in (_VARYING, OWN):
+            spread[place] = max(spread[place], abs(float(parameters.mean[place])))
+        return spread
 
     def _kept(self, time: FloatArray, speed: FloatArray) -> FloatArray:
         """Share (n, p) of the parameters' deviation from their prior at the first sample that is kept at each one."""
@@ -185,30 +262,64 @@ class DeadReckoning:
         kept: FloatArray = np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN))
         return kept
 
-    def _rates(self, columns: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Yaw rate and velocity of the hitch (n, 3) in the trailer, and their derivatives (n, 3, p + signals).
+    def _rates(self, columns: FloatArray, kept: FloatArray, parameters: Parameters, by_trailer: bool) -> _Rates:
+        """Yaw rate and velocity of the hitch in the trailer at every sample, with their derivatives.
 
-        ``mean`` (p, n) are the parameters.
+        ``kept`` (n, p) is the share of the parameters' deviation from their prior that is left at each sample.
         """
         unit, p = self._unit, len(self._priors)
-        speed, steer, scrub, *readings, bank = columns
-        gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[-unit - 1 :]
-        scale, side, varying, *per, constant = mean[:7]
-        acceleration = speed * gyros[0] + bank
-        rolling = acceleration * np.sin(steer) * np.cos(steer)
-        v_x = speed * (1.0 - scale - side * rolling)
-        pushes = np.array([acceleration, scrub, gammas[0]])
-        slip = varying + constant + np.sign(v_x) * (np.array(per) * pushes).sum(axis=0)
-        v_y = v_x * slip + gyros[0] * self._hitches[0]
-        D = np.zeros((len(speed), 3, p + 2 * unit + 2))
+        mean = (self._mean + kept * (parameters.mean - self._mean)).T
+        speed, steer, scrub, *readings, rolling, bank, gained = columns
+        gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[_GYROS:]
+        scale, per_braking, varying, *per, constant, own = mean[:_GYROS]
+        pushes, forward = np.array([speed * gyros[0] + bank, scrub, gammas[0]]), np.sign(speed)
+        slip = varying + constant + forward * (np.array(per) * pushes).sum(axis=0)
         of_articulation, of_gyro = p + 1, p + 1 + unit
-        D[:, 1, 0], D[:, 1, 1] = -speed, -speed * rolling
-        D[:, 1, p] = 1.0 - scale - 2.0 * side * rolling
-        D[:, 1, of_gyro] = -side * speed**2 * np.sin(steer) * np.cos(steer)
-        D[:, 2] = slip[:, None] * D[:, 1]
-        D[:, 2, 2], D[:, 2, 3:6], D[:, 2, 6] = v_x, (np.abs(v_x) * pushes).T, v_x
-        D[:, 2, p] += np.abs(v_x) * per[0] * gyros[0]
-        D[:, 2, of_gyro] += np.abs(v_x) * per[0] * speed + self._hitches[0]
+        by_slip = np.zeros((len(speed), p + 2 * unit + 2))
+        by_slip[:, [_VARYING, _CONSTANT]], by_slip[:, _VARYING + 1 : _CONSTANT] = 1.0, (forward * pushes).T
+        by_slip[:, p], by_slip[:, of_gyro] = forward * per[0] * gyros[0], forward * per[0] * speed
+
+        aside = np.sin(steer) * np.cos(steer)  # share of the front axle's lateral velocity in the wheel speed
+
+        def at_axle(rolled: FloatArray, slip: FloatArray) -> FloatArray:
+            v_x: FloatArray = (rolled - self._front * gyros[0] * aside) / (np.cos(steer) ** 2 + slip * aside)
+            return v_x
+
+        # rolling resistance slows a tyre that slides to the side: it has little grip left along its plane
+        front_slip = slip + self._front * gyros[0] / _away_from_zero(at_axle(speed, slip)) - np.tan(steer)
+        braking = np.maximum(-gained, 0.0) + _SLIDING * np.abs(front_slip)
+        rolled = speed * (1.0 - scale + per_braking * braking)
+        spread = np.tile(self._spread(parameters), (len(speed), 1))
+        trailer = self._trailer_axles(
+            *self._carried(at_axle(rolled, slip), slip, gammas, gyros), gyros[unit], rolling, bank
+        )
+        spread[:, OWN] += _OWN_SPREAD * trailer.push
+        spread[:, _VARYING] += _TORQUE_SPREAD * np.abs(gained)
+        spread[:, OWN] += _TORQUE_SPREAD * np.maximum(-gained, 0.0)
+        if by_trailer:
+            apart = np.where(trailer.is_known, trailer.slip - own, 0.0)
+            variance = kept**2 * np.diag(parameters.covariance) + (1.0 - kept**2) * spread**2
+            by_tractor = np.sum(np.square(by_slip[:, :p]) * variance, axis=1)
+            by_axles = variance[:, OWN] + np.square(trailer.per_rate * GYRO_BIAS)
+            shown = _SHOWN * (front_slip - forward * per[0] * pushes[0])  # front tyres slip, or the rear ones do
+            excess = np.maximum(apart**2 - by_tractor - _UNUSUAL**2 * by_axles, 0.0)
+            sliding, hidden = np.minimum(excess, shown**2), _OWN_SHARE**2 * excess
+            spread[:, [_VARYING, OWN]] = np.sqrt(spread[:, [_VARYING, OWN]] ** 2 + hidden[:, None])
+            by_tractor, by_axles = by_tractor + sliding, by_axles + hidden
+            share = np.where(trailer.is_known, by_tractor / (by_tractor + by_axles), 0.0)
+            slip = slip - share * apart
+            by_slip *= (1.0 - share)[:, None]
+            by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * trailer.per_rate
+        v_x = at_axle(rolled, slip)
+        along = np.cos(steer) ** 2 + slip * aside
+        D = np.zeros((len(speed), 3, p + 2 * unit + 2))
+        D[:, 1, _SCALE_OF], D[:, 1, _BRAKING], D[:, 1, p] = -speed, speed * braking, 1.0 - scale
+        sliding = speed * per_braking * _SLIDING * np.sign(front_slip)  # derivative of the rolled speed by that slip
+        D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(v_x) - aside)
+        D[:, 1] = (D[:, 1] + (sliding - v_x * aside)[:, None] * by_slip) / along[:, None]
+        D[:, 2] = slip[:, None] * D[:, 1] + v_x[:, None] * by_slip
+        D[:, 2, of_gyro] += self._hitches[0]
+        v_y = v_x * slip + gyros[0] * self._hitches[0]
         for k, gamma in enumerate(gammas):
             c, s = np.cos(gamma), np.sin(gamma)
             R = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
@@ -219,18 +330,53 @@ class DeadReckoning:
                 v_y = v_y + gyros[k + 1] * self._hitches[k + 1]
                 D[:, 2, of_gyro + k + 1] += self._hitches[k + 1]
         D[:, 0, of_gyro + unit] = 1.0
-        D[:, :, p - unit - 1 : p] = -D[:, :, of_gyro:]
-        return np.column_stack([gyros[unit], v_x, v_y]), D
+        D[:, :, _GYROS:p] = -D[:, :, of_gyro:]
+        own_slip = float(np.mean(trailer.slip[trailer.is_known])) if trailer.is_known.any() else math.nan
+        return _Rates(np.column_stack([gyros[unit], v_x, v_y]), D, spread, own_slip)
+
+    def _carried(
+        self, v_x: FloatArray, slip: FloatArray, gammas: FloatArray, gyros: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Velocity of the trailer's hitch along its axes, from that of the tractor's rear axle."""
+        v_y = v_x * slip
+        for hitch_x, gamma, rate in zip(self._hitches, gammas, gyros, strict=False):
+            v_y = v_y + rate * hitch_x
+            c, s = np.cos(gamma), np.sin(gamma)
+            v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
+        return v_x, v_y
+
+    def _trailer_axles(
+        self, v_x: FloatArray, v_y: FloatArray, yaw_rate: FloatArray, rolling: FloatArray, bank: FloatArray
+    ) -> _TrailerAxles:
+        """The trailer's axles if its hitch has this velocity."""
+        is_known = np.abs(v_x) > _ROLLING
+        per_speed = 1.0 / _away_from_zero(v_x)
+        direction = np.arctan(rolling + self._axle_distance * yaw_rate * per_speed)
+        push = v_x * yaw_rate + bank
+        slip = np.arctan(v_y * per_speed) - direction - np.sign(v_x) * self._own_push * push
+        return _TrailerAxles(slip, is_known, np.abs(push), self._axle_distance * per_speed)
 
     def _summed(
-        self, time: FloatArray, rates: FloatArray, D: FloatArray, kept: FloatArray, known: FloatArray
+        self,
+        time: FloatArray,
+        of: _Rates,
+        moving: NDArray[np.bool_],
+        level: float,
+        kept: FloatArray,
+        parameters: Parameters,
     ) -> Reckoned:
         """Pose and covariance at the end, by the trapezoidal rule.
 
-        ``kept`` (n, p) is the share of the parameters' error that is left at each sample, ``known`` (p, p) their
-        covariance at the first one.
+        ``kept`` (n, p) is the share of the error of the ``parameters`` at the first sample that is left at each one,
+        ``level`` the noise of the signals over the assumed one.
         """
+        mean, known = parameters
         p, dt = len(self._priors), np.diff(time)
+        slow = np.abs(of.rates[:, 1]) < _PULLING
+        rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]
+        D[:, :, p:] *= level
+        creep = np.where(moving[:, None], np.where(slow[:, None], _PULLED, 0.0), _CREEP)
+        D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = _integral(dt, rates[:, 0])
         c, s = np.cos(yaw), np.sin(yaw)
@@ -243,21 +389,37 @@ class DeadReckoning:
         G[:, 1] -= (y[-1] - y)[:, None] * turn
         G[:, 2] += (x[-1] - x)[:, None] * turn
         step = np.hypot(np.diff(x), np.diff(y))
-        walk = 2.0 * self._std**2 * (np.outer(step, self._per_metre) + np.outer(dt, self._per_second))  # (n - 1, p)
+        walk = 2.0 * of.spread[1:] ** 2 * (np.outer(step, self._per_metre) + np.outer(dt, self._per_second))
         # derivative by a change at the sample, which is forgotten from there on
         later = np.cumsum((G[:, :, :p] * kept[:, None])[::-1], axis=0)[::-1] / kept[:, None]
         after = later[1:]
         J, white = later[0], G[:, :, p:] * self._noise
         covariance = J @ known @ J.T
         covariance += np.einsum("nap,np,nbp->ab", after, walk, after) + np.einsum("nai,nbi->ab", white, white)
-        cross = known @ J.T + np.einsum("np,nap->pa", walk, after)
+        left = kept[-1] / kept  # at the end, of a deviation at a sample
+        cross = left[0][:, None] * (known @ J.T) + np.einsum("np,nap->pa", walk * left[1:], after)
         pose = np.array([yaw[-1], x[-1], y[-1]])
-        return Reckoned(pose, covariance, cross, float(step.sum()))
+        known = np.outer(left[0], left[0]) * known + np.diag(np.sum(walk * left[1:] ** 2, axis=0))
+        at_end = Parameters(self._mean + kept[-1] * (mean - self._mean), known)
+        lasting = G[:, :, [_VARYING, _BRAKING]].sum(axis=0)
+        return Reckoned(pose, covariance, at_end, cross, float(step.sum()), lasting, of.own_slip)
+
+
+def _away_from_zero(speed: FloatArray) -> FloatArray:
+    """Speed [m/s] to divide by, at least walking pace."""
+    return np.copysign(np.maximum(np.abs(speed), _ROLLING), speed)
 
 
 def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     """Integral (n,) from the first sample to every sample, by the trapezoidal rule."""
     return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
+
+
+def _acceleration(ticks: FloatArray, speed: FloatArray) -> FloatArray:
+    """Acceleration (n,) of the wheels over the last `_MARGIN` ticks, below 0 if they slow down [m/s2]."""
+    before = np.interp(ticks - _MARGIN, ticks, speed)
+    gained: FloatArray = (np.abs(speed) - np.abs(before)) / (_MARGIN * TICK)
+    return gained
 
 
 def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:

@@ -35,8 +35,7 @@ from estimators.off_tracking.pose_chain import Sample, closed, positions_now
 from estimators.rigid_motion import UncertainMotion, change_frame, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, inverse
+from vehicle.frames import FloatArray, arc_length, inverse
 
 _STILL = 5e-4  # below it the trailer stands: views are kept, so that noise does not accumulate [m]
 _LONGEST_SPAN = 500  # longest loss; after it the views no longer overlap [ticks]

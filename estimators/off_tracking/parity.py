@@ -7,6 +7,9 @@ Each relation is zero, within a tolerance, while all that it relates are sound:
 - S, Y, D: speed, yaw rate and direction of travel at the trailer's hitch are as the reference says;
 - T: the reference's own direction of travel lets the trailer's axles roll along their planes.
 
+Tyres that slide are no fault. Slip of the tractor's rear axle shows in D, and in K while the front tyres roll:
+there it looks like a steer angle. Front tyres that slide show in K alone, and only make the tractor turn less.
+
 A fault adds its signature to the relations: a vector in the space of their values, in proportion to the fault's size.
 The generalised likelihood ratio test asks which signature explains the values that are not zero (J. Gertler, "Fault
 Detection and Diagnosis in Engineering Systems", 1998). Values are over their tolerances.
@@ -101,7 +104,9 @@ _S: Final = (0.3, 0.1)  # [m/s], and share of the speed
 _Y: Final = math.radians(1.0)  # [rad/s]
 _D: Final = (0.04, 0.04)  # [rad], and for each m/s2 of lateral acceleration: slip of the tractor's rear axle
 _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
-_BEND: Final = 0.3  # lateral acceleration beyond which a lightly loaded rear axle may slip by any angle [m/s2]
+_BEND: Final = 0.3  # lateral acceleration up to which front tyres roll [m/s2]
+# In the place of a signal and the part of its fault: slip of the tractor's axles.
+_REAR_SLIP, _FRONT_SLIP = (-1, 0), (-1, 1)
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
@@ -124,15 +129,15 @@ class Parity(NamedTuple):
 
     values: FloatArray
     signatures: tuple[FloatArray, ...]  # (m, q) of each signal, in its unit; q: degrees of freedom of its fault
-    reference: FloatArray  # (m, 3) of a wrong reference: speed, yaw rate, direction of travel
-    slip: FloatArray  # (m, 1) of slip of the tractor's rear axle beyond the tolerance; zeros on a straight
+    reference: tuple[FloatArray, ...]  # (m, q) of a reference that is wrong in one way, or in all of them
+    slip: FloatArray  # (m, 2) of slip of the tractor's rear and front axle beyond the tolerance
 
 
 class ParityRelations:
     """The relations of one trailer. Signals: speed, ``unit`` articulations, ``unit + 1`` yaw rates, steer angle.
 
     Rows of a history are tick, speed, steer angle, mean tangent of the steer angles of the trailer's axles,
-    articulations, yaw rates.
+    articulations, yaw rates, lateral acceleration.
     """
 
     def __init__(self, vehicle: Vehicle, unit: int, axle_distance: float) -> None:
@@ -140,6 +145,7 @@ class ParityRelations:
         tractor = vehicle.units[0]
         fixed = [axle.x for axle in tractor.axles if not axle.steered] or [axle.x for axle in tractor.axles]
         self._wheelbase = tractor.steered_axles[0].x - sum(fixed) / len(fixed) if tractor.steered_axles else math.inf
+        self._front = tractor.steered_axles[0].x if tractor.steered_axles else 0.0
         self._levers = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]  # of the hitches [m]
         self._unit, self._axle_distance = unit, axle_distance
 
@@ -156,17 +162,14 @@ class ParityRelations:
         since = until - 100 if reference is None else reference.previous_tick
         mean = recent[np.searchsorted(recent[:-1, 0], since) :].mean(axis=0)
         relations = [*self._articulations(recent, level), self._tractor(mean, level)]
-        slips = [0.0] * len(relations)
+        rolls = False  # as the reference says
         if reference is not None:
-            to_reference = list(self._to_reference(mean, reference, max(1.0, level / _NOISY)))
-            turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro(0)])))
-            in_bend = reference.v_x * turning > _BEND
-            slips += [
-                row.get((1, 0), 0.0) if in_bend else 0.0 for _, row, _ in to_reference
-            ]  # as a hitch angle's fault
-            relations += to_reference
+            relations += self._to_reference(mean, reference, max(1.0, level / _NOISY))
+            rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
+            if abs(float(mean[SPEED] * mean[self._gyro(0)])) <= _BEND:
+                relations[self._unit][1].pop(_FRONT_SLIP, None)
         n_signals = 2 * self._unit + 3
-        values = np.array([value for value, _, _ in relations])
+        values, own = np.array([value for value, _, _ in relations]), np.array([own for _, _, own in relations])
         signatures = tuple(
             np.array([[row.get((signal, part), 0.0) for part in range(2)] for _, row, _ in relations])
             for signal in range(n_signals)
@@ -174,8 +177,8 @@ class ParityRelations:
         return Parity(
             values,
             tuple(s[:, np.any(s != 0.0, axis=0) | (np.arange(2) == 0)] for s in signatures),
-            np.array([own for _, _, own in relations]),
-            np.array(slips)[:, None],
+            (own[:, :1], own[:, 1:2], own[:, 2:], *(() if rolls else (own,))),
+            np.array([[row.get(slip, 0.0) for slip in (_REAR_SLIP, _FRONT_SLIP)] for _, row, _ in relations]),
         )
 
     def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
@@ -202,12 +205,18 @@ class ParityRelations:
             (0, 0): per_speed / limit,
             (self._rate(0), 0): -1.0 / limit,
             (self._rate(self._unit + 1), 0): per_angle / limit,
+            _REAR_SLIP: -float(mean[SPEED]) / (self._wheelbase * limit),
         }
+        if abs(measured) - abs(turning) < limit:
+            row[_FRONT_SLIP] = 1.0 / limit
         return (turning - measured) / limit, row, (0.0, 0.0, 0.0)
 
     def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:
         """S, Y, D and T."""
         v_x, v_y, turned = self._at_hitch(mean)
+        # front wheels that slide to the side turn slower; rolling along their planes they tell how fast they travel
+        travelled, _, _ = self._at_hitch(mean, self._rolled(mean))
+        v_x = min(max(reference.v_x, min(v_x, travelled)), max(v_x, travelled))
         limit = scale * (_S[0] + _S[1] * max(abs(v_x), abs(reference.v_x)))
         yield (v_x - reference.v_x) / limit, {(0, 0): math.cos(turned) / limit}, (-1.0 / limit, 0.0, 0.0)
         limit, rate = scale * _Y, self._rate(self._unit)
@@ -215,20 +224,27 @@ class ParityRelations:
         yield (own - reference.yaw_rate) / limit, {(rate, 0): 1.0 / limit}, (0.0, -1.0 / limit, 0.0)
         if reference.v_x < _SLOW:
             return
-        sideways = reference.v_x * abs(reference.yaw_rate)
+        sideways = max(reference.v_x * abs(reference.yaw_rate), abs(float(mean[-1])))  # on a bank, too
         direction = math.atan2(reference.v_y, reference.v_x)
         if v_x > _SLOW:
             limit = scale * (_D[0] + _D[1] * sideways)
-            row = {(1 + k, 0): 1.0 / limit for k in range(self._unit)}
+            row = {(1 + k, 0): 1.0 / limit for k in range(self._unit)} | {_REAR_SLIP: 1.0 / limit}
             row |= {(self._rate(k), 0): lever / (v_x * limit) for k, lever in enumerate(self._levers)}
             yield (math.atan2(v_y, v_x) - direction) / limit, row, (0.0, 0.0, -1.0 / limit)
         limit = scale * (_T[0] + _T[1] * sideways)
-        rolling = math.atan(float(mean[3]) + self._axle_distance * reference.yaw_rate / reference.v_x)
-        yield (direction - rolling) / limit, {}, (0.0, 0.0, 1.0 / limit)
+        tangent = float(mean[3]) + self._axle_distance * reference.yaw_rate / reference.v_x
+        per_rate = self._axle_distance / (reference.v_x * (1.0 + tangent**2) * limit)
+        wrong = (per_rate * reference.yaw_rate / reference.v_x, -per_rate, 1.0 / limit)
+        yield (direction - math.atan(tangent)) / limit, {}, wrong
 
-    def _at_hitch(self, mean: FloatArray) -> tuple[float, float, float]:
+    def _rolled(self, mean: FloatArray) -> float:
+        """Speed of the rear axle [m/s], by front wheels that roll along their planes."""
+        c, s = math.cos(mean[STEER]), math.sin(mean[STEER])
+        return float(mean[SPEED] - self._front * mean[self._gyro(0)] * s * c) / (c * c)
+
+    def _at_hitch(self, mean: FloatArray, speed: float | None = None) -> tuple[float, float, float]:
         """Velocity at the trailer's hitch along its own axes [m/s], and the sum of the articulations [rad]."""
-        v_x, v_y, turned = float(mean[SPEED]), 0.0, 0.0
+        v_x, v_y, turned = float(mean[SPEED]) if speed is None else speed, 0.0, 0.0
         for k, lever in enumerate(self._levers):
             v_y += float(mean[self._gyro(k)]) * lever
             angle = float(mean[FIRST + k])

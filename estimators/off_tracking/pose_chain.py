@@ -21,8 +21,7 @@ import numpy as np
 from estimators.estimates import Anchor
 from estimators.off_tracking.hitch_path import Crossing
 from estimators.rigid_motion import UncertainMotion, chained, composed, stretched
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, cross, inverse, transform
+from vehicle.frames import FloatArray, arc_length, cross, inverse, transform
 
 # Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
 # rendered frames has an RMS of 0.5 to 1.0 with scenery and 1.0 to 1.7 on bare ground; without it 1.1 to 1.9 and 1.8 to

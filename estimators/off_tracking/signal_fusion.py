@@ -5,8 +5,12 @@ and that was believed. From there `DeadReckoning` gives the pose now, with its c
 parameters (slip, gyro biases, scale of the wheel speed). A camera motion is believed if it agrees with dead reckoning
 (chi-square test on yaw, x and y); then it moves the reference, and the innovation corrects the parameters.
 
-- A healthy motion goes into the buffer as it is: the camera is far more precise than the signals. A degraded one is
-  weighted with dead reckoning.
+- A motion that is precise goes into the buffer as it is. One that is vague by its stated covariance is weighted with
+  dead reckoning.
+- Slip is what the camera measures, and no reason to refuse a motion, as long as the trailer's axles roll as the camera
+  says. If they do not, a sudden slip is not believed for a second.
+- Where the axles of both units contradict the direction of travel of the camera alike, it may be turned: the
+  estimate is degraded, and the angle counts as an error of the path's direction.
 - Without a motion that is believed the path goes on by dead reckoning. The error of the off-tracking is that of dead
   reckoning from where the path passes the follow point, or from the reference if that is later. It stays finite for
   ever: parameters that change are forgotten over the distance.
@@ -15,7 +19,7 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 - Signals that contradict each other are not used; the camera is then alone. So it is while a single signal is found at
   fault (``estimators.off_tracking.signal_monitor``), but outages are bridged with its corrected value.
 - A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
-  asks for parameters that are out of the question, no motion is believed.
+  asks for errors of sensors that are out of the question, no motion is believed.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ import numpy as np
 
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
-from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
+from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from estimators.rigid_motion import rotation_vector
@@ -39,9 +43,24 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
+DIRECTION = "direction of the cameras"  # among the doubts of an estimate
 PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
 # What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
 _OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
+
+
+class Comparison(NamedTuple):
+    """Comparison of a camera motion with dead reckoning over the same stretch."""
+
+    reckoned: Reckoned
+    innovation: FloatArray  # (3,) yaw [rad], x and y [m]
+    gain: FloatArray  # (p, 3) of the parameters
+    covariance: FloatArray  # (3, 3) of the innovation
+    score: float  # chi-square, 3 degrees of freedom
+    score_beyond: float  # the same if tyres may slip by any angle
+    is_alike: bool  # True: the axles of tractor and trailer contradict the camera's direction of travel alike
+    own_slip: float  # of the trailer's axles, by the camera [rad]; NaN at walking pace
+    own_std: float  # its standard deviation [rad]
 
 
 def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> BodyMotion | None:
@@ -58,19 +77,23 @@ def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> Bo
     return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
 
 
-def weighted(
-    motion: BodyMotion, reckoned: Reckoned, innovation: FloatArray, innovation_covariance: FloatArray
-) -> BodyMotion:
-    """The motion with its yaw, x and y weighted with those of dead reckoning, by their covariances (3, 3)."""
-    P = reckoned.covariance
-    gain = np.linalg.solve(innovation_covariance, P).T
-    turn, x, y = (reckoned.pose + gain @ innovation).tolist()
+def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
+    """The motion, degraded, with its yaw, x and y weighted with those of dead reckoning by their variances.
+
+    The path adds motions as if their errors were independent. Those of dead reckoning are alike over a distance.
+    """
+    P = test.reckoned.covariance
+    gain = np.linalg.solve(test.covariance, P).T
+    turn, x, y = (test.reckoned.pose + gain @ test.innovation).tolist()
     own = float(rotation_vector(motion.X_PC[:3, :3])[2])
     X_PC = transform(so3_exp(np.array([0.0, 0.0, turn - own])) @ motion.X_PC[:3, :3], np.array([x, y, 0.0]))
     X_PC[2, 3] = motion.X_PC[2, 3]
+    alike = max(1.0, SLIP_DISTANCE / max(test.reckoned.distance, _SHORTEST_STEP))
+    rest = np.eye(3) - gain
     covariance = np.diag(np.diag(motion.covariance))
-    covariance[np.ix_(PLANAR, PLANAR)] = P - gain @ P
-    return replace(motion, X_PC=X_PC, covariance=0.5 * (covariance + covariance.T))
+    measured = motion.covariance[np.ix_(PLANAR, PLANAR)]
+    covariance[np.ix_(PLANAR, PLANAR)] = gain @ measured @ gain.T + alike * rest @ P @ rest.T
+    return replace(motion, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED, anchor=None)
 
 
 def doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
@@ -139,8 +162,7 @@ def corrected(
 def blended(estimate: OffTracking, correction: Correction | None, follow_distance: float) -> OffTracking:
     """The estimate with the part of the correction that is still to be made.
 
-    The path is sheared, so that it stays where it is at the hitch and agrees with the value at the follow point. What
-    is held back is an error, and adds to the standard deviation.
+    What is held back is an error, and adds to the standard deviation.
     """
     if correction is None or estimate.health is Health.LOST:
         return estimate
@@ -148,14 +170,7 @@ def blended(estimate: OffTracking, correction: Correction | None, follow_distanc
     if not 0.0 < left <= 1.0:
         return estimate
     offset = left * correction.offset
-    x, y = estimate.path.T
-    return replace(
-        estimate,
-        value=estimate.value + offset,
-        std=math.hypot(estimate.std, offset),
-        path=np.column_stack([x, y - x * offset / follow_distance]),
-        path_tangent=math.atan(math.tan(estimate.path_tangent) - offset / follow_distance),
-    )
+    return replace(estimate.sheared(offset, follow_distance), std=math.hypot(estimate.std, offset))
 
 
 # A healthy motion exceeds it once in three million times if errors are Gaussian: chi-square with 3 degrees of freedom.
@@ -166,7 +181,18 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
-_IMPOSSIBLE = 5.0  # the camera may ask for parameters up to this distance from their prior [its standard deviations]
+_IMPOSSIBLE = 5.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
+_ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
+_SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
+_ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
+_TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
+_TURNED_FOR_LONG = 0.6  # share of the limit that the mean may have
+_STILL_TURNED = 0.02  # angle below which the doubt is over [rad]
+# Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
+# alike from motion to motion, those of the camera mostly not.
+_VAGUE = 5.0
+_SHORTEST_STEP = 0.05  # [m]
+_ROLLING_STD = 0.003  # of the direction in which the trailer's axles roll, between two frames [rad]
 # Rocking of the body on its tyres and springs between two frames, 1 sigma: on rough roads, at a stop and when the
 # driver steers fast. It returns, so it does not add up; dead reckoning knows nothing of it.
 _ROCKING = np.diag([0.0004, 0.004, 0.005]) ** 2  # yaw [rad], x and y [m]
@@ -186,18 +212,11 @@ class FusionMemory(NamedTuple):
     reference: Known | None  # last pose that was measured and believed; None: nothing was received yet
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
+    sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
+    alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [rad]
+    turned: float = 0.0  # largest such angle while it is more than tyres explain: the camera may be turned by it [rad]
     correction: Correction | None = None  # of the off-tracking after the last bridge
     monitor: MonitorMemory | None = None  # of the signals; None: no message arrived yet
-
-
-class _Test(NamedTuple):
-    """Comparison of a camera motion with dead reckoning over the same stretch."""
-
-    reckoned: Reckoned
-    innovation: FloatArray  # (3,) yaw [rad], x and y [m]
-    gain: FloatArray  # (p, 3) of the parameters
-    covariance: FloatArray  # (3, 3) of the innovation
-    score: float  # chi-square, 3 degrees of freedom
 
 
 class SignalFusion:
@@ -253,6 +272,12 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
+        if memory.monitor is not None and memory.monitor.distrusted:
+            estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
+        if memory.turned:
+            std = math.hypot(estimate.std, memory.turned * self._follow_distance)
+            health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
+            estimate = replace(estimate, std=std, health=health, doubts=(*estimate.doubts, DIRECTION))
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(
@@ -269,7 +294,10 @@ class SignalFusion:
         memory = memory._replace(monitor=monitor)
         if monitor.distrusted != before.distrusted:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
-        return memory, tuple(self._monitor.corrected(monitor, message) for message in signals)
+        signals = tuple(self._monitor.corrected(monitor, message) for message in signals)
+        if self._monitor.steer_at_fault(monitor):  # front wheels that do not slip need no angle
+            signals = tuple(replace(message, steer=0.0) for message in signals)
+        return memory, signals
 
     def _bridged(self, memory: FusionMemory, path: BufferMemory, tick: int) -> tuple[BufferMemory, OffTracking] | None:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
@@ -278,7 +306,8 @@ class SignalFusion:
         newest = path.samples[0].tick if path.samples else reference.tick
 
         def reckoned(since: int) -> Reckoned | None:
-            known = self._reckoning.reckoned(history, since, tick, self._since(reference, path, since))
+            parameters = self._since(reference, path, since)
+            known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
             misleads = memory.monitor is not None and self._monitor.misleads(memory.monitor)
             return known._replace(covariance=_CORRECTED * known.covariance) if known and misleads else known
 
@@ -318,26 +347,38 @@ class SignalFusion:
             motion, continues = (motion, continues) if longer is None else (longer, True)
             known = Known(motion.tick, reference.parameters)
             return (memory._replace(reference=known), motion) if continues else (memory, None)
-        misfit = memory.misfit + _MEMORY * (min(test.score, _GATE) / 3.0 - memory.misfit)
+        misfit = memory.misfit + _MEMORY * (min(test.score_beyond, _GATE) / 3.0 - memory.misfit)
         distrusted = misfit > (_TRUSTED_AGAIN if memory.distrusted else _DISTRUSTED)
-        memory = memory._replace(misfit=misfit, distrusted=distrusted)
-        if distrusted or test.score > _GATE:
+        sudden = memory.sudden + 1 if test.score > _GATE and test.is_alike else 0
+        memory = memory._replace(misfit=misfit, distrusted=distrusted, sudden=sudden)
+        if distrusted or test.score_beyond > _GATE or 0 < sudden <= _SUDDEN:
             return memory, None
         longer = from_reference(path, motion, reference.tick)
         if longer is not None:
             spanning = self._tested(memory, longer)
-            if spanning is not None and spanning.score <= _GATE:
+            if spanning is not None and spanning.score_beyond <= _GATE:
                 test, motion, continues = spanning, longer, True
-        parameters = self._corrected(reference.parameters, test, motion)
+        parameters = self._corrected(test)
         if not continues or self._reckoning.deviation(parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
-        if motion.health is Health.DEGRADED and motion.anchor is None:
-            motion = weighted(motion, test.reckoned, test.innovation, test.covariance)
+        if np.any(np.diag(motion.covariance)[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
+            motion = weighted(motion, test)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)
-        return memory._replace(reference=Known(motion.tick, parameters)), motion
+        memory = self._doubted(memory._replace(reference=Known(motion.tick, parameters)), test.reckoned.distance)
+        return memory, motion
 
-    def _tested(self, memory: FusionMemory, motion: BodyMotion) -> _Test | None:
+    def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
+        """Memory after a motion over a distance [m], with the angle by which the camera may be turned."""
+        assert memory.reference is not None
+        now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
+        alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
+        size = max(abs(now), abs(alike))
+        begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG * usual
+        is_turned = size > _STILL_TURNED if memory.turned else begins
+        return memory._replace(alike=alike, turned=max(memory.turned, size) if is_turned else 0.0)
+
+    def _tested(self, memory: FusionMemory, motion: BodyMotion) -> Comparison | None:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
         assert memory.reference is not None
         if memory.monitor is not None and self._monitor.misleads(memory.monitor):
@@ -351,12 +392,25 @@ class SignalFusion:
         S = reckoned.covariance + motion.covariance[np.ix_(PLANAR, PLANAR)]
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
         expected = S + self._reckoning.noise_margin(memory.history, parameters, reckoned)
-        score = float(innovation @ np.linalg.solve(expected + _ROCKING, innovation))
-        return _Test(reckoned, innovation, gain, S, score)
+        expected += _ROCKING
+        any_slip = expected + reckoned.by_slip @ _ANY_SLIP @ reckoned.by_slip.T
+        distance = math.copysign(max(reckoned.distance, _SHORTEST_STEP), reckoned.pose[1])
+        direction = float(innovation[2]) / distance
+        return Comparison(
+            reckoned,
+            innovation,
+            gain,
+            S,
+            score=float(innovation @ np.linalg.solve(expected, innovation)),
+            score_beyond=float(innovation @ np.linalg.solve(any_slip, innovation)),
+            is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
+            own_slip=reckoned.own_slip + direction,
+            own_std=math.hypot(math.sqrt(motion.covariance[4, 4]) / distance, _ROLLING_STD),
+        )
 
-    def _corrected(self, parameters: Parameters, test: _Test, motion: BodyMotion) -> Parameters:
+    def _corrected(self, test: Comparison) -> Parameters:
         """Parameters at the end of the motion."""
-        mean = parameters.mean + test.gain @ test.innovation
-        covariance = parameters.covariance - test.gain @ test.covariance @ test.gain.T
-        duration = (motion.tick - motion.previous_tick) * TICK
-        return self._reckoning.forgotten(Parameters(mean, covariance), test.reckoned.distance, duration)
+        expected = test.reckoned.parameters
+        mean = expected.mean + test.gain @ test.innovation
+        corrected = Parameters(mean, expected.covariance - test.gain @ test.covariance @ test.gain.T)
+        return self._reckoning.with_own_slip(corrected, test.own_slip, test.own_std)

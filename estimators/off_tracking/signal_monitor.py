@@ -137,7 +137,7 @@ class SignalMonitor:
         """Memory before the first message: all signals are sound."""
         n = len(self.names)
         return MonitorMemory(
-            history=np.empty((0, FIRST + n - 2)),
+            history=np.empty((0, FIRST + n - 1)),
             jumped=(-_RECENT,) * n,
             errors=(None,) * n,
             suspect=(-1, 0),
@@ -198,6 +198,10 @@ class SignalMonitor:
         """True if motion that is reckoned from the signals is not evidence: one at fault is not the steer angle."""
         return any(k != len(self.names) - 1 for k in memory.distrusted)
 
+    def steer_at_fault(self, memory: MonitorMemory) -> bool:
+        """True if the steer angle is one of the signals at fault."""
+        return len(self.names) - 1 in memory.distrusted
+
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
         if len(memory.history) < _LEAST:
             return memory
@@ -220,7 +224,7 @@ class SignalMonitor:
         is_evident = self._evident(memory)
         evident = [k for k in fitting if is_evident[k]]
         doubtful = not is_alone and any(
-            misfit(parity.values, [*known, other])[0] <= limit for other in (parity.reference, parity.slip)
+            misfit(parity.values, [*known, other])[0] <= limit for other in (*parity.reference, parity.slip)
         )
         if len(evident) == 1:
             return self._distrusted(memory, evident[0])
@@ -295,4 +299,4 @@ class SignalMonitor:
         n = self._unit
         tangent = float(np.sum(np.tan(signals.angles))) / self._n_axles
         readings = (*signals.articulation[:n], *signals.yaw_rates[: n + 1])
-        return np.array([signals.tick, signals.speed, signals.steer, tangent, *readings])
+        return np.array([signals.tick, signals.speed, signals.steer, tangent, *readings, signals.lateral_acceleration])

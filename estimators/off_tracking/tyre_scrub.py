@@ -38,6 +38,11 @@ class _Tyres(NamedTuple):
     stiffness: float  # of the axle [N/rad]
     steered: bool
 
+    @property
+    def arm(self) -> float:
+        """Moment about the unit's origin per slip angle [N m/rad]."""
+        return self.stiffness * self.x
+
 
 class _Motion(NamedTuple):
     """Motion of a unit."""
@@ -56,6 +61,7 @@ class TyreScrub:
         self._units = [list(map(_tyres, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
         self._units = self._units[: unit + 1]
         self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
+        self._arms = sum(tyres.arm for tyres in self._units[-1])
 
     def slip(self, signals: CombinationSignals) -> float:
         """Slip angle [rad] of the tractor's rear axle, + to the left."""
@@ -79,6 +85,21 @@ class TyreScrub:
         rear = [tyres for tyres in self._units[0] if not tyres.steered]
         stiffness = sum(tyres.stiffness for tyres in rear)
         return -sum(tyres.load for tyres in rear) / (GRAVITY * stiffness) if rear else 0.0
+
+    def rolling(self, signals: CombinationSignals) -> float:
+        """Tangent of the trailer's direction of travel at its hitch, + left, that its axles ask for on a straight."""
+        axles = self._units[-1]
+        angles = _angles(axles, signals.angles.tolist())
+        return sum(tyres.arm * math.tan(angle) for tyres, angle in zip(axles, angles, strict=True)) / self._arms
+
+    @property
+    def axle_distance(self) -> float:
+        """Distance [m] behind the trailer's hitch of the point that its axles let roll."""
+        return -sum(tyres.arm * tyres.x for tyres in self._units[-1]) / self._arms
+
+    def trailer_per_acceleration(self) -> float:
+        """Slip angle of the trailer's axles per lateral acceleration [rad s2/m], from the moments about its hitch."""
+        return -sum(tyres.load * tyres.x for tyres in self._units[-1]) / (GRAVITY * self._arms)
 
     def bank(self, signals: CombinationSignals) -> float:
         """Pull [m/s2] of a banked road on the trailer, + to the right, as slip feels it: gravity along its axles.

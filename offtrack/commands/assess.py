@@ -1,7 +1,5 @@
 """`offtrack vehicle`, `assess`, `validate` and `reproduce`: data sheets; comparison with standards, theory, papers."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import json
@@ -25,6 +23,7 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     listing,
+    new_directory,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -32,7 +31,9 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.exchange.drawings import formats_of
-from offtrack.reports.vehicle_sheet.library import known_vehicles, open_sheet
+from offtrack.reports import page
+from offtrack.reports.page import Cell, Emphasis
+from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
     Reproduction,
@@ -41,12 +42,12 @@ from offtrack.studies.reproduce.reproduction import (
     names_of,
     write_reproduction,
 )
-from offtrack.studies.standards.assessment import KINDS, OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
+from offtrack.studies.standards.assessment import OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
-from offtrack.studies.standards.assessment_report import BY_NAME, bounds_text, matrix_table, write_assessment
-from offtrack.studies.standards.proving_ground import Conditions, Hand, steered_trailer
-from offtrack.studies.validation.check import Check, CheckSection, number, tally
-from offtrack.studies.validation.suite import TASKS, validation_page
+from offtrack.studies.standards.assessment_report import BY_NAME, levels_table, matrix_table, write_assessment
+from offtrack.studies.standards.proving_ground import KINDS, Conditions, Hand, steered_trailer
+from offtrack.studies.validation.check import CheckSection, tally
+from offtrack.studies.validation.suite import TASKS, checks_table, validation_page
 from scenarios.results.run_directory import (
     appearing_at_once,
     check_run_directory,
@@ -67,10 +68,7 @@ def vehicle(
         str | None,
         typer.Argument(help="Vehicle or rover: a name or a TOML file. Without it, the known names are listed."),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Output directory; it must not exist yet.", show_default="runs/vehicle-NAME-N"),
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/vehicle-NAME-N")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -87,7 +85,6 @@ def vehicle(
 
 
 def _list_vehicles(*, as_json: bool) -> None:
-
     known = known_vehicles()
     if as_json:
         typer.echo(json.dumps({name: summary for group in known.values() for name, summary in group.items()}, indent=2))
@@ -99,7 +96,6 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-
     with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
         sheet = open_sheet(name)
         write_sheet(sheet, directory)
@@ -160,13 +156,11 @@ def assess(
     manoeuvres: Annotated[
         str,
         typer.Option(
-            help="Manoeuvres of the list above, comma-separated, or all.",
-            show_default=", ".join(STANDARD_SET),
+            help="Manoeuvres of the list above, comma-separated, or all.", show_default=", ".join(STANDARD_SET)
         ),
     ] = "standard",
     loads: Annotated[
-        str,
-        typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all."),
+        str, typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all.")
     ] = "full",
     hand: Annotated[Hands, typer.Option(help="Side to which manoeuvres turn first.")] = "left",
     speed: Annotated[
@@ -181,12 +175,7 @@ def assess(
     drawings: Annotated[
         Drawings, typer.Option(help="Also draw manoeuvres along a path: DXF for CAD, GeoJSON for GIS (extra 'cad').")
     ] = "none",
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Output directory of the report; it must not exist yet.", show_default="runs/assess-VEHICLE-N"
-        ),
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/assess-VEHICLE-N")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -226,7 +215,6 @@ def _words(text: str) -> list[str]:
 def _conditions(
     hand: Hands, speed: float | None, radius: float | None, friction: float | None
 ) -> tuple[Conditions, ...]:
-
     hands: dict[Hands, tuple[Hand, ...]] = {"left": ("left",), "right": ("right",), "both": ("left", "right")}
     metres_per_second = None if speed is None else speed / 3.6
     return tuple(Conditions(hand=one, speed=metres_per_second, radius=radius, friction=friction) for one in hands[hand])
@@ -235,32 +223,37 @@ def _conditions(
 def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
     console = PlainConsole()
     if len(matrix.cases) > 1:
-        console.print(_matrix(matrix))
+        title = f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)"
+        console.print(_as_printed(matrix_table(matrix, limits=False), title))
     else:
         (case,) = matrix.cases
         console.print(_figures(case))
         if case.judgements:
-            console.print(_levels(case))
+            console.print(_as_printed(levels_table(case), f"{case.vehicle.name}: limits of the standards"))
     for warning in matrix.warnings:
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
 
 
-def _matrix(matrix: AssessmentMatrix) -> Table:
-    """All quantities over the cases, with the levels reached; the report names the limits."""
-    shown = matrix_table(matrix, limits=False)
-    title = f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)"
-    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in shown.columns), title=title)
-    styles = {"bad": "red", "good": "green"}
+_STYLES: Final[dict[Emphasis, str]] = {"": "", "bad": "red", "good": "green", "soft": "dim", "best": "bold"}
+
+
+def _as_printed(shown: page.Table, title: str, **style: Any) -> Table:
+    """A page's table for the terminal, without the columns that have no text."""
+    kept = [k for k in range(len(shown.columns)) if any(len(row) == 1 or _cell(row[k]).text for row in shown.rows)]
+    columns = [shown.columns[k] for k in kept]
+    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in columns), title=title, **style)
     for row in shown.rows:
-        cells = [("", cell) if isinstance(cell, str) else (styles.get(cell.emphasis, ""), cell.text) for cell in row]
-        bold = len(cells) == 1
-        table.add_row(*(Text(text, style="bold" if bold else style) for style, text in cells))
+        cells = [_cell(row[k]) for k in kept] if len(row) > 1 else [Cell(_cell(row[0]).text, "best")]
+        table.add_row(*(Text(one.text, style=_STYLES[one.emphasis]) for one in cells))
     return table
 
 
-def _figures(assessment: Assessment) -> Table:
+def _cell(content: str | Cell) -> Cell:
+    return content if isinstance(content, Cell) else Cell(content)
 
+
+def _figures(assessment: Assessment) -> Table:
     columns = ("", "quantity", ">measured", ">linear theory")
     table = table_of(*columns, title=f"{assessment.vehicle.name}: measured")
     for manoeuvre in assessment.manoeuvres:
@@ -275,31 +268,8 @@ def _figures(assessment: Assessment) -> Table:
     return table
 
 
-def _levels(assessment: Assessment) -> Table:
-
-    columns = ("quantity", ">measured", "reached", "limits", "standard")
-    table = table_of(*columns, title=f"{assessment.vehicle.name}: limits of the standards")
-    for judgement in assessment.judgements:
-        criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        bad = judgement.reached in ("none", "missed", "not measured")
-        table.add_row(
-            quantity.label,
-            quantity.text(judgement.measured),
-            Text(judgement.reached, style="red" if bad else "green"),
-            bounds_text(judgement),
-            f"{criterion.standard} ({criterion.source})",
-        )
-    return table
-
-
-_COLOURS: Final = {"passed": "green", "failed": "red", "skipped": "yellow"}
-
-
 def validate(
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Output directory for the page; it must not exist yet.", show_default="runs/validate-N"),
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/validate-N")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Run fewer cases: about half a minute.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -321,21 +291,18 @@ def validate(
 
 
 def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
-
     sections = []
     with progress_display(shown=shown) as progress:
         report = progress_bar(progress, "validation")
-        for done, task in enumerate(TASKS):
-            report(done, len(TASKS), task.title)
-            sections.append(task.work(quick))
+        for done, (title, work) in enumerate(TASKS.items()):
+            report(done, len(TASKS), title)
+            sections.append(work(quick))
     return sections
 
 
 def _write_validation(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
-
-    page = validation_page(sections, facts)
     with appearing_at_once(directory) as folder:
-        (folder / "validation.html").write_text(page, encoding="utf-8")
+        (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
         (folder / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
 
 
@@ -365,42 +332,17 @@ def _finite(value: float | None) -> float | None:
 
 
 def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
-
     console = PlainConsole()
     for part in sections:
-        _print_section(console, part)
+        table, sources = checks_table(part)
+        console.print(_as_printed(table, part.title, box=None, pad_edge=False))
+        for k, source in enumerate(sources, start=1):
+            console.print(f"  [{k}] {source}", style="dim")
+        console.print()
     counts = tally(sections)
     verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     console.print(verdicts, style="bold red" if counts["failed"] else "bold green")
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
-
-
-def _print_section(console: PlainConsole, part: CheckSection) -> None:
-    """Print the checks of a section and, below, the numbered sources."""
-    sources = list(dict.fromkeys(check.source for check in part.checks))
-    table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    table.add_column("quantity", ratio=1)
-    for name in ("model", "target", "±"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("source", justify="right", no_wrap=True)
-    for check in part.checks:
-        table.add_row(*_row(check), f"[{1 + sources.index(check.source)}]")
-    console.print(table)
-    for k, source in enumerate(sources):
-        console.print(f"  [{1 + k}] {source}", style="dim")
-    console.print()
-
-
-def _row(check: Check) -> tuple[str | Text, ...]:
-
-    return (
-        check.name + (f" ({check.remark})" if check.remark else ""),
-        "-" if check.value is None else number(check.value, check.tolerance),
-        f"{number(check.target, check.tolerance)} {check.unit}",
-        f"{check.tolerance:.2g}",
-        Text(check.verdict, style=_COLOURS[check.verdict]),
-    )
 
 
 REPRODUCE_EXAMPLES = "Examples: offtrack reproduce reina2008-table3   offtrack reproduce all --quick --out papers"
@@ -471,7 +413,6 @@ def _directory(out: Path | None, name: str, several: bool) -> Path | None:
 
 
 def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
-
     with progress_display(shown=shown) as display:
         return maker(name)(quick, progress_bar(display, name))
 

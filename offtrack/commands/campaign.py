@@ -1,7 +1,5 @@
 """`offtrack campaign`: how often a loop fails its requirements under faults."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated
@@ -21,14 +19,12 @@ from offtrack.commands.console import (
 from offtrack.commands.study import StudyOptions, takes_study_options
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
 from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_text
-from offtrack.studies.campaigns.default_campaign import default_campaign
 from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, unaccepted
-from offtrack.studies.campaigns.run_campaign import Results, results_json, run_campaign
+from offtrack.studies.campaigns.run_campaign import Results, default_campaign, results_json, run_campaign
 from offtrack.studies.case import listed, seeds_of
 from offtrack.studies.study import settings_of
 from scenarios.options.scenario import scenario_names
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 
 EXAMPLES = (
     "Examples: offtrack campaign --list   offtrack campaign roundabout --set course.turn_deg=90   "
@@ -93,7 +89,6 @@ def campaign(
 
 
 def _campaign(target: str, settings: list[str], seeds: str | None, controllers: str | None) -> Campaign:
-
     changes, chosen = settings_of(settings, "--set"), None if seeds is None else seeds_of(seeds)
     laws = None if controllers is None else listed(controllers, "--controllers")
     path = campaign_path(target)
@@ -108,7 +103,6 @@ def _campaign(target: str, settings: list[str], seeds: str | None, controllers: 
 
 
 def _list(*, as_json: bool) -> None:
-
     paths = {name: path for name in campaign_names() if (path := campaign_path(name))}
     loaded = {name: load_campaign(path) for name, path in paths.items()}
     if as_json:
@@ -119,7 +113,6 @@ def _list(*, as_json: bool) -> None:
 
 
 def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
-
     console = PlainConsole()
     console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
     console.print("failed/runs, and the 95 % interval of the probability [%]")
@@ -188,14 +181,12 @@ def _times(cells: list[Cell]) -> Table:
 
 
 def _time_texts(times: Times) -> list[str]:
-
     if not times.known:
         return ["-", "-", "-"]
     return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
 
 
 def _thresholds(searches: tuple[Search, ...]) -> Table:
-
     columns = ("bisected", "law", "", "seed", "smallest that fails", "")
     table = table_of(*columns, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for one in searches:

@@ -1,7 +1,5 @@
 """The `offtrack` command with its subcommands, whose modules are imported when they are called."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.metadata
 import sys

@@ -1,7 +1,5 @@
 """Shared parts of the commands: one-line errors, exit codes, plain text on the terminal and progress bars."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -39,6 +37,13 @@ SettingsOfAll = Annotated[
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
+
+
+def new_directory(show_default: str) -> Any:
+    """Option ``--out`` of a command that writes a directory, by default the next one of this name."""
+    return typer.Option(help="Output directory; it must not exist yet.", show_default=show_default)
+
+
 ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")]
 
 
@@ -157,7 +162,7 @@ def printable(text: str) -> str:
 class LazyDisplay(ProgressDisplay):
     """A progress display that appears with the first progress; an unused one leaves no empty line."""
 
-    def __enter__(self) -> LazyDisplay:
+    def __enter__(self) -> "LazyDisplay":
         return self
 
     def __exit__(self, *_: object) -> None:

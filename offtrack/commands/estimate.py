@@ -1,7 +1,5 @@
 """`offtrack estimate` and `offtrack calibrate`: estimators on recorded images, cameras by photographs of a board."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -23,6 +21,7 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     lines,
+    new_directory,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -31,27 +30,25 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
-from offtrack.exchange.recordings.calibration_files import (
+from offtrack.exchange.recordings.camera_files import (
+    MountingOptions,
     board_of,
     camera_text,
     coverage_picture,
+    facing_named,
     photographs,
     views_of,
 )
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
-from offtrack.exchange.recordings.mounting import MountingOptions, facing_named
 from offtrack.exchange.recordings.recording_page import write_estimation
-from offtrack.exchange.recordings.rover_recording import open_rover_recording
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
-from scenarios.options.scenario import estimator_options
+from scenarios.options.scenario import estimator_options, stream
 from scenarios.progress import postponed_interrupts
-from scenarios.randomness import stream
-from scenarios.results.atomic_files import check_new_file, replaced
-from scenarios.results.run_directory import results_directory
-from sensors.camera.lens import RawStereoRig
-from sensors.camera.rig import StereoRig
+from scenarios.results.run_directory import check_new_file, replaced, results_directory
+from sensors.camera.rig import RawStereoRig, StereoRig
 from vehicle.foundation.quantity import check_number
 
 app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
@@ -160,9 +157,7 @@ def off_tracking(
             "takes four times as long.",
         ),
     ] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -237,9 +232,7 @@ def slip(
     estimator: Annotated[
         str, typer.Option(help="Slip estimator: ftrace, ftrace_plus or package.module:Name.", show_default=True)
     ] = "ftrace_plus",
-    out: Annotated[
-        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
-    ] = None,
+    out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
     as_json: AsJson = False,

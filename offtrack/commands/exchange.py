@@ -1,43 +1,28 @@
 """`offtrack export`, `draw`, `view` and `fmu`: runs as files, drawings and pages; exchange of models by FMI."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import (
-    OneLineGroup,
-    Quiet,
-    lines,
-    one_line_errors,
-    progress_bar,
-    progress_display,
-)
-from offtrack.exchange.drawings import (
-    drawing,
-    driven_run,
-    formats_of,
-    write_drawing,
-)
+from offtrack.commands.console import OneLineGroup, Quiet, lines, one_line_errors, progress_bar, progress_display
+from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
 from offtrack.exchange.fmi_import.fmu_parts import signals_of
 from offtrack.exchange.fmi_import.mapping import first_map, map_file
-from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, ground_proxy, law_of_scenario, sensor_proxy
 from offtrack.exchange.fmi_proxy.proxy import Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, ground_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
-from offtrack.reports.viewing import finished_run, view_page
+from offtrack.reports.run_files import finished_run, view_page
 from offtrack.studies.study_page import names_of_runs, page_link
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario, of_kind
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
 from scenarios.results.log import read_log
+from scenarios.results.run_directory import check_new_file, replaced, replacing
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 
@@ -173,11 +158,15 @@ LAW_EXAMPLES = (
 
 _KEYS = ("steering", "degradation", "load", "steer_groups", "policy")  # of a scenario, that a law takes
 Fmi = Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content")]
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content, such as VEHICLE.fmu"),
+]
 Platforms = Annotated[
     list[str] | None,
     typer.Option(
-        help="Further platform with a library in the FMU, such as win64; may be repeated. Needs the extra zig."
+        help="Further platform with a library in the FMU: linux-arm64 or, of plants alone, win64, darwin64, "
+        "darwin-arm64; may be repeated. Needs the extra zig."
     ),
 ]
 Settings = Annotated[
@@ -231,17 +220,9 @@ PLANT_EXAMPLES = (
 @app.command(epilog=lines(PLANT_EXAMPLES))
 def plant(
     vehicle: Annotated[str, typer.Argument(help="Vehicle or rover: a name (see: offtrack vehicle) or a TOML file.")],
-    fmi: Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")] = 3,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="VEHICLE.fmu")
-    ] = None,
-    platform: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Further platform with a library in the FMU: win64, darwin64, linux-arm64, darwin-arm64; may be "
-            "repeated. Needs the extra zig."
-        ),
-    ] = None,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
     soil: Annotated[
         str | None, typer.Option(help="Soil that a rover drives in: a name or a TOML file; without it, firm ground.")
     ] = None,
@@ -371,7 +352,7 @@ def system(
     Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
     """
     with one_line_errors():
-        platforms = checked_platforms(platform or [], 2)
+        platforms = checked_platforms(platform or [], 2, by_python=True)
         loop = fmu_system(of_trailer(scenario, settings), seed, step)
         path = new_file(out, loop.name, ".ssp")
         with replacing(path) as unfinished:
@@ -426,7 +407,7 @@ def write_proxy(proxy: Proxy, fmi: int, out: Path | None, platform: list[str] | 
     Raises:
         ValueError: one line, if it can't be compiled, or the name is wrong.
     """
-    platforms = checked_platforms(platform or [], fmi)
+    platforms = checked_platforms(platform or [], fmi, by_python=True)
     path = new_file(out, proxy.name, ".fmu")
     exported = proxy.exported(fmi)
     with replacing(path) as unfinished:

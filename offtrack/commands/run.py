@@ -1,7 +1,5 @@
 """`offtrack run`, and `offtrack scenarios`, `parts` and `keys`: run a scenario, and list what there is to choose."""
 
-from __future__ import annotations
-
 import json
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -29,7 +27,7 @@ from offtrack.commands.console import (
 )
 from offtrack.exchange.bench.links import opened_bench
 from offtrack.exchange.recordings.writers import recording_in
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios import part_listing
 from scenarios.loop import runner
@@ -70,8 +68,7 @@ def run(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Run directory: new, empty, or an interrupted run, which is replaced.",
-            show_default="runs/SCENARIO-N",
+            help="Run directory: new, empty, or an interrupted run, which is replaced.", show_default="runs/SCENARIO-N"
         ),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
@@ -82,8 +79,7 @@ def run(
         ),
     ] = False,
     speed: Annotated[
-        float | None,
-        typer.Option(help="Simulated time over wall time of --paced.", show_default="1"),
+        float | None, typer.Option(help="Simulated time over wall time of --paced.", show_default="1")
     ] = None,
     udp: Annotated[
         str | None,

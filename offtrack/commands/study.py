@@ -1,7 +1,5 @@
 """`offtrack compare` and `offtrack sweep`: make grids of runs; and the options that commands of studies share."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import inspect
@@ -11,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -41,8 +39,7 @@ from vehicle.foundation.quantity import check_number
 
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Timeout = Annotated[
-    float | None,
-    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit"),
+    float | None, typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="no limit")
 ]
 Scheduler = Annotated[
     str | None,
@@ -64,13 +61,9 @@ JobQueue = Annotated[
 Patience = Annotated[
     float, typer.Option(help="Time without any worker of Dask after which the rest of the runs is given up [s].")
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
-]
+Out = Annotated[Path | None, typer.Option(help="Output directory; an existing study is resumed.", show_default=False)]
 Where = Annotated[
-    list[str] | None,
-    typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
+    list[str] | None, typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated.")
 ]
 
 
@@ -149,11 +142,11 @@ def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
 
     Wrong options end in one line.
     """
-    signature = inspect.signature(command, eval_str=True)
+    signature, fields = inspect.signature(command), dataclasses.fields(StudyOptions)
     *own, _ = signature.parameters.values()
-    hints = get_type_hints(StudyOptions, include_extras=True)
-    fields = dataclasses.fields(StudyOptions)
-    parameters = [*own, *map(partial(_parameter, hints), fields)]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    shared = [inspect.Parameter(one.name, kind, default=one.default, annotation=one.type) for one in fields]
+    parameters = [*own, *shared]
 
     @functools.wraps(command)
     def expanded(**values: Any) -> None:
@@ -167,11 +160,6 @@ def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
     # read by inspect.signature, and so by typer; typeshed does not know it
     expanded.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return expanded
-
-
-def _parameter(hints: dict[str, Any], field: dataclasses.Field[Any]) -> inspect.Parameter:
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(field.name, kind, default=field.default, annotation=hints[field.name])
 
 
 TextColumn = tuple[str, list[str]]  # heading and cells
@@ -301,8 +289,7 @@ def compare(
     ] = "truth",
     settings: SettingsOfAll = None,
     vary: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated."),
+        list[str] | None, typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated.")
     ] = None,
     seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every combination is run with each.")] = "1",
     *,
@@ -356,7 +343,6 @@ def sweep(
 
 
 def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
-
     with one_line_errors():
         if len(runs) < 2:
             raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")

@@ -1,8 +1,5 @@
 """`offtrack tune`, `train`, `convert-policy` and `fit-surrogate`: parameters, policies and error models from runs."""
 
-from __future__ import annotations
-
-import importlib.util
 import json
 import os
 import shlex
@@ -13,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from controllers.trailer_steering.policy import load_network, save_network
+from controllers.trailer_steering.policy import load_network
 from offtrack.commands.console import (
     AsJson,
     PlainConsole,
@@ -27,10 +24,10 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.environments import registry
-from offtrack.environments.surrogate_fit import fitted, run_errors, surrogate_toml
 from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
     ENVIRONMENT,
+    NETWORK,
     Plan,
     Scores,
     check_directory,
@@ -53,9 +50,11 @@ from offtrack.studies.tuning import (
     write_result,
 )
 from offtrack.studies.tuning_page import tuning_page
+from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
+from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import postponed_interrupts
-from scenarios.results.atomic_files import check_new_file, replaced, replacing
+from scenarios.results.run_directory import check_new_file, replaced
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text
@@ -75,8 +74,7 @@ def train(
         str, typer.Option(help="Name of a vehicle or a TOML file; its last trailer is steered.")
     ] = "uk_longer_semitrailer",
     steps: Annotated[
-        int,
-        typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones."),
+        int, typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones.")
     ] = _DEFAULT_STEPS,
     minutes: Annotated[
         float | None, typer.Option(help="Time limit [min]; training ends earlier once all steps are done.")
@@ -107,7 +105,7 @@ def train(
         check_number("--seed", seed, 0, 2**31)
         check_number("--episodes", episodes, 1, 10_000)
         check_number("--threads", threads, 1, MOST_JOBS)
-        _check_extra()
+        check_extra("rl", "training needs", "stable_baselines3", "torch")
         if observation not in ("surrogate", "truth"):
             raise ValueError(f"--observation {observation}: must be surrogate or truth")
         import torch
@@ -117,13 +115,14 @@ def train(
         torch.set_num_threads(threads or os.cpu_count() or 1)
         plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
         directory = out or Path("runs") / f"train-{observation}-{seed}"
+        network = directory / NETWORK
         check_directory(plan, directory)
         registry.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
         with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
             budget = Budget(steps, None if minutes is None else 60.0 * minutes)
             learned = learn(plan, budget, directory, progress_bar(display, "train"))
             with postponed_interrupts():
-                network = keep_network(learned.network, directory)
+                keep_network(learned.network, network)
             scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
             command = shlex.join(["offtrack", *sys.argv[1:]])
             result = summary(plan, learned.curve, scores, described(), command)
@@ -156,27 +155,15 @@ def convert_policy(
     the extra rl.
     """
     with one_line_errors():
-        _check_extra()
+        check_extra("rl", "training needs", "stable_baselines3", "torch")
         from offtrack.environments.training.learner import saved_network
 
         written = out or model.with_suffix(".npz")
         check_new_file(written)
         network = saved_network(model, load_vehicle(vehicle))
-        with replacing(written) as unfinished, unfinished.open("wb") as file:
-            save_network(network, file)
+        keep_network(network, written)
         layers = " x ".join(str(len(biases)) for biases in network.biases)
         typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
-
-
-def _check_extra() -> None:
-    """Check that the learner is installed.
-
-    Raises:
-        ValueError: one line that says how to install it.
-    """
-    for module in ("stable_baselines3", "torch"):
-        if importlib.util.find_spec(module) is None:
-            raise ValueError(f"training needs {module}; install it with: pip install 'offtrack[rl]'")
 
 
 def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
@@ -297,8 +284,7 @@ def tune(
         check_number("--trials", trials, 1, 100_000)
         check_number("--jobs", jobs, 1, MOST_JOBS)
         check_number("--seed", seed, 0, 2**31)
-        if importlib.util.find_spec("optuna") is None:
-            raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
+        check_extra("tune", "tuning needs", "optuna")
         from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
 
         subject = subject_of(scenario)

@@ -5,8 +5,6 @@ milliseconds, one trailer after the other. Use few trailers, to see what a polic
 belongs to the thread that resets and steps; do not fork a process that has one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -28,8 +26,7 @@ from scenarios.assembly.trailer_run import opened_sensing, opened_sensor, traile
 from scenarios.assembly.trailer_sensors import MountContext, Views, built_world
 from scenarios.courses import Course
 from scenarios.loop.trailer_session import OffTrackingEstimate, as_estimate
-from scenarios.options.scenario import Scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import Scenario, stream
 from scenarios.results.trailer_signals import Estimate
 from sensors.instruments.combination import CombinationSensors
 from sensors.messages import StereoFrame
@@ -154,7 +151,7 @@ class SensedTrailer:
         self._signal_features = signal_features(self._signals.sample(truth), self._follow_distance)
 
     def features(self) -> FloatArray:
-        """Features as ``trailer_features.features`` lists them, of the newest estimate with health."""
+        """Features as ``observations.features`` lists them, of the newest estimate with health."""
         values, age = (0.0,) * _N_ESTIMATED, NEVER
         if self._channel.healthy is not None:
             healthy = as_estimate(self._channel.healthy).off_tracking
@@ -162,7 +159,7 @@ class SensedTrailer:
         return np.array([*values, age, float(self._channel.usable), *self._signal_features])
 
     def own_features(self) -> FloatArray:
-        """Features as ``trailer_features.own_features`` lists them: the image's age and the trailer's own sensors."""
+        """Features as ``observations.own_features`` lists them: the image's age and the trailer's own sensors."""
         return np.array([self._channel.image_age(self._tick, without=NEVER), *self._signal_features])
 
     def close(self) -> None:

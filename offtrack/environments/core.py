@@ -1,10 +1,8 @@
 """Core of single and vector environments: n episodes at once; and checks of actions, seeds and options."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from gymnasium import spaces
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, ValidationError
 
 from offtrack.reports.canvas import Picture
+from vehicle.foundation.quantity import Frozen, complaint
 from vehicle.frames import FloatArray
 
 Lanes = NDArray[np.intp]  # indices of episodes, (k,)
@@ -96,10 +95,30 @@ def of_lane(observation: Observation, lane: int) -> Any:
     return observation[lane]
 
 
-OptionsT = TypeVar("OptionsT")
 MAX_ENVS: Final = 65_536  # episodes of one environment: some 2 GB
 _FLOAT32: Final = np.dtype(np.float32)
-CHECKED: Final = ConfigDict(arbitrary_types_allowed=True, strict=True, allow_inf_nan=False)  # of option classes
+
+
+class EnvironmentOptions(Frozen):
+    """Base of the options of an environment: every value must be of its declared type."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    @classmethod
+    def of(cls, given: dict[str, Any], environment: str) -> Self:
+        """The options with these values, and defaults for the others.
+
+        Raises:
+            ValueError: one line naming the option, its value and what is allowed.
+        """
+        try:
+            return cls(**given)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            line, key = complaint(cls, error), str(first["loc"][0])
+            if len(first["loc"]) > 1 or first["type"] == "sequence_str":  # inside a value, such as a reward's weight
+                line = f"{key} = {given[key]!r:.80}: {first['msg'].replace('Input should be', 'must be')}"
+            raise ValueError(f"{environment}: {line}") from None
 
 
 def checked_actions(actions: object, shape: tuple[int, ...], name: str = "actions") -> NDArray[np.float32]:
@@ -176,25 +195,6 @@ def reset_options(options: Any) -> dict[str, Any]:
     if not isinstance(options, dict) or not all(isinstance(name, str) for name in options):
         raise ValueError(f"options = {options!r:.80} must be a dictionary of reset options by name")
     return dict(options)
-
-
-def checked_options(kind: type[OptionsT], given: dict[str, Any], environment: str) -> OptionsT:
-    """Options of an environment, with every value of its declared type.
-
-    Raises:
-        ValueError: one line naming the option, its value and what is allowed.
-    """
-    try:
-        return kind(**given)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"][:1])
-        value = f"{key} = {given[key]!r:.80}" if not isinstance(given.get(key), str) else f"{key} = '{given[key]:.80}'"
-        if first["type"] == "literal_error":
-            names = str(first["ctx"]["expected"]).replace("'", "").replace(" or ", ", ")
-            raise ValueError(f"{value} must be one of {names}") from None
-        message = str(first["msg"]).replace("Input should be", "must be")
-        raise ValueError(f"{environment}: {value}: {message}") from None
 
 
 def call_error(call: str, *, closed: bool) -> Exception:

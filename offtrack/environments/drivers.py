@@ -1,7 +1,5 @@
 """Preview drivers of many tractors as one compiled function, and the courses they follow as tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -28,20 +28,16 @@ End: terminated on arrival (within 0.3 m and 5 deg; in a bay slower than 0.3 m/s
 Info: ``distance_m``, ``heading_error_deg``; ``outcome`` at the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from dataclasses import field
 from typing import Any, Final, Literal
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
-from offtrack.environments.core import CHECKED, Feature, Info, Observation, Result, observation_space, within
+from offtrack.environments.core import EnvironmentOptions, Feature, Info, Observation, Result, observation_space, within
 from offtrack.environments.pictures import TopView, axle_angles
 from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain, Variation, narrowed
 from offtrack.reports.canvas import Picture
@@ -101,13 +97,12 @@ _LOST: Final = {"bay": 50.0, "gate": 100.0}  # greater distances end an episode 
 _MISHAP, _ARRIVED = -100.0, 100.0  # rewards, once
 
 
-@dataclass(frozen=True, kw_only=True, config=CHECKED)
-class TractorTrailerDrivingOptions:
+class TractorTrailerDrivingOptions(EnvironmentOptions):
     """Options of the environment."""
 
     task: Task = "bay"
     vehicle: str = "eu_tractor_semitrailer"
-    domain: Domain = field(default_factory=Domain)  # speed, actuator lag and sensor error have no effect
+    domain: Domain = Domain()  # speed, actuator lag and sensor error have no effect
     engine: Engine = "auto"
 
 

@@ -4,8 +4,6 @@ Points of a path are equally spaced along it. Each trailer remembers the two poi
 from there. Where a path crosses itself, it stays on its branch.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, Literal, NamedTuple, Protocol
 

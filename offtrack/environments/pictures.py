@@ -1,7 +1,5 @@
 """Pictures of episodes for people; camera channels and their images as observations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -17,7 +15,7 @@ from estimators.context import Estimator
 from estimators.estimates import Health
 from offtrack.environments.core import Feature, observation_space, within
 from offtrack.reports.canvas import ESTIMATED, INK, SHIFT, SOFT, TRUE, Colour, Picture, blank, curve, fixed_point, write
-from offtrack.reports.run_video import draw_flow
+from offtrack.reports.film import draw_flow
 from scenarios.courses import Course
 from scenarios.loop.channel import Channel, Stopwatch
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels

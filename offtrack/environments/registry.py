@@ -7,12 +7,9 @@ env = gymnasium.make("offtrack/TrailerSteering-v0")
 many = gymnasium.make_vec("offtrack/TrailerSteering-v0", num_envs=1024)
 """
 
-from __future__ import annotations
-
 import copyreg
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from functools import partial
 from typing import Any, Final, Literal
 
@@ -26,13 +23,13 @@ from numpy.typing import NDArray
 from offtrack.environments.core import (
     MAX_ENVS,
     Core,
+    EnvironmentOptions,
     Info,
     Observation,
     Result,
     call_error,
     checked_actions,
     checked_count,
-    checked_options,
     checked_seed,
     of_lane,
     reset_options,
@@ -42,7 +39,7 @@ from offtrack.environments.rover_options import RoverSteeringOptions
 from offtrack.environments.rover_steering import RoverSteering
 from offtrack.environments.trailer_steering import TrailerSteering, TrailerSteeringOptions
 from offtrack.reports.canvas import Picture
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 
 
 class Window:
@@ -390,7 +387,7 @@ class Repeated:
         return total
 
 
-CORES: Final[dict[str, tuple[Callable[[int, Any], Core], type[Any]]]] = {  # core and its options
+CORES: Final[dict[str, tuple[Callable[[int, Any], Core], type[EnvironmentOptions]]]] = {  # core and its options
     "TrailerSteering-v0": (TrailerSteering, TrailerSteeringOptions),
     "TractorTrailerDriving-v0": (TractorTrailerDriving, TractorTrailerDrivingOptions),
     "RoverSteering-v0": (RoverSteering, RoverSteeringOptions),
@@ -420,14 +417,10 @@ def _builder(name: str, options: dict[str, Any]) -> Callable[[int], Core]:
     if name not in CORES:
         raise ValueError(f"unknown environment {name!r:.80}{nearest(str(name), CORES)}")
     repeat = checked_count(_REPEAT, options.pop(_REPEAT, 1), _MAX_REPEAT)
-    names = [field.name for field in fields(CORES[name][1])]
-    for option in options:
-        if option not in names:
-            raise ValueError(f"{name}: unknown option '{option:.80}'; it has {', '.join((*names, _REPEAT))}")
     return partial(_core, name, repeat, options)
 
 
 def _core(name: str, repeat: int, options: dict[str, Any], n: int) -> Core:
     build, options_type = CORES[name]
-    core = build(n, checked_options(options_type, options, name))
+    core = build(n, options_type.of(options, name))
     return core if repeat == 1 else Repeated(core, repeat)

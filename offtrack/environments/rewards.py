@@ -3,8 +3,6 @@
 Rewards and endings of trailer episodes are functions of ground truth at a moment.
 """
 
-from __future__ import annotations
-
 import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -18,7 +16,7 @@ from offtrack.environments.core import Info
 from scenarios.loop.referee import FOLDED, LIFTED
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import symbolic_twin
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 
 
@@ -207,7 +205,7 @@ class Domain(Ranges):
     actuator_lag: Range = drawn_from((0.7, 1.5), 0.1, 10.0)  # of the trailer's steering, relative to its file [-]
     sensor_error: Range = drawn_from((0.5, 1.5), 0.0, 10.0)  # of surrogate and encoders, over the nominal error [-]
 
-    def drawn(self, uniform: FloatArray) -> Circumstances:
+    def drawn(self, uniform: FloatArray) -> "Circumstances":
         """Circumstances of k episodes from uniform numbers (k, 7) within 0 .. 1, one column per field."""
         return Circumstances(*self.values(uniform).T)
 

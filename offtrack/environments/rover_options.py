@@ -1,29 +1,25 @@
 """Options and sensors of ``RoverSteering``: reward, ranges of episodes, features, camera and slip estimator."""
 
-from __future__ import annotations
-
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
-from pydantic.dataclasses import dataclass
 
 from controllers.path import Path
 from estimators.estimates import SlipAngle
-from offtrack.environments.core import CHECKED, Feature
+from offtrack.environments.core import EnvironmentOptions, Feature
 from offtrack.environments.observations import ObservationKind
 from offtrack.environments.pictures import SensedChannel
 from offtrack.environments.rewards import Range, Ranges, drawn_from
-from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, write
-from offtrack.reports.run_video import draw_trace
+from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, curve, write
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
 from scenarios.loop.channel import InLine
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, of_kind
+from scenarios.options.scenario import RoverScenario, load_any_scenario, of_kind
+from scenarios.results.rover_result import trace_line
 from sensors.messages import GreyImage, RoverView
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
@@ -124,7 +120,7 @@ class SensedRover:
         healthy = self._channel.healthy
         picture = np.asarray(cv2.cvtColor(self.image, cv2.COLOR_GRAY2RGB), dtype=np.uint8)
         if healthy is not None:
-            draw_trace(picture, self._rig, healthy.wheel_slip, healthy.trace_offset, ESTIMATED)
+            curve(picture, trace_line(self._rig, healthy.wheel_slip, healthy.trace_offset), ESTIMATED, 2)
         picture = np.asarray(cv2.resize(picture, _VIEW, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
         if self._estimates:
             caption = (
@@ -198,7 +194,7 @@ FIRM: Final = "none"  # the soil of hard ground
 _SANDS: Final = ("toyoura_sand", "beach_sand")
 
 
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RoverDomain(Ranges):
     """Ranges of a rover's episodes."""
 
@@ -209,19 +205,17 @@ class RoverDomain(Ranges):
     sensor_error: Range = drawn_from((0.5, 1.5), 0.0, 10.0)  # of the surrogate's slip angle, over the nominal error [-]
 
 
-@dataclass(frozen=True, kw_only=True, config=CHECKED)
-class RoverSteeringOptions:
+class RoverSteeringOptions(EnvironmentOptions):
     """Options of the environment."""
 
     vehicle: str = "el_dorado_ii_skid"  # name or file of a rover without steered wheels
     soils: Sequence[str] | None = None  # "none": firm ground; None: two sands and, except for ``estimate``, firm ground
     observation: ObservationKind = "surrogate"
-    sensing: str | RoverScenario = (
-        "rover-slope"  # scenario with camera, sand and slip estimator, for ``estimate`` and ``camera``
-    )
+    # Scenario with camera, sand and slip estimator, for ``estimate`` and ``camera``
+    sensing: str | RoverScenario = "rover-slope"
     image_scale: int = 1  # factor that reduces images, for ``camera``
-    domain: RoverDomain = dataclasses.field(default_factory=RoverDomain)
-    reward: Mapping[RoverReward, float] | None = None  # None: ``rover_rewards.USUAL``
+    domain: RoverDomain = RoverDomain()
+    reward: Mapping[RoverReward, float] | None = None  # None: ``USUAL``
     engine: Engine = "auto"
 
     def soil_names(self) -> tuple[str, ...]:

@@ -29,8 +29,8 @@ Observation, ``Box((11,))`` in SI units, each clipped to its limit; ``core.featu
 
 Sand needs no renderer: a reset takes a second and a frame some tens of milliseconds, one rover after the other.
 
-Reward of a step: ``rover_rewards.USUAL``, minus the squared cross-track error [dm2], 0.1 of the squared relative speed
-deficit and 0.01 of the squared difference of the sides' demands; ``rover_rewards.MISHAP`` once at a mishap.
+Reward of a step: ``rover_options.USUAL``, minus the squared cross-track error [dm2], 0.1 of the squared relative speed
+deficit and 0.01 of the squared difference of the sides' demands; ``rover_options.MISHAP`` once at a mishap.
 ``reward={part: weight}`` replaces it.
 
 Start: at rest on the path, wheels turning for the set speed; 0.5 m straight, then an arc, 7 m in total. Slopes, speed,
@@ -41,8 +41,6 @@ truncated at the path's end, or after twice its nominal time.
 
 Info: ``cross_track``, ``cross_track_rms_m``, ``cross_track_max_m``, ``slip_angle`` (true); ``outcome`` at the end.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Mapping
@@ -69,6 +67,7 @@ from offtrack.environments.rover_options import (
     SensedRover,
 )
 from offtrack.reports.canvas import Picture
+from scenarios.results.rover_result import path_coordinates
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
@@ -272,10 +271,7 @@ class RoverSteering:
     def _look(self, episode: _Episode) -> None:
         """Update truth, cross-track error and slip estimate."""
         truth = episode.truth = episode.plant.observe(episode.state, round(episode.elapsed / TICK))
-        x, y, _ = truth.pose.tolist()
-        episode.station = episode.path.project(x, y, episode.station)
-        on = episode.path.pose(episode.station)
-        episode.cross_track = math.cos(on.psi) * (y - on.y) - math.sin(on.psi) * (x - on.x)
+        episode.station, episode.cross_track = path_coordinates(episode.path, truth, episode.station)
         episode.squares += episode.cross_track**2
         episode.largest = max(episode.largest, abs(episode.cross_track))
         if episode.sensed is None:

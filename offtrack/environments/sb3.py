@@ -8,8 +8,6 @@
 Requires the extra ``rl``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -27,7 +25,7 @@ from offtrack.reports.canvas import Picture
 Indices = int | Iterable[int] | None
 
 
-def sb3_vector(name: str, num_envs: int, *, reward_scale: float = 1.0, **options: Any) -> Sb3VecEnv:
+def sb3_vector(name: str, num_envs: int, *, reward_scale: float = 1.0, **options: Any) -> "Sb3VecEnv":
     """``num_envs`` environments of this name (``TrailerSteering-v0`` …) with its options.
 
     Raises:

@@ -56,22 +56,18 @@ Info: ``off_tracking`` [m] and the metrics of a run's ``summary.json`` so far: `
 turn; ``outcome`` at the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
 from offtrack.environments import rewards
 from offtrack.environments.camera_observations import CameraObservations
-from offtrack.environments.core import CHECKED, Info, Lanes, Observation, Result, is_whole
+from offtrack.environments.core import EnvironmentOptions, Info, Lanes, Observation, Result, is_whole
 from offtrack.environments.drivers import Drivers, Tracks
 from offtrack.environments.observations import (
     EpisodeStart,
@@ -87,8 +83,7 @@ from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import course_of, outlines, tractor_geometry
 from scenarios.assembly.surrogate import SurrogateParameters, load_surrogate
 from scenarios.courses import Course, Turn, turns
-from scenarios.options.scenario import Scenario, load_scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import Scenario, load_scenario, stream
 from vehicle.clock import to_ticks
 from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
@@ -139,20 +134,18 @@ _GRIP = 0.5  # fraction of the friction that the driver uses in turns
 _TIME_LIMIT, _GRACE = 1.5, 10.0  # as in a scenario: relative to the course at set speed [-], and added [s]
 
 
-@dataclass(frozen=True, kw_only=True, config=CHECKED)
-class TrailerSteeringOptions:
+class TrailerSteeringOptions(EnvironmentOptions):
     """Options of the environment."""
 
     vehicle: str = "uk_longer_semitrailer"  # name or file; its last unit must have steered axles and a follow point
     courses: Sequence[str | Course] = COURSES
     observation: ObservationKind = "surrogate"
-    domain: Domain = field(default_factory=Domain)
+    domain: Domain = Domain()
     reward: Mapping[Reward, float] | None = None  # None: ``rewards.USUAL``
     endings: Mapping[str, Ending] | None = None
     surrogate: SurrogateParameters | None = None  # None: the shipped one
-    sensing: str | Scenario = (
-        "roundabout"  # scenario with rig, faults, world and estimator, for ``estimate`` and ``camera``
-    )
+    # Scenario with rig, faults, world and estimator, for ``estimate`` and ``camera``
+    sensing: str | Scenario = "roundabout"
     image_scale: int = 1  # factor that reduces images, for ``camera``
     engine: Engine = "auto"
 

@@ -4,8 +4,6 @@ Coordinates are those of the course in metres: x along the tractor's first headi
 axle at the start.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import math
@@ -18,14 +16,13 @@ from typing import Any, Final
 import numpy as np
 
 from scenarios.assembly.adapters import course_of, outlines, plant_vehicle, vehicle_of
-from scenarios.extras import check_extra
+from scenarios.extras import check_extra, import_extra
 from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
-from scenarios.results.atomic_files import replacing
 from scenarios.results.log import Log, read_log
+from scenarios.results.run_directory import replacing
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
-from vehicle.foundation.polyline import arc_length, rows_every, sides
 from vehicle.foundation.user_file import FileKind, read_text, shown
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length, rows_every, sides
 
 SWEPT, ROAD, ROAD_CENTRE, COURSE, FRONT_AXLE, LAST_AXLE, WHEELS, NOTES = (
     "SWEPT_PATH",
@@ -204,10 +201,7 @@ def _areas(area: Any, layer: str) -> Iterator[Shape]:
 
 
 def _shapely() -> Any:
-    check_extra("cad", "drawings need", "shapely")
-    import shapely
-
-    return shapely
+    return import_extra("cad", "drawings need", "shapely")
 
 
 def driven_run(directory: Path) -> DrivenPath:
@@ -320,8 +314,7 @@ def _rounded(points: FloatArray) -> list[list[float]]:
 
 def _write_dxf(drawing: Drawing, path: Path) -> None:
     """A DXF file of release 2010 in metres: a layer for each kind of shape, closed polylines for areas."""
-    import ezdxf
-
+    ezdxf = import_extra("cad", "drawings need", "ezdxf")
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
     try:  # no times and random identifiers: the same run gives the same file
         ezdxf.options.write_fixed_meta_data_for_testing = True
@@ -331,9 +324,7 @@ def _write_dxf(drawing: Drawing, path: Path) -> None:
 
 
 def _document(drawing: Drawing) -> Any:
-    import ezdxf
-    import ezdxf.zoom
-
+    ezdxf = import_extra("cad", "drawings need", "ezdxf", "ezdxf.zoom")
     document = ezdxf.new("R2010", units=_METRES)
     header = document.header
     header["$MEASUREMENT"], header["$LUNITS"], header["$LUPREC"] = 1, 2, 3  # metric, decimal, millimetres

@@ -3,8 +3,6 @@
 A video is H.264 where PyAV is installed, else a GIF.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -63,18 +61,6 @@ def write(
     )
 
 
-def decoded(jpeg: bytes, tick: int) -> Picture:
-    """The image of a frame, RGB.
-
-    Raises:
-        ValueError: if it is no JPEG image.
-    """
-    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise ValueError(f"frame of tick {tick} is no JPEG image")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
 def curve(picture: Picture, points: FloatArray, colour: Colour, thickness: int = 1, *, closed: bool = False) -> None:
     """Draws an anti-aliased line through pixel coordinates (n, 2)."""
     if len(points) > 1:
@@ -98,19 +84,24 @@ def dot(picture: Picture, point: FloatArray, radius: int, colour: Colour) -> Non
     cv2.circle(picture, (u, v), radius << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
 
 
-def write_key(picture: Picture, entries: Sequence[tuple[str, Colour, int]]) -> None:
-    """Writes a key along the top: texts, the colours of their dots, and the dots' columns [px]."""
-    for text, colour, u in entries:
-        cv2.circle(picture, (u, 20), 5, colour, -1, cv2.LINE_AA)
-        write(picture, text, (u + 10, 10), size=14, colour=SOFT)
+def write_key(picture: Picture, entries: Sequence[tuple[str, Colour]]) -> None:
+    """Writes a key along the top: texts behind dots of their colours, in as many rows as they need."""
+    u, v = 20, 20
+    for text, colour in entries:
+        width = _lettering(text, 14).shape[1] + 26
+        if u > 20 and u + width > picture.shape[1]:
+            u, v = 20, v + 20
+        cv2.circle(picture, (u, v), 5, colour, -1, cv2.LINE_AA)
+        write(picture, text, (u + 10, v - 10), size=14, colour=SOFT)
+        u += width
 
 
-def write_readings(panel: Picture, readings: Sequence[Reading], top: int, *, left: int = 20, size: int = 24) -> None:
-    """Writes labels with their values below, side by side across the panel from ``top`` downwards."""
+def write_readings(panel: Picture, readings: Sequence[Reading], top: int, *, columns: int) -> None:
+    """Writes labels with their values below, side by side in so many columns from ``top`` downwards."""
     for k, (label, value, colour) in enumerate(readings):
-        u = left + k * (panel.shape[1] - 30) // len(readings)
+        u = 20 + k * (panel.shape[1] - 30) // columns
         write(panel, label, (u, top), size=14, colour=SOFT)
-        write(panel, value, (u, top + 18), size=size, colour=colour)
+        write(panel, value, (u, top + 17), size=22, colour=colour)
 
 
 def scale_bar(picture: Picture, scale: float, length: float) -> None:
@@ -127,9 +118,9 @@ def known_part(time: FloatArray, values: FloatArray, every: int = 1) -> tuple[Fl
     return time[rows], values[rows]
 
 
-def newest_row(ticks: FloatArray, tick: int) -> int:
-    """The last row at or before a tick; the first row if there is none."""
-    return max(0, int(np.searchsorted(ticks, tick, side="right")) - 1)
+def newest_row(times: FloatArray, time: float) -> int:
+    """The last row at or before a time; the first row if there is none."""
+    return max(0, int(np.searchsorted(times, time, side="right")) - 1)
 
 
 def nice_step(span: float, steps: int) -> float:
@@ -152,7 +143,7 @@ class StripChart:
     limit: float  # the value at the top; its negative is at the bottom
 
     @classmethod
-    def with_axes(cls, size: tuple[int, int], duration: float, largest: float) -> StripChart:
+    def with_axes(cls, size: tuple[int, int], duration: float, largest: float) -> "StripChart":
         """A chart of this width and height for values of either sign up to ``largest``."""
         step = nice_step(2.0 * max(largest, 0.05), 6)  # smaller values would only show noise
         chart = cls(

@@ -3,8 +3,6 @@
 The templates escape all text. Only a :class:`Figure` holds markup, and only its template marks markup as safe.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Mapping, Sequence

@@ -1,14 +1,14 @@
-"""Figures of a page: matplotlib axes in one style, as SVG.
+"""Figures of a page: matplotlib axes in one style, as SVG; charts and plan views of playbacks.
 
 Lettering stays text, so that the page's typeface applies and numbers can be searched and copied. Every legend lies
 below its axes, where it hides no curve.
 """
 
-from __future__ import annotations
-
 import io
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, Final
 
 import matplotlib
@@ -16,13 +16,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
-from offtrack.reports.page import Figure
-from vehicle.frames import FloatArray
+from offtrack.reports.page import Figure, Section
+from offtrack.reports.player.playback import PALETTE, Chart, Playback, PlayedRun
+from scenarios.results.swept_path import placed
+from scenarios.results.trailer_result import FrictionPicture
+from vehicle.frames import FloatArray, arc_length, rows_every
 
-TRUE, ESTIMATED, GREY, INK = "#1f5fa8", "#e0761a", "#8b95a1", "#27313b"  # apart for colour-blind readers too
+TRUE, ESTIMATED, GREY, INK = (PALETTE[name] for name in ("true", "estimated", "grey", "ink"))
 BAND, LOST_BAND, SWEPT, LIMIT = "#f9e3cf", "#f6d5d2", "#cfe0f1", "#b3261e"
 SERIES: Final = (TRUE, ESTIMATED, "#2a9d8f", "#8e5ea2", LIMIT, "#6b7a2a")  # curves of several units or axles
 WIDTH = 9.6  # [in] of every figure; the page scales it
@@ -113,19 +116,6 @@ def limit_lines(ax: Axes, limit: float, label: str, *, colour: str = LIMIT) -> N
         ax.axhline(value, color=colour, linewidth=0.9, dashes=(6, 3), label=None if k else label)
 
 
-def error_band(ax: Axes, time: FloatArray, error: FloatArray, std: FloatArray) -> None:
-    """An error over time inside the band of twice the standard deviation that the estimator stated."""
-    ax.fill_between(time, -2.0 * std, 2.0 * std, color=BAND, linewidth=0.0, label="±2 σ stated by the estimator")
-    ax.plot(time, error, ".-", color=ESTIMATED, linewidth=0.9, markersize=4.0, label="error of the estimate")
-
-
-def shade(ax: Axes, edges: FloatArray, chosen: NDArray[np.bool_], colour: str, label: str) -> None:
-    """Shades each run of chosen intervals; interval k (n,) lies between ``edges`` k and k + 1 (n + 1,)."""
-    changes = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8))).reshape(-1, 2)
-    for k, (first, last) in enumerate(changes):
-        ax.axvspan(edges[first], edges[last], color=colour, linewidth=0.0, label=None if k else label)
-
-
 def swept_bodies(ax: Axes, bodies: Sequence[FloatArray]) -> None:
     """Ground swept by bodies, each with corners (n, 4, 2) over time."""
     for corners in bodies:
@@ -136,6 +126,96 @@ def swept_bodies(ax: Axes, bodies: Sequence[FloatArray]) -> None:
 def outlines(ax: Axes, corners: FloatArray) -> None:
     """Outlines of bodies with corners (n, 4, 2)."""
     ax.add_collection(PolyCollection(list(corners), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
+
+
+_SHADES: Final[dict[str, str]] = {"lost": LOST_BAND, "degraded": "#fbf3d0", "grey": "#d9dde2", "fourth": "#efe6f3"}
+_ROAD, _ICE, _STRONGEST = "#eef0f2", (0.49, 0.29, 0.66), 0.45  # colours, and opacity of the most slippery ground
+_MOST_FRICTIONS, _MOMENTS = 4, 5  # shades of friction, and moments at which the vehicle is drawn
+
+
+def chart_figure(chart: Chart, run: PlayedRun) -> Figure:
+    """A chart of a playback over time, with the spans of the run behind it."""
+    time = run.log["time"]
+    with drawn(chart.title) as (drawing, ax):
+        for k, span in enumerate(run.spans):
+            new = span.label not in (one.label for one in run.spans[:k])
+            colour = _SHADES.get(span.colour, LOST_BAND)
+            ax.axvspan(span.start, span.end, color=colour, linewidth=0.0, label=span.label if new else None)
+        for curve in chart.curves:
+            if curve.signal not in run.log:
+                continue
+            less = run.log[curve.less] if curve.less else 0.0
+            value = curve.scale * (run.log[curve.signal] - less)
+            known, colour = np.isfinite(value), PALETTE[curve.colour]
+            if curve.style == "band":
+                base = curve.scale * run.log[curve.base][known] if curve.base else 0.0
+                low, high = base - 2.0 * value[known], base + 2.0 * value[known]
+                ax.fill_between(time[known], low, high, color=colour, alpha=0.2, linewidth=0.0, label=curve.label)
+            elif curve.style == "dots" and known.any():
+                ax.plot(time[known], value[known], ".", color=colour, markersize=4.0, label=curve.label)
+            elif known.any():
+                style: Any = {"linewidth": 1.0, "linestyle": (0, (3, 2))} if curve.style == "dashed" else {}
+                ax.plot(time[known], value[known], color=colour, label=curve.label, **style)
+        if chart.limit is not None:
+            limit_lines(ax, chart.limit, "limit")
+        name = re.split(",| of the | per | against | since ", chart.title)[0].lower()
+        over_time(ax, time, f"{name} [{chart.unit}]")
+    return drawing.content
+
+
+def chart_sections(playback: Playback, about: Mapping[str, str]) -> Iterator[Section]:
+    """A section with its text for each chart that ``about`` names by the first words of its title."""
+    for chart in playback.charts:
+        name = chart.title.partition(",")[0]
+        if name in about:
+            yield Section(name, about[name], [chart_figure(chart, playback.runs[0])])
+
+
+def plan_figure(playback: Playback) -> Figure:
+    """The first run from above: road, swept area, paths, and the vehicle at some moments."""
+    run = playback.runs[0]
+    poses = [body.poses(run.log) for body in run.bodies]
+    swept = [placed(body.outline, pose) for body, pose in zip(run.bodies, poses, strict=True)]
+    trails = [run.trail_points(trail) for trail in run.trails]
+    lines = [line.points for line in run.lines]
+    points, margin = [*swept, *trails, *lines], 2.0 if playback.road is not None else 0.3
+    with plan_drawn("plan", points, margin=margin, tallest=8.2) as (drawing, ax):
+        if playback.road is not None:
+            band = np.concatenate([playback.road.left, playback.road.right[::-1]])
+            ax.add_collection(PolyCollection([band], facecolor=_ROAD, zorder=0.5))
+            swept_bodies(ax, [corners[rows_every(poses[0][:, :2], 0.15)] for corners in swept])
+        if playback.friction is not None:
+            _slippery(ax, playback.friction)
+        if playback.road is not None and drawing.to_scale:
+            along = arc_length(poses[0][:, :2])
+            rows = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
+            for body, corners in zip(run.bodies, swept, strict=True):
+                outlines(ax, corners[rows])
+                tyres = list(body.wheel_corners(run.log, rows))
+                ax.add_collection(PolyCollection(tyres, facecolor=INK, linewidth=0.0, zorder=3))
+        for line in run.lines:
+            ax.plot(*line.points.T, color=PALETTE[line.colour], linewidth=4.0, alpha=0.5, label=line.label)
+        for trail, path in zip(run.trails, trails, strict=True):
+            ax.plot(*path.T, color=PALETTE[trail.colour], label=trail.label, zorder=4)
+    return drawing.content
+
+
+def _slippery(ax: Axes, friction: FrictionPicture) -> None:
+    """Shades ground that is more slippery than the best: a step of colour for each step of friction."""
+    best = float(friction.values.max())
+    levels = np.unique(np.round(friction.values, 1))
+    edges = np.linspace(float(friction.values.min()), best, min(len(levels), _MOST_FRICTIONS) + 1)
+    x, y = (
+        low + (np.arange(n) + 0.5) * (high - low) / n
+        for low, high, n in zip(friction.low, friction.high, friction.values.shape[::-1], strict=True)
+    )
+    steps = len(edges) - 1
+    for k, (low, high) in enumerate(pairwise(edges[:-1].tolist())):  # the best stays white, as ground elsewhere
+        inside = (friction.values <= high) & ((friction.values > low) | (k == 0))
+        colour = (*_ICE, _STRONGEST * (steps - 1 - k) / (steps - 1))
+        ax.contourf(x, y, inside.astype(np.float64), levels=[0.5, 1.5], colors=[colour], zorder=0.6)
+        mean = float(friction.values[inside].mean()) if inside.any() else low
+        ax.add_patch(Rectangle((0.0, 0.0), 0.0, 0.0, facecolor=colour, label=f"friction {mean:.2f}"))
 
 
 def legend_below(canvas: Canvas, ax: Axes) -> None:

@@ -1,7 +1,5 @@
 """Sections that pages of runs share: facts, numbers of the summary, timing and provenance."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,10 +21,10 @@ from offtrack.reports.page import (
     facts_table,
     outcome_verdict,
 )
-from scenarios.options.faults import FaultOptions
 from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.options.tables import FaultOptions
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.summary_numbers import Summary, Timing
+from scenarios.results.run_summary import Summary, Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.foundation.user_file import shown
 

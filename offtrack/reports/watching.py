@@ -6,8 +6,6 @@ A snapshot is taken between two steps, only while somebody watches, and so seldo
 It reads the run and changes nothing, so the results are those of a run that nobody watches.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import secrets
@@ -19,10 +17,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
-from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import Page, Player, Section
 from offtrack.reports.player.encoding import EncodedPlayback, encoded, live_picture
 from offtrack.reports.player.playback import Picture, Playback
+from offtrack.reports.run_files import KINDS
 from scenarios.results.run_summary import Result
 
 _SHORTEST: Final = 1.0  # time between snapshots [s]

@@ -8,8 +8,6 @@ Files that a run opens although its scenario does not name them, such as a table
 they are opened: see ``opened_files``.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import itertools
@@ -27,15 +25,13 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from offtrack.hidden import package_folders
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
-from scenarios.results.atomic_files import digest
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
+from scenarios.results.run_directory import digest
 from scenarios.results.run_inputs import is_file, is_import_path, named_modules, texts
-from scenarios.results.summary_numbers import number_at
+from scenarios.results.run_summary import number_at
 from vehicle.engine.compiler import compiler, engine_name
 from vehicle.foundation.own_parts import is_library
-from vehicle.foundation.parameter_file import read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileKind, read_toml, shown
 
 _SYSTEM: Final = (
     *("/proc", "/sys", "/dev", "/run", "/etc", "/usr", "/lib", "/var", "/opt", "/Library", "/System"),
@@ -224,7 +220,7 @@ class Provenance(NamedTuple):
     ended: str  # UTC, ISO 8601
 
     @classmethod
-    def of(cls, table: Any) -> Provenance | None:
+    def of(cls, table: Any) -> "Provenance | None":
         """As it was saved; None for a run of before it was saved, or a damaged table."""
         try:
             return cls(**table)

@@ -4,10 +4,7 @@ Workers that share the study's folder save their runs there; others return the f
 worker is lost is made by another one.
 """
 
-from __future__ import annotations
-
 import importlib
-import importlib.util
 import logging
 import os
 import queue
@@ -25,10 +22,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from offtrack.studies.case import Case
 from offtrack.studies.pool import Results, summary_file
+from scenarios.extras import check_extra
 from scenarios.processes import WorkerDiedError
-from scenarios.results.atomic_files import replacing
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import FileKind, read_text, shown
+from scenarios.results.run_directory import replacing
+from vehicle.foundation.user_file import FileKind, nearest, read_text, shown
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -50,13 +47,13 @@ _JOB_QUEUES: Final = {  # classes of dask-jobqueue by their names in its configu
 
 
 @contextmanager
-def connected(scheduler: str) -> Iterator[Client]:
+def connected(scheduler: str) -> "Iterator[Client]":
     """Client of the scheduler at an address, or of that which a scheduler file (.json) names.
 
     Raises:
         ValueError: one line, if nobody answers.
     """
-    check_installed("distributed")
+    check_extra("cluster", "a Dask cluster needs", "distributed")
     from distributed import Client
 
     if not (scheduler.endswith(".json") or re.fullmatch(r"\w+://.+:\d+", scheduler)):
@@ -78,13 +75,13 @@ def connected(scheduler: str) -> Iterator[Client]:
 
 
 @contextmanager
-def queued(file: Path, jobs: int) -> Iterator[Client]:
+def queued(file: Path, jobs: int) -> "Iterator[Client]":
     """Client of a cluster of its own, whose workers are ``jobs`` jobs of a queue that the file describes.
 
     Raises:
         ValueError: one line, for a wrong file, or if no job can be submitted.
     """
-    check_installed("distributed", "dask_jobqueue")
+    check_extra("cluster", "a Dask cluster needs", "distributed", "dask_jobqueue")
     kind, keywords = job_queue(file)
     from distributed import Client
 
@@ -101,11 +98,7 @@ def queued(file: Path, jobs: int) -> Iterator[Client]:
 
 
 def _submit(cluster: Any, jobs: int, where: str) -> None:
-    """Submit jobs.
-
-    Raises:
-        ValueError: one line, if none can be submitted.
-    """
+    """Submit jobs."""
     command = [*shlex.split(cluster.job_cls.submit_command or ""), ""][0]
     if command and shutil.which(command) is None:
         raise ValueError(f"{where}: no job can be submitted here: there is no command {command}")
@@ -143,16 +136,6 @@ def job_queue(file: Path) -> tuple[str, dict[str, Any]]:
     return kind, {key.replace("-", "_"): value for key, value in keywords.items()}
 
 
-def check_installed(*modules: str) -> None:
-    """Refuse to go on without the extra.
-
-    Raises:
-        ValueError: one line.
-    """
-    if any(importlib.util.find_spec(module) is None for module in modules):
-        raise ValueError("a Dask cluster needs further packages; install them with: pip install 'offtrack[cluster]'")
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask's log, which tells of every lost worker, from the terminal."""
@@ -182,7 +165,7 @@ class DaskExecutor:
 
     def __init__(
         self,
-        connect: Callable[[], AbstractContextManager[Client]],
+        connect: "Callable[[], AbstractContextManager[Client]]",
         *,
         timeout: float | None,
         patience: float,
@@ -203,7 +186,7 @@ class DaskExecutor:
         self._stack = ExitStack()
         self._client: Client | None = None
 
-    def __enter__(self) -> DaskExecutor:
+    def __enter__(self) -> "DaskExecutor":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -226,7 +209,7 @@ class DaskExecutor:
                 check_rendering(client, plugin)
             yield from self._results(client, orders, plugin, cells)
 
-    def _connected(self) -> Client:
+    def _connected(self) -> "Client":
         from offtrack.studies.cluster_workshop import check_software
 
         if self._client is None:
@@ -239,7 +222,7 @@ class DaskExecutor:
         return self._client
 
     @contextmanager
-    def _workshops(self, client: Client, shipment: Shipment, cells: Path, mark: str) -> Iterator[str]:
+    def _workshops(self, client: "Client", shipment: "Shipment", cells: Path, mark: str) -> Iterator[str]:
         """Name of the plugin that makes this study's runs on all workers, also on those that come later."""
         from offtrack.studies.cluster_workshop import Workshop
 
@@ -251,7 +234,7 @@ class DaskExecutor:
             with suppress(Exception):  # the cluster may be gone
                 client.unregister_worker_plugin(workshop.name)
 
-    def _results(self, client: Client, orders: list[Order], plugin: str, cells: Path) -> Results:
+    def _results(self, client: "Client", orders: "list[Order]", plugin: str, cells: Path) -> Results:
         from distributed import KilledWorker
 
         from offtrack.studies.cluster_workshop import fulfilled
@@ -260,7 +243,7 @@ class DaskExecutor:
         waiting: dict[Future, Order] = {}
         tries = Counter[str]()
 
-        def submit(order: Order) -> None:
+        def submit(order: "Order") -> None:
             tries[order.name] += 1
             future = client.submit(fulfilled, order, plugin, key=f"{plugin}-{order.name}-{tries[order.name]}")
             waiting[future] = order
@@ -295,12 +278,8 @@ class DaskExecutor:
                     client.cancel(list(waiting), force=True)
 
 
-def _register(client: Client, workshop: Workshop) -> None:
-    """Give the workers of a cluster their part; one that is lost meanwhile must not end the study.
-
-    Raises:
-        OSError: if a worker was lost each time.
-    """
+def _register(client: "Client", workshop: "Workshop") -> None:
+    """Give the workers of a cluster their part; one that is lost meanwhile must not end the study."""
     for attempt in range(1, _REGISTRATIONS + 1):
         try:
             client.register_plugin(workshop, name=workshop.name)
@@ -314,7 +293,7 @@ def _register(client: Client, workshop: Workshop) -> None:
 class _Without:
     """Watch over a cluster that has no workers."""
 
-    def __init__(self, client: Client, patience: float, remark: Callable[[str], None]) -> None:
+    def __init__(self, client: "Client", patience: float, remark: Callable[[str], None]) -> None:
         self._client, self._patience, self._remark = client, patience, remark
         self._since: float | None = None
 
@@ -336,7 +315,7 @@ class _Without:
         return ""
 
 
-def _result(future: Future) -> Delivery | BaseException:
+def _result(future: "Future") -> "Delivery | BaseException":
     if future.status == "error":
         error = future.exception()
         return error if isinstance(error, BaseException) else RuntimeError(str(error))
@@ -349,7 +328,7 @@ def _result(future: Future) -> Delivery | BaseException:
     return result
 
 
-def _saved(name: str, delivery: Delivery, cells: Path) -> str | BaseException:
+def _saved(name: str, delivery: "Delivery", cells: Path) -> str | BaseException:
     """Save the files of a run, the summary last, or see to it that its worker has; returns the run's problem."""
     if delivery.problem:
         return delivery.problem

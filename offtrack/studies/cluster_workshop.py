@@ -9,10 +9,7 @@ A run is never made in the worker's own process: own modules of another study ma
 thread, a run that takes too long could not be ended, and one that crashes would take others with it.
 """
 
-from __future__ import annotations
-
 import hashlib
-import importlib.metadata
 import json
 import multiprocessing
 import os
@@ -33,7 +30,7 @@ from offtrack.studies.case import Case, identities, installed
 from offtrack.studies.pool import is_saved, run_case
 from scenarios.loop.runner import KINDS
 from scenarios.processes import SpareWorkers
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from scenarios.results.run_inputs import MAP_SUFFIX, is_file, named_modules, texts, with_texts
 from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import shown
@@ -265,34 +262,19 @@ _SAME: Final = "the same is needed everywhere"
 _RENDERING: Final = 120.0  # longest time of a check [s]
 
 
-def check_software(client: Client) -> None:
+def check_software(client: "Client") -> None:
     """Refuse workers with another offtrack, Python or other libraries than here; lost ones do not count.
 
     Raises:
         ValueError: one line, with the first difference.
     """
-    versions, here = client.run(importlib.metadata.version, "offtrack", on_error="return"), _version()
-    for worker, version in _answers(versions):
-        if isinstance(version, BaseException):
-            raise ValueError(f"worker {worker}: offtrack is not installed there")
-        if version != here:
-            raise ValueError(f"worker {worker}: it has offtrack {shown(str(version))}, here is {here}; {_SAME}")
     try:
         found: Mapping[str, Any] = client.run(installed, on_error="return")
     except Exception as error:  # whatever the import of another version leads to
         raise ValueError(f"the workers have another offtrack: {shown(str(error).splitlines()[0])}") from None
-    for worker, software in _answers(found):
-        if software != installed():
+    for worker, software in found.items():
+        if software != installed() and not isinstance(software, OSError):
             raise ValueError(f"worker {worker}: {difference(software)}; {_SAME}")
-
-
-def _answers(results: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Results of the workers that are still there."""
-    return [(worker, result) for worker, result in results.items() if not isinstance(result, OSError)]
-
-
-def _version() -> str:
-    return importlib.metadata.version("offtrack")
 
 
 def difference(software: Any) -> str:
@@ -308,7 +290,7 @@ def difference(software: Any) -> str:
     return "its files of offtrack differ from those here"
 
 
-def check_rendering(client: Client, plugin: str) -> None:
+def check_rendering(client: "Client", plugin: str) -> None:
     """Refuse workers on which cameras can not be rendered; one worker of each machine is asked.
 
     Raises:

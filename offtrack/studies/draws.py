@@ -8,9 +8,6 @@ Sources: Morris 1991, Factorial sampling plans for preliminary computational exp
 based sensitivity analysis of model output (first and total order as SALib has them).
 """
 
-from __future__ import annotations
-
-import importlib.util
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +18,8 @@ from pydantic import Field
 from scipy.special import ndtri
 
 from offtrack.studies.case import MOST_CASES, Case, Outcome, Settings
-from offtrack.studies.table import QUANTITIES, Quantity
+from offtrack.studies.table import QUANTITIES, Quantity, by_axes
+from scenarios.extras import check_extra
 from vehicle.foundation.quantity import Frozen
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
@@ -69,7 +67,7 @@ class Sensitivity(Frozen):
         Raises:
             ValueError: one line, if SALib is not installed.
         """
-        check_installed()
+        check_extra("sensitivity", "a sensitivity analysis needs", "SALib")
         from SALib.sample import morris, sobol
 
         if self.method == "morris":
@@ -102,10 +100,7 @@ class Analysis:
 
 def analysed(design: Sensitivity, outcomes: Sequence[Outcome]) -> list[Analysis]:
     """The analysis of each point and each quantity that some run has; and of not completing, if that happened."""
-    points: dict[Settings, list[Outcome]] = {}
-    for outcome in outcomes:
-        points.setdefault(outcome.case.axes, []).append(outcome)
-    return [one for axes, runs in points.items() for one in _of_point(design, axes, runs)]
+    return [one for axes, runs in by_axes(outcomes).items() for one in _of_point(design, axes, runs)]
 
 
 def _of_point(design: Sensitivity, axes: Settings, runs: Sequence[Outcome]) -> Iterator[Analysis]:
@@ -158,16 +153,6 @@ def effects(design: Sensitivity, keys: Sequence[str], values: FloatArray) -> tup
 
 def _problem(keys: int) -> dict[str, Any]:
     return {"num_vars": keys, "names": [f"x{k}" for k in range(keys)], "bounds": [[0.0, 1.0]] * keys}
-
-
-def check_installed() -> None:
-    """Refuse to go on without the extra.
-
-    Raises:
-        ValueError: one line.
-    """
-    if importlib.util.find_spec("SALib") is None:
-        raise ValueError("a sensitivity analysis needs SALib; install it with: pip install 'offtrack[sensitivity]'")
 
 
 def analysis_json(analysis: Analysis, method: str) -> dict[str, Any]:
@@ -269,6 +254,17 @@ class Draws:
         return {name: one.model_dump(exclude_none=True) for name, one in design.items() if one} | {"draw": drawn}
 
 
+def number_of(place: str, value: Any) -> float:
+    """The number of a key.
+
+    Raises:
+        ValueError: one line that begins with ``place``, if it is none, or out of all proportion.
+    """
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < _LARGEST:
+        raise ValueError(f"{place} = {shown(str(value))} must be a number")
+    return float(value)
+
+
 def read_draws(
     path: str, sample: Sample | None, table: Sequence[tuple[str, Any]], sensitivity: Sensitivity | None = None
 ) -> Draws:
@@ -349,10 +345,7 @@ class Stop(Frozen):
 
 
 def made_in_batches(
-    cases: Sequence[Case],
-    intervals: Intervals,
-    stop: Stop,
-    make: Callable[[Sequence[int]], Sequence[Outcome]],
+    cases: Sequence[Case], intervals: Intervals, stop: Stop, make: Callable[[Sequence[int]], Sequence[Outcome]]
 ) -> list[Outcome]:
     """Make the draws of each point batch by batch until its intervals are narrow; return outcomes in the cases' order.
 
@@ -365,26 +358,20 @@ def made_in_batches(
         stop: the rule.
         make: makes the runs with these indices and returns their outcomes.
     """
-    points = _points(cases)
+    points: dict[Settings, list[int]] = {}
+    for k, case in enumerate(cases):
+        points.setdefault(case.axes, []).append(k)
+
+    def is_open(axes: Settings, outcomes: Sequence[Outcome]) -> bool:
+        """True if an interval of the point is not narrow enough."""
+        return any(high - low > 2.0 * stop.half_width for low, high in intervals(outcomes, axes))
+
     done: dict[int, Outcome] = {}
     for first in range(0, max(map(len, points.values())), stop.batch):
         batch = [k for drawn in points.values() for k in drawn[first : first + stop.batch]]
         done |= zip(batch, make(batch), strict=True)
         outcomes = [done[k] for k in sorted(done)]
-        points = {axes: drawn for axes, drawn in points.items() if not _is_known(intervals(outcomes, axes), stop)}
+        points = {axes: drawn for axes, drawn in points.items() if is_open(axes, outcomes)}
         if not points:
             break
     return [done[k] for k in sorted(done)]
-
-
-def _points(cases: Sequence[Case]) -> dict[Settings, list[int]]:
-    """Indices of the runs of every point."""
-    points: dict[Settings, list[int]] = {}
-    for k, case in enumerate(cases):
-        points.setdefault(case.axes, []).append(k)
-    return points
-
-
-def _is_known(intervals: Iterable[tuple[float, float]], stop: Stop) -> bool:
-    """True if every interval is narrow enough."""
-    return all(high - low <= 2.0 * stop.half_width for low, high in intervals)

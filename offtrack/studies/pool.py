@@ -4,8 +4,6 @@ A run is saved as ``<identity>.json`` (summary, and digests of the files that it
 ``<identity>.parquet`` (signals).
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -28,8 +26,8 @@ from offtrack.studies.case import (
 from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
-from scenarios.results.atomic_files import digest, replacing
 from scenarios.results.log import write_log
+from scenarios.results.run_directory import digest, replacing
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _PROVENANCE = "made"  # key of the provenance

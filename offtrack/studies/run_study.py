@@ -3,8 +3,6 @@
 The directory holds the study file, tables, the report, and the runs in ``cells``; an existing study is resumed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +21,7 @@ from offtrack.studies.study import FILE, Study
 from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.study_page import finished_runs_page, names_of_runs, page_link, sensitivity_csv, study_page
 from offtrack.studies.table import QUANTITIES, Row, rows_of, shown_quantities, table_csv
-from scenarios.results.atomic_files import replaced, replacing, unfinished_files, user_of
+from scenarios.results.run_directory import replaced, replacing, unfinished_files, user_of
 from vehicle.foundation.user_file import FileKind, read_text
 
 
@@ -119,12 +117,7 @@ Finish = Callable[[Sequence[Outcome], Sequence[Row], MakeMore], None]
 
 
 def run_study(
-    title: str,
-    study: Study,
-    directory: Path,
-    options: RunOptions,
-    *,
-    finish: Finish | None = None,
+    title: str, study: Study, directory: Path, options: RunOptions, *, finish: Finish | None = None
 ) -> tuple[list[Outcome], list[Row]]:
     """Run what the directory does not hold yet of a study, and write its tables and report.
 

@@ -1,7 +1,5 @@
 """A study: a grid of runs and its TOML file, and the scenario keys that studies vary."""
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,17 +8,16 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 import tomli_w
-from pydantic import Field, ValidationError
+from pydantic import Field, field_validator
 
 from offtrack.studies.case import Case, Outcome, Settings, cases_of, identities, is_word, parameters_beside
-from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, read_draws
+from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, number_of, read_draws
 from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
 from scenarios.options.scenario import load_any_scenario
-from vehicle.foundation.parameter_file import nearest, parsed_toml, read_toml
-from vehicle.foundation.quantity import Frozen
-from vehicle.foundation.user_file import FileType, shown
+from vehicle.foundation.quantity import Frozen, checked
+from vehicle.foundation.user_file import FileType, nearest, parsed_toml, read_toml, shown
 
 STUDY_FILE: Final = FileType("a study file", 2_000_000)
 
@@ -75,7 +72,6 @@ def subject_of(scenario: str) -> Subject:
 
 
 FILE = "study.toml"
-_LARGEST = 1e12  # number of a limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +105,7 @@ class Study:
         return (exceeding(outcomes, axes, path, limit).interval() for path, limit in self.limits.items())
 
     @classmethod
-    def load(cls, path: Path) -> Study:
+    def load(cls, path: Path) -> "Study":
         """Load a study of this kind from TOML; see `load_study`."""
         return load_study(path)
 
@@ -130,15 +126,47 @@ class Study:
         return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary, **more})
 
 
-class _File(Frozen):
+class StudyFile(Frozen):
+    """Tables that files of studies and of campaigns share."""
+
     scenario: str
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     set: dict[str, Any] = Field(default_factory=dict)
     vary: dict[str, Any] = Field(default_factory=dict)
     sample: Sample | None = None
     draw: dict[str, Any] = Field(default_factory=dict)
-    limits: dict[str, Any] = Field(default_factory=dict)
     stop: Stop | None = None
+
+    @field_validator("seeds")
+    @classmethod
+    def _different(cls, seeds: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(seeds)) < len(seeds):
+            raise ValueError("a seed is named twice")
+        return seeds
+
+    @property
+    def fixed(self) -> Settings:
+        """The table ``set``."""
+        return tuple((key, text_of_value(value)) for key, value in dotted(self.set))
+
+    def axes(self, place: str, taken: str = "") -> dict[str, tuple[str, ...]]:
+        """The table ``vary``; ``taken`` is an axis that it must not have.
+
+        Raises:
+            ValueError: one line, naming the key.
+        """
+        axes: dict[str, tuple[str, ...]] = {}
+        for key, values in dotted(self.vary):
+            texts = tuple(map(text_of_value, values)) if isinstance(values, list | tuple) else ()
+            if not texts or len({*texts}) < len(texts) or key in (*axes, taken):
+                hint = f"; {taken} are in tables of their own" if taken else ""
+                raise ValueError(f"{place}: vary.{shown(key)} must be one list of different values{hint}")
+            axes[key] = texts
+        return axes
+
+
+class _File(StudyFile):
+    limits: dict[str, Any] = Field(default_factory=dict)
     sensitivity: Sensitivity | None = None
 
 
@@ -152,19 +180,8 @@ def load_study(path: Path) -> Study:
     Raises:
         ValueError: one line, naming file and key.
     """
-    try:
-        table = _File.model_validate(read_toml(path, STUDY_FILE))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise ValueError(f"study {path}: {shown('.'.join(map(str, first['loc'])))}: {first['msg']}") from None
-    if len(set(table.seeds)) != len(table.seeds):
-        raise ValueError(f"study {path}: seeds: a seed is named twice")
-    axes: dict[str, tuple[str, ...]] = {}
-    for key, values in dotted(table.vary):
-        texts = tuple(text_of_value(value) for value in values) if isinstance(values, list | tuple) else ()
-        if not texts or len(set(texts)) != len(texts) or key in axes:
-            raise ValueError(f"study {path}: vary.{shown(key)} must be one list of different values")
-        axes[key] = texts
+    table = checked(_File, read_toml(path, STUDY_FILE), f"study {path}")
+    axes = table.axes(f"study {path}")
     draws = read_draws(str(path), table.sample, list(dotted(table.draw)), table.sensitivity)
     if twice := sorted(set(draws.distributions) & set(axes)):
         raise ValueError(f"study {path}: {twice[0]} is varied and drawn: choose one")
@@ -180,7 +197,7 @@ def load_study(path: Path) -> Study:
         )
     return Study(
         scenario=table.scenario,
-        fixed=tuple((key, text_of_value(value)) for key, value in dotted(table.set)),
+        fixed=table.fixed,
         axes=axes,
         seeds=table.seeds,
         draws=draws,
@@ -193,9 +210,7 @@ def _limit(path: Path, key: str, value: Any) -> float:
     known = [quantity.path for quantity in QUANTITIES]
     if key not in known:
         raise ValueError(f"study {path}: limits.{shown(key)}{nearest(key, known)}")
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < _LARGEST:
-        raise ValueError(f"study {path}: limits.{key} = {shown(str(value))} must be a number")
-    return float(value)
+    return number_of(f"study {path}: limits.{key}", value)
 
 
 def dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,27 +1,23 @@
 """Figures of a study: the paths driven, and numbers over a varied key; and pages that play its runs."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from offtrack.reports.kinds import KINDS
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun, Figure
 from offtrack.reports.player.playback import Playback
 from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
-from offtrack.reports.viewing import MOST_RUNS, FinishedRun, overlaid, run_page
+from offtrack.reports.run_files import KINDS, MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
-from scenarios.results.atomic_files import replaced
 from scenarios.results.log import read_log
+from scenarios.results.run_directory import replaced
 from vehicle.combination.description import load_vehicle
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 # apart for colour-blind readers, after Okabe and Ito
 _COLOURS: Final = ("#e0761a", "#1f5fa8", "#12935f", "#c2459c", "#7a5195", "#b8860b", "#4fa3d1", "#a33b2b", "#5b6673")
@@ -103,7 +99,7 @@ def numeric_axis(rows: Sequence[Row]) -> str | None:
     """The first axis with several values that are all numbers; None if there is none."""
     for key, _ in rows[0].axes if rows else ():
         values = {dict(row.axes)[key] for row in rows}
-        if len(values) > 1 and all(_is_number(value) for value in values):
+        if len(values) > 1 and all(_is_finite(value) for value in values):
             return key
     return None
 
@@ -143,14 +139,6 @@ def convergence(outcomes: Sequence[Outcome], quantity: Quantity) -> Figure:
             ax.fill_between(count[2:], (mean - half)[2:], (mean + half)[2:], color=colour, alpha=0.15, linewidth=0.0)
         ax.set(xlabel="number of draws", ylabel=f"mean of {quantity.label} [{quantity.unit}]")
     return drawing.content
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 PAGES: Final = "pages"  # folder of the runs' pages
@@ -232,7 +220,7 @@ def explorer(outcomes: Sequence[Outcome], links: Sequence[str]) -> Explorer | No
             outcome.case.title,
             str(outcome.numbers["outcome"]),
             outcome.completed,
-            [*_run_values(outcome, varied, words, seeds=seeds), *_run_numbers(outcome, quantities)],
+            [*_run_values(outcome, words, quantities, seeds=seeds)],
             link,
         )
         for outcome, link in shown
@@ -245,16 +233,14 @@ def _values(outcome: Outcome) -> dict[str, str]:
 
 
 def _run_values(
-    outcome: Outcome, varied: Sequence[str], words: dict[str, bool], *, seeds: bool
-) -> Iterator[str | float]:
+    outcome: Outcome, words: Mapping[str, bool], quantities: Sequence[Quantity], *, seeds: bool
+) -> Iterator[str | float | None]:
+    """Varied values of a run, which are words or numbers, its seed, and its numbers."""
     values = _values(outcome)
-    for key in varied:
-        yield values[key] if words[key] else float(values[key])
+    for key, is_word in words.items():
+        yield values[key] if is_word else float(values[key])
     if seeds:
         yield float(outcome.case.seed)
-
-
-def _run_numbers(outcome: Outcome, quantities: Sequence[Quantity]) -> Iterator[float | None]:
     for quantity in quantities:
         number = outcome.number(quantity.path)
         yield number if number is not None and math.isfinite(number) else None

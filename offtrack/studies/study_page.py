@@ -1,7 +1,5 @@
 """Reports of studies and of compared finished runs, with the sensitivity to drawn keys."""
 
-from __future__ import annotations
-
 import csv
 import io
 import os

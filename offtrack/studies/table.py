@@ -1,7 +1,5 @@
 """Table of a study: a row for each point, and the spread of a quantity over the runs of a point."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -57,10 +55,15 @@ class Row:
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     """A row for every point, in the order of the outcomes."""
+    return [_row(axes, group) for axes, group in by_axes(outcomes).items()]
+
+
+def by_axes(outcomes: Sequence[Outcome]) -> dict[Settings, list[Outcome]]:
+    """The runs of each point, in their order."""
     points: dict[Settings, list[Outcome]] = {}
     for outcome in outcomes:
         points.setdefault(outcome.case.axes, []).append(outcome)
-    return [_row(axes, group) for axes, group in points.items()]
+    return points
 
 
 def shown_quantities(rows: Sequence[Row]) -> tuple[Quantity, ...]:
@@ -139,11 +142,10 @@ class Exceeding(NamedTuple):
 
 def spreads(outcomes: Sequence[Outcome], quantity: Quantity) -> list[Spread]:
     """The values of each point of the grid, in the order of the outcomes."""
-    points: dict[Settings, list[float]] = {}
-    for outcome in outcomes:
-        number = outcome.number(quantity.path)
-        points.setdefault(outcome.case.axes, []).append(math.nan if number is None else number)
-    return [Spread(axes, np.array(values)) for axes, values in points.items()]
+    return [
+        Spread(axes, np.array([run.number(quantity.path) for run in runs], dtype=np.float64))
+        for axes, runs in by_axes(outcomes).items()
+    ]
 
 
 def exceeding(outcomes: Sequence[Outcome], axes: Settings, path: str, limit: float) -> Exceeding:

@@ -6,11 +6,8 @@ every running trial shows signs of life; trials that show none are failed by the
 their parameters. Needs the extra ``tune``.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
-import importlib.util
 import json
 import os
 import platform
@@ -33,10 +30,11 @@ from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from offtrack.studies.case import Outcome, identities, named_files, opened_files, watch_files
 from offtrack.studies.tuning import Trial, Tuning, objective_means, with_parameters
+from scenarios.extras import check_extra
 from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
 
 JOURNAL: Final = "journal.log"
@@ -72,8 +70,7 @@ def database(url: str, *, beat: int = BEAT, grace: int = GRACE) -> RDBStorage:
         expected = "postgresql://USER@HOST/DATABASE"
         raise ValueError(f"--storage {shown(hidden(url))}: expected {expected}, or sqlite:///FILE for one machine")
     scheme, module = _DRIVERS[kind]
-    if importlib.util.find_spec(module) is None:
-        raise ValueError(f"--storage {kind}: needs {module}; install it with: pip install 'offtrack[cluster]'")
+    check_extra("cluster", f"--storage {kind}: needs", module)
     address = scheme + url[len(url.partition(":")[0]) :]
     with _refusals(url), without_warnings():
         for left in reversed(range(_OPENINGS)):
@@ -252,11 +249,7 @@ def _fail_dead_trials(study: optuna.Study) -> None:
 
 
 def _check_files(study: optuna.Study, tuning: Tuning) -> None:
-    """Refuse to go on with trials in a database that opened a file of another content than it has here.
-
-    Raises:
-        ValueError: one line.
-    """
+    """Refuse to go on with trials in a database that opened a file of another content than it has here."""
     for trial in study.get_trials(deepcopy=False):
         for file, known in trial.user_attrs.get(_FILES, {}).items():
             if digest(Path(file)) not in ("", known):  # another machine may not have it

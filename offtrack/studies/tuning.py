@@ -3,8 +3,6 @@
 A trial is a tuning set of runs. The result is compared with the default parameters on another set of runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,8 +16,8 @@ from offtrack.studies.study import Study, settings_of, subject_of
 from offtrack.studies.table import QUANTITIES
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import load_any_scenario
-from scenarios.results.atomic_files import replaced
-from vehicle.foundation.parameter_file import nearest
+from scenarios.results.run_directory import replaced
+from vehicle.foundation.user_file import nearest
 from vehicle.option import declared_options
 
 _FAILED: Final = 100.0  # objective of a run that did not complete: worse than that of any completed run [m, deg, …]

@@ -1,7 +1,5 @@
 """The report of a tuning: the parameters chosen, and their results on runs that they were not tuned on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from offtrack.reports.page import Cell, Column, Figure, Page, Row, Section, Table, software_section

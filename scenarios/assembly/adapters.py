@@ -1,7 +1,5 @@
 """Build vehicle, plant, geometry, outlines, course, surface and rig from scenario and vehicle files."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,10 +14,8 @@ from scenarios.catalogue import PLANT, Part, check_made, constructed, resolve
 from scenarios.courses import Course
 from scenarios.image_file import read_grey
 from scenarios.options.course import ConstantSlipOptions
-from scenarios.options.perception import RigOptions
-from scenarios.options.rover_scenario import TraceRigOptions
-from scenarios.options.scenario import Scenario
-from scenarios.options.surroundings import CircleOptions, RectangleOptions, SurfaceOptions
+from scenarios.options.scenario import Scenario, TraceRigOptions
+from scenarios.options.tables import CircleOptions, RectangleOptions, RigOptions, SurfaceOptions
 from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
 from vehicle.clock import TICK, Schedule

@@ -1,7 +1,5 @@
 """Construct the tractor's driver and the trailers' guarded steering laws by name."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Mapping
@@ -10,21 +8,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from controllers.checked import CheckedDriver
-from controllers.driver import DriverLike, DriverTrace, PreviewDriver, TraceDriver
+from controllers.driver import DriverLike, DriverTrace, PreviewDriver, ShuntingDriver, Stop, TraceDriver
 from controllers.reversing_law import RollingChain
-from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.guard import Degradation
-from controllers.trailer_steering.safeguarded import Safeguarded
+from controllers.trailer_steering.safeguarded import Degradation, Safeguarded
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
-from scenarios.options.vehicle_and_driver import DriverOptions
-from scenarios.table_file import Column, open_table
+from scenarios.options.tables import DriverOptions
 from vehicle.combination.description import Vehicle
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.data_file import Column, open_table
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.option import COMBINATION, Parameter, arguments
 

@@ -1,7 +1,5 @@
 """Assembly of a rover run with its sensors: all parts are constructed and checked before the simulation starts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,9 +16,8 @@ from estimators.odometry.repeated_frames import NewViews
 from scenarios.assembly.adapters import rig_schedule
 from scenarios.assembly.applied_faults import refuse_loop_faults, sensor_faults
 from scenarios.catalogue import ROVER_DRIVER, ROVER_SENSOR, SLIP_ESTIMATOR, Part, check_made, constructed, resolve
-from scenarios.options.rover_scenario import RoverScenario, RoverSurfaceOptions, SandOptions
+from scenarios.options.scenario import RoverScenario, RoverSurfaceOptions, SandOptions, stream
 from scenarios.progress import Progress, no_progress
-from scenarios.randomness import stream
 from sensors.context import RoverSensorContext
 from sensors.faults.fault import with_faults
 from sensors.instruments.navigation import ExactSlip, LaserTracker, RoverInstruments
@@ -257,10 +254,7 @@ def rover_sensing(scenario: RoverScenario, mount: RoverMountContext) -> RoverSen
         )
     opened = opened_rover_sensor(sensor, mount)
     context = RoverContext(
-        rover=rover_geometry(mount.rover),
-        rig=mount.rig,
-        rng=mount.stream("slip estimator"),
-        options=scenario.estimator,
+        rover=rover_geometry(mount.rover), rig=mount.rig, rng=mount.stream("slip estimator"), options=scenario.estimator
     )
     estimator = constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
     check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))

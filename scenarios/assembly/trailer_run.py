@@ -1,7 +1,5 @@
 """Assembly of a trailer run: all parts are constructed and checked before the simulation starts."""
 
-from __future__ import annotations
-
 import math
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -50,10 +48,9 @@ from scenarios.assembly.trailer_sensors import (
 )
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.courses import Course
-from scenarios.options.scenario import Scenario
-from scenarios.options.surroundings import SurfaceOptions
+from scenarios.options.scenario import Scenario, stream
+from scenarios.options.tables import SurfaceOptions
 from scenarios.progress import Progress, no_progress
-from scenarios.randomness import stream
 from scenarios.roads.crg_file import CrgSurface, read_crg
 from sensors.faults.fault import Fault, with_faults
 from sensors.faults.message_kinds import SignalFault
@@ -63,8 +60,7 @@ from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.foundation.own_parts import close_part
-from vehicle.foundation.polyline import dense
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, dense
 from vehicle.option import Parameter, check_options, declared_options
 from vehicle.surface import PATCH_SPREAD, MeasuredRoad, Surface
 
@@ -237,11 +233,7 @@ def _with_signals(sensing: Sensing, context: MountContext) -> Sensing:
 
 
 def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
-    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for the others.
-
-    Raises:
-        ValueError: one line, if ``viso_ot.…`` is given to another estimator.
-    """
+    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for the others."""
     if scenario.off_tracking == "viso_ot":
         return scenario.viso_ot.model_dump()
     if scenario.viso_ot != VisoOt.Parameters():

@@ -5,8 +5,6 @@ boards stand at surveyed positions: they give the cameras' pose on the trailer, 
 the view by errors of the principal points. The mount is straight during the calibration and bends only later.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,13 +20,18 @@ from estimators.context import Estimator
 from estimators.rigid_motion import rotation_vector
 from scenarios.assembly.adapters import rig_on
 from scenarios.courses import Course
-from scenarios.options.perception import GroundRigOptions, RigOptions, WorldOptions
-from scenarios.options.surroundings import SurfaceOptions, TrafficOptions
+from scenarios.options.tables import GroundRigOptions, RigOptions, SurfaceOptions, TrafficOptions, WorldOptions
 from scenarios.progress import Progress, no_progress
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.image_formation import AutoExposure
-from sensors.camera.lens import UNDISTORTED, CameraModel, RawStereoRig, mount_rotation
-from sensors.camera.rig import StereoCalibration, ground_watching_pair
+from sensors.camera.rig import (
+    UNDISTORTED,
+    CameraModel,
+    RawStereoRig,
+    StereoCalibration,
+    ground_watching_pair,
+    mount_rotation,
+)
 from sensors.camera.stereo_camera import Imperfections, PairSource, RawStereoCamera, StereoCamera, pinholes_for
 from sensors.context import TrailerSensorContext
 from sensors.instruments.combination import CombinationSensors
@@ -36,9 +39,8 @@ from sensors.instruments.navigation import ExactPose
 from sensors.messages import Message, Sensor, StereoFrame, TrailerView
 from sensors.render import StereoRenderer
 from sensors.world.ground import ground_height
-from sensors.world.reformed_ground import ReformedGround
 from sensors.world.traffic import InTraffic, StereoSampler, Traffic, populated
-from sensors.world.world import World, build_world
+from sensors.world.world import ReformedGround, World, build_world
 from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
@@ -389,11 +391,7 @@ class StereoCameras:
 def _pinholes(context: MountContext, calibration: StereoCalibration, noise: np.random.Generator) -> OpenedSensor:
     renderer = context.views.seen_by(calibration)
     camera = StereoCamera(
-        renderer=renderer,
-        unit=context.unit,
-        noise_std=context.rig.noise,
-        rng=noise,
-        keep_colour=context.keep_colour,
+        renderer=renderer, unit=context.unit, noise_std=context.rig.noise, rng=noise, keep_colour=context.keep_colour
     )
     return OpenedSensor(
         sensor=context.views.amid(camera, renderer),

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from estimators.estimates import OffTracking
-from scenarios.options.vehicle_and_driver import OutsideOptions
-from scenarios.results.summary_numbers import Outside
-from scenarios.table_file import Column, open_table
+from scenarios.options.tables import OutsideOptions
+from scenarios.results.run_summary import Outside
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK, to_ticks
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.data_file import Column, open_table
+from vehicle.foundation.user_file import nearest, shown
 
 if TYPE_CHECKING:
     from scenarios.assembly.trailer_run import Assembly

@@ -38,7 +38,7 @@ from controllers.checked import LawError, misbehaviour
 from controllers.driver import PERIOD
 from estimators.context import Estimator
 from estimators.estimates import check_estimate
-from scenarios.results.summary_numbers import Paced, Timing
+from scenarios.results.run_summary import Paced, Timing
 from sensors.messages import Message, Sensor, Stamped
 from vehicle.clock import TICK, Pipe, Schedule, to_ticks
 

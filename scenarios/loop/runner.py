@@ -17,8 +17,7 @@ from scenarios.loop.image_observers import Recorder
 from scenarios.loop.rover_session import RoverSession
 from scenarios.loop.session import RunSession
 from scenarios.loop.trailer_session import TrailerSession
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import AnyScenario, Scenario
+from scenarios.options.scenario import AnyScenario, RoverScenario, Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_inputs import run_inputs

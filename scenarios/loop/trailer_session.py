@@ -28,14 +28,15 @@ from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log
 from scenarios.results.run_inputs import RunInputs
+from scenarios.results.run_summary import Outside
 from scenarios.results.run_warnings import (
     SteeredAxle,
     actuator_warnings,
     calibration_warnings,
+    doubt_warnings,
     signal_warnings,
     steer_warnings,
 )
-from scenarios.results.summary_numbers import Outside
 from scenarios.results.trailer_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult, friction_picture
 from scenarios.results.trailer_signals import (
     CombinationRecord,
@@ -293,7 +294,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         outside = self.exchange.report() if self.exchange else None
         scenario, inputs = _with_record(parts.scenario, inputs, outside)
         with_unit = complete and scenario.reference_unit
-        tracks = [_track_of(self, trailer, with_unit=with_unit) for trailer in self.trailers]
+        tracks = [track_of(self, trailer, with_unit=with_unit) for trailer in self.trailers]
         log = run_log(self.rows, tracks, vehicle)
         return RunResult(
             scenario=scenario.name,
@@ -344,7 +345,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         )
 
 
-def _track_of(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
+def track_of(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
     """A trailer's estimates, and the reference unit on it if there is one."""
     watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
     n, has_faults = len(session.rows), bool(session.parts.scenario.faults)
@@ -443,6 +444,11 @@ def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
     )
 
 
+def _doubts(trailer: SteeredTrailer) -> Iterable[str]:
+    """Warnings about what the estimator doubts, and the law's guard does not."""
+    return doubt_warnings((e.off_tracking for e in trailer.estimates), {one.signal for one in trailer.findings})
+
+
 def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
     """Warnings about signals and steering actuators of all trailers."""
     return tuple(
@@ -450,6 +456,7 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
         for trailer in session.trailers
         for line in (
             *(f": {line}" for line in signal_warnings(trailer.findings)),
+            *(f": {line}" for line in _doubts(trailer)),
             *(f", {line}" for line in actuator_warnings(trailer.actuator_findings)),
         )
     )

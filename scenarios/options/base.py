@@ -1,7 +1,5 @@
 """What the tables of a scenario are declared with: fields of numbers and of words, and texts that name files."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import tomli_w

@@ -1,7 +1,5 @@
 """Courses of trailers: each kind is a table that builds its course. Add new kinds to ``COURSES``."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

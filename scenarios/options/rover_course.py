@@ -1,7 +1,5 @@
 """Courses of rovers: each kind is a table that builds its path. Add new kinds to ``ROVER_COURSES``."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Annotated, Final, Literal, Union

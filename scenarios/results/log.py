@@ -3,8 +3,6 @@
 On disk a log is a Parquet file in SI units; its schema holds the unit and meaning of every signal.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -153,7 +151,7 @@ class Log:
     __hash__ = None  # type: ignore[assignment]  # mypy has no notion of an unhashable dataclass with its own __eq__
 
     @classmethod
-    def of(cls, columns: Iterable[Column]) -> Log:
+    def of(cls, columns: Iterable[Column]) -> "Log":
         """The log of these columns; each is let go of as soon as it is copied."""
         signals, values = list[Signal](), list[Sequence[float] | FloatArray]()
         for signal, column in columns:
@@ -161,7 +159,7 @@ class Log:
             values.append(column)
         return cls(tuple(signals), _canonical(len(values[0]), values))
 
-    def with_columns(self, columns: Iterable[Column]) -> Log:
+    def with_columns(self, columns: Iterable[Column]) -> "Log":
         """The log with further columns."""
         return Log.of([*((signal, self[signal.name]) for signal in self.signals), *columns])
 

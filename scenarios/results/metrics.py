@@ -3,8 +3,6 @@
 Arrays run along time. NaN means "no value" and is ignored.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Result of a rover run in memory: its signals, its summary, and the lines in its camera image."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,8 +13,7 @@ from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import LaserSlip, RoverPose
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, LOST, MOTION, Column, Log, Row, Signal, columns_by_parts
-from scenarios.results.run_summary import Result
-from scenarios.results.summary_numbers import Numbers, Summary, number, timing_numbers
+from scenarios.results.run_summary import Numbers, Result, Summary, number, timing_numbers
 from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
@@ -180,7 +177,7 @@ def _columns(
     yield from _estimate_columns(ticks, estimates)
 
 
-def _true_columns(rig: TraceRig, path: _Along, rows: Sequence[RoverRow]) -> Iterator[Column]:
+def _true_columns(rig: TraceRig, path: "_Along", rows: Sequence[RoverRow]) -> Iterator[Column]:
     """Truth, commands and readings of some rows, which come in order."""
     truths, records = [row.truth for row in rows], [row.record for row in rows]
     yield Signal("tick", "ms", "time in whole ticks"), [truth.tick for truth in truths]

@@ -4,8 +4,6 @@ A run directory holds copies of the files, so that it runs again elsewhere, and 
 copied, as they belong to a program: their hashes are kept, and a later run on other ones says so.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import json
@@ -21,7 +19,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from vehicle.foundation.own_parts import is_library
 from vehicle.foundation.user_file import FileKind, read_text
 

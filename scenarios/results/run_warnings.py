@@ -4,10 +4,8 @@ An oscillation is a row of swings to and fro of similar size and period. The swi
 slalom, do not count: its curvature swings as often. Single turns have few swings, and rough roads small ones.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -15,7 +13,8 @@ import numpy as np
 
 from controllers.trailer_steering.actuators import ActuatorFinding, Kind
 from estimators.calibration.corrections import SelfCalibratedMotion
-from estimators.estimates import Motion
+from estimators.estimates import Motion, OffTracking
+from estimators.off_tracking.signal_fusion import DIRECTION
 from estimators.off_tracking.signal_monitor import Finding
 from scenarios.results.log import Log
 from vehicle.clock import TICK
@@ -208,7 +207,7 @@ class _Found(NamedTuple):
     number: int = 0
     last: SelfCalibratedMotion | None = None
 
-    def with_motion(self, motion: SelfCalibratedMotion) -> _Found:
+    def with_motion(self, motion: SelfCalibratedMotion) -> "_Found":
         """One more."""
         return _Found(self.number + 1, motion)
 
@@ -266,12 +265,30 @@ def _periods(findings: Iterator[ActuatorFinding]) -> Iterator[str]:
         yield f"from {begin * TICK:.1f} s ({_MEANING[kind]})"
 
 
+_OF_CAMERAS: Final = (
+    "all axles contradict it, as of a left camera that was turned; its estimates have a larger standard deviation"
+)
+
+
 def signal_warnings(findings: Sequence[Finding]) -> Iterator[str]:
     """A line for every signal, with the times at which it was distrusted."""
     for signal in dict.fromkeys(finding.signal for finding in findings):
+        reason = _OF_CAMERAS if signal == DIRECTION else "it contradicts the other signals; corrected"
         times = ", ".join(
             f"{'from' if finding.at_fault else 'to'} {finding.tick * TICK:.1f} s"
             for finding in findings
             if finding.signal == signal
         )
-        yield f"{signal} distrusted {times.replace(', to', ' to')}: it contradicts the other signals; corrected"
+        yield f"{signal} distrusted {times.replace(', to', ' to')}: {reason}"
+
+
+def doubt_warnings(estimates: Iterable[OffTracking], known: Container[str] = ()) -> Iterator[str]:
+    """A line for every sensor that the estimates have doubted, but those whose names are ``known``."""
+    findings: list[Finding] = []
+    before: tuple[str, ...] = ()
+    for estimate in estimates:
+        for name in dict.fromkeys((*before, *estimate.doubts)):
+            if (name in before) != (name in estimate.doubts) and name not in known:
+                findings.append(Finding(estimate.tick, name, name in estimate.doubts))
+        before = estimate.doubts
+    yield from signal_warnings(findings)

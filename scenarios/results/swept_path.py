@@ -4,8 +4,6 @@ Bodies are rectangles on the ground plane. Poses are arrays (n, 3) of x [m], y [
 wrapped or continuous.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from vehicle.foundation.polyline import arc_length, rows_every
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length, rows_every
 
 _QUARTER_TURN = 0.5 * math.pi
 _TURN = math.radians(10.0)  # a smaller change of heading is a lane change, not a turn

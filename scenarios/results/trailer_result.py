@@ -1,7 +1,5 @@
 """Result of a trailer run in memory, with the friction of the ground around it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple
@@ -11,8 +9,7 @@ from numpy.typing import NDArray
 
 from scenarios.results import metrics
 from scenarios.results.log import LOST, OK
-from scenarios.results.run_summary import Result
-from scenarios.results.summary_numbers import Numbers, Outside, Summary, number, timing_numbers
+from scenarios.results.run_summary import Numbers, Outside, Result, Summary, number, timing_numbers
 from scenarios.results.swept_path import RoadEdges, SweptPath, TurnArc, UnitOutline, swept_path, wheel_clearance
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray

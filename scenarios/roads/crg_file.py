@@ -1,7 +1,5 @@
 """Read the measured surface of a road from an OpenCRG file, by the package pyopencrg."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ The path is a chain of clothoids between knots. Each Gauss-Newton step shifts it
 curvature by eta'' + kappa^2 eta; the normal equations have seven diagonals, so that the time is linear in the length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -23,8 +21,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from controllers.path import Path, Segment
 from scenarios.roads.path_file import PathPoints
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, arc_length
 
 _KNOTS: Final = 16  # per smoothing length: linear interpolation between them errs by 0.6 % of a wave of that length
 _MOST_KNOTS: Final = 60_000  # of a path: a second to fit
@@ -106,9 +103,7 @@ def _with_straights(points: FloatArray, smoothing: float) -> FloatArray:
     neighbours = np.minimum(np.append(legs[1:], np.inf), np.insert(legs[:-1], 0, np.inf))
     usual = np.where(np.isfinite(neighbours), neighbours, smoothing)
     pieces = np.where(
-        (legs > _LONG_LEG * usual) | ~np.isfinite(neighbours),
-        np.ceil(legs / np.maximum(usual, 0.25 * smoothing)),
-        1.0,
+        (legs > _LONG_LEG * usual) | ~np.isfinite(neighbours), np.ceil(legs / np.maximum(usual, 0.25 * smoothing)), 1.0
     ).astype(int)
     rows = np.concatenate([[0.0], np.repeat(np.arange(len(legs)), pieces) + _fractions(pieces)])
     return np.stack([np.interp(rows, np.arange(len(points)), points[:, i]) for i in range(2)], axis=1)

@@ -1,7 +1,5 @@
 """The course along points of a path: smooth path, road, heights and friction, checked against what a vehicle can do."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Final, Literal

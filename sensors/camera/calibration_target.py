@@ -1,10 +1,8 @@
 """Checkerboard for the calibration of cameras, and synthetic images of it.
 
-Modelled: the lens (``sensors.camera.lens``), its blur, anti-aliasing, noise, and light that falls off towards one side
+Modelled: the lens (``sensors.camera.rig``), its blur, anti-aliasing, noise, and light that falls off towards one side
 of the board. Not modelled: bent boards, motion blur, reflections.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,7 +10,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray, so3_exp, transform
 
@@ -105,12 +103,7 @@ def _light(board: Checkerboard, xy: FloatArray) -> FloatArray:
 
 
 def random_board_pose(
-    board: Checkerboard,
-    rng: np.random.Generator,
-    *,
-    ray: FloatArray,
-    depth: float,
-    tilt: float,
+    board: Checkerboard, rng: np.random.Generator, *, ray: FloatArray, depth: float, tilt: float
 ) -> FloatArray:
     """Pose X_CB (4, 4) of a board whose middle lies on the ray ``ray`` (2,) at a depth ``depth`` [m].
 

@@ -4,8 +4,6 @@ Modelled: control of the exposure by the brightness of previous images, conversi
 constant or grows with the light, rounding and saturation.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -14,8 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera.lens import UNDISTORTED, CameraModel, RawStereoRig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import UNDISTORTED, CameraModel, RawStereoRig, StereoCalibration
 from sensors.messages import ColourImage, GreyImage
 from sensors.textures import fractal_noise
 from vehicle.foundation.quantity import check_number
@@ -50,7 +47,7 @@ class NoiseBank:
     samples: NDArray[np.int16]  # (n,) [grey levels]
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, std: float, pixels: int) -> NoiseBank:
+    def draw(cls, rng: np.random.Generator, std: float, pixels: int) -> "NoiseBank":
         """Bank of the given standard deviation [grey levels] for images of this number of pixels.
 
         Samples are whole grey levels, as an 8-bit camera sends them: rounding adds a variance of 1/12.
@@ -79,7 +76,7 @@ class LightNoise:
     shot: float  # standard deviation at white and a gain of 1, without the read-out noise [grey levels]
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, read: float, shot: float, pixels: int) -> LightNoise:
+    def draw(cls, rng: np.random.Generator, read: float, shot: float, pixels: int) -> "LightNoise":
         """Noise for images of this number of pixels.
 
         Raises:
@@ -119,7 +116,7 @@ class LensMap:
     is_identity: bool
 
     @classmethod
-    def of(cls, camera: CameraModel, pinhole: StereoCalibration) -> LensMap:
+    def of(cls, camera: CameraModel, pinhole: StereoCalibration) -> "LensMap":
         """Map for a pinhole whose image covers the camera's view."""
         v, u = np.mgrid[0.0 : camera.height, 0.0 : camera.width]
         rays = camera.rays(np.stack([u, v], axis=-1))
@@ -190,10 +187,7 @@ def _border(camera: CameraModel) -> NDArray[np.float64]:
 
 _DIRT: Final = 0.85  # share of the light that thick dirt absorbs or scatters [-]
 _SCATTER: Final = 0.3  # share of that light which is scattered over the image behind it [-]
-_DROP_RADII: Final = (
-    0.012,
-    0.045,
-)  # apparent radius of rain drops over the mean side of the image [-]
+_DROP_RADII: Final = (0.012, 0.045)  # apparent radius of rain drops over the mean side of the image [-]
 _COARSE: Final = 4  # glare is smooth: it is computed on every fourth pixel
 # Veiling glare by the angle from the sun: a halo around it and a wide haze from dust in the optics, as shares of white.
 _HALO, _HALO_WIDTH = 1.0, math.radians(7.0)
@@ -328,7 +322,7 @@ class Twist(NamedTuple):
     v: FloatArray  # (3,) of its origin [m/s]
     w: FloatArray  # (3,) [rad/s]
 
-    def seen_from(self, X_BC: FloatArray) -> Twist:
+    def seen_from(self, X_BC: FloatArray) -> "Twist":
         """Twist of a frame C that is fixed in this one, B."""
         R, p = X_BC[:3, :3], X_BC[:3, 3]
         return Twist(R.T @ (self.v + cross(self.w, p)), R.T @ self.w)

@@ -4,8 +4,6 @@ Light is measured in the renderer's grey levels and assumed proportional to them
 renderer's white. Not modelled: chromatic aberration, focus, dead pixels, compression.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -27,8 +25,7 @@ from sensors.camera.image_formation import (
     lens_surface,
     twist_between,
 )
-from sensors.camera.lens import RawStereoRig, mount_rotation
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import RawStereoRig, StereoCalibration, mount_rotation
 from sensors.messages import ColourImage, GreyImage, NearnessImage, StereoFrame
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth

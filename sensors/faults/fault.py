@@ -4,8 +4,6 @@
 classes in ``message_kinds`` and ``image_kinds`` define most of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,15 +11,13 @@ from typing import ClassVar, Final, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from sensors.camera.lens import CameraModel
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import CameraModel, StereoCalibration
 from sensors.messages import Message, Sensor, Stamped, message_type
 from vehicle.clock import to_ticks
 from vehicle.option import Option
 
 T = TypeVar("T", bound=Stamped)
-
-
+Options: TypeAlias = tuple[Option, ...]
 Pinhole: TypeAlias = StereoCalibration | CameraModel
 """Size and intrinsics of images."""
 
@@ -39,7 +35,7 @@ class FaultContext:
 class FaultKind(Protocol):
     """One kind of fault. The first line of the class's docstring is its description in listings."""
 
-    options: ClassVar[tuple[Option, ...]]  # numbers that set its severity, in this order
+    options: ClassVar[Options]  # numbers that set its severity, in this order
     needs: ClassVar[str]  # sensors it applies to, as errors name them, e.g. "a stereo camera"
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
@@ -59,7 +55,7 @@ class FaultKind(Protocol):
 class Graded(Protocol):
     """A fault kind of sensors or of the rest of the loop, as far as its severity goes."""
 
-    options: ClassVar[tuple[Option, ...]]  # numbers that set it, in this order
+    options: ClassVar[Options]  # numbers that set it, in this order
 
 
 KindT = TypeVar("KindT", bound=Graded)

@@ -1,7 +1,5 @@
 """Fault kinds of images: those of any camera, and those of the right camera of a stereo pair."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar, cast
@@ -9,17 +7,9 @@ from typing import ClassVar, cast
 import cv2
 import numpy as np
 
-from sensors.camera.image_formation import (
-    STILL,
-    Twist,
-    behind_dirt,
-    dirt_layer,
-    glare_veil,
-    moved,
-    twist_between,
-)
-from sensors.camera.lens import mount_rotation
-from sensors.faults.fault import FaultContext, Pinhole, T
+from sensors.camera.image_formation import STILL, Twist, behind_dirt, dirt_layer, glare_veil, moved, twist_between
+from sensors.camera.rig import mount_rotation
+from sensors.faults.fault import FaultContext, Options, Pinhole, T
 from sensors.messages import GreyImage, Message, Sensor, image_fields
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.truth import Truth
@@ -30,7 +20,7 @@ from vehicle.option import Option
 class ImageFault(ABC):
     """Base of fault kinds that degrade each image by itself; the colour picture for people is left out meanwhile."""
 
-    options: ClassVar[tuple[Option, ...]] = ()
+    options: ClassVar[Options] = ()
     needs: ClassVar[str] = "a camera"
 
     @classmethod
@@ -82,9 +72,7 @@ class Blackout(ImageFault):
 class Dirt(ImageFault):
     """A splash of dirt covers a share of each lens."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("share", 0.3, "share of the lens that is covered", low=0.0, high=1.0),
-    )
+    options: ClassVar[Options] = (Option("share", 0.3, "share of the lens that is covered", low=0.0, high=1.0),)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         camera, (share,) = camera_of(context), amount
@@ -99,9 +87,7 @@ class Dirt(ImageFault):
 class Glare(ImageFault):
     """Light is scattered around a spot in the upper half of the images."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("strength", 1.0, "brightness relative to the sun", low=0.0, high=5.0),
-    )
+    options: ClassVar[Options] = (Option("strength", 1.0, "brightness relative to the sun", low=0.0, high=5.0),)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (strength,), c, rng = amount, camera_of(context), context.rng
@@ -118,7 +104,7 @@ class Glare(ImageFault):
 class Gain(ImageFault):
     """One camera, the right one of a pair, exposes otherwise: its grey levels are scaled and shifted."""
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("factor", 0.7, "grey levels of the sound image are multiplied by it", low=0.1, high=10.0),
         Option("offset", 0.0, "grey levels that are added", low=-255.0, high=255.0),
     )
@@ -152,7 +138,7 @@ class Desync(StereoFault):
     Its image is taken where the steady motion of the body since the last capture will have carried it by then.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("lag", 0.01, "the right exposure is later by this time", unit="s", low=0.001, high=0.09),
     )
 
@@ -185,7 +171,7 @@ class Desync(StereoFault):
 class Decalibration(StereoFault, ImageFault):
     """The right camera is turned against its calibration."""
 
-    options: ClassVar[tuple[Option, ...]] = tuple(
+    options: ClassVar[Options] = tuple(
         Option(name, default, f"{name} of the right camera", unit="deg", low=-5.0, high=5.0)
         for name, default in (("roll", -0.15), ("yaw", 0.1), ("pitch", 0.0))
     )

@@ -3,15 +3,13 @@
 The latter act on the signals of one trailer: its hitch is the one at its front, its gyro the one on its body.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from sensors.faults.fault import FaultContext, T
+from sensors.faults.fault import FaultContext, Options, T
 from sensors.messages import CombinationSignals, Message, Sensor
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -23,7 +21,7 @@ _SHARE: Final = Option("share", 0.1, "share of messages", low=0.0, high=1.0)
 class AnySensorFault:
     """Base of fault kinds that apply to every sensor."""
 
-    options: ClassVar[tuple[Option, ...]] = ()
+    options: ClassVar[Options] = ()
     needs: ClassVar[str] = "a sensor"
 
     @classmethod
@@ -35,7 +33,7 @@ class AnySensorFault:
 class Dropout(AnySensorFault):
     """Messages are lost at random."""
 
-    options: ClassVar[tuple[Option, ...]] = (_SHARE,)
+    options: ClassVar[Options] = (_SHARE,)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,) = amount
@@ -51,7 +49,7 @@ class Dropout(AnySensorFault):
 class Duplicate(AnySensorFault):
     """Messages are replaced at random by the previous one, under the new time."""
 
-    options: ClassVar[tuple[Option, ...]] = (_SHARE,)
+    options: ClassVar[Options] = (_SHARE,)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,) = amount
@@ -71,7 +69,7 @@ class Duplicate(AnySensorFault):
 class Freeze(Duplicate):
     """The last message before the fault is repeated, under the new time."""
 
-    options: ClassVar[tuple[Option, ...]] = ()
+    options: ClassVar[Options] = ()
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         super().__init__((1.0,), context)
@@ -83,7 +81,7 @@ class Delay(AnySensorFault):
     Messages that are still under way when the fault ends are lost.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("delay", 1, "messages are late by so many captures", unit="captures", low=1, high=50),
     )
 
@@ -104,7 +102,7 @@ class Delay(AnySensorFault):
 class SignalFault(ABC):
     """Base of fault kinds that apply to the combination's own sensors; a subclass writes ``degraded``."""
 
-    options: ClassVar[tuple[Option, ...]] = ()
+    options: ClassVar[Options] = ()
     needs: ClassVar[str] = "a combination's own sensors"
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
@@ -128,9 +126,7 @@ class SignalFault(ABC):
 class ArticulationOffset(SignalFault):
     """The hitch-angle sensor of the trailer is shifted."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("offset", 2.0, "added to the hitch angle", unit="deg", low=-90.0, high=90.0),
-    )
+    options: ClassVar[Options] = (Option("offset", 2.0, "added to the hitch angle", unit="deg", low=-90.0, high=90.0),)
 
     def degraded(self, signals: CombinationSignals, active: bool) -> CombinationSignals:
         """Signals with a shifted hitch angle."""
@@ -158,9 +154,7 @@ class ArticulationStuck(SignalFault):
 class GyroBias(SignalFault):
     """The trailer's gyro has a constant bias."""
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("bias", 1.0, "added to the yaw rate", unit="deg/s", low=-300.0, high=300.0),
-    )
+    options: ClassVar[Options] = (Option("bias", 1.0, "added to the yaw rate", unit="deg/s", low=-300.0, high=300.0),)
 
     def degraded(self, signals: CombinationSignals, active: bool) -> CombinationSignals:
         """Signals with a biased yaw rate."""
@@ -173,7 +167,7 @@ class GyroBias(SignalFault):
 class GyroDrift(SignalFault):
     """The bias of the trailer's gyro grows from zero at a constant rate."""
 
-    options: ClassVar[tuple[Option, ...]] = (
+    options: ClassVar[Options] = (
         Option("drift", 0.1, "growth of the bias per second", unit="deg/s2", low=-100.0, high=100.0),
     )
 

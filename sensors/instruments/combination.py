@@ -44,7 +44,9 @@ class CombinationSensors:
     def __init__(self, vehicle: Vehicle, unit: int, *, rng: np.random.Generator, noise: float) -> None:
         """Sensors for the ``unit`` of a vehicle; ``noise`` scales all errors: 1 as in data sheets, 0 none."""
         self._unit, self._rng, self._noise = unit, rng, noise
-        self._front_x = vehicle.units[0].steered_axles[0].x
+        front = vehicle.units[0].steered_axles[0]
+        number = vehicle.units[0].axles.index(front)
+        self._front_x, self._front_wheels = front.x, slice(2 * number, 2 * number + 2)
         self._axles = vehicle.law_axles(unit)
         axles = vehicle.led_unit(unit).axles
         self._group_x = sum(axle.x for axle in axles) / len(axles)
@@ -89,9 +91,11 @@ class CombinationSensors:
         )
 
     def _wheel_speed(self, truth: Truth) -> float:
-        """Speed of the rear axle from the rolling of the undriven, steered front wheels [m/s]."""
-        v_x, v_y, yaw_rate = map(float, truth.velocities[0])
+        """Speed of the rear axle from the rotation of the front wheels, which brakes slow [m/s]."""
         steer = float(truth.steer[0])
+        if truth.wheel_speeds is not None:
+            return float(truth.wheel_speeds[self._front_wheels].mean()) * math.cos(steer)
+        v_x, v_y, yaw_rate = map(float, truth.velocities[0])
         rolling = v_x * math.cos(steer) + (v_y + self._front_x * yaw_rate) * math.sin(steer)
         return rolling * math.cos(steer)
 

@@ -5,8 +5,6 @@ Open one renderer at a time per process and close it before the next. Use it onl
 fork after a renderer has been opened: spawn instead.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 from collections.abc import Iterator
@@ -61,7 +59,7 @@ class StereoRenderer:
         self._pair: PairRenderer | None = pair
         self.name = pair.name  # and version of the OpenGL renderer
 
-    def on(self, calibration: StereoCalibration) -> StereoRenderer:
+    def on(self, calibration: StereoCalibration) -> "StereoRenderer":
         """Renderer for another rig of equal pinholes in the same world; it shares this one's OpenGL objects.
 
         Raises:
@@ -73,7 +71,7 @@ class StereoRenderer:
         shared.calibration = calibration
         return shared
 
-    def __deepcopy__(self, _: object) -> StereoRenderer:
+    def __deepcopy__(self, _: object) -> "StereoRenderer":
         """The same renderer: OpenGL's objects cannot be copied, and every picture is drawn anew."""
         return self
 
@@ -119,7 +117,7 @@ class StereoRenderer:
             self._pair.close()
             self._pair = None
 
-    def _live(self) -> PairRenderer:
+    def _live(self) -> "PairRenderer":
         if self._pair is None:
             raise ValueError("this StereoRenderer is closed: open a new one")
         return self._pair

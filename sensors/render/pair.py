@@ -4,8 +4,6 @@ The renderer has its own shaders, drawing order and instanced meshes: these are 
 instances of a part of a thing. Importing this module imports pyrender and loads EGL.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,8 +26,7 @@ from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.ground import Condition, RoadMap, line_range
 from sensors.world.scenery import Instances
-from sensors.world.shapes import FaceArray, Mesh, grid_faces
-from sensors.world.things import Part
+from sensors.world.things import FaceArray, Mesh, Part, grid_faces
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
@@ -121,7 +118,7 @@ class Program:
     locations: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, *defined: str) -> Program:
+    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, *defined: str) -> "Program":
         """Program of two files in ``shaders``, with preprocessor definitions; the cache owns it."""
         defines = dict.fromkeys(defined, 1)
         program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag", defines=defines)
@@ -176,7 +173,7 @@ class InstancedPart:
     spheres: FloatArray  # (n, 4) bounding spheres for culling: centre in W and radius [m]
 
     @classmethod
-    def of(cls, instances: Instances, part: Part) -> InstancedPart:
+    def of(cls, instances: Instances, part: Part) -> "InstancedPart":
         """Instances of one part of a thing."""
         matrices, spheres = _placed(instances, part)
         transposed = np.ascontiguousarray(matrices.transpose(0, 2, 1), dtype=np.float32)

@@ -1,7 +1,5 @@
 """Field of sand tiles, made when first seen or driven on, with older tracks in it and light on it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,8 +13,7 @@ from sensors.sand.grid import TEXEL, Bytes, Floats, Roll, Sand, Tread, Window, i
 from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.solids import Rock
 from sensors.world.sky import Sunlight
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _OFFSET: Final = (0.17, 0.33)  # of a track along the route from the rover's own left wheels [m]
 _SWEEPS: Final = 4  # of slumping after an imprint
@@ -114,7 +111,7 @@ class Reach:
     behind: Window  # margins around it with the texels whose light it may change
 
     @classmethod
-    def of(cls, light: Sunlight) -> Reach:
+    def of(cls, light: Sunlight) -> "Reach":
         """Surroundings for a position of the sun."""
         across = math.hypot(light.direction[0], light.direction[1])
         near = _NARROW // 2 + 1
@@ -341,7 +338,4 @@ def _extent(i: int, j: int) -> Window:
 def _in_blocks(part: tuple[slice, slice]) -> tuple[slice, slice]:
     """Slices of texels that begin and end with blocks, as slices of blocks."""
     rows, columns = part
-    return (
-        slice(rows.start // _BLOCK, rows.stop // _BLOCK),
-        slice(columns.start // _BLOCK, columns.stop // _BLOCK),
-    )
+    return (slice(rows.start // _BLOCK, rows.stop // _BLOCK), slice(columns.start // _BLOCK, columns.stop // _BLOCK))

@@ -7,8 +7,6 @@ wheel with side slip sweeps flanks with its front and rear ends. Most of the dis
 in two berms. Sand that the side of the wheel bulldozes lies on the side it slides to.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -38,11 +36,11 @@ class Window(NamedTuple):
         """Rows and columns."""
         return self.bottom - self.top, self.right - self.left
 
-    def grown(self, by: int) -> Window:
+    def grown(self, by: int) -> "Window":
         """Window with a margin of ``by`` texels on each side."""
         return Window(self.top - by, self.left - by, self.bottom + by, self.right + by)
 
-    def common(self, other: Window) -> Window:
+    def common(self, other: "Window") -> "Window":
         """Intersection of two windows; it may be empty."""
         return Window(
             max(self.top, other.top),
@@ -56,7 +54,7 @@ class Window(NamedTuple):
         """True if the window has no texels."""
         return self.bottom <= self.top or self.right <= self.left
 
-    def within(self, outer: Window) -> tuple[slice, slice]:
+    def within(self, outer: "Window") -> tuple[slice, slice]:
         """Slices of its texels in an array of the outer window."""
         return (
             slice(self.top - outer.top, self.bottom - outer.top),
@@ -147,7 +145,7 @@ class Crumbs(NamedTuple):
     fine: Floats  # wavelengths of some millimetres
     broad: Floats  # of some centimetres
 
-    def texels(self, inside: NDArray[np.bool_]) -> Crumbs:
+    def texels(self, inside: NDArray[np.bool_]) -> "Crumbs":
         """Chosen texels (n,) of a window."""
         return Crumbs(self.fine[inside], self.broad[inside])
 
@@ -192,11 +190,11 @@ class Sand(NamedTuple):
     height: Floats  # [m]
     packed: Bytes  # 255 where a wheel has compacted it
 
-    def texels(self, inside: NDArray[np.bool_]) -> Sand:
+    def texels(self, inside: NDArray[np.bool_]) -> "Sand":
         """Chosen texels (n,) of a window."""
         return Sand(self.height[inside], self.packed[inside])
 
-    def with_texels(self, inside: NDArray[np.bool_], texels: Sand) -> Sand:
+    def with_texels(self, inside: NDArray[np.bool_], texels: "Sand") -> "Sand":
         """Copy of a window with new values in chosen texels (n,)."""
         height, packed = self.height.copy(), self.packed.copy()
         height[inside], packed[inside] = texels

@@ -3,8 +3,6 @@
 Each map is periodic. Where a period of one metre would be visible, two maps with incommensurate periods are added.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -56,7 +54,7 @@ class Pebbles:
     density: float  # [1/m2]
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, density: float) -> Pebbles:
+    def draw(cls, rng: np.random.Generator, density: float) -> "Pebbles":
         """Draw shapes with the radii of shingle."""
         shares = (np.arange(_SHAPES) + 0.5) / _SHAPES
         radii = np.minimum(SMALLEST * (1.0 - shares) ** (-1.0 / _POWER), LARGEST)
@@ -117,10 +115,7 @@ class SandKind:
     rocks: float = 0.0  # beside the path [1/m2]
     foreign_tracks: bool = False  # tracks of other vehicles beside and across the path
     mast: bool = False  # the rover has a mast with a head that pans
-    azimuth: tuple[float, float] = (
-        math.radians(60.0),
-        math.radians(210.0),
-    )  # of the sun relative to the path, + left [rad]
+    azimuth: tuple[float, float] = (math.radians(60.0), math.radians(210.0))  # of the sun from the path, + left [rad]
     elevation: tuple[float, float] = (math.radians(30.0), math.radians(48.0))  # of the sun [rad]
 
 
@@ -178,7 +173,7 @@ class _CoarseMap:
     cells: Floats  # (n, n)
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, slope: float, shortest: float) -> _CoarseMap:
+    def draw(cls, rng: np.random.Generator, slope: float, shortest: float) -> "_CoarseMap":
         """Draw noise without wavelengths below ``shortest`` [m]."""
         band = _band(np.inf, shortest, _COARSE * TEXEL)
         return cls(fractal_noise(rng, (_COARSE_SIZE, _COARSE_SIZE), slope, band))
@@ -203,7 +198,7 @@ class _FineMap:
     @classmethod
     def draw(
         cls, rng: np.random.Generator, slope: float, longest: float, shortest: float, *, layers: int = 1
-    ) -> _FineMap:
+    ) -> "_FineMap":
         """Draw noise with wavelengths in a band [m], in one layer or in two that do not repeat together."""
         band = _band(longest, shortest, TEXEL)
         sizes = _FINE_SIZES[:layers]
@@ -244,7 +239,7 @@ class Relief:
     pebbles: Pebbles
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, kind: SandKind, terrain: Terrain, crest: float) -> Relief:
+    def draw(cls, rng: np.random.Generator, kind: SandKind, terrain: Terrain, crest: float) -> "Relief":
         """Draw the relief of a kind of sand on a large shape."""
         return cls(
             kind=kind,

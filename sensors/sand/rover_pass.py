@@ -3,8 +3,6 @@
 Kinematics only: the body moves by its speed, heading and slip angle; the wheels point straight ahead.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Bodies on the sand (ellipsoids, rocks, wheels), their intersections with rays, and the rover's shadow."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -202,7 +200,7 @@ class Casters:
     lugs: int
 
     @classmethod
-    def of(cls, rover: Rover, *, mast: bool, lugs: int) -> Casters:
+    def of(cls, rover: Rover, *, mast: bool, lugs: int) -> "Casters":
         """Parts of a rover shaped like El Dorado II; dimensions missing in its file are assumed from photographs."""
         half, side = 0.5 * rover.wheelbase, 0.5 * rover.tread
         body = _box((-0.8 * half, 0.8 * half), (-0.62 * side, 0.62 * side), (0.26, 0.46))

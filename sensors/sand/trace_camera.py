@@ -7,8 +7,6 @@ Only rays between every second row and column of pixels are traced, the others a
 relief within two pixels, some tenths of a millimetre.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.camera.image_formation import AutoExposure, LightNoise
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import ColourImage, GreyImage
 from sensors.sand.field import decoded
 from sensors.sand.grid import TEXEL, Floats, Window, window_around
@@ -69,7 +67,7 @@ class GroundView:
     between: Floats  # (2, h / 2 + .., w / 2 + ..) the same for the traced rays, one between four pixels, and a border
 
     @classmethod
-    def of(cls, camera: CameraModel) -> GroundView:
+    def of(cls, camera: CameraModel) -> "GroundView":
         """Ray tracer for all pixels of a camera."""
         v, u = np.mgrid[0.0 : camera.height, 0.0 : camera.width]
         row = np.arange(0.5 - _BORDER, camera.height + _BORDER - 1, 2.0)

@@ -1,14 +1,12 @@
 """Calibrated camera behind a rover's left rear wheel, and the nominal one of Reina 2008."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from vehicle.frames import FloatArray, inverse, transform
 from vehicle.rover.command import WheelPlace
 from vehicle.rover.description import Rover

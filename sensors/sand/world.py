@@ -1,7 +1,5 @@
 """Field of sand with a rover on it, whose wheels imprint their paths, and the true trace of a wheel."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +35,7 @@ class Stand(NamedTuple):
     turned: float  # angle rolled so far [rad]
     sinkage: float  # [m]
 
-    def distance(self, to: Stand) -> float:
+    def distance(self, to: "Stand") -> float:
         """Distance to another stand [m]."""
         return math.dist(self.place, to.place)
 
@@ -155,7 +153,7 @@ class WheelHistory:
 
     stands: tuple[tuple[Stand, bool], ...] = ()  # with True where the wheel left an imprint
 
-    def extended(self, stand: Stand, imprinted: bool) -> WheelHistory:
+    def extended(self, stand: Stand, imprinted: bool) -> "WheelHistory":
         """History with one more stand; the oldest are dropped."""
         if self.stands and math.dist(self.stands[-1][0].place, stand.place) < _STANDS_APART:
             return self

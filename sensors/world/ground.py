@@ -4,8 +4,6 @@ Interpolated distances must be smooth where a line is. So the distance across ha
 neighbouring lines count in opposite directions: between them the distance saturates instead of jumping.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -16,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from sensors.textures import NoiseArray, fractal_noise
-from sensors.world.shapes import FaceArray, Mesh
-from vehicle.foundation.polyline import arc_length, dense, is_left, sides
-from vehicle.frames import FloatArray
+from sensors.world.things import FaceArray, Mesh
+from vehicle.frames import FloatArray, arc_length, dense, is_left, sides
 from vehicle.surface import Potholes, Surface
 from vehicle.surface.relief import BesideLine
 
@@ -203,7 +200,7 @@ class _Uneven:
         self._tree = cKDTree(places)
 
     @classmethod
-    def of(cls, places: FloatArray, cell: float) -> _Uneven | None:
+    def of(cls, places: FloatArray, cell: float) -> "_Uneven | None":
         """The places (n, 2) [m] on ground with finest cells of ``cell`` [m]; None if there are none."""
         if not len(places):
             return None
@@ -290,8 +287,7 @@ def condition_of(surface: Surface, road: RoadMap) -> Condition:
     """Condition of a surface; one of uniform friction looks dry."""
     potholes = surface.roughness.potholes if surface.roughness else None
     return Condition(
-        looks=None if surface.is_uniform else _looks(surface, road),
-        holes=_holes(potholes, road) if potholes else None,
+        looks=None if surface.is_uniform else _looks(surface, road), holes=_holes(potholes, road) if potholes else None
     )
 
 

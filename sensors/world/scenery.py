@@ -1,7 +1,5 @@
 """Placement of things along a road, and the surroundings of a country airfield."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -11,10 +9,20 @@ from numpy.typing import NDArray
 
 from sensors.world import things
 from sensors.world.ground import Centreline, Landscape, RoadMap
-from sensors.world.shapes import Mesh, box, cards, grid_faces, joined, polygon, smooth_normals
-from sensors.world.things import TWIGS_RANGE, Colour, Part, Thing
-from vehicle.foundation.polyline import arc_length, resampled
-from vehicle.frames import FloatArray
+from sensors.world.things import (
+    TWIGS_RANGE,
+    Colour,
+    Mesh,
+    Part,
+    Thing,
+    box,
+    cards,
+    grid_faces,
+    joined,
+    polygon,
+    smooth_normals,
+)
+from vehicle.frames import FloatArray, arc_length, resampled
 
 _GAP = 0.5  # between neighbouring things [m]
 

@@ -1,7 +1,5 @@
 """The sun with its light, and the sky as a panorama at infinity, with clouds and a far ridge at the horizon."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -9,8 +9,6 @@ Origin of each: its middle on the ground, x forward. Sizes are those of real veh
 turn or steer, the view through windows, reflections.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,8 +19,7 @@ import numpy as np
 from sensors.messages import StereoFrame
 from sensors.textures import NoiseArray, TextureArray, fractal_noise, to_bytes
 from sensors.world.scenery import Instances
-from sensors.world.shapes import Mesh, box, joined, pole, polygon
-from sensors.world.things import Colour, Part, Thing
+from sensors.world.things import Colour, Mesh, Part, Thing, box, joined, pole, polygon
 from sensors.world.world import World
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth

@@ -159,7 +159,6 @@ def check(name: str, parameters: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
 def test_every_relative_link_and_picture_resolves(document: Path) -> None:
-    """Files exist, and an anchor is a heading of its document."""
     broken = []
     for link in LINK.findall(without_code(document)):
         if re.match(r"[a-z]+:", link):
@@ -220,36 +219,24 @@ def test_every_command_in_the_text_is_one_with_these_options(document: Path) -> 
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
-def test_every_python_block_compiles(document: Path) -> None:
-    """A block is one module of its own."""
+def test_every_python_block_compiles_and_its_imports_work(document: Path) -> None:
+    """A block is one module of its own. Modules of the rooms exist, and hold what is imported from them."""
     for block in blocks(document, "python"):
         compile(block, str(document), "exec")
-
-
-@pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
-def test_every_import_of_a_python_block_works(document: Path) -> None:
-    """Modules of the five rooms exist, and hold what is imported from them."""
-    for block in blocks(document, "python"):
         for node in ast.walk(ast.parse(block)):
             if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in ROOMS:
                 module = importlib.import_module(str(node.module))
                 assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
 
 
-def test_the_study_of_the_documentation_is_one(tmp_path: Path) -> None:
-    """The TOML block with axes to vary is read by `offtrack sweep`."""
+def test_studies_and_campaigns_of_the_documentation_are_valid(tmp_path: Path) -> None:
+    """The TOML blocks with axes to vary and with faults are read by the commands, and all their scenarios are valid."""
     studies = [block for block in blocks(ROOT / "docs" / "trailers.md", "toml") if "[vary]" in block]
+    campaigns = [block for block in blocks(ROOT / "docs" / "campaigns.md", "toml") if "[[fault]]" in block]
     assert studies
-    for block in studies:
-        (tmp_path / "study.toml").write_text(block, encoding="utf-8")
-        study = load_study(tmp_path / "study.toml")
-        for case in study.cases():
+    assert len(campaigns) == 1
+    for block in (*studies, *campaigns):
+        (tmp_path / "file.toml").write_text(block, encoding="utf-8")
+        read = (load_study if block in studies else load_campaign)(tmp_path / "file.toml")
+        for case in read.cases():
             check_scenario(case.scenario, list(case.settings))
-
-
-def test_the_campaign_of_the_documentation_is_one(tmp_path: Path) -> None:
-    """The TOML block with faults is read by `offtrack campaign`, and all its scenarios are valid."""
-    (block,) = (block for block in blocks(ROOT / "docs" / "campaigns.md", "toml") if "[[fault]]" in block)
-    (tmp_path / "campaign.toml").write_text(block, encoding="utf-8")
-    for case in load_campaign(tmp_path / "campaign.toml").cases():
-        check_scenario(case.scenario, list(case.settings))

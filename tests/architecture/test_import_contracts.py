@@ -35,7 +35,6 @@ def house(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_every_contract_holds(house: Path) -> None:
-    """The packages as they are keep all the contracts."""
     result = lint(house)
     assert result.returncode == 0, result.stdout
 
@@ -65,7 +64,6 @@ def test_every_contract_holds(house: Path) -> None:
     ],
 )
 def test_a_broken_contract_is_noticed(house: Path, module: str, line: str, contract: str) -> None:
-    """One forbidden import is enough for the contract that forbids it to be reported as broken."""
     path = house / module
     path.write_text(path.read_text(encoding="utf-8") + f"\n{line}\n", encoding="utf-8")
     result = lint(house)

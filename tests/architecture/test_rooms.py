@@ -48,14 +48,12 @@ def uses(room: str) -> dict[str, set[str]]:
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_folder_is_in_the_table_of_its_room(room: str) -> None:
-    """A folder with modules has a row."""
     there = {path.parent.name for path in (ROOT / room).glob("*/__init__.py")}
     assert there <= set(rows(room))
 
 
 @pytest.mark.parametrize("room", ["scenarios", "offtrack"])
 def test_the_column_of_uses_is_what_the_folders_import(room: str) -> None:
-    """Nothing more and nothing less."""
     stated = {folder: others for folder, others in rows(room).items() if others}
     assert stated == {folder: others for folder, others in uses(room).items() if others}
 

@@ -38,7 +38,6 @@ def test_no_package_names_a_part_of_a_package_above_it() -> None:
 
 @pytest.mark.slow
 def test_every_path_leads_to_something() -> None:
-    """Those of the product's modules, and the entry points of the installed package."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     entries = [path for group in project["entry-points"].values() for path in group.values()]
     named = {path for package in CHAIN for file in (ROOT / package).rglob("*.py") for path in paths(file.read_text())}

@@ -11,14 +11,14 @@ from typing import Final
 import pytest
 
 from controllers.trailer_steering import policy
-from offtrack.exchange.bench import can_bus
+from offtrack.exchange.bench import links
 from offtrack.studies import study
 from vehicle.foundation import user_file
 from vehicle.foundation.user_file import FileKind, FileType
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
-OWN_TYPES: Final = (policy, study, can_bus)  # modules with types of files of their own
+OWN_TYPES: Final = (policy, study, links)  # modules with types of files of their own
 PAGE: Final = ROOT / "docs" / "trust.md"
 
 UNPICKLING: Final = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}

@@ -77,7 +77,6 @@ def cases() -> dict[str, Callable[[Path], Fingerprint]]:
 
 
 def main() -> int:
-    """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("action", choices=["write", "compare"])
     parser.add_argument("table", type=Path, help="JSON file of hashes")
@@ -138,7 +137,6 @@ def _command(*arguments: str) -> str:
 
 
 def _scenario_names() -> list[str]:
-    """Names of the shipped scenarios."""
     return [line.split()[0] for line in _command("scenarios").splitlines() if line.strip()]
 
 
@@ -180,7 +178,6 @@ def _sheets_case(folder: Path) -> Fingerprint:
 
 
 def _recordings_case(folder: Path) -> Fingerprint:
-    """Estimators on the images of a trailer and of a rover."""
     hashes: Fingerprint = {}
     for name, length, what in (
         ("constant-slip", "course.length=25", "off-tracking"),
@@ -197,7 +194,6 @@ def _recordings_case(folder: Path) -> Fingerprint:
 
 
 def _study_case(folder: Path) -> Fingerprint:
-    """Table of a comparison."""
     short = ["--set", "course.turn_deg=30", "--jobs", "1", "--quiet"]
     laws = ["--controllers", "command_steer,path_preview", "--seeds", "2"]
     _command("compare", "roundabout", *laws, *short, "--out", str(folder / "study"))
@@ -205,7 +201,6 @@ def _study_case(folder: Path) -> Fingerprint:
 
 
 def _exports_case(folder: Path) -> Fingerprint:
-    """Formats without a time of writing."""
     run = folder / "run"
     _command("run", "turn-90", "--quiet", "--no-video", "--set", "off_tracking=truth", "--out", str(run))
     _command("export", str(run), "--to", "csv")
@@ -255,7 +250,6 @@ print(json.dumps(table))
 
 
 def _signals(path: Path) -> Fingerprint:
-    """Hash of each column's values, by the signal's name."""
     import numpy as np
     import pyarrow.parquet as pq
 

@@ -26,6 +26,7 @@ import numpy as np
 from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.agreement import Agreement, agreement
+from offtrack.exchange.recordings.camera_files import MountingOptions
 from offtrack.exchange.recordings.estimation import (
     Chosen,
     Estimation,
@@ -34,7 +35,6 @@ from offtrack.exchange.recordings.estimation import (
     off_tracking_source,
     straight_frames,
 )
-from offtrack.exchange.recordings.mounting import MountingOptions
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration

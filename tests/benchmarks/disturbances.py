@@ -9,8 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from sensors.camera.lens import mount_rotation
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.faults.fault import FaultContext
 from sensors.faults.image_kinds import Decalibration, Dirt, Gain, Glare, ImageFault
 from sensors.messages import GreyImage, StereoFrame

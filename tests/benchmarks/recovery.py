@@ -18,8 +18,8 @@ import numpy as np
 from estimators.context import OffTrackingSource
 from estimators.estimates import CameraOffTracking, Health, Motion
 from estimators.rigid_motion import rotation_vector
+from offtrack.exchange.recordings.camera_files import MountingOptions
 from offtrack.exchange.recordings.estimation import Chosen, off_tracking_source
-from offtrack.exchange.recordings.mounting import MountingOptions
 from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
 from offtrack.exchange.recordings.stereo_sequence import Dropped, stream
 from tests.benchmarks.disturbances import SECOND, Disturbance, Drive, disturbances

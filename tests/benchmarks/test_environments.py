@@ -127,19 +127,3 @@ def test_a_hundred_thousand_random_steps_are_finite_and_need_no_more_memory(name
             after_a_tenth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert ended > 0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - after_a_tenth < 20_000  # [kB]
-
-
-def test_single_environments_run_in_processes_of_their_own() -> None:
-    """Spawned, not forked: everything an environment needs travels, or is made anew."""
-    made = gymnasium.make_vec(
-        "offtrack.environments.registry:offtrack/TrailerSteering-v0",
-        num_envs=2,
-        vectorization_mode="async",
-        vector_kwargs={"context": "spawn"},
-    )
-    try:
-        seen, _ = made.reset(seed=1)
-        further, *_ = made.step(np.zeros(made.action_space.shape or (), dtype=np.float32))
-    finally:
-        made.close()
-    assert seen.shape == further.shape == (2, 18)

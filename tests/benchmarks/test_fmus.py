@@ -54,8 +54,8 @@ class Direct:
     """The FMU in this process, called as its own process calls it."""
 
     def __init__(self, instance: FmuInstance) -> None:
-        self._host = Host(instance._process._start())
-        self._inputs = bytes(8 * len(instance._process._inputs))
+        self._host = Host(instance._start())
+        self._inputs = bytes(8 * len(instance._map.inputs))
         self.tick = 0
 
     def step(self) -> None:

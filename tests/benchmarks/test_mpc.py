@@ -15,9 +15,10 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from controllers.trailer import Combination
 from controllers.trailer_steering.mpc import trailer_model
 from controllers.trailer_steering.mpc.law import Mpc
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import OffTracking
 from scenarios.assembly.adapters import trailer_geometry
-from sensors.messages import CombinationSignals
+from tests.trailers import estimate as estimated
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray
@@ -34,14 +35,11 @@ def circling(tick: int) -> OffTracking:
     path = RADIUS * np.column_stack([np.sin(turned), 1.0 - np.cos(turned)])
     lead = np.arcsin(7.0 / RADIUS)
     c, s = np.cos(lead), np.sin(lead)
-    return OffTracking(
-        tick=tick,
+    return estimated(
+        tick,
         value=0.1,
-        std=0.01,
-        health=Health.OK,
         path=path @ np.array([[c, s], [-s, c]]) + np.column_stack([np.zeros(58), -0.1 * turned]),
         hitch_direction=float(lead),
-        hitch_direction_rate=0.0,
         path_tangent=-float(lead),
         v_x=SPEED * float(c),
         v_y=SPEED * float(s),
@@ -54,8 +52,8 @@ def spent(law: Mpc) -> FloatArray:
     memory, angles, seconds = law.init(), np.zeros(2), []
     for k in range(STEPS):
         tick = 20 * k
-        signals = CombinationSignals(
-            tick=tick,
+        signals = readings(
+            tick,
             angles=angles,
             speed=SPEED,
             steer=0.3,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.run_playback import trailer_playback
+from offtrack.reports.player.playback import trailer_playback
 from offtrack.reports.run_page import report_html
 from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario

@@ -44,8 +44,6 @@ VIEWS = 8  # of a rover: the trace is found in the second, and followed in all o
 
 
 class Drive(NamedTuple):
-    """Messages of one short drive, by the sensor that an estimator class names."""
-
     assembly: Assembly
     calibration: StereoCalibration
     messages: dict[str, list[Any]]
@@ -87,13 +85,11 @@ def drive() -> Drive:
 
 @pytest.fixture(scope="module")
 def under_the_trailer(drive: Drive) -> Drive:
-    """The same drive with downward cameras."""
     return driven("world.scenery_density=0", "off_tracking=ground_watching")
 
 
 @pytest.fixture(scope="module")
 def trace() -> list[Labelled]:
-    """A rover on pebbles."""
     return list(labelled_sequence("pebbles", seed=71, frames=VIEWS, rover=load_rover("el_dorado_ii"), bare=0.0))
 
 
@@ -112,7 +108,6 @@ def odometry(odometry_name: str, drive: Drive) -> Odometry[Any]:
 def off_tracking(
     request: pytest.FixtureRequest, drive: Drive, under_the_trailer: Drive
 ) -> tuple[OffTrackingEstimator, list[Any]]:
-    """An estimator of the catalogue and its messages."""
     part: type[OffTrackingEstimator] = resolve("off_tracking", request.param, OFF_TRACKING)
     source = under_the_trailer if part.sensor == "ground_cameras" else drive
     parts = source.assembly
@@ -133,7 +128,6 @@ def off_tracking(
 
 @pytest.fixture(params=sorted(SLIP_ESTIMATOR))
 def slip(request: pytest.FixtureRequest, trace: list[Labelled]) -> tuple[SlipEstimator, list[Any]]:
-    """An estimator of the catalogue and its messages."""
     part: type[SlipEstimator] = resolve("slip_estimator", request.param, SLIP_ESTIMATOR)
     rover = load_rover("el_dorado_ii")
     context = RoverContext(
@@ -178,17 +172,12 @@ def assert_same(a: Any, b: Any) -> None:
         assert a == b or (a != a and b != b)  # two NaNs are the same
 
 
-def assert_memory_travels(estimator: Estimator[Any, Any, Any], messages: Sequence[Any]) -> None:
-    """All steps from unpickled memories are those from the memories themselves."""
-    kept, travelled = run(estimator, messages), run(estimator, messages, travelling=True)
-    assert any(estimate is not None for _, estimate in kept)
-    assert_same(kept, travelled)
-
-
 @pytest.mark.slow
 def test_odometry_measures_the_step_between_frames(odometry: Odometry[Any], odometry_name: str, drive: Drive) -> None:
-    """Half a metre a frame, every one of them."""
-    first, *others = estimates(odometry, drive.messages["stereo_camera"])
+    """Half a metre a frame, every one of them; to the bit the same through pickled memories."""
+    results = run(odometry, drive.messages["stereo_camera"])
+    assert_same(results, run(odometry, drive.messages["stereo_camera"], travelling=True))
+    first, *others = (estimate for _, estimate in results)
     assert first is None
     for motion in others:
         assert isinstance(motion, Motion)
@@ -199,23 +188,20 @@ def test_odometry_measures_the_step_between_frames(odometry: Odometry[Any], odom
         assert motion.tracks.shape == (motion.inliers, 4)
 
 
-def test_odometry_is_deterministic_and_its_memory_travels(odometry: Odometry[Any], drive: Drive) -> None:
-    """The same frames give the same motion to the bit, also through pickled memories."""
-    assert_memory_travels(odometry, drive.messages["stereo_camera"])
-
-
 @pytest.mark.slow
 def test_off_tracking_is_deterministic_and_its_memory_travels(
     off_tracking: tuple[OffTrackingEstimator, list[Any]],
 ) -> None:
     """The same messages give the same off-tracking to the bit, also through pickled memories."""
-    assert_memory_travels(*off_tracking)
+    estimator, messages = off_tracking
+    assert any(estimate is not None for estimate in estimates(estimator, messages))
+    assert_same(run(estimator, messages), run(estimator, messages, travelling=True))
 
 
 @pytest.mark.slow
 def test_slip_is_deterministic_and_its_memory_travels(slip: tuple[SlipEstimator, list[Any]]) -> None:
     """The same views give the same slip to the bit, also through pickled memories; and there is a slip to compare."""
-    assert_memory_travels(*slip)
+    assert_same(run(*slip), run(*slip, travelling=True))
     last = estimates(*slip)[-1]
     assert isinstance(last, SlipAngle)
     assert last.health is Health.OK
@@ -251,7 +237,6 @@ def test_off_tracking_is_lost_before_a_trailer_length_is_travelled(
 
 
 def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
-    """Estimators of images say in one line that they have none."""
     parts = drive.assembly
     context = TrailerContext(
         vehicle=parts.vehicle,
@@ -276,7 +261,6 @@ def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
 
 @pytest.mark.parametrize("name", sorted(OFF_TRACKING))
 def test_an_unknown_option_is_refused(name: str) -> None:
-    """Also by estimators without options, before anything is opened."""
     message = r"unknown key '(viso_ot|estimator)\.unknown'"
     settings = [f"off_tracking={name}", f"{'viso_ot' if name == 'viso_ot' else 'estimator'}.unknown=1.0"]
     with pytest.raises(ValueError, match=message):

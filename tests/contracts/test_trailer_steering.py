@@ -119,7 +119,6 @@ def law(name: str, network: str) -> TrailerSteering[Any]:
 
 @pytest.fixture
 def bare(name: str, network: str) -> TrailerSteering[Any]:
-    """The law itself."""
     part = resolve("trailer_steering", name, TRAILER_STEERING)
     keywords = arguments(part, {"path": network} if name == "policy" else {}, "steering")
     if "combination" in inspect.signature(part).parameters:
@@ -129,8 +128,6 @@ def bare(name: str, network: str) -> TrailerSteering[Any]:
 
 
 class Plain:
-    """A user's law without declarations."""
-
     def __init__(self, trailer: TrailerGeometry, *, gain: int = 1, mode: str | None = None, path: str = "") -> None:
         self.given = gain, mode, path
 
@@ -188,7 +185,6 @@ def test_a_law_without_declarations_can_be_used() -> None:
     ],
 )
 def test_wrong_parameters_are_refused_in_one_line(name: str, parameters: dict[str, Parameter], message: str) -> None:
-    """With key, value, limits and unit, for laws of the catalogue and a user's own."""
     with pytest.raises(ValueError, match=message):
         trailer_law(name, TRAILER, COMBINATION, parameters)
 

@@ -16,7 +16,8 @@ from controllers.trailer import TrailerGeometry, TrailerSteering
 from estimators.estimates import OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.courses import Course
-from sensors.messages import BodyPose, CombinationSignals, EgoState
+from sensors.messages import BodyPose, EgoState
+from tests.trailers import signals as readings
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
 
@@ -100,8 +101,8 @@ def _drive(
             ego = EgoState(tick=tick, x=X_WT.x, y=X_WT.y, psi=X_WT.psi, v_x=v, v_y=0.0, yaw_rate=yaw_rate_T)
             driving, command = driver.step(driving, tick, ego)
             delta_demand = command.steer
-            signals = CombinationSignals(
-                tick=tick,
+            signals = readings(
+                tick,
                 angles=angles.copy(),
                 speed=v,
                 steer=delta,

@@ -74,10 +74,7 @@ def test_a_tractor_driver_that_misbehaves_is_named(command: object, message: str
     ("command", "message"),
     [
         (RoverCommand(wheel_speed=(1.0, 1.0, math.nan, 1.0), steer=(0.0,) * 4), r"returned wheel_speed\[2\] = nan"),
-        (
-            RoverCommand._make(((1.0,) * 4, (0.0, 0.0))),
-            r"returned steer = \(0\.0, 0\.0\), the rover has 4 wheels",
-        ),
+        (RoverCommand._make(((1.0,) * 4, (0.0, 0.0))), r"returned steer = \(0\.0, 0\.0\), the rover has 4 wheels"),
         (None, r"returned \(1, None\), not \(memory, RoverCommand\)"),
     ],
 )

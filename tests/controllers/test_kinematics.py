@@ -90,19 +90,6 @@ def test_what_an_axle_at_its_limit_lacks_the_others_give() -> None:
     assert TWO_STEERED.steer_moment(angles) == pytest.approx(unlimited.steer_moment(asked), abs=1e-12)
 
 
-@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-1.0, 1.0))
-def test_steer_angles_never_exceed_the_limit(lead: float, follow: float, slip: float) -> None:
-    """Whatever is asked, even with the hitch going sideways; a rounding is allowed for tan and arctan."""
-    assert np.abs(TWO_STEERED.steer_angles(lead, follow, slip)).max() <= TRAILER.max_steer + 1e-15
-
-
-@given(directions, directions, slips)
-def test_mirror_symmetry(lead: float, follow: float, slip: float) -> None:
-    """Swapping left and right flips the angles, exactly."""
-    angles = TWO_STEERED.steer_angles(lead, follow, slip)
-    np.testing.assert_array_equal(TWO_STEERED.steer_angles(-lead, -follow, -slip), -angles)
-
-
 LINKED = replace(TRAILER, steered=(False, True, True), linkages=(Linkage((0, 1), (0.638, 1.0)),))
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -126,15 +124,6 @@ def law(trailer: TrailerGeometry = TRAILER, **parameters: float) -> Mpc:
     return Mpc(trailer, combination=COMBINATION, parameters=Mpc.Parameters(**parameters))
 
 
-@pytest.mark.slow
-def test_hard_limits_hold_on_the_way_to_a_far_path() -> None:
-    """2 m aside, the plan runs into rate and angle; what is commanded never does more than the actuators can."""
-    weak = replace(TRAILER, max_steer=0.1, max_steer_rate=0.2)
-    _, commands = steps(law(weak), 2000, arriving(offset=2.0))
-    assert np.abs(commands).max() == pytest.approx(0.1, abs=1e-6)
-    assert np.abs(np.diff(commands, axis=0)).max() == pytest.approx(0.2 * 0.02, abs=1e-6)
-
-
 def test_a_lost_estimate_is_bridged_and_then_the_axles_fade_to_straight() -> None:
     """For 2 s the signals carry the last path on, then the angles go down at 0.05 rad/s and stay at zero."""
     controller = law()
@@ -146,16 +135,6 @@ def test_a_lost_estimate_is_bridged_and_then_the_axles_fade_to_straight() -> Non
     assert not fading[-1].any()
     _, again = steps(controller, 14400, arriving(offset=0.5), memory, 14000)
     assert np.abs(again[-1]).min() > 0.01  # and it comes back when there is something to see
-
-
-def test_law_and_memory_travel_to_other_processes() -> None:
-    """Resumed there, the run goes on bit for bit."""
-    controller = law(tolerance=0.02)
-    memory, _ = steps(controller, 400, arriving(offset=0.2))
-    copy, memory_copy = pickle.loads(pickle.dumps((controller, memory)))
-    _, here = steps(controller, 800, arriving(offset=0.2), memory, 400)
-    _, there = steps(copy, 800, arriving(offset=0.2), memory_copy, 400)
-    np.testing.assert_array_equal(here, there)
 
 
 # Reference, observer, friction
@@ -399,17 +378,6 @@ def test_in_a_steady_circle_the_axles_that_point_right_roll_without_slip() -> No
     u = ca.SX(np.array([0.0, 0.0, 0.0, TEN_KMH, yaw_rate, 0.0, 0.0, 0.8]))
     rates = rate(every, State(*parts(x, state_sizes(every))), Inputs(u[:3], *ca.vertsplit(u[3:])))
     assert np.abs(np.array(ca.DM(ca.vertcat(*rates)))).max() < 1e-5  # of a push that is never quite zero
-
-
-def test_a_push_to_the_left_at_the_rear_turns_the_trailer_right() -> None:
-    """The sign of everything: axles steered left push the rear left, the trailer yaws to the right."""
-    state = np.zeros(sum(state_sizes(MODEL)))
-    state[-4:] = 0.05
-    step = Stepper(MODEL)
-    for _ in range(10):
-        state = step(state, given()).state
-    assert state[1] < 0.0
-    assert state[0] > 0.0  # and its hitch then travels to the left of its axis
 
 
 def test_derivatives_are_those_of_differences() -> None:

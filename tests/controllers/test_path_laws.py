@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview, VirtualDriver
 from controllers.trailer_steering.signal_laws import Unsteered
 from estimators.estimates import Health, OffTracking
-from scenarios.courses import figure_of_eight, roundabout, straight
+from scenarios.courses import roundabout, straight
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER
 from tests.trailers import TWO_OF_THREE, estimate, signals
@@ -21,7 +21,6 @@ from vehicle.frames import FloatArray
 
 SINGLE = replace(TRAILER, axle_distances=(9.31,), steered=(True,))
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
-EIGHT = figure_of_eight(front_x=5.2, width=2.55)
 
 
 def tuned(**parameters: float) -> PathPreview:
@@ -48,14 +47,6 @@ def test_the_follow_point_keeps_to_the_path_round_a_roundabout(drive: Any, trail
 
 
 @pytest.mark.slow
-def test_the_follow_point_keeps_to_a_figure_of_eight_at_15_kmh(drive: Any) -> None:
-    """Errors grow with the way made blindly, so with the speed; half of the closed loop's bars are left for tyres."""
-    run = drive(EIGHT, TWO_OF_THREE, PathPreview(TWO_OF_THREE), speed_kmh=15.0)
-    assert run.rms < 0.015
-    assert run.worst < 0.06
-
-
-@pytest.mark.slow
 def test_required_angles_and_rates_in_the_roundabout(drive: Any) -> None:
     """Domain reference A.3, perfect path following at 10 km/h: peak at the exit, steady, counter-steer, rate.
 
@@ -68,26 +59,6 @@ def test_required_angles_and_rates_in_the_roundabout(drive: Any) -> None:
     assert -degrees.min(axis=0) == pytest.approx([14.4, 20.9, 27.7], abs=0.6)
     assert -steady == pytest.approx([7.7, 17.5, 26.3], abs=0.15)
     assert degrees.max(axis=0) == pytest.approx([5.5, 2.8, 1.2], abs=0.6)
-
-
-class BelievesEstimatesFresh(PathPreview):
-    """The same law, told that every estimate is of this moment and that its actuators are immediate."""
-
-    def __init__(self, trailer: TrailerGeometry) -> None:
-        super().__init__(replace(trailer, actuator_lag=0.0))
-
-    def step(
-        self, memory: PathLawMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[PathLawMemory, SteerCommand]:
-        return super().step(memory, tick, off_tracking and replace(off_tracking, tick=tick), signals)
-
-
-@pytest.mark.slow
-def test_prediction_over_the_delays_pays(drive: Any) -> None:
-    """A quarter of a second is 0.7 m of way at 10 km/h: carried over it, the loop errs by less than half."""
-    predicting = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER), until=22.0)
-    believing = drive(ROUNDABOUT, TRAILER, BelievesEstimatesFresh(TRAILER), until=22.0)
-    assert predicting.rms < believing.rms / 2.0
 
 
 def sliding_outwards(lateral_acceleration: float) -> float:

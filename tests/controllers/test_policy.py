@@ -104,8 +104,11 @@ def test_rectified_layers_and_a_smooth_limit_are_kept(tmp_path: Path) -> None:
     read, x = load_network(tmp_path / "relu.npz"), rng.normal(size=n)
     assert read(x) == pytest.approx(np.tanh(weights[1] @ np.maximum(weights[0] @ x, 0.0)), rel=1e-12)
     save_network(network._replace(hidden="sin"), tmp_path / "sin.npz")
-    with pytest.raises(ValueError, match="functions must be one of tanh, relu and one of clip, tanh"):
-        load_network(tmp_path / "sin.npz")
+    arrays = dict(np.load(tmp_path / "relu.npz")) | {"functions": np.array(["relu", "tanh", "clip"])}
+    np.savez(tmp_path / "three.npz", **arrays)
+    for name in ("sin.npz", "three.npz"):
+        with pytest.raises(ValueError, match="functions must be one of tanh, relu and one of clip, tanh"):
+            load_network(tmp_path / name)
 
 
 def broken(**change: Any) -> Network:

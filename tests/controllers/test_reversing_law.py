@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from controllers.driver import DriverCommand, PreviewDriver
+from controllers.driver import DriverCommand, PreviewDriver, ShuntingDriver, Stop
 from controllers.path import Path, arc, line
 from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
-from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.combination.description import load_vehicle

@@ -11,7 +11,7 @@ import pytest
 
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.trace_tracker.tracker import FTracePlus
-from sensors.camera.lens import CameraModel
+from sensors.camera.rig import CameraModel
 from sensors.messages import RoverView
 from sensors.sand.rover_pass import Labelled, RoverPass, labelled_sequence, recorded
 from sensors.sand.trace_rig import TraceRig, nominal_rig

@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from estimators.estimates import CameraOffTracking, Health, OffTracking
+from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking
 from estimators.odometry.circular import CircularOdometry
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.off_tracking.viso_ot import VisoOt
-from sensors.messages import BodyPose
+from sensors.messages import BodyPose, StereoFrame
 from tests.estimators.stereo_scene import Drive
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 
 FOLLOW_DISTANCE = 7.0  # shorter than a trailer, so that a short drive fills the buffer [m]
 
@@ -111,3 +112,50 @@ def test_an_uncertain_direction_of_the_camera_widens_the_estimate_by_its_lever(d
     assert stated[1].value == stated[0].value
     widened = math.sqrt(stated[1].std ** 2 - stated[0].std ** 2)
     assert widened == pytest.approx(math.radians(0.2) * FOLLOW_DISTANCE)
+
+
+class ExactOdometry:
+    """Motions of cameras at given poses, (n, 4, 4)."""
+
+    def __init__(self, poses: list[FloatArray]) -> None:
+        self._poses = poses
+
+    def init(self) -> int:
+        return 0
+
+    def step(self, memory: int, frame: StereoFrame) -> tuple[int, Motion | None]:
+        k = memory
+        if k == 0:
+            return 1, None
+        X_PC = inverse(self._poses[k - 1]) @ self._poses[k]
+        tracks = np.empty((0, 4), np.float32)
+        motion = Motion(
+            tick=100 * k,
+            previous_tick=100 * k - 100,
+            X_PC=X_PC,
+            covariance=np.zeros((6, 6)),
+            matches=300,
+            inliers=300,
+            health=Health.OK,
+            tracks=tracks,
+        )
+        return k + 1, motion
+
+
+def test_points_at_the_height_of_the_roll_axis_do_not_move_as_the_body_rolls(drive: Drive) -> None:
+    """Straight on, rolling by 2 deg about an axis 0.8 m up: on the ground the path would wave by 28 mm."""
+    height, rolls = 0.8, math.radians(2.0) * np.sin(np.arange(100))
+    axis = transform(np.eye(3), np.array([0.0, 0.0, height]))
+    bodies = [
+        transform(rotation_zyx(0.0, 0.0, roll), np.array([0.1 * k, 0.0, height])) @ inverse(axis)
+        for k, roll in enumerate(rolls)
+    ]
+    odometry = ExactOdometry([X_WS @ drive.calibration.X_SC for X_WS in bodies])
+    viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, odometry, path_height=height)
+    memory = viso_ot.init()
+    for _ in bodies:
+        memory, estimate = viso_ot.step(memory, drive.frames[0])
+    assert estimate is not None
+    assert estimate.off_tracking.health is Health.OK
+    assert estimate.off_tracking.value == pytest.approx(0.0, abs=1e-6)
+    assert estimate.off_tracking.v_y == pytest.approx(0.0, abs=1e-6)

@@ -10,14 +10,17 @@ import numpy as np
 
 from estimators.estimates import Health
 from estimators.off_tracking.buffer import BodyMotion
+from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
+from tests.trailers import signals as readings
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 HITCH = VEHICLE.units[0].rear_hitch[0]
-FOLLOW, AXLE = 14.0, 9.0  # hitch to follow point and to the trailer's effective axle [m]
+FRONT = VEHICLE.units[0].steered_axles[0].x
+FOLLOW, AXLE = 14.0, TyreScrub(VEHICLE, 1).axle_distance  # hitch to follow point and to the trailer's axles [m]
 SIGNAL, FRAME = 20, 100  # periods [ticks]
 STEP = 5  # of the integration [ticks]
 
@@ -61,12 +64,10 @@ def towed_drive(
     slip: Callable[[float], float] = lambda t: 0.0,
     errors: Errors = Errors(),
     seed: int = 0,
-    *,
-    wheelbase: float = math.inf,
 ) -> TowedDrive:
     """Drive for some seconds with these speeds [m/s], yaw rates [rad/s] and slip angles [rad] of the rear axle.
 
-    The tractor's steer angle is that of a ``wheelbase`` [m] without slip; by default it stays 0.
+    The tractor's front wheels and the trailer's axles roll without slip.
     """
     rng = np.random.default_rng(seed)
     heading, x, y, gamma = 0.0, 0.0, 0.0, 0.0  # heading of the trailer, position of the hitch, articulation
@@ -81,11 +82,10 @@ def towed_drive(
         if tick % SIGNAL == 0:
             e = errors.noise * rng.standard_normal(4) * [0.02, *np.radians([0.15, 0.1, 0.1])]
             signals.append(
-                CombinationSignals(
-                    tick=tick,
-                    angles=np.zeros(2),
+                readings(
+                    tick,
                     speed=v * (1.0 + errors.scale) + float(e[0]),
-                    steer=math.atan(r * wheelbase / v) if v and r and wheelbase < math.inf else 0.0,
+                    steer=math.atan(math.tan(slip(t)) + r * FRONT / v) if v else 0.0,
                     articulation=np.array([gamma + errors.articulation + e[1]]),
                     yaw_rates=np.array([r + e[2], turn + errors.gyro + e[3]]),
                     lateral_acceleration=along * turn,

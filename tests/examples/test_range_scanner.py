@@ -11,7 +11,7 @@ import pytest
 from range_scanner import NOISE, RANGE, RangeScan, RangeScanner, row_camera
 from scan_matching import ScanMatching, aligned
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import Health
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
@@ -20,84 +20,34 @@ from sensors.faults.fault import Fault, with_faults
 from sensors.faults.image_kinds import Dirt
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
-from sensors.world.shapes import box
-from sensors.world.things import Part, Thing
+from sensors.world.things import Part, Thing, box
 from sensors.world.world import World, build_world
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
 from vehicle.surface import Surface
 
 REAR, FOLLOW = -13.6, 11.0  # rear end and follow point of the trailer, from the hitch [m]
-RADIUS = 25.0  # of the bend [m]
 FOLDER = Path(__file__).parent / "range_scanner"
 SETTINGS = ("sensor=range_scanner:RangeScanner", "off_tracking=scan_matching:ScanMatching")
-PERIOD, STEP = 100, 0.5  # between scans [ticks], [m]: 5 m/s
-
-
-def bend() -> FloatArray:
-    """Along +x to the origin, a quarter turn to the left, and on along +y (n, 2) [m]."""
-    angle = np.linspace(0.0, 0.5 * np.pi, 200)
-    arc = np.stack([RADIUS * np.sin(angle), RADIUS - RADIUS * np.cos(angle)], axis=1)
-    return np.concatenate([[[-60.0, 0.0]], arc, [[RADIUS, RADIUS + 60.0]]])
-
-
-def built(scenery_density: float) -> World:
-    return build_world(
-        rng=np.random.default_rng(1),
-        centreline=bend(),
-        road_half_width=4.0,
-        surface=Surface(friction=0.8, cross_fall=0.0, centre=(0.0, RADIUS)),
-        scenery_density=scenery_density,
-        clearance=8.0,
-    )
+PERIOD = 100  # between scans [ticks]
 
 
 @pytest.fixture(scope="module")
 def bare_world() -> World:
-    return built(0.0)
-
-
-@pytest.fixture(scope="module")
-def scans() -> list[RangeScan]:
-    """Scans of the drive past scenery."""
-    renderer = StereoRenderer(built(1.0), row_camera(REAR))
-    source = scanner(renderer)
-    sampled = [source.sample(truth(k, pose)) for k, pose in enumerate(drive())]
-    renderer.close()
-    return sampled
+    line, surface = np.array([[-60.0, 0.0], [60.0, 0.0]]), Surface(friction=0.8)
+    return build_world(
+        rng=np.random.default_rng(1), centreline=line, road_half_width=4.0, surface=surface, scenery_density=0.0,
+        clearance=8.0,
+    )  # fmt: skip
 
 
 def truth(k: int, pose: Pose2) -> Truth:
-    """Truth of a single level unit at capture ``k``."""
     none = np.empty(0)
     X_WB = transform(rotation_zyx(pose.psi, 0.0, 0.0), np.array([pose.x, pose.y, 0.0]))
     return Truth(
-        tick=PERIOD * k,
-        poses=np.array([pose]),
-        velocities=np.zeros((1, 3)),
-        bodies=X_WB[None],
-        steer=none,
-        wheel_loads=none,
-        wheel_slip_angles=none,
-        friction_used=none,
-        load_transfer=np.zeros(1),
-    )
-
-
-def drive() -> list[Pose2]:
-    """30 m straight on and 40 m through the bend: poses of the trailer, one step apart."""
-    poses = [Pose2(-30.0, 0.0, 0.0)]
-    for k in range(140):
-        curvature = 0.0 if k < 60 else 1.0 / RADIUS
-        poses.append(poses[-1] @ Pose2(STEP, 0.5 * STEP**2 * curvature, STEP * curvature))
-    return poses
-
-
-def between(first: Pose2, second: Pose2) -> FloatArray:
-    """Pose (3,) of the second in the first."""
-    c, s = math.cos(first.psi), math.sin(first.psi)
-    x, y = second.x - first.x, second.y - first.y
-    return np.array([c * x + s * y, c * y - s * x, second.psi - first.psi])
+        tick=PERIOD * k, poses=np.array([pose]), velocities=np.zeros((1, 3)), bodies=X_WB[None], steer=none,
+        wheel_loads=none, wheel_slip_angles=none, friction_used=none, load_transfer=np.zeros(1),
+    )  # fmt: skip
 
 
 def scanner(renderer: StereoRenderer, seed: int = 0) -> RangeScanner:
@@ -121,63 +71,6 @@ def test_ranges_to_a_wall_are_those_of_its_geometry(bare_world: World) -> None:
     assert np.abs(error).max() < 5.0 * NOISE  # of some 120 beams
     assert np.abs(error.mean()) < 4.0 * NOISE / math.sqrt(met.sum())
     assert np.isinf(scan.ranges[~met]).all()
-
-
-def test_beams_cover_the_rear_evenly(bare_world: World) -> None:
-    """240 deg around the rear, neighbours a quarter of a degree apart, to a pixel."""
-    renderer = StereoRenderer(bare_world, row_camera(REAR))
-    bearings = np.sort(np.mod(scanner(renderer).sample(truth(0, Pose2(0.0, 0.0, 0.0))).bearings, 2.0 * np.pi))
-    renderer.close()
-    assert np.degrees(bearings[[0, -1]]) == pytest.approx([60.0, 300.0], abs=0.3)
-    assert np.degrees(np.diff(bearings)) == pytest.approx(np.full(len(bearings) - 1, 0.25), abs=0.1)
-
-
-@pytest.mark.slow
-def test_motion_past_scenery_is_found_within_its_uncertainty(scans: list[RangeScan]) -> None:
-    """Every step of a drive at 5 m/s; errors of the scanner's motion against the prescribed one.
-
-    Range noise of 2 cm over some 300 points leaves a few millimetres. Foliage is no line: it adds as much again.
-    """
-    poses, guess, errors, normalised = drive(), Pose2(0.0, 0.0, 0.0), [], []
-    for k in range(1, len(poses)):
-        match = aligned(scans[k - 1], scans[k], guess)
-        if match is None:
-            continue
-        mount = Pose2(REAR, 0.0, 0.0)
-        error = np.array(match.pose) - between(poses[k - 1] @ mount, poses[k] @ mount)
-        errors.append(error)
-        normalised.append(float(error @ np.linalg.solve(match.covariance, error)))
-        guess = match.pose
-    assert len(errors) >= 0.95 * (len(poses) - 1)  # little scenery at the start: a scan or two is lost
-    rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    assert (rms[:2] < 0.012).all()  # [m]
-    assert rms[2] < math.radians(0.04)
-    # Squared errors over their variance are 3 in the mean if the covariance is exact. It is to be safe, but not idle.
-    assert 0.2 < np.mean(normalised) < 3.0
-    assert max(normalised) < 16.3  # 99.9 % of chi-square with 3 degrees of freedom
-
-
-def test_off_tracking_of_a_drive_is_within_its_uncertainty(scans: list[RangeScan]) -> None:
-    """The hitch drives straight and then on an arc; the follow point cuts in by what geometry says."""
-    poses, estimator = drive(), ScanMatching(REAR, FOLLOW)
-    memory, estimates = estimator.init(), list[OffTracking]()
-    for scan in scans:
-        memory, estimate = estimator.step(memory, scan)
-        if estimate is not None:
-            estimates.append(estimate)
-    healthy = [estimate for estimate in estimates if estimate.health is Health.OK and estimate.tick > 3000]
-    assert len(healthy) > 0.8 * (len(poses) - 31)
-    errors, stds = [], []
-    for estimate in healthy:
-        pose = poses[estimate.tick // PERIOD]
-        past = np.array([between(pose, before)[:2] for before in poses[: estimate.tick // PERIOD + 1]])  # in S
-        expected = float(np.interp(-FOLLOW, past[:, 0], past[:, 1]))
-        errors.append(estimate.value - expected)
-        stds.append(estimate.std)
-    normalised = np.abs(errors) / np.array(stds)
-    assert np.sqrt(np.mean(np.square(errors))) < 0.06  # [m] its own standard deviation is 5 cm in the mean
-    assert np.mean(stds) < 0.1  # [m]
-    assert normalised.max() < 3.0
 
 
 def test_nothing_in_range_is_lost_and_says_so() -> None:
@@ -233,8 +126,6 @@ def test_faults_of_transmission_apply_to_the_scanner(monkeypatch: pytest.MonkeyP
 
 
 def test_faults_of_images_do_not_apply_to_the_scanner() -> None:
-    """It has a window that can get dirty, but its message holds no image."""
-
     class Nothing:
         def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
             return np.full((1, 2048), np.inf), np.full((1, 2048), np.inf)
@@ -246,7 +137,6 @@ def test_faults_of_images_do_not_apply_to_the_scanner() -> None:
 
 
 def test_the_estimator_refuses_another_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line names the sensor it needs."""
     monkeypatch.chdir(FOLDER)
     settings = ("sensor=reference_pose", "off_tracking=scan_matching:ScanMatching")
     with pytest.raises(ValueError, match="needs sensor = range_scanner:RangeScanner"):

@@ -15,7 +15,7 @@ from typing import Final
 import fmpy
 import numpy as np
 
-from offtrack.exchange.fmi_export.c_files import headers_folder
+from offtrack.exchange.fmi_export.plant_model import headers_folder
 from tests.fmus.plants import STEP, c_compiler
 from vehicle.frames import FloatArray
 
@@ -26,7 +26,6 @@ HAS_ZIG: Final = importlib.util.find_spec("ziglang") is not None
 
 
 def wine() -> str | None:
-    """Path of Wine for programs of 64 bits."""
     return shutil.which("wine64") or shutil.which("wine") or shutil.which("wine64", path="/usr/lib/wine")
 
 
@@ -41,8 +40,6 @@ def compiled_for_windows(source: Path, folder: Path) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Host:
-    """The host as a command, for libraries of its platform."""
-
     command: Sequence[str]
     platform: str = "linux64"
     environment: Mapping[str, str] = field(default_factory=dict)

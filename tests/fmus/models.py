@@ -22,8 +22,6 @@ MISHAPS: Final = {name: k for k, name in enumerate((*STEP_MISHAPS, *START_MISHAP
 
 
 class Quantity(NamedTuple):
-    """A variable; its value reference is its place among all."""
-
     name: str
     causality: str
     unit: str = ""
@@ -166,6 +164,7 @@ def build_fmu(
     *,
     version: Literal[2, 3] = 2,
     keeps_state: bool = True,
+    units: str = "",
 ) -> Path:
     """An FMU for co-simulation; ``code`` computes ``v[…]``, the variables in their order, and may keep ``x[…]``."""
     everything = (*quantities, MISHAP, AT)
@@ -191,7 +190,9 @@ def build_fmu(
     path = folder / f"{name}.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         if version == 2:
-            archive.writestr("modelDescription.xml", description(name, everything, keeps_state=keeps_state))
+            archive.writestr(
+                "modelDescription.xml", description(name, everything, keeps_state=keeps_state, units=units)
+            )
             archive.write(library, f"binaries/linux64/{name}.so")
         else:
             archive.writestr("modelDescription.xml", description_3(name, everything))
@@ -200,13 +201,11 @@ def build_fmu(
 
 
 def _unused(source: str) -> str:
-    """All other functions of FMI 3: a library must have them."""
     names = [name for name in dir(FMU3Slave) if re.fullmatch(r"fmi3[A-Z]\w+", name) and f" {name}(" not in source]
     return "\n".join(f"UNUSED({name})" for name in names if f"*{name}(" not in source)
 
 
-def description(name: str, quantities: Sequence[Quantity], *, keeps_state: bool = True) -> str:
-    """The model description of an FMU 2."""
+def description(name: str, quantities: Sequence[Quantity], *, keeps_state: bool = True, units: str = "") -> str:
     rows, outputs = [], []
     for k, one in enumerate(quantities):
         unit = f' unit="{one.unit}"' if one.unit else ""
@@ -223,13 +222,12 @@ def description(name: str, quantities: Sequence[Quantity], *, keeps_state: bool 
         '<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" '
         f'modelName="{name}" guid="{TOKEN}"><CoSimulation modelIdentifier="{name}" canGetAndSetFMUstate="{state}" '
         f'canSerializeFMUstate="{state}" canHandleVariableCommunicationStepSize="true"/>'
-        f"<ModelVariables>{''.join(rows)}</ModelVariables>"
+        f"{units}<ModelVariables>{''.join(rows)}</ModelVariables>"
         f"<ModelStructure><Outputs>{''.join(outputs)}</Outputs></ModelStructure></fmiModelDescription>"
     )
 
 
 def description_3(name: str, quantities: Sequence[Quantity]) -> str:
-    """The model description of an FMU 3."""
     rows = ['<Float64 name="time" valueReference="1000" causality="independent" variability="continuous"/>']
     outputs = []
     for k, one in enumerate(quantities):

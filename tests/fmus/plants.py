@@ -50,7 +50,6 @@ class Slave:
         self.begin(values, texts)
 
     def begin(self, values: Mapping[str, float] | None = None, texts: Mapping[str, str] | None = None) -> None:
-        """Initialise an instance that is new or was reset."""
         if self._is_2:
             self.fmu.setupExperiment(startTime=0.0)
         self.fmu.enterInitializationMode()
@@ -88,11 +87,9 @@ class Slave:
         self.fmu.instantiate(callbacks=self._callbacks)
 
     def set(self, values: Mapping[str, float]) -> None:
-        """Set variables by name."""
         self._set([self.reference[name] for name in values], list(values.values()))
 
     def get(self, names: list[str]) -> list[float]:
-        """Values of variables by name."""
         values: list[float] = self._get([self.reference[name] for name in names])
         return values
 
@@ -103,24 +100,19 @@ class Slave:
 
     @property
     def outputs(self) -> list[str]:
-        """Names of all outputs."""
         return [one.name for one in self.description.modelVariables if one.causality == "output"]
 
     def close(self) -> None:
-        """Free the instance and unload the library."""
         self.fmu.freeInstance()
 
 
 class Drive(NamedTuple):
-    """Commands of a weave with changing speed."""
-
     steer: FloatArray
     acceleration: FloatArray
     trailer: FloatArray
 
 
 def weave(seconds: float) -> Drive:
-    """A weave of some seconds."""
     t = np.arange(round(seconds / STEP)) * STEP
     return Drive(0.1 * np.sin(0.6 * t), 0.5 * np.sin(0.4 * t), 0.05 * np.sin(0.8 * t))
 
@@ -182,5 +174,4 @@ def deviations(truths: list[Truth], outputs: Mapping[str, FloatArray]) -> dict[s
 
 
 def c_compiler() -> str | None:
-    """Path of a C compiler."""
     return shutil.which("cc") or shutil.which("gcc")

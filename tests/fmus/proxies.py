@@ -71,7 +71,6 @@ class Straightener(SteeringLaw[None]):
     def step(
         self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[None, SteerCommand]:
-        """Command at ``tick``."""
         return memory, SteerCommand(angles=np.full(len(signals.angles), float(signals.articulation[0])))
 
 

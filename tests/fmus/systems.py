@@ -68,7 +68,6 @@ class System:
         return at_beginning
 
     def close(self) -> None:
-        """End all components."""
         for slave in self.slaves.values():
             slave.close()
 

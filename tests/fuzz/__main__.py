@@ -64,7 +64,6 @@ def main() -> int:
 
 
 def _round(seed: int, reads: Iterable[Read], specimens: Path) -> list[Case]:
-    """Some hundred cases: scenarios and files alternate."""
     scenarios = [
         *drawn(scenario_runs(), 60, seed),
         *drawn(studies(), 20, seed),
@@ -89,7 +88,6 @@ class Tally:
         self._shown, self._slowest, self._largest = begin, 0.0, 0.0
 
     def add(self, tried: Tried) -> None:
-        """Count a case; print a find, and now and then the progress."""
         kind = tried.case.kind
         self._kinds[kind] += 1
         self._seconds[kind] = self._seconds.get(kind, 0.0) + tried.result.seconds
@@ -109,7 +107,6 @@ class Tally:
             print(f"{self._shown - self.begin:6.0f} s: {self._counts()}", flush=True)
 
     def show(self) -> None:
-        """Print the table of all kinds."""
         for kind, count in sorted(self._kinds.items()):
             endings = ", ".join(f"{ending} {number}" for ending, number in self._endings[kind].most_common())
             print(f"{kind:44s} {count:5d}, {self._seconds[kind] / count:4.1f} s each: {endings}")
@@ -124,7 +121,6 @@ class Tally:
 
 
 def _save(tried: Tried) -> None:
-    """Write into the folder of a find how it is tried again, and what was said."""
     case, result = tried.case, tried.result
     name = "case.py"
     if case.script:

@@ -28,12 +28,10 @@ class Case:
     specimen: str = ""  # folder of valid files to begin with
     steps: int = 0  # of the loop after which a run is interrupted; 0: it should not begin
     ends: bool = False  # True: a run ends after the steps as if it had timed out, and the command goes on
-    genuine: bool = False  # True: as a process of its own
     own: bool = False  # True: runs code of the user's, which may fail in the loop
     note: str = ""  # what was done to a file
 
     def place(self, specimens: Path, folder: Path) -> None:
-        """Lay out the files in ``folder``, which does not exist yet."""
         if self.specimen:
             shutil.copytree(specimens / self.specimen, folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -44,20 +42,17 @@ class Case:
             _lay(path, content)
 
     def title(self) -> str:
-        """The case in one line."""
         what = "offtrack " + " ".join(self.command) if self.command else "script"
         return f"{self.kind}{f' ({self.note})' if self.note else ''}: {what}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """The result of a case."""
-
     code: int | None = None  # exit code; None: the process died or was stopped
     error: str = ""  # trace of an exception that got out
     out: str = ""
     err: str = ""
-    seconds: float = 0.0  # of a command, or of the last statement of a script, without waiting for a core
+    seconds: float = 0.0  # processor time of a command, or of the last statement of a script
     memory: float = 0.0  # largest [MB]
     outcome: str = ""  # of the run
 
@@ -68,7 +63,6 @@ class Result:
 
     @property
     def ending(self) -> str:
-        """The ending, for the tally."""
         if self.refused or self.code is None:
             return "refused" if self.refused else "died"
         return self.outcome or {0: "done", 1: "failed", 130: "interrupted"}.get(self.code, "traceback")
@@ -108,12 +102,8 @@ def _states(folder: Path) -> Iterator[tuple[str, tuple[int, int, int]]]:
         for name in (*folders, *files):
             path = Path(place, name)
             state = path.lstat()
-            is_folder = path.is_dir() and not path.is_symlink()
-            yield str(path.relative_to(folder)), (state.st_mode, *((0, 0) if is_folder else _change(state)))
-
-
-def _change(state: os.stat_result) -> tuple[int, int]:
-    return state.st_size, state.st_mtime_ns
+            change = (0, 0) if path.is_dir() and not path.is_symlink() else (state.st_size, state.st_mtime_ns)
+            yield str(path.relative_to(folder)), (state.st_mode, *change)
 
 
 def _lay(path: Path, content: bytes | Special) -> None:

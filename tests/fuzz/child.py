@@ -1,26 +1,23 @@
-"""A child process that works on case after case; modules and compiled plants stay loaded between them."""
+"""A case in this process, a worker: modules and compiled plants stay loaded between cases."""
 
 from __future__ import annotations
 
 import ast
-import ctypes
 import io
 import os
 import resource
-import signal
 import sys
 import tempfile
 import time
 import traceback
 from contextlib import contextmanager
-from multiprocessing.connection import Connection
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import gymnasium.error
 
 from tests.fuzz.case import Case, Result
-from tests.fuzz.clock import OwnTime
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -30,21 +27,12 @@ _LONGEST: Final = 8.0  # of a loop; then it is interrupted [s]
 _SHOWN: Final = 20_000  # characters that are kept of an output
 
 
-def serve(pipe: Connection) -> None:
-    """Receive cases with their folders and send results until the pipe is closed."""
-    os.setsid()
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: no orphan
+@cache
+def _prepared() -> _Loop:
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    watch = _Loop()
-    pipe.send("ready")
-    while True:
-        try:
-            case, folder = pipe.recv()
-        except EOFError:
-            return
-        pipe.send(_result(case, folder, watch))
+    return _Loop()
 
 
 class _Loop:
@@ -66,13 +54,11 @@ class _Loop:
         self.begin(0)
 
     def begin(self, steps: int, *, ends: bool = False) -> None:
-        """Forget the last case."""
         self._left, self._ends, self._session = steps, ends, None
         self._began: float | None = None
 
     @property
     def outcome(self) -> str:
-        """Outcome of the last run."""
         return "" if self._session is None else str(self._session.outcome or "unfinished")
 
     def _counted(self, session: Any) -> None:
@@ -97,11 +83,12 @@ def _each_here(work: Callable[..., Any], tasks: Any, **_: Any) -> Iterator[tuple
             yield key, error
 
 
-def _result(case: Case, folder: Path, watch: _Loop) -> Result:
+def result_of(case: Case, folder: Path) -> Result:
+    watch = _prepared()
     os.chdir(folder)
     watch.begin(case.steps, ends=case.ends)
-    _reset_peak()
-    code, error, outcome, clock = 0, "", "", OwnTime(os.getpid())
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # forget the largest memory
+    code, error, outcome, clock = 0, "", "", [time.process_time()]
     with _captured() as texts:
         try:
             outcome = _run_script(case.script, clock) if case.script else _run_command(case.command)
@@ -114,7 +101,7 @@ def _result(case: Case, folder: Path, watch: _Loop) -> Result:
             is_refusal = case.script and (isinstance(refusal, ValueError) or is_gym)
             code, error = (2, "") if is_refusal else (70, traceback.format_exc())
             print(str(refusal) or repr(refusal), file=sys.stderr)
-    seconds = clock()
+    seconds = time.process_time() - clock[0]
     sys.path[:] = [place for place in sys.path if place != str(folder)]
     os.chdir("/")
     return Result(
@@ -136,11 +123,11 @@ def _run_command(arguments: tuple[str, ...]) -> str:
     return ""
 
 
-def _run_script(text: str, clock: OwnTime) -> str:
-    """Run a script; the clock shows the time of its last statement, which is the one that is refused."""
+def _run_script(text: str, clock: list[float]) -> str:
+    """Run a script; the clock is set at its last statement, which is the one that is refused."""
     names: dict[str, Any] = {"__name__": "__fuzz__"}
     for statement in ast.parse(text).body:
-        clock.restart()
+        clock[0] = time.process_time()
         exec(compile(ast.Module([statement], []), "case.py", "exec"), names)
     return str(names.get("outcome", ""))
 
@@ -166,10 +153,6 @@ def _captured() -> Iterator[list[str]]:
             for file in (out, err):
                 file.seek(0)
                 texts.append(file.read(_SHOWN).decode("utf-8", "replace"))
-
-
-def _reset_peak() -> None:
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def _peak() -> float:

@@ -28,7 +28,6 @@ _ODD: Final[Sequence[Any]] = (
 
 
 def _spread(value: st.SearchStrategy[float]) -> st.SearchStrategy[Any]:
-    """A list of values, or a distribution."""
     listed = st.lists(value, min_size=1, max_size=2, unique=True)
     return listed | listed | st.sampled_from([{"uniform": [0.1, 0.9]}, {"choice": [0.2, 0.4]}])
 
@@ -83,7 +82,6 @@ def _options(draw: st.DrawFn, *, is_rover: bool) -> tuple[str, ...]:
 
 @st.composite
 def _tables(draw: st.DrawFn, *, is_rover: bool) -> dict[str, Any]:
-    """Tables of a campaign file, mostly valid ones."""
     law, laws = ("slip_compensation", ["none", "crab"]) if is_rover else ("trailer_steering", ["none", "command_steer"])
     faults = draw(st.lists(_FAULT, min_size=1, max_size=2))
     table: dict[str, Any] = {
@@ -117,7 +115,6 @@ def _tables(draw: st.DrawFn, *, is_rover: bool) -> dict[str, Any]:
 
 
 def _spoil(draw: st.DrawFn, table: dict[str, Any]) -> None:
-    """Put something odd in the place of one value."""
     places = [(table, key) for key in table]
     places += [(inner, key) for one in table.values() for inner in _inner(one) for key in inner]
     where, key = draw(st.sampled_from(places))
@@ -128,7 +125,6 @@ def _spoil(draw: st.DrawFn, table: dict[str, Any]) -> None:
 
 
 def _inner(value: Any) -> list[dict[str, Any]]:
-    """Tables in a value."""
     if isinstance(value, dict):
         return [value, *(one for part in value.values() for one in _inner(part))]
     return [one for part in value for one in _inner(part)] if isinstance(value, list) else []

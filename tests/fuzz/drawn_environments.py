@@ -39,9 +39,8 @@ _NUMBERS: Final = st.floats(-1.0, 1.0, width=32) | st.sampled_from([0.0, 1.0, -1
 
 
 def _options(name: str) -> dict[str, st.SearchStrategy[str]]:
-    """Values of the constructor's options as Python."""
     hints = get_type_hints(CORES[name][1])
-    known = {field.name: _of(field.name, hints[field.name]) for field in fields(CORES[name][1])}
+    known = {key: _of(key, hints[key]) for key in CORES[name][1].model_fields}
     return {**known, "action_repeat": _of("action_repeat", int), "render_mode": _of("render_mode", str)}
 
 
@@ -66,7 +65,6 @@ def _is_required(field: Any) -> bool:
 
 
 def _range(field: Any) -> st.SearchStrategy[str]:
-    """A range of a domain, mostly within its default."""
     if field.default is MISSING or not isinstance(field.default, tuple | int | float):
         return _ODD
     low, high = field.default if isinstance(field.default, tuple) else (0.0, 2.0 * field.default)
@@ -97,7 +95,6 @@ _LAST: Final = (
 
 @st.composite
 def environment_uses(draw: st.DrawFn) -> Case:
-    """A script that makes an environment and uses it."""
     name = draw(st.sampled_from(sorted(CORES)))
     cameras = draw(st.integers(0, 59)) == 59
     odd = draw(st.integers(0, 2)) == 2
@@ -129,7 +126,6 @@ def environment_uses(draw: st.DrawFn) -> Case:
 
 
 def _some(strategies: dict[str, st.SearchStrategy[str]], most: int) -> st.SearchStrategy[dict[str, str]]:
-    """Values for some of the keys."""
     names = st.lists(st.sampled_from(sorted(strategies)), max_size=most, unique=True)
     return names.flatmap(lambda chosen: st.fixed_dictionaries({key: strategies[key] for key in chosen}))
 

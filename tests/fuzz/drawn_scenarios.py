@@ -17,8 +17,7 @@ from pydantic.fields import FieldInfo
 from scenarios import catalogue, part_listing
 from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario, scenario_names
 from sensors.faults.fault import FAULTS
 from tests.fuzz.case import Case
 from tests.fuzz.files import settings
@@ -29,19 +28,7 @@ from vehicle.option import Option, declared_options
 from vehicle.rover.description import rover_names, soil_names
 
 _TEXTS: Final = (
-    "",
-    "none",
-    "x",
-    "true",
-    "nan",
-    "[",
-    "[/b]",
-    "..:x",
-    "os:system",
-    "json:loads",
-    "a" * 300,
-    "\u202e",
-    "a\nb=2",
+    *("", "none", "x", "true", "nan", "[", "[/b]", "..:x", "os:system", "json:loads", "a" * 300, "\u202e", "a\nb=2"),
 )
 _ODD: Final = st.sampled_from([*ODD_NUMBERS, *_TEXTS, "[[1]]", "{a=1}", "[nan,1,1]", "[" * 500])
 _CAMERAS: Final = ("viso_ot", "ground_watching", "ground_watching_single")
@@ -104,7 +91,6 @@ def _list(values: Any) -> str:
 
 
 def _inline(model: type[BaseModel]) -> st.SearchStrategy[str]:
-    """An inline table, as in a list of them."""
     keys = {
         name: _value(model, name, field) if field.is_required() else st.none() | _value(model, name, field)
         for name, field in model.model_fields.items()
@@ -224,7 +210,6 @@ ROVERS: Final = [name for name in scenario_names() if name not in TRAILERS]
 
 @st.composite
 def scenario_runs(draw: st.DrawFn) -> Case:
-    """A run of a random scenario."""
     is_rover, cameras = draw(st.integers(0, 3)) == 3, draw(st.integers(0, 39)) == 39
     scenario = draw(st.sampled_from(ROVERS if is_rover else TRAILERS))
     pairs = draw(drawn_settings(is_rover=is_rover, cameras=cameras))
@@ -240,7 +225,6 @@ def scenario_runs(draw: st.DrawFn) -> Case:
 
 @st.composite
 def studies(draw: st.DrawFn) -> Case:
-    """A study by command or file."""
     is_rover = draw(st.integers(0, 3)) == 3
     scenario = draw(st.sampled_from(ROVERS if is_rover else TRAILERS))
     keys = _OF_ROVERS if is_rover else _OF_TRAILERS
@@ -270,7 +254,6 @@ def studies(draw: st.DrawFn) -> Case:
 
 
 def every_key() -> set[str]:
-    """Names of all keys that are drawn."""
     return {*_OF_TRAILERS, *_OF_ROVERS}
 
 

@@ -58,7 +58,6 @@ def _png(width: int, height: int, depth: int = 8, kind: int = 0, data: bytes | N
 
 
 def _large_png(side: int) -> bytes:
-    """A valid black PNG of side x side pixels; a thousand times smaller than its image."""
     packer = zlib.compressobj(9)
     rows = bytes(side + 1) * 64
     body = b"".join(packer.compress(rows) for _ in range(side // 64)) + packer.flush()
@@ -129,12 +128,10 @@ OTHER_THINGS: Final = (*_OTHERS, *get_args(Special))
 
 
 def other_thing(name: str) -> Hostile:
-    """Another thing in a file's place."""
     return (_OTHERS[name]() if name in _OTHERS else name), f"{name} in its place"  # type: ignore[return-value]
 
 
 def damaged(content: bytes) -> st.SearchStrategy[Hostile]:
-    """The file with some bytes changed."""
     place = st.floats(0.0, 1.0).map(lambda share: int(share * len(content)))
     return st.one_of(
         st.lists(st.tuples(place, st.integers(0, 7)), min_size=1, max_size=20).map(
@@ -164,7 +161,6 @@ _NUMBER: Final = re.compile(rb"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
 def _text(content: bytes) -> st.SearchStrategy[Hostile]:
-    """A text file with odd numbers, lines or columns."""
     lines = content.splitlines(keepends=True)
     line = st.integers(0, max(0, len(lines) - 1))
     return st.one_of(
@@ -198,8 +194,6 @@ def _other_number(content: bytes, share: float, number: str) -> Hostile:
 
 
 def _tree(load: Callable[[bytes], Any], dump: Callable[[Any], bytes]) -> Mutation:
-    """Mutations of nested tables and lists."""
-
     def changed(content: bytes) -> st.SearchStrategy[Hostile]:
         paths = list(_paths(load(content)))
 
@@ -245,7 +239,6 @@ _json = _tree(json.loads, lambda root: json.dumps(root).encode())
 
 
 def _image(content: bytes) -> st.SearchStrategy[Hostile]:
-    """A PNG file with another header."""
     side = st.sampled_from([0, 1, 2, 63, 255, 4097, 30_000, 65_535, 2**31 - 1, 2**32 - 1])
     depth, kind = st.sampled_from([0, 1, 2, 8, 16, 99]), st.sampled_from([0, 2, 3, 4, 6, 7])
     data = content[content.index(b"IDAT") + 4 : -16]
@@ -267,12 +260,10 @@ def _saved(array: Any) -> bytes:
 
 
 def _array(content: bytes) -> st.SearchStrategy[Hostile]:
-    """Another array."""
     return st.sampled_from(_ODD_ARRAYS).map(lambda array: (_saved(array), f"{array.dtype} of shape {array.shape}"))
 
 
 def _archive(content: bytes) -> st.SearchStrategy[Hostile]:
-    """An archive of arrays with other members."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
 
@@ -291,7 +282,6 @@ def _archive(content: bytes) -> st.SearchStrategy[Hostile]:
 
 
 def _encrypted(content: bytes) -> bytes:
-    """The archive with the flag of encryption on every member."""
     changed = bytearray(content)
     for mark, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
         place = changed.find(mark)
@@ -301,40 +291,28 @@ def _encrypted(content: bytes) -> bytes:
     return bytes(changed)
 
 
+_COLUMNS: Final[Mapping[str, Callable[[pa.Table, str, int], pa.Table]]] = {
+    "left out": lambda table, name, k: table.remove_column(k),
+    "of text": lambda table, name, k: table.set_column(k, name, pa.array(["x"] * len(table))),
+    "of nulls": lambda table, name, k: table.set_column(k, name, pa.nulls(len(table))),
+    "of NaN": lambda table, name, k: table.set_column(k, name, pa.array([math.nan] * len(table))),
+    "of inf": lambda table, name, k: table.set_column(k, name, pa.array([math.inf] * len(table))),
+    "of lists": lambda table, name, k: table.set_column(k, name, pa.array([[1.0]] * len(table))),
+    "reversed": lambda table, name, k: table.set_column(k, name, table[name].take(list(range(len(table)))[::-1])),
+    "without rows": lambda table, name, k: table.slice(0, 0),
+    "with one row": lambda table, name, k: table.slice(0, 1),
+}
+
+
 def _table(content: bytes) -> st.SearchStrategy[Hostile]:
-    """A Parquet file with other columns."""
     table = pq.read_table(io.BytesIO(content))
 
     def changed(choice: tuple[str, str]) -> Hostile:
-        name, action = choice
-        k = table.schema.get_field_index(name)
-        columns: dict[str, Callable[[], Any]] = {
-            "left out": lambda: table.remove_column(k),
-            "of text": lambda: table.set_column(k, name, pa.array(["x"] * len(table))),
-            "of nulls": lambda: table.set_column(k, name, pa.nulls(len(table))),
-            "of NaN": lambda: table.set_column(k, name, pa.array([math.nan] * len(table))),
-            "of inf": lambda: table.set_column(k, name, pa.array([math.inf] * len(table))),
-            "of lists": lambda: table.set_column(k, name, pa.array([[1.0]] * len(table))),
-            "reversed": lambda: table.set_column(k, name, table[name].take(list(range(len(table)))[::-1])),
-            "without rows": lambda: table.slice(0, 0),
-            "with one row": lambda: table.slice(0, 1),
-        }
         file = io.BytesIO()
-        pq.write_table(columns[action](), file)
-        return file.getvalue(), f"{name} {action}"
+        pq.write_table(_COLUMNS[choice[1]](table, choice[0], table.schema.get_field_index(choice[0])), file)
+        return file.getvalue(), " ".join(choice)
 
-    actions = (
-        "left out",
-        "of text",
-        "of nulls",
-        "of NaN",
-        "of inf",
-        "of lists",
-        "reversed",
-        "without rows",
-        "with one row",
-    )
-    return st.tuples(st.sampled_from(table.column_names), st.sampled_from(actions)).map(changed)
+    return st.tuples(st.sampled_from(table.column_names), st.sampled_from(list(_COLUMNS))).map(changed)
 
 
 FORMATS: Final[Mapping[str, tuple[Mutation, ...]]] = {

@@ -21,13 +21,14 @@ import offtrack.exchange.bench
 import scenarios
 import vehicle
 from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
+from scenarios.processes import each_in_a_worker
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import nominal_rig
 from tests.fmus.models import proportional_law
 from tests.fuzz.case import Case
+from tests.fuzz.child import result_of
 from tests.open_drive import crossing
 from vehicle.frames import transform
 from vehicle.rover.description import load_rover
@@ -41,14 +42,12 @@ SHORT_ROVER: Final = "course.length=0.5", "slip_estimator=truth"
 
 
 def make(folder: Path, names: Iterable[str]) -> None:
-    """Make the specimens of these names, each in a folder of its name."""
     for name in names:
         (folder / name).mkdir(parents=True)
         SPECIMENS[name](folder / name)
 
 
 def _parameters(folder: Path) -> None:
-    """Files of a vehicle, a rover and a soil, a scenario of each, studies and an own part."""
     package = Path(vehicle.__file__).parent
     shutil.copy(package / "parameters" / "uk_longer_semitrailer.toml", folder / "vehicle.toml")
     shutil.copy(package / "rovers" / "el_dorado_ii.toml", folder / "rover.toml")
@@ -122,7 +121,6 @@ def _textured(k: int, side: int) -> np.ndarray:
 
 
 def _stereo(folder: Path) -> None:
-    """A rectified recording and a raw one."""
     calibration = RIG.calibration()
     f = calibration.focal_length
     camera = CameraModel(width=RIG.width, height=RIG.height, fx=f, fy=f, cx=calibration.cx, cy=calibration.cy)
@@ -136,7 +134,6 @@ def _stereo(folder: Path) -> None:
 
 
 def _rover(folder: Path) -> None:
-    """A rover's recording; its images show no trace."""
     rig = nominal_rig(load_rover("el_dorado_ii"))
     shape = (rig.camera.height, rig.camera.width)
     truth = cast(RoverTruth, SimpleNamespace(slip_angle=0.1))
@@ -149,7 +146,6 @@ def _rover(folder: Path) -> None:
 
 
 def _photographs(folder: Path) -> None:
-    """Photographs of a checkerboard."""
     camera = CameraModel(width=320, height=200, fx=210.0, fy=210.0, cx=158.0, cy=101.0)
     rng = np.random.default_rng(5)
     (folder / "photos").mkdir()
@@ -162,7 +158,6 @@ def _photographs(folder: Path) -> None:
 
 
 def _results(folder: Path) -> None:
-    """A finished run with an estimator."""
     run = folder / "run"
     run.mkdir()
     (run / "scenario.toml").write_text('off_tracking = "viso_ot"\n', encoding="utf-8")
@@ -178,15 +173,13 @@ def _results(folder: Path) -> None:
 
 
 def _study(folder: Path) -> None:
-    """A finished study and a finished tuning, which their commands continue."""
     from tests.fuzz.files import STUDY, TUNING
-    from tests.fuzz.pool import Child
 
-    with Child(folder) as child:
-        for command in (STUDY, TUNING):
-            tried = child.try_(Case(kind="specimen", command=command, steps=1_000_000), folder)
-            if tried.result.code != 0:
-                raise RuntimeError(f"{tried.case.title()}: {tried.result.err}")
+    for command in (STUDY, TUNING):
+        case = Case(kind="specimen", command=command, steps=1_000_000)
+        ((_, done),) = each_in_a_worker(result_of, {"": (case, folder)}, jobs=1)
+        if isinstance(done, BaseException) or done.code != 0:
+            raise RuntimeError(f"{case.title()}: {done}")
 
 
 SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -37,14 +36,13 @@ def test_random_scenarios_studies_campaigns_environments_and_hostile_files_end_w
     cases = [case for read in files for case in drawn(hostile_files(read, tmp_path / "specimens"), 1, _SEED)]
     cases += drawn(scenario_runs(), 3, _SEED) + drawn(studies(), 1, _SEED) + drawn(campaigns(), 2, _SEED)
     cases += drawn(environment_uses(), 2, _SEED)
-    quick = [replace(case, genuine=False) for case in cases if "cameras" not in case.kind]
+    quick = [case for case in cases if "cameras" not in case.kind]
     results = tried(quick, tmp_path)
     assert len(results) == len(quick) > 25
     assert [f"{one.wrong}: {one.case.title()}\n{one.result.error}" for one in results if one.wrong is not None] == []
 
 
 def test_every_kind_of_file_has_hostile_versions() -> None:
-    """A new kind in the table of user files must get a line in the table of the fuzz suite."""
     assert set(FileKind) <= {read.kind for read in FILES}
 
 
@@ -65,38 +63,23 @@ def test_equal_seeds_draw_equal_cases() -> None:
     assert drawn(scenario_runs(), 5, 3) != drawn(scenario_runs(), 5, 4)
 
 
-def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A child that died or hung is replaced, and the next case is tried."""
-    monkeypatch.setattr("tests.fuzz.case.SLOWEST", 1.0)
+@pytest.mark.slow
+def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path) -> None:
     scripts = {
         "raise RuntimeError('planted')": "RuntimeError: planted",
         "raise ValueError('a\\nb')": "2 lines for a refusal",
         "open('x', 'w').close()\nraise ValueError('no')": "a refusal wrote x",
-        "import os\nos._exit(3)": "the process died",
-        "import os\nos.abort()": "the process died",
-        "import time\ntime.sleep(600)": "hangs: was stopped after 4 s",
-        "import os\nos.mkfifo('f')\nopen('f')": "hangs: was stopped after 4 s",
+        "import os\nos._exit(3)": "its process died twice, at last by exit code 3",
+        "import os\nos.mkfifo('f')\nopen('f')": "took longer than 15 s",
         "raise ValueError('no')": None,
         "from gymnasium.error import ClosedEnvironmentError\nraise ClosedEnvironmentError('no')": None,
         "outcome = 'completed'": None,
-        "import time\ntime.sleep(1.2)\nraise ValueError('what came before is no part of a refusal')": None,
-        "import time\ntime.sleep(1.2), int('x')": "a refusal took 1",
     }
-    results = tried([Case(kind="planted", script=script) for script in scripts], tmp_path, hang=4.0)
+    results = tried([Case(kind="planted", script=script) for script in scripts], tmp_path, hang=15.0)
     wrong = {one.case.script: one.wrong for one in results}
     for script, expected in scripts.items():
         found = wrong[script]
         assert found is None if expected is None else found is not None and found.startswith(expected), script
-
-
-@pytest.mark.slow
-def test_a_command_with_a_hostile_file_is_refused_in_a_child_and_as_a_process(tmp_path: Path) -> None:
-    command = ("vehicle", "v.toml", "--quiet", "--out", "out")
-    cases = [Case(kind="x", command=command, files=(("v.toml", "fifo"),), genuine=genuine) for genuine in (True, False)]
-    for one in tried(cases, tmp_path):
-        assert one.wrong is None, one
-        assert one.result.refused
-        assert "v.toml" in one.result.err
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,6 @@ def _folder(root: Path, name: str) -> Path:
 
 
 def _finish(command: list[str], folder: Path) -> float:
-    """Run a command to its end, and return its duration [s]."""
     begin = time.monotonic()
     process = start(command, folder)
     said = process.communicate(timeout=PATIENCE)[1]

@@ -71,7 +71,6 @@ class Finding:
 
 
 def prepare(folder: Path) -> None:
-    """Write what the commands need."""
     (folder / "study.toml").write_text(_STUDY, encoding="utf-8")
 
 
@@ -135,7 +134,6 @@ def finished_units(folder: Path) -> dict[str, int]:
 
 
 def damaged(folder: Path) -> list[str]:
-    """Files with a final name that are not whole."""
     found = []
     for path in folder.glob("[!.]*/**/*"):
         if any(part.startswith(".") for part in path.relative_to(folder).parts):
@@ -173,7 +171,6 @@ def _ended_badly(finding: Finding, said: str) -> list[str]:
 
 
 def _orphans(group: int) -> list[str]:
-    """Processes of the group that have not ended in time; they are ended here."""
     deadline = time.monotonic() + ORPHANS_END
     while (left := _processes(group)) and time.monotonic() < deadline:
         time.sleep(0.1)
@@ -183,17 +180,11 @@ def _orphans(group: int) -> list[str]:
 
 
 def _processes(group: int) -> list[int]:
-    """Processes of a group that have not ended."""
-    if Path("/proc/self/stat").exists():
-        rows = [(path.parent.name, *_status(path)) for path in Path("/proc").glob("[0-9]*/stat")]
-    else:
-        table = subprocess.run(["ps", "-eo", "pid=,stat=,pgid="], capture_output=True, text=True, check=True).stdout
-        rows = [(pid, state, pgid) for pid, state, pgid in map(str.split, table.splitlines())]
+    rows = [(path.parent.name, *_status(path)) for path in Path("/proc").glob("[0-9]*/stat")]
     return [int(pid) for pid, state, pgid in rows if pgid == str(group) and not state.startswith("Z")]
 
 
 def _status(path: Path) -> tuple[str, str]:
-    """State and group of a process in Linux; nothing if it has just ended."""
     try:
         state, _, group = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[:3]
     except (OSError, ValueError):

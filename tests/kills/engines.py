@@ -55,7 +55,6 @@ class Disturbed(NamedTuple):
 
 @contextmanager
 def _pool(folder: Path) -> Iterator[Disturbed]:
-    """One command with two worker processes, which are killed."""
     sweep = [*_SWEEP, "--jobs", "2"]
     running = [start(sweep, folder)]
 
@@ -79,7 +78,6 @@ def _pool(folder: Path) -> Iterator[Disturbed]:
 
 @contextmanager
 def _dask(folder: Path) -> Iterator[Disturbed]:
-    """One command on a scheduler with two workers, which are killed."""
     scheduler_file = folder / "scheduler.json"
     words = ["--scheduler-file", str(scheduler_file), "--host", "127.0.0.1"]
     scheduler = _dask_process(folder, "scheduler", *words, "--port", "0", "--no-dashboard")

@@ -37,18 +37,15 @@ class Mutant:
     span: tuple[int, int]  # in the module's bytes
 
     def __str__(self) -> str:
-        """In one line."""
         return (
             f"{self.module}:{self.line} {self.function or 'constant'}: {' '.join(self.before.split())} -> {self.after}"
         )
 
     def applied(self, text: str) -> str:
-        """The module with the mutant in it."""
         data = text.encode()
         return (data[: self.span[0]] + self.after.encode() + data[self.span[1] :]).decode()
 
     def is_python(self, text: str) -> bool:
-        """True if Python can parse the module with the mutant in it."""
         try:
             ast.parse(self.applied(text))
         except SyntaxError:

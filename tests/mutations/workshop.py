@@ -35,7 +35,6 @@ class Ending(NamedTuple):
 
     @property
     def timed_out(self) -> bool:
-        """True if the time was over before the tests were."""
         return self.code == -signal.SIGKILL
 
 

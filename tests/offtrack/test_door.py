@@ -44,6 +44,7 @@ def test_a_table_of_pandas_knows_units(run: offtrack.Run) -> None:
 
 
 def test_a_notebook_shows_the_numbers_with_units_and_without_markup_of_others(run: offtrack.Run) -> None:
+    assert "offtrack/RoverSteering-v0" in gymnasium.registry  # the import registers the environments
     html = run._repr_html_()
     assert "cambered-road, seed 3: completed" in html
     assert "True off-tracking, RMS" in html
@@ -78,30 +79,27 @@ def test_a_snapshot_goes_on_like_its_original() -> None:
     assert ahead.log == offtrack.run("cambered-road", settings=SHORT).log
 
 
-@pytest.mark.slow
-def test_a_snapshot_with_cameras_goes_on_like_its_original() -> None:
-    """The renderer is shared, and every picture is drawn anew."""
-    small = {"rig.width": 480, "rig.height": 200, "course.length": 20, "world.scenery_density": 0.1}
-    with offtrack.Session("constant-slip", settings=small) as session:
-        session.step(0.5)
-        snapshot = copy.deepcopy(session)
-        assert session.truth.poses.tolist() == snapshot.truth.poses.tolist()  # type: ignore[union-attr]  # a combination
-        session.step(0.5)
-        snapshot.step(0.5)
-        one, other = session.result(), snapshot.result()
-    assert one.outcome == "unfinished"
-    assert one.log == other.log
-    assert np.isfinite(one["odometry_dx"]).sum() > 5
+SMALL = {"rig.width": 480, "rig.height": 200, "course.length": 20, "world.scenery_density": 0.1}
 
 
-def test_a_rover_is_stepped_too() -> None:
-    with offtrack.Session("rover-slope", settings={"course.length": 1.0, "slip_estimator": "truth"}) as session:
-        session.step(1.0)
+@pytest.mark.parametrize(
+    ("scenario", "settings", "seconds"),
+    [
+        pytest.param("constant-slip", SMALL, 0.5, marks=pytest.mark.slow),  # the renderer is shared
+        ("rover-slope", {"course.length": 1.0, "slip_estimator": "truth"}, 1.0),
+    ],
+)
+def test_a_snapshot_in_mid_run_goes_on_like_its_original(
+    scenario: str, settings: dict[str, float | str], seconds: float
+) -> None:
+    with offtrack.Session(scenario, settings=settings) as session:
+        session.step(seconds)
         snapshot = copy.deepcopy(session)
-        session.step(1.0)
-        snapshot.step(1.0)
-        assert session.result().log == snapshot.result().log
+        session.step(seconds)
+        snapshot.step(seconds)
         assert session.estimate is not None
+        one, other = session.result(), snapshot.result()
+    assert (one.outcome, one.log) == ("unfinished", other.log)
 
 
 @pytest.mark.slow
@@ -147,9 +145,3 @@ def test_a_folder_that_hides_a_package_is_named(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     hiding = tmp_path / "controllers" / "__init__.py"
     assert f"ImportError: {hiding} hides offtrack's package controllers" in done.stderr.splitlines()[-1]
-
-
-def test_the_import_registers_the_environments() -> None:
-    assert {"offtrack/TrailerSteering-v0", "offtrack/TractorTrailerDriving-v0", "offtrack/RoverSteering-v0"} <= set(
-        gymnasium.registry
-    )

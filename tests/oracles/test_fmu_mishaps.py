@@ -45,7 +45,6 @@ AT_START = {
 
 @pytest.fixture(autouse=True)
 def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No process and no temporary file is left."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     before = children()
     yield
@@ -54,7 +53,6 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
 
 
 def children() -> set[int]:
-    """Processes that this one has started and not waited for."""
     return {int(number) for number in Path("/proc/thread-self/children").read_text().split()}
 
 

@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -22,10 +21,10 @@ from fmpy.validation import validate_fmu
 from offtrack.exchange.fmi_export.fmu_writer import PLATFORMS, library_path, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from tests.fmus.plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
+from vehicle.combination.chain import smooth_ground_sizes
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices
 from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
-from vehicle.combination.truth_vectors import smooth_ground_sizes
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, rover_names
@@ -66,9 +65,9 @@ def test_every_export_of_the_catalogue_is_valid(name: str, tmp_path: Path) -> No
 
 
 def ground_under(lookup: SurfaceLookup, plant: Plant, vehicle: Vehicle, state: FloatArray) -> dict[str, float]:
-    """Inputs of the FMU for the ground below a state, by name."""
     kinematics = plant._kinematics_of(state)
-    ground = GroundInputs(*parts_of(lookup.ground_inputs(kinematics), ground_input_sizes(vehicle)))
+    values = lookup.ground_inputs(kinematics)
+    ground = GroundInputs(*(values[at] for at in slices(ground_input_sizes(vehicle))))
     heights = lookup.smooth_ground(kinematics)[: smooth_ground_sizes(vehicle).height]
     named = {
         "friction_wheel": ground.friction,
@@ -78,10 +77,6 @@ def ground_under(lookup: SurfaceLookup, plant: Plant, vehicle: Vehicle, state: F
         "ground_height": heights,
     }
     return {f"{name}_{k}": float(one) for name, values in named.items() for k, one in enumerate(values, start=1)}
-
-
-def parts_of(values: FloatArray, sizes: Iterable[int]) -> list[FloatArray]:
-    return [values[at] for at in slices(sizes)]
 
 
 def test_a_truck_on_a_rough_slope_is_the_plant_here(tmp_path: Path) -> None:

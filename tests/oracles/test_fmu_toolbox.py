@@ -20,9 +20,8 @@ import offtrack
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_export.plant_model import Exported, exported_plant
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, ground_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.proxy import Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import driver_proxy, ground_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.options.scenario import load_scenario
 from vehicle.combination.description import load_vehicle
@@ -35,7 +34,6 @@ SETTINGS = {"vehicle": VEHICLE, "off_tracking": "truth", "trailer_steering": "no
 
 
 def tool(name: str, *arguments: str) -> str:
-    """What a command of the toolbox says."""
     command = [sys.executable, "-m", f"fmu_manipulation_toolbox.cli.{name}", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -43,7 +41,6 @@ def tool(name: str, *arguments: str) -> str:
 
 
 def exported(name: str, version: int) -> Exported:
-    """An export of a kind."""
     scenario = load_scenario("roundabout", ["off_tracking=truth"])
     if name in ("truck", "rover"):
         kind, soil = ("rigid_truck", None) if name == "truck" else ("el_dorado_ii", "beach_sand")

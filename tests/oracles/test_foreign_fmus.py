@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,17 +28,11 @@ from vehicle.combination.description import load_vehicle
 _PACKAGE = importlib.util.find_spec("gemseo_fmu")
 pytestmark = pytest.mark.skipif(_PACKAGE is None, reason="needs the package gemseo-fmu")
 VEHICLE = "uk_longer_semitrailer_one_steered"
-SETTINGS = {
-    "vehicle": VEHICLE,
-    "off_tracking": "truth",
-    "course.turn_deg": 30.0,
-    "course.entry": 20.0,
-    "course.exit": 5.0,
-}
+SETTINGS: dict[str, object] = {"vehicle": VEHICLE, "off_tracking": "truth"}
+SETTINGS |= {"course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
 
 
 def fmu(name: str, text: str, folder: Path) -> str:
-    """A copy of an FMU of the package with its map."""
     assert _PACKAGE is not None
     assert _PACKAGE.origin is not None
     file = Path(_PACKAGE.origin).parent / "problems" / "fmu_files" / "linux" / name
@@ -47,8 +42,6 @@ def fmu(name: str, text: str, folder: Path) -> str:
 
 
 class Sum:
-    """The law of ``add.fmu`` with its map, in Python."""
-
     def __init__(self, trailer: object) -> None:
         """For any trailer."""
 
@@ -58,7 +51,6 @@ class Sum:
     def step(
         self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[None, SteerCommand]:
-        """Angles in proportion to off-tracking and the hitch's direction."""
         e, direction = (off_tracking.value, off_tracking.hitch_direction) if off_tracking else (0.0, 0.0)
         return memory, SteerCommand(angles=np.full(len(signals.angles), 0.2 * (e + direction)))
 
@@ -87,15 +79,8 @@ def test_a_damped_mass_of_openmodelica_swings_as_in_fmpy(tmp_path: Path) -> None
     for tick in range(0, 10_000, 20):
         memory, command = steering.step(memory, tick, None, reading(0, 3.0, axles=1))
         swing.append(float(command.angles[0]))
-    alone = simulate_fmu(
-        file,
-        stop_time=10.0,
-        step_size=0.02,
-        output_interval=0.02,
-        start_values={"f": 0.3},
-        output=["y"],
-        fmi_type="CoSimulation",
-    )
+    times: Any = {"stop_time": 10.0, "step_size": 0.02, "output_interval": 0.02}
+    alone = simulate_fmu(file, **times, start_values={"f": 0.3}, output=["y"], fmi_type="CoSimulation")
     assert np.ptp(swing) > 0.01
     np.testing.assert_allclose(swing, alone["y"][1:501], atol=1e-9)
 

@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import LinkedBench, UdpLink
-from offtrack.reports.run_writer import write_run
+from offtrack.exchange.bench.links import CanLink, LinkedBench, UdpLink
+from offtrack.reports.run_files import write_run
 from scenarios.loop.channel import Pacer
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
@@ -83,7 +82,6 @@ def test_a_law_behind_udp_in_wall_time_steers_one_step_later(inside: tuple[float
 
 
 def test_lost_answers_are_bridged_by_the_last_demand(inside: tuple[float, float]) -> None:
-    """Every third datagram is lost: the demand before holds."""
     with bench("path_preview", "3") as link:
         result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=0.02")), 1, bench=LinkedBench([link]))
     assert result.outside is not None

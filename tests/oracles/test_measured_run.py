@@ -14,9 +14,8 @@ import pytest
 
 from scenarios.assembly.adapters import course_of, surface_of, vehicle_of
 from scenarios.loop.runner import run
-from scenarios.options.scenario import load_scenario
-from scenarios.randomness import stream
-from vehicle.foundation.polyline import dense
+from scenarios.options.scenario import load_scenario, stream
+from vehicle.frames import dense
 from vehicle.surface.relief import BesideLine
 
 _BASE = ("off_tracking=truth", "trailer_steering=none", "speed_kmh=60")

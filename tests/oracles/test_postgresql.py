@@ -29,7 +29,6 @@ TRIALS: Final = 12
 
 
 def programs() -> Path | None:
-    """Folder of PostgreSQL's programs, as Debian installs them."""
     found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
     on_path = shutil.which("initdb")
     return found[-1].parent if found else Path(on_path).parent if on_path else None
@@ -41,7 +40,6 @@ def as_user(*words: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a database with a password on the loopback interface."""
     folder = programs()
     if folder is None:
         pytest.skip("PostgreSQL is not installed: apt-get install postgresql")

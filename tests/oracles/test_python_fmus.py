@@ -14,11 +14,8 @@ import pytest
 
 import offtrack
 
-WHEELBASE, HITCH, TRAILER = (
-    3.8,
-    0.7744762,
-    9.31,
-)  # of uk_longer_semitrailer: rear axle to front, to hitch; to the middle
+WHEELBASE, HITCH = 3.8, 0.7744762  # of uk_longer_semitrailer: rear axle to front, to hitch [m]
+TRAILER = 9.31  # to the middle of its axles [m]
 MODEL = """
 from math import cos, sin, tan
 
@@ -69,7 +66,6 @@ class Kinematic(Fmi{version}Slave):
 
 @pytest.fixture(scope="module", params=[2, 3])
 def truck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A tractor and semi-trailer that roll without slip, as an FMU of either version."""
     n, real = ("", "Real") if request.param == 2 else ("3", "Float64")
     if importlib.util.find_spec(f"pythonfmu{n}") is None:
         pytest.skip(f"needs the package pythonfmu{n}")
@@ -81,12 +77,8 @@ def truck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def settings(truck: str, off_tracking: str, trailer_steering: str) -> dict[str, object]:
-    return {
-        "plant.fmu": truck,
-        "vehicle": "uk_longer_semitrailer",
-        "off_tracking": off_tracking,
-        "trailer_steering": trailer_steering,
-    }
+    parts = {"off_tracking": off_tracking, "trailer_steering": trailer_steering}
+    return {"plant.fmu": truck, "vehicle": "uk_longer_semitrailer", **parts}
 
 
 def test_an_unsteered_trailer_cuts_the_corner_by_the_closed_form(truck: str) -> None:

@@ -12,6 +12,7 @@ import pytest
 from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.render import StereoRenderer
 from sensors.world.world import World, build_world
+from tests.trailers import truth as truth_at
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -45,18 +46,7 @@ def truth_of() -> Callable[..., Truth]:
     """The truth of one unit at a tick, with what cameras look at and nothing else."""
 
     def truth(tick: int, X_WB: FloatArray, *, load_transfer: float = 0.0) -> Truth:
-        nothing = np.empty(0)
-        return Truth(
-            tick=tick,
-            poses=np.zeros((1, 3)),
-            velocities=np.zeros((1, 3)),
-            bodies=X_WB[None],
-            steer=nothing,
-            wheel_loads=nothing,
-            wheel_slip_angles=nothing,
-            friction_used=nothing,
-            load_transfer=np.array([load_transfer]),
-        )
+        return truth_at(tick, bodies=X_WB[None], load_transfer=np.array([load_transfer]))
 
     return truth
 

@@ -11,6 +11,7 @@ from sensors.camera.image_formation import NoiseBank, grey
 from sensors.camera.rig import StereoCalibration
 from sensors.camera.stereo_camera import StereoCamera
 from sensors.messages import ColourImage
+from tests.trailers import truth
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
@@ -49,24 +50,6 @@ def test_noise_saturates_instead_of_wrapping() -> None:
     assert bank.added_to(np.zeros(SHAPE, dtype=np.uint8), rng).max() < 55
 
 
-def test_same_generator_gives_the_same_noise() -> None:
-    """Everything that is left to chance comes from the generator."""
-
-    def noisy(seed: int) -> np.ndarray:
-        rng = np.random.default_rng(seed)
-        return NoiseBank.draw(rng, 2.0, PIXELS).added_to(MID_GREY, rng)
-
-    assert np.array_equal(noisy(6), noisy(6))
-    assert not np.array_equal(noisy(6), noisy(7))
-
-
-@pytest.mark.parametrize("std", [-0.1, 51.0, math.nan])
-def test_impossible_noise_is_refused(std: float) -> None:
-    """The message names the value, its unit and its limits."""
-    with pytest.raises(ValueError, match=r"noise_std = .* grey levels must be between 0 and 50"):
-        NoiseBank.draw(np.random.default_rng(0), std, PIXELS)
-
-
 def test_green_is_the_brightest_primary() -> None:
     """Luminance weighs red, green and blue with 0.299, 0.587, 0.114: the order of the channels is pinned."""
     primaries = (255 * np.eye(3, dtype=np.uint8)).reshape(1, 3, 3)
@@ -88,18 +71,7 @@ def _truth(tick: int) -> Truth:
     """Two units whose bodies are at x = 10 m and x = 20 m."""
     bodies = np.tile(np.eye(4), (2, 1, 1))
     bodies[:, 0, 3] = 10.0, 20.0
-    nothing = np.empty(0)
-    return Truth(
-        tick=tick,
-        poses=np.zeros((2, 3)),
-        velocities=np.zeros((2, 3)),
-        bodies=bodies,
-        steer=nothing,
-        wheel_loads=nothing,
-        wheel_slip_angles=nothing,
-        friction_used=nothing,
-        load_transfer=np.zeros(2),
-    )
+    return truth(tick, bodies=bodies)
 
 
 @pytest.mark.parametrize("keep_colour", [False, True])
@@ -124,11 +96,3 @@ def test_left_and_right_image_get_different_noise(calibration: StereoCalibration
     frame = camera.sample(_truth(0))
     correlation = np.corrcoef(frame.left.ravel(), frame.right.ravel())[0, 1]
     assert abs(correlation) < 5.0 / math.sqrt(PIXELS)  # five standard errors
-
-
-def test_a_unit_that_can_not_be_is_refused(calibration: StereoCalibration) -> None:
-    """A negative index would silently count from the last unit."""
-    with pytest.raises(ValueError, match="unit = -1"):
-        StereoCamera(
-            renderer=_Painted(calibration), unit=-1, noise_std=0.0, rng=np.random.default_rng(0), keep_colour=False
-        )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sensors.instruments.combination import CombinationSensors
+from tests.trailers import truth as truth_at
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform
@@ -21,16 +22,12 @@ def truth(tick: int, *, v_y: float = 0.0, roll: float = 0.0, steer: float = 0.2)
     """A tractor rolling without slip at 5 m/s, its trailer turning at 0.1 rad/s."""
     yaw_rate = 5.0 * math.tan(steer) / WHEELBASE
     body = transform(rotation_zyx(0.0, 0.0, roll), np.zeros(3))
-    return Truth(
-        tick=tick,
+    return truth_at(
+        tick,
         poses=np.array([[0.0, 0.0, 0.3], [0.0, 0.0, 0.1]]),
         velocities=np.array([[5.0, 0.0, yaw_rate], [4.9, v_y, 0.1]]),
         bodies=np.array([np.eye(4), body]),
         steer=np.array([steer, 0.01, 0.02]),
-        wheel_loads=np.ones(10),
-        wheel_slip_angles=np.zeros(10),
-        friction_used=np.zeros(10),
-        load_transfer=np.zeros(2),
     )
 
 

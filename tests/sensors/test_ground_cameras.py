@@ -9,7 +9,7 @@ import pytest
 
 from sensors.camera.rig import StereoCalibration, ground_watching_pair
 from sensors.messages import ColourImage
-from sensors.world.reformed_ground import ReformedGround
+from sensors.world.world import ReformedGround
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 
@@ -58,12 +58,6 @@ def test_both_cameras_look_straight_down_from_where_they_hang() -> None:
     assert np.ptp(looked_at(c, c.X_SC)[..., 0]) == pytest.approx(width)
 
 
-def test_a_rear_camera_ahead_of_the_front_one_is_refused() -> None:
-    """The pair has an order."""
-    with pytest.raises(ValueError, match=r"rear_x = 0.0 m must be less than front_x = -1.5 m"):
-        ground_watching_pair(200, 160, 1.0, front_x=-1.5, rear_x=0.0, z=1.0)
-
-
 def driven(ground: ReformedGround, way: float) -> tuple[ColourImage, ColourImage]:
     """The last images of a straight drive along x."""
     for x in np.arange(0.0, way, 0.5):
@@ -102,13 +96,6 @@ def test_flowing_ground_moves_along_with_the_vehicle() -> None:
     _, after = ground.render(body(20.5))
     moved = (after[80, 100, 0].astype(int) - before[80, 100, 0].astype(int)) % 256
     assert moved == pytest.approx(45, abs=1)  # [cm]
-
-
-@pytest.mark.parametrize(("width", "flow", "complaint"), [(0.0, 0.0, "width"), (1.0, 1.5, "flow")])
-def test_strips_that_can_not_be_are_refused(width: float, flow: float, complaint: str) -> None:
-    """The message names what is out of range."""
-    with pytest.raises(ValueError, match=complaint):
-        ReformedGround(PaintedGround(), FLAT, [WHEELS], width=width, flow=flow)
 
 
 def test_ground_that_one_group_left_is_changed_again_by_the_next() -> None:

@@ -14,16 +14,7 @@ from sensors.render import StereoRenderer
 from sensors.world.ground import Centreline, Landscape, condition_of, road_map
 from sensors.world.world import World
 from vehicle.frames import FloatArray
-from vehicle.surface import (
-    Friction,
-    PatchedFriction,
-    Potholes,
-    Roughness,
-    RoughProfile,
-    SplitFriction,
-    Surface,
-    circle,
-)
+from vehicle.surface import Friction, PatchedFriction, Potholes, Roughness, RoughProfile, SplitFriction, Surface, circle
 
 LEVEL = Surface(friction=0.8)
 SLOPE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 
-from sensors.camera.lens import CameraModel, Distortion, RawStereoRig, load_raw_rig, mount_rotation
+from sensors.camera.rig import CameraModel, Distortion, RawStereoRig, load_raw_rig, mount_rotation
 from vehicle.frames import FloatArray, transform
 
 BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)

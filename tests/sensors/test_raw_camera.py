@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -22,8 +21,7 @@ from sensors.camera.image_formation import (
     moved,
     twist_between,
 )
-from sensors.camera.lens import UNDISTORTED, RawStereoRig, mount_rotation
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import UNDISTORTED, RawStereoRig, StereoRig, mount_rotation
 from sensors.camera.stereo_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.render import StereoRenderer
 from sensors.world.world import World
@@ -314,9 +312,3 @@ def test_covering_pinhole_is_the_camera_itself_if_there_is_no_lens() -> None:
     at = LensMap.of(RIG.raw(BARREL).left, bent).pixels
     assert at.min() >= 1.0  # a cubic reaches one pixel before and two behind
     assert (at.max(axis=(0, 1)) <= [bent.width - 3.0, bent.height - 3.0]).all()
-
-
-def test_views_too_wide_to_be_drawn_are_refused() -> None:
-    """The image of a pinhole grows with the tangent of the angle."""
-    with pytest.raises(ValueError, match="at most 4096 px can be rendered"):
-        covering_pinholes(replace(RIG, width=4096, hfov=math.radians(100.0)).raw(BARREL))

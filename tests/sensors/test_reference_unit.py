@@ -9,6 +9,7 @@ import pytest
 
 from sensors.instruments.navigation import PERIOD, ReferenceUnit
 from sensors.messages import GnssIns
+from tests.trailers import truth as truth_at
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
@@ -19,17 +20,8 @@ UNITS = 1500
 def truth(tick: int = 0) -> Truth:
     """A trailer that rolls, climbs and turns left at 0.3 rad/s."""
     R, p = rotation_zyx(2.0, -0.05, 0.04), np.array([3.0, -2.0, 0.1])
-    return Truth(
-        tick=tick,
-        poses=np.array([[0.0, 0.0, 0.0], [3.0, -2.0, 2.0]]),
-        velocities=np.array([[3.0, 0.0, 0.2], [2.5, 0.4, 0.3]]),
-        bodies=np.stack([np.eye(4), transform(R, p)]),
-        steer=np.zeros(1),
-        wheel_loads=np.ones(4),
-        wheel_slip_angles=np.zeros(4),
-        friction_used=np.zeros(4),
-        load_transfer=np.zeros(2),
-    )
+    poses, velocities = np.array([[0.0, 0.0, 0.0], [3.0, -2.0, 2.0]]), np.array([[3.0, 0.0, 0.2], [2.5, 0.4, 0.3]])
+    return truth_at(tick, poses=poses, velocities=velocities, bodies=np.stack([np.eye(4), transform(R, p)]))
 
 
 def unit(seed: int) -> ReferenceUnit:
@@ -91,16 +83,3 @@ def test_how_often_it_is_asked_does_not_change_the_size_of_its_errors() -> None:
         sensor.sample(truth())
         late.append(sensor.sample(truth(3_600_000)).p_WU[0] - where[0])
     assert np.std(late) == pytest.approx(0.01413, rel=0.12)  # 4 sigma of 600 samples
-
-
-def test_the_same_seed_gives_the_same_messages() -> None:
-    """A run is repeatable to the bit."""
-    first, again = unit(4), unit(4)
-    for k in range(5):
-        np.testing.assert_array_equal(first.sample(truth(10 * k)).p_WU, again.sample(truth(10 * k)).p_WU)
-
-
-def test_a_unit_that_can_not_be_is_refused() -> None:
-    """Counting starts with the tractor."""
-    with pytest.raises(ValueError, match=r"unit = -1 must be 0"):
-        ReferenceUnit(unit=-1, p_BU=P_BU, rng=np.random.default_rng(0))

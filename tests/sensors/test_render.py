@@ -17,8 +17,7 @@ from sensors.camera.image_formation import grey
 from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
-from sensors.world.shapes import box
-from sensors.world.things import Part, Thing
+from sensors.world.things import Part, Thing, box
 from sensors.world.world import World
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
@@ -138,26 +137,6 @@ def test_nothing_is_in_the_way_of_the_cameras(renderer: StereoRenderer, calibrat
         assert depth.min() > 3.5  # [m] 8 m clearance, less 3 m, less a grazing look
 
 
-def test_same_world_gives_the_same_pixels_again(
-    renderer: StereoRenderer, world: World, calibration: StereoCalibration, pose: FloatArray
-) -> None:
-    """Another renderer of the same world, opened and closed twice, draws bit-identical images."""
-    expected = renderer.render(pose)
-    for _ in range(2):
-        again = StereoRenderer(world, calibration)
-        images = again.render(pose)
-        again.close()
-        assert all(np.array_equal(a, b) for a, b in zip(images, expected, strict=True))
-    assert all(np.array_equal(a, b) for a, b in zip(renderer.render(pose), expected, strict=True))
-
-
-def test_another_world_gives_other_pixels(
-    renderer: StereoRenderer, wall_only: StereoRenderer, pose: FloatArray
-) -> None:
-    """The world is what is drawn, and nothing is left over from another renderer of this process."""
-    assert (renderer.render(pose)[0] != wall_only.render(pose)[0]).mean() > 0.02  # things cover some of the view
-
-
 def test_images_are_copies(renderer: StereoRenderer, pose: FloatArray) -> None:
     """The next frame must not overwrite one that an estimator keeps."""
     first = renderer.render(pose)[0]
@@ -201,11 +180,7 @@ WITHOUT_DEVICE = WITHOUT_EGL.replace('if name and "EGL" in str(name)', "if False
 def python(program: str, **environment: str) -> str:
     """Output of the program in a new interpreter."""
     result = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
+        [sys.executable, "-c", program], env={**os.environ, **environment}, capture_output=True, text=True, check=True
     )
     return result.stdout
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sensors.camera.lens import UNDISTORTED, mount_rotation
-from sensors.camera.rig import Facing, StereoRig
+from sensors.camera.rig import UNDISTORTED, Facing, StereoRig, mount_rotation
 
 RIG = StereoRig(facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.2, z=3.0, baseline=0.5)
 

@@ -168,18 +168,6 @@ def test_rocks_leave_the_route_free() -> None:
         assert distance > 0.44  # half the tread, half a wheel and a margin [m]
 
 
-def test_a_tile_takes_ten_bytes_a_texel() -> None:
-    """A figure of eight over 10 m by 5 m has some 60 m2 in reach: 60e6 texels must fit in 1.5 GB."""
-    light = daylight(0.4)
-    kind = SandKind(stones=0.0)
-    relief = Relief.draw(np.random.default_rng(1), kind, Terrain(), 0.0)
-    field = Field(relief=relief, sun=light, tracks=(), rocks=(), reach=Reach.of(light))
-    field.light(Window(0, 0, TILE, TILE))
-    tile = field.tiles[0, 0]
-    layers = (tile.height, tile.albedo, tile.tint, tile.packed, tile.light, tile.stale)
-    assert sum(layer.nbytes for layer in layers) <= 10 * TILE**2
-
-
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
     """The sun is in the range of the kind, and there are rocks if the kind has any."""
@@ -210,9 +198,3 @@ def test_unknown_kinds_and_impossible_passes_are_refused(rover: Rover) -> None:
         RoverPass(frames=1, profile="none")
     with pytest.raises(ValueError, match="sun elevation"):
         daylight(0.0, elevation=0.0)
-
-
-def test_route_is_the_path_of_the_origin_of_r(truths: list[RoverTruth]) -> None:
-    """In W, one point per moment."""
-    assert route_of(truths).shape == (300, 2)
-    np.testing.assert_array_equal(route_of(truths)[7], truths[7].pose[:2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sensors.world.shapes import Mesh, blob, inside, massed
+from sensors.world.things import Mesh, blob, inside, massed
 
 
 def ball(x: float, radius: float = 1.0) -> Mesh:

@@ -138,19 +138,6 @@ def test_trace_in_the_image_is_on_the_true_line(sand: SandWorld, rig: TraceRig, 
     assert abs(np.mean(offsets)) < 6.0
 
 
-@pytest.mark.slow
-def test_same_seed_gives_the_same_image_to_the_last_bit(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """Sand, pebbles, rocks, sun, noise and compression all come from the generators."""
-
-    def image(seed: int) -> GreyImage:
-        rng, noise = np.random.default_rng(seed).spawn(2)
-        world = SandWorld("mast_shadows", rng=rng, rover=rover, terrain=Terrain(), route=route_of(truths))
-        world.drive(truths[:12])
-        return TraceCamera(world, rig, Webcam(), noise).sample(truths[11])
-
-    assert np.array_equal(image(7), image(7))
-
-
 def test_rover_casts_its_shadow_away_from_the_sun(rover: Rover, truths: list[RoverTruth]) -> None:
     """A point is dark just where its ray to the sun meets the body."""
     truth, casters = truths[-1], Casters.of(rover, mast=False, lugs=20)

@@ -8,6 +8,7 @@ import numpy as np
 
 from sensors.instruments.combination import TrailerViewSensor
 from sensors.messages import CombinationSignals, StereoFrame, TrailerView, stereo_frame
+from tests.trailers import signals as readings
 from vehicle.clock import Schedule
 
 DARK = np.zeros((2, 2), dtype=np.uint8)
@@ -29,15 +30,7 @@ class Camera:
 
 class Signals:
     def sample(self, truth: Moment) -> CombinationSignals | None:
-        return CombinationSignals(
-            tick=truth.tick,
-            angles=np.zeros(0),
-            speed=1.0,
-            steer=0.0,
-            articulation=np.zeros(1),
-            yaw_rates=np.zeros(2),
-            lateral_acceleration=0.0,
-        )
+        return readings(truth.tick, angles=np.zeros(0), speed=1.0)
 
 
 def views(latency: int, until: int) -> list[TrailerView]:

@@ -162,16 +162,6 @@ def small_world() -> World:
     return _small(2)
 
 
-@pytest.mark.slow
-def test_seed_decides_the_world(world: World, small_world: World) -> None:
-    """The same generator builds the same world to the last bit; another one another world."""
-    one, same, other = small_world, _small(2), world
-    assert np.array_equal(one.detail, same.detail)
-    assert np.array_equal(one.panorama, same.panorama)
-    assert all(np.array_equal(a.poses, b.poses) for a, b in zip(one.scenery, same.scenery, strict=True))
-    assert not np.array_equal(one.detail, other.detail)
-
-
 @pytest.mark.parametrize(
     ("argument", "value"),
     [("scenery_density", 2.1), ("scenery_density", -0.1), ("road_half_width", 0.0), ("clearance", 2.9)],
@@ -180,16 +170,3 @@ def test_arguments_out_of_range_are_named(argument: str, value: float) -> None:
     """One line with the argument's name and value."""
     with pytest.raises(ValueError, match=f"{argument} = {value}"):
         _small(0, **{argument: value})
-
-
-def test_a_centreline_needs_two_points() -> None:
-    """One point has no direction."""
-    with pytest.raises(ValueError, match="centreline"):
-        build_world(
-            rng=np.random.default_rng(0),
-            centreline=np.zeros((1, 2)),
-            road_half_width=3.0,
-            surface=Surface(friction=0.8),
-            scenery_density=0.0,
-            clearance=8.0,
-        )

@@ -17,7 +17,6 @@ from tests.soak.parts import PARTS
 
 
 def main() -> int:
-    """Soak all parts; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak")
     parser.add_argument("--cycles", type=float, default=1.0, help="factor on the number of cycles")
     parser.add_argument("--only", default="", help="parts whose name contains this text")

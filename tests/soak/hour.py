@@ -35,7 +35,6 @@ _CAMERAS: Final = (
 
 
 def main() -> int:
-    """Run, print, judge."""
     parser = argparse.ArgumentParser(description="Memory of one long run.")
     parser.add_argument("--minutes", type=int, default=60)
     parser.add_argument("--cameras", action="store_true")

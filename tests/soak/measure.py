@@ -14,30 +14,22 @@ _SLACK: Final = 4.0  # growth of memory in all that tells nothing: the allocator
 
 
 class Usage(NamedTuple):
-    """Memory, descriptors, threads and children of a process."""
-
     memory: float  # resident [MB]
     descriptors: int
     threads: int
     children: int
 
     def __str__(self) -> str:
-        return (
-            f"{self.memory:7.1f} MB, {self.descriptors} descriptors, {self.threads} threads, {self.children} children"
-        )
+        memory, *counts = self
+        return f"{memory:7.1f} MB, {counts[0]} descriptors, {counts[1]} threads, {counts[2]} children"
 
 
 def usage() -> Usage:
-    """Memory, descriptors, threads and children of this process, after all garbage is returned."""
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     tasks = os.listdir("/proc/self/task")
-    children = [
-        child
-        for task in tasks
-        for child in Path(f"/proc/self/task/{task}/children").read_text(encoding="ascii").split()
-    ]
+    children = [child for task in tasks for child in Path(f"/proc/self/task/{task}/children").read_text().split()]
     return Usage(
         memory=pages * os.sysconf("SC_PAGE_SIZE") / 2**20,
         descriptors=len(os.listdir("/proc/self/fd")) - 1,  # the listing's own

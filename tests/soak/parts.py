@@ -21,8 +21,6 @@ _TURN: Final = (
 
 
 class Part(NamedTuple):
-    """Something to repeat, with what it may keep."""
-
     name: str
     opened: Callable[[Path], Any]  # context with the function that is one cycle
     cycles: int  # of a full soak
@@ -37,14 +35,9 @@ def _renderer(folder: Path) -> Iterator[Cycle]:
 
     line = np.stack([np.linspace(-40.0, 40.0, 41), np.zeros(41)], axis=1)
     world = build_world(
-        rng=np.random.default_rng(1),
-        centreline=line,
-        road_half_width=4.0,
-        surface=Surface(friction=0.8),
-        scenery_density=0.1,
-        clearance=8.0,
-        sun_elevation=None,
-    )
+        rng=np.random.default_rng(1), centreline=line, road_half_width=4.0, surface=Surface(friction=0.8),
+        scenery_density=0.1, clearance=8.0, sun_elevation=None,
+    )  # fmt: skip
     pose = np.eye(4)
 
     def cycle() -> None:
@@ -78,7 +71,6 @@ def _environment(name: str, steps: int, *, many: int = 0, **options: Any) -> Cal
 
 @contextmanager
 def _long_run(folder: Path) -> Iterator[Cycle]:
-    """One environment that is never closed."""
     from offtrack.environments import registry
 
     environment = registry.vector("TrailerSteering-v0", 4)
@@ -93,7 +85,7 @@ def _long_run(folder: Path) -> Iterator[Cycle]:
     environment.close()
 
 
-def _command(*arguments: str, specimen: str = "") -> Callable[[Path], Any]:
+def _command(*arguments: str) -> Callable[[Path], Any]:
     """A command whose results are removed after each cycle."""
 
     @contextmanager
@@ -102,6 +94,7 @@ def _command(*arguments: str, specimen: str = "") -> Callable[[Path], Any]:
 
         from offtrack.commands.cli import app
 
+        specimen = _SPECIMENS.get(arguments[2].rpartition("/")[2], "")
         if specimen:
             make(folder, [specimen])
         words = [word.replace("SPECIMEN", str(folder / specimen)) for word in arguments]
@@ -134,7 +127,6 @@ def _runs(scenario: str, *keys: str) -> Callable[[Path], Any]:
 
 @contextmanager
 def _refusals(folder: Path) -> Iterator[Cycle]:
-    """Damaged files of several kinds."""
     from typer.testing import CliRunner
 
     from offtrack.commands.cli import app
@@ -161,6 +153,8 @@ def _refusals(folder: Path) -> Iterator[Cycle]:
     yield cycle
 
 
+_GRID: Final = ("--seeds", "1-2", "--controllers", "none", "--jobs", "2")
+_SPECIMENS: Final = {"rectified": "stereo", "sand": "rover"}
 PARTS: Final = (
     Part("renderer", _renderer, 40),
     Part("trailer environment", _environment("TrailerSteering-v0", 50), 60),
@@ -175,18 +169,8 @@ PARTS: Final = (
     Part("trailer runs and reports", _command("run", "lane-change", *settings(*SHORT), "--no-video"), 20, 0.6),
     Part("rover runs, reports and videos", _command("run", "rover-slope", *settings(*SHORT_ROVER)), 10, 1.0),
     Part("vehicle sheets", _command("vehicle", "uk_longer_semitrailer"), 20, 0.6),
-    Part(
-        "sweeps with workers",
-        _command("compare", "lane-change", *settings(*SHORT), "--seeds", "1-2", "--controllers", "none", "--jobs", "2"),
-        6,
-        1.0,
-    ),
-    Part(
-        "stereo recordings",
-        _command("estimate", "off-tracking", "SPECIMEN/rectified", "--no-video", specimen="stereo"),
-        20,
-        0.6,
-    ),
-    Part("rover recordings", _command("estimate", "slip", "SPECIMEN/sand", "--no-video", specimen="rover"), 15, 0.6),
+    Part("sweeps with workers", _command("compare", "lane-change", *settings(*SHORT), *_GRID), 6, 1.0),
+    Part("stereo recordings", _command("estimate", "off-tracking", "SPECIMEN/rectified", "--no-video"), 20, 0.6),
+    Part("rover recordings", _command("estimate", "slip", "SPECIMEN/sand", "--no-video"), 15, 0.6),
     Part("refusals", _refusals, 60),
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from vehicle.frames import Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover, load_soil
@@ -13,6 +15,12 @@ GRAVITY = 9.81
 HOME = Pose2(0.0, 0.0, 0.0)
 STRAIGHT = (0.0, 0.0, 0.0, 0.0)
 STILL = RoverCommand(STRAIGHT, STRAIGHT)
+
+
+def slope_towards(direction: float, steepness: float) -> tuple[float, float]:
+    """``slope_x, slope_y`` of a plane that rises by an angle ``steepness`` [rad] towards ``direction`` [rad] in W."""
+    rise = math.tan(steepness)
+    return rise * math.cos(direction), rise * math.sin(direction)
 
 
 def plant_on(soil: str | None, terrain: Terrain | None = None, rover: Rover | None = None) -> RoverPlant:

@@ -13,8 +13,6 @@ over the full one.
 The slip is the true one; a real ABS estimates the vehicle's speed from the wheels. Not modelled: store of air, fade.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import reduce
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ The vehicles share a topology. Their numbers are inputs of the compiled function
 load, length or lag without building anything anew.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, TruthAssembly, WheelTruth, kinematics_sizes, wheel_truth_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
@@ -26,7 +25,6 @@ from vehicle.combination.functions import (
 from vehicle.combination.layout import GroundInputs, State, command_sizes, ground_input_sizes, slices, state_sizes
 from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import Kinematics, TruthAssembly, WheelTruth, kinematics_sizes, wheel_truth_sizes
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.foundation.plant_like import are_sane
 from vehicle.frames import FloatArray
@@ -193,7 +191,7 @@ class PlantBatch:
             load_transfer=motion[:, at.load_transfer],
         )
 
-    def lane(self, lane: int) -> BatchLane:
+    def lane(self, lane: int) -> "BatchLane":
         """State, inputs and numbers of one vehicle."""
         return BatchLane(self._state[lane], self._u[lane, : self._numbers.start], self._u[lane, self._numbers])
 
@@ -254,7 +252,7 @@ class _BatchMotionParts(NamedTuple):
     load_transfer: Any
 
     @classmethod
-    def of(cls, k: Kinematics[Any], wheels: WheelTruth[Any]) -> _BatchMotionParts:
+    def of(cls, k: Kinematics[Any], wheels: WheelTruth[Any]) -> "_BatchMotionParts":
         return cls(k.poses, k.velocities, k.centre_x, k.centre_y, wheels.steer, wheels.load_transfer)
 
 

@@ -1,7 +1,5 @@
 """Forces on the chain of units: wheels with their spin, slip, drive and brakes, and what acts on the bodies."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final, NamedTuple, cast
 
@@ -33,7 +31,7 @@ class RollingWheel(NamedTuple):
     acceleration: Num  # demanded of drive torques [m/s2]
     brake_deceleration: Num  # rate of the spin that its brakes can cause, not above 0 [rad/s2]
     gear: Num  # +1 drives forward, -1 backward
-    torque: Num | None = None  # of a further drive, + forward [N m]
+    torque: "Num | None" = None  # of a further drive, + forward [N m]
 
 
 class Relaxation(NamedTuple):
@@ -42,7 +40,7 @@ class Relaxation(NamedTuple):
     omega: Num
     deflection: Num  # in either direction; along the wheel damping makes it slower, which the integrator may ignore
     brake_windup: Num
-    twin: Num | None  # the inner patch's, as of ``deflection``
+    twin: "Num | None"  # the inner patch's, as of ``deflection``
 
 
 class WheelMotion(NamedTuple):

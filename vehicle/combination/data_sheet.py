@@ -4,8 +4,6 @@ Every number by itself is within its limits. The vehicle can be simulated, but i
 author wanted.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

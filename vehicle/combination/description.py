@@ -6,16 +6,14 @@ wheels on one side of a group, or of all its wheels.
 A number in a vehicle file is either plain or ``{ value = ..., source = "..." }``. Units are described in ``unit.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
 from vehicle.combination.unit import AxleBrake, Brakes, Unit
-from vehicle.foundation.parameter_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
+from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
 
@@ -75,7 +73,7 @@ class BrakeChannel(NamedTuple):
     mirrored: int  # number of the channel that is its mirror image
 
 
-def brake_channels(vehicle: Vehicle) -> tuple[BrakeChannel, ...]:
+def brake_channels(vehicle: "Vehicle") -> tuple[BrakeChannel, ...]:
     """All brake channels, front to rear, left before right; none if the vehicle describes no brakes."""
     channels: list[BrakeChannel] = []
     for unit, axles, brake in _groups(vehicle):
@@ -88,7 +86,7 @@ def brake_channels(vehicle: Vehicle) -> tuple[BrakeChannel, ...]:
     return tuple(channels)
 
 
-def channel_of_wheel(vehicle: Vehicle) -> dict[tuple[int, int, int], int]:
+def channel_of_wheel(vehicle: "Vehicle") -> dict[tuple[int, int, int], int]:
     """Number of the brake channel by unit, axle in it, and side (+1 left, -1 right); wheels without brakes lack."""
     return {
         (channel.unit, axle, side): number
@@ -99,7 +97,7 @@ def channel_of_wheel(vehicle: Vehicle) -> dict[tuple[int, int, int], int]:
     }
 
 
-def check_brakes(vehicle: Vehicle) -> None:
+def check_brakes(vehicle: "Vehicle") -> None:
     """Refuse brakes that do not fit together.
 
     Raises:
@@ -121,7 +119,7 @@ def _shared(brake: AxleBrake) -> tuple[object, ...]:
     return brake.lag, brake.fill_rate, brake.abs
 
 
-def _groups(vehicle: Vehicle) -> Iterator[tuple[int, tuple[int, ...], AxleBrake]]:
+def _groups(vehicle: "Vehicle") -> Iterator[tuple[int, tuple[int, ...], AxleBrake]]:
     """Unit, axles and brake of each group of axles, in the order of their foremost axles."""
     if vehicle.brakes is None:
         return
@@ -212,7 +210,7 @@ class Vehicle(Frozen):
         first = ahead + (self.units[0].n_by_driver if unit == 0 else 0)
         return slice(first, ahead + len(self.units[unit].steered_axles))
 
-    def led(self) -> Vehicle:
+    def led(self) -> "Vehicle":
         """The vehicle, if it tows nothing with the frame of its body at the middle of the foremost steered axle.
 
         That point leads the body as a hitch leads a trailer: the axles behind it and the follow point have negative x.
@@ -230,7 +228,7 @@ class Vehicle(Frozen):
         axles = tuple(axle for axle in whole.axles if axle.steered_by_law or not axle.steered)
         return whole.model_copy(update={"axles": axles, "steering": whole.rear_steering or whole.steering})
 
-    def in_wind(self) -> Vehicle:
+    def in_wind(self) -> "Vehicle":
         """The vehicle with inputs of the wind at each unit.
 
         Raises:
@@ -242,11 +240,11 @@ class Vehicle(Frozen):
             raise ValueError(f"{self.name}: a gust needs the tables 'suspension' and 'roll'")
         return self.model_copy(update={"exposed": True})
 
-    def with_torque_inputs(self) -> Vehicle:
+    def with_torque_inputs(self) -> "Vehicle":
         """The vehicle with inputs for driving and braking torques of every axle, besides those of its own driveline."""
         return self.model_copy(update={"has_torque_inputs": True})
 
-    def with_failing_brakes(self) -> Vehicle:
+    def with_failing_brakes(self) -> "Vehicle":
         """The vehicle with inputs for the share of its torque that the brake of every wheel has.
 
         Raises:
@@ -267,7 +265,7 @@ class Vehicle(Frozen):
         return 2 * sum(len(unit.axles) for unit in self.units)
 
     @model_validator(mode="after")
-    def _rolls_on_springs_or_gradients(self) -> Vehicle:
+    def _rolls_on_springs_or_gradients(self) -> "Vehicle":
         if self.has_springs or any(axle.suspension for unit in self.units for axle in unit.axles):
             self._check_springs()
             return self
@@ -294,7 +292,7 @@ class Vehicle(Frozen):
                 raise ValueError("units.0: table 'coupling' belongs to the towed unit whose front hitch it is")
 
     @model_validator(mode="after")
-    def _is_a_chain(self) -> Vehicle:
+    def _is_a_chain(self) -> "Vehicle":
         tractor, towed = self.units[0], self.units[1:]
         if tractor.mass < _LIGHTEST_TRACTOR:
             lightest = f"{_LIGHTEST_TRACTOR:g} kg, the lightest motor vehicle on four wheels"
@@ -375,9 +373,6 @@ def _with_tables(
     """The contents with the data of table ``[tables.name]`` in place of each axle's ``field = "name"``.
 
     ``build`` makes them of a table, the file, the table's key, and its name.
-
-    Raises:
-        ValueError: one line, if a table is not valid or there is none of a name.
     """
 
     def built(table: object, key: str, name: str = "") -> object:

@@ -6,8 +6,6 @@ A third argument takes the vehicle's numbers, in the order of ``symbolic.numbers
 all vehicles of one topology.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, wraps
 from typing import Any, Final, Generic, NamedTuple, TypeVar
@@ -18,7 +16,17 @@ from pydantic import BaseModel
 
 from vehicle.clock import TICK
 from vehicle.combination.actuators import brake_rates
-from vehicle.combination.chain import derivative, output, relaxation, wheel_travel
+from vehicle.combination.chain import (
+    SmoothGround,
+    body_poses,
+    derivative,
+    kinematics,
+    output,
+    relaxation,
+    smooth_ground_sizes,
+    wheel_travel,
+    wheel_truth,
+)
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import (
     Chain,
@@ -39,7 +47,6 @@ from vehicle.combination.layout import (
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.multibody import Vector, along
 from vehicle.combination.sprung import settled
-from vehicle.combination.truth_vectors import SmoothGround, body_poses, kinematics, smooth_ground_sizes, wheel_truth
 from vehicle.engine.function_cache import Call, Composite, derived_once
 from vehicle.engine.integrator import after, damped_rate, half_weight, halfway
 from vehicle.frames import FloatArray
@@ -82,13 +89,7 @@ def topology(vehicle: Vehicle) -> Vehicle:
     return bare
 
 
-def _with_numbers(
-    thing: Any,
-    number: Callable[[str, float], Any],
-    path: str = "",
-    *,
-    words: bool = True,
-) -> Any:
+def _with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "", *, words: bool = True) -> Any:
     """A copy with every number replaced by ``number(path, value)``; not validated, as numbers may be symbols."""
 
     def copied(part: Any, key: object) -> Any:
@@ -138,7 +139,7 @@ def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers
 # CasADi's machine runs every operation of these two functions on a whole vector.
 
 
-def _halfway(rates: _Rates, of_rates: Any) -> Any:
+def _halfway(rates: "_Rates", of_rates: Any) -> Any:
     """Function (state, input, numbers, rates) -> state halfway, and the weights of half a step."""
     x, v, numbers = _arguments(of_rates)
     now = ca.MX.sym("now", of_rates.numel_out(0))
@@ -147,7 +148,7 @@ def _halfway(rates: _Rates, of_rates: Any) -> Any:
     return ca.Function("halfway", [x, v, numbers, now], [ca.vertcat(continuous, x[rates.n :], half)])
 
 
-def _after(rates: _Rates, of_rates: Any, n_sampled: int) -> Any:
+def _after(rates: "_Rates", of_rates: Any, n_sampled: int) -> Any:
     """Function (state, input, numbers, rates, halfway, rates halfway, brakes later if any) -> state later."""
     x, v, numbers = _arguments(of_rates)
     now, then = ca.MX.sym("now", of_rates.numel_out(0)), ca.MX.sym("then", rates.n)

@@ -3,8 +3,6 @@
 The order of the fields is the order in the vector, so that no index appears in the code.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import accumulate, pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -42,9 +40,8 @@ class State(NamedTuple, Generic[V]):
     deflection_x: V  # (n_wheels,) of each tyre along its wheel plane, as force over load at the nominal load [-]
     deflection_y: V  # (n_wheels,) and across it
     brake_windup: V  # (n_wheels,) acting brake torque and rolling drag over the available ones, -1 to 1
-    twin_x: (
-        V  # (n_twins,) deflection_x of the inner patch of every wheel with two; deflection_x then is the outer one's
-    )
+    # (n_twins,) deflection_x of the inner patch of every wheel with two; deflection_x then is the outer one's
+    twin_x: V
     twin_y: V  # (n_twins,)
     steer: V  # (n_actuators,) angle of every steering actuator, front to rear [rad]
     acceleration: V  # demanded of drive torques and brakes, behind the lag [m/s2]
@@ -142,7 +139,7 @@ class Chain(NamedTuple):
     actuators: tuple[Steering, ...]  # of the steering, front to rear
 
     @classmethod
-    def of(cls, vehicle: Vehicle) -> Chain:
+    def of(cls, vehicle: Vehicle) -> "Chain":
         """Lists of a vehicle, whose numbers may be symbols."""
         return cls(
             vehicle=vehicle,

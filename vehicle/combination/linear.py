@@ -9,8 +9,6 @@ Trailer actuators are numbered as units are; the input "steer" turns all steered
 point is straight running at constant speed on level ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,38 +23,14 @@ from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.tyres import Num
 
-SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also change places
-    x=1,
-    y=-1,
-    psi=-1,
-    v_x=1,
-    v_y=-1,
-    yaw_rate=-1,
-    heave=1,
-    pitch=1,
-    roll=-1,
-    heave_spring=1,
-    pitch_spring=1,
-    roll_spring=-1,
-    load_shift=1,
-    side_force=-1,
-    hitch_x=1,
-    hitch_y=-1,
-    omega=1,
-    deflection_x=1,
-    deflection_y=-1,
-    brake_windup=1,
-    twin_x=1,
-    twin_y=-1,
-    steer=-1,
-    acceleration=1,
-    brake_pressure=1,
-    brake_valve=1,
+_FLIPPED: Final = frozenset(  # parts of the state that change sign in the mirror
+    {"y", "psi", "v_y", "yaw_rate", "roll", "roll_spring", "side_force", "hitch_y", "deflection_y", "twin_y", "steer"}
 )
+SIGNS: Final = State(*(-1 if part in _FLIPPED else 1 for part in State._fields))  # wheels of an axle change places, too
 _PER_WHEEL: Final = frozenset({"omega", "deflection_x", "deflection_y", "brake_windup", "twin_x", "twin_y"})
 _PER_CHANNEL: Final = frozenset({"brake_pressure", "brake_valve"})
 _PER_HITCH: Final = frozenset({"hitch_x", "hitch_y"})
@@ -305,9 +279,8 @@ def _steering_directions(vehicle: Vehicle, *, actuators: bool) -> FloatArray:
     sizes: State[int] | Input[int] = input_sizes(vehicle) if actuators else state_sizes(vehicle)
     start = sum(sizes[: sizes._fields.index("steer")])
     directions = np.eye(sum(sizes))[:, start : start + sizes.steer]
-    tractor = [
-        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].driver_actuators
-    ]  # their first axles turn by the demand
+    # Their first axles turn by the demand
+    tractor = [1.0 / actuator.ratios[0] for actuator in vehicle.units[0].driver_actuators]
     return np.column_stack([directions[:, : len(tractor)] @ tractor, directions[:, len(tractor) :]])
 
 
@@ -332,9 +305,8 @@ def straight_running(vehicle: Vehicle, speed: float, friction: float) -> tuple[F
         raise ValueError(f"speed = {speed} m/s must be positive")
     s = State(*(np.zeros(size) for size in state_sizes(vehicle)))
     u = Input(*(np.zeros(size) for size in input_sizes(vehicle)))
-    drag = GRAVITY * float(
-        np.mean([wheel.axle.tyre.rolling_resistance for wheel in wheels(vehicle)])
-    )  # [m/s2], a first guess
+    # [m/s2], a first guess
+    drag = GRAVITY * float(np.mean([wheel.axle.tyre.rolling_resistance for wheel in wheels(vehicle)]))
     s = s._replace(
         v_x=np.array([speed]),
         omega=np.array([speed / wheel.axle.wheel_radius for wheel in wheels(vehicle)]),

@@ -7,8 +7,6 @@ static loads. Accelerations are specific forces (without gravity's component alo
 wheels correctly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final, NamedTuple, cast
 

@@ -10,8 +10,6 @@ normal to the left of e, d'Alembert's principle for a turn of unit i gives
 I_i r_i' + sum_j mu_ij (e_i . e_j r_j' - e_i' . e_j r_j^2) = M_i + e_i' . sum_k d_ki F_k.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -29,13 +27,13 @@ class Vector:
     x: Num
     y: Num
 
-    def __add__(self, other: Vector) -> Vector:
+    def __add__(self, other: "Vector") -> "Vector":
         return Vector(self.x + other.x, self.y + other.y)
 
-    def __sub__(self, other: Vector) -> Vector:
+    def __sub__(self, other: "Vector") -> "Vector":
         return Vector(self.x - other.x, self.y - other.y)
 
-    def __mul__(self, factor: Num) -> Vector:
+    def __mul__(self, factor: Num) -> "Vector":
         return Vector(factor * self.x, factor * self.y)
 
 

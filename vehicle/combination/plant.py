@@ -7,14 +7,13 @@ De Saxe & Cebon 2018, "Estimation of trailer off-tracking using visual odometry"
 slip angle. With the follow point L_f behind the hitch the off-tracking is e = -L_f tan(slip angle).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, SmoothGround, TruthAssembly, kinematics_sizes, smooth_ground_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
@@ -35,13 +34,6 @@ from vehicle.combination.layout import (
 )
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import (
-    Kinematics,
-    SmoothGround,
-    TruthAssembly,
-    kinematics_sizes,
-    smooth_ground_sizes,
-)
 from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.foundation.plant_like import is_sane
 from vehicle.frames import FloatArray, Pose2
@@ -165,7 +157,7 @@ class Plant:
         in_state = State(*slices(state_sizes(vehicle)))
         self._velocity = [in_state.v_x.start, in_state.v_y.start]
 
-    def __reduce__(self) -> tuple[type[Plant], tuple[Vehicle, Surface, Engine]]:
+    def __reduce__(self) -> "tuple[type[Plant], tuple[Vehicle, Surface, Engine]]":
         return (Plant, (self._vehicle, self._surface, self._engine))  # compiled functions cannot be pickled
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:

@@ -23,8 +23,6 @@ In a steady turn on level ground all axles carry side force in proportion to the
 until the bodies have no stable equilibrium any more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -104,7 +102,7 @@ class UnitSprings(NamedTuple):
     inertia: Num  # of the body about its roll axis [kg m2]
     stiffness: Num  # of all axles [N m/rad]
     damping: Num  # of all axles over the inertia [1/s]
-    hitch: Num | None  # roll stiffness at the front hitch, frame in series [N m/rad]; None: it transmits no moment
+    hitch: "Num | None"  # roll stiffness at the front hitch, frame in series [N m/rad]; None: it transmits no moment
     coupling: Coupling | None
 
     @property
@@ -157,12 +155,7 @@ def _unit_springs(unit: Unit, loads: Sequence[Num], *, towed: bool) -> UnitSprin
     if coupling is not None:
         hitch = coupling.roll_stiffness * (1.0 if frame is None else _series(frame, coupling.roll_stiffness))
     return UnitSprings(
-        axles=axles,
-        inertia=inertia,
-        stiffness=stiffness,
-        damping=damping,
-        hitch=hitch,
-        coupling=coupling,
+        axles=axles, inertia=inertia, stiffness=stiffness, damping=damping, hitch=hitch, coupling=coupling
     )
 
 

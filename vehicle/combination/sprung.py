@@ -19,8 +19,6 @@ seconds, of separate springs practically never. The sum of the group's loads is 
 is the load on the hitch. Only uneven road does this: on a plane the axles of a group stand in line.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -104,9 +102,7 @@ def spring_rates(unit: Unit, ride: Ride, specific_x: Num, specific_y: Num) -> At
         gradient, frequency = unit.roll_swing
         roll = (math.tau * frequency) ** 2 * (offset.roll + gradient * specific_y)
     return Attitude(
-        heave=w_heave**2 * offset.heave,
-        pitch=w_pitch**2 * (offset.pitch - unit.pitch_gradient * specific_x),
-        roll=roll,
+        heave=w_heave**2 * offset.heave, pitch=w_pitch**2 * (offset.pitch - unit.pitch_gradient * specific_x), roll=roll
     )
 
 

@@ -11,8 +11,6 @@ matters only where the bank changes along the path, or turns with it.
 The true off-tracking, exact reference poses and the estimates from motions of the body all mean these points.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,9 +30,9 @@ class Truth:
     wheel_loads: FloatArray  # (n_wheels,) vertical tyre force [N]
     wheel_slip_angles: FloatArray  # (n_wheels,) slip angle of every wheel [rad]
     friction_used: FloatArray  # (n_wheels,) horizontal tyre force / (mu F_z) [-]
-    load_transfer: (
-        FloatArray  # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
-    )
+    # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
+    load_transfer: FloatArray
+    wheel_speeds: FloatArray | None = None  # (n_wheels,) of the tread, by the rotation [m/s]; None: it is not modelled
 
 
 def plan_pose(X_WB: FloatArray, height: float) -> FloatArray:

@@ -4,8 +4,6 @@ Positions are along a unit's own x axis (forward), from the rear-axle centre for
 for every towed unit, so that axles and follow points of towed units have negative x.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Annotated, Any, Final, Literal, NamedTuple
@@ -364,7 +362,7 @@ class Unit(Frozen):
         """Data of the actuator that turns an axle."""
         return self.rear_steering or self.steering if axle.steered_by_law else self.steering
 
-    def shifted(self, x: float) -> Unit:
+    def shifted(self, x: float) -> "Unit":
         """The unit with the origin of its frame moved forward by ``x`` [m]."""
 
         def back(value: float | None) -> float | None:
@@ -394,7 +392,7 @@ class Unit(Frozen):
         )
 
     @model_validator(mode="after")
-    def _separate_lifted(self) -> Unit:
+    def _separate_lifted(self) -> "Unit":
         if any(behind.x >= ahead.x for ahead, behind in zip(self.axles, self.axles[1:], strict=False)):
             raise ValueError("axles must be listed front to rear, each at its own x [m]")
         raised = tuple(axle for axle in self.axles if axle.lifted)
@@ -406,7 +404,7 @@ class Unit(Frozen):
         return self
 
     @model_validator(mode="after")
-    def _is_consistent(self) -> Unit:
+    def _is_consistent(self) -> "Unit":
         if self.rear_x >= self.front_x:
             raise ValueError(f"rear_x = {self.rear_x:g} m must be behind front_x = {self.front_x:g} m")
         if any(axle.steer_ratio == 0.0 for axle in self.steered_axles):

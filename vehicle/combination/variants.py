@@ -14,8 +14,6 @@ underscores); axles have an index and the names of their bogie and steer group. 
 Absolute values are set first, then scales multiply. Loads and brake shares follow from the changed numbers.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,8 +22,8 @@ from typing import Any, Final, TypeAlias
 
 from vehicle.combination.description import Vehicle, vehicle_from
 from vehicle.combination.unit import MassProperties, Unit, without
-from vehicle.foundation.parameter_file import nearest
 from vehicle.foundation.quantity import Frozen, checked, quantity
+from vehicle.foundation.user_file import nearest
 
 FULL: Final = "full"
 LOADS: Final = {"unladen": 0.0, "half": 0.5, FULL: 1.0}  # load case and its share of the payload
@@ -58,11 +56,7 @@ def with_load(vehicle: Vehicle, case: str) -> Vehicle:
 
 
 def _lightened(unit: Unit, removed: float, key: str) -> Unit:
-    """The unit without the share ``removed`` of its payload, which is no part of it any more.
-
-    Raises:
-        ValueError: one line, if no body is left.
-    """
+    """The unit without the share ``removed`` of its payload, which is no part of it any more."""
     assert unit.payload is not None
     if unit.payload.mass >= unit.mass:
         raise ValueError(
@@ -107,25 +101,15 @@ class NamedChanges(Frozen):
     """Changes that concern several numbers of a vehicle at once."""
 
     mass_scale: float = quantity(
-        1.0,
-        "-",
-        0.2,
-        3.0,
-        "Factor on the mass, yaw and roll inertia of every unit; "
-        "wheel inertias, springs in roll, suspension frequencies and gradients stay.",
+        1.0, "-", 0.2, 3.0, "Factor on mass, yaw and roll inertia of every unit; wheels, springs and gradients stay."
     )
     inertia_scale: float = quantity(1.0, "-", 0.1, 5.0, "Further factor on the yaw inertia of every unit.")
     cg_height_scale: float = quantity(1.0, "-", 0.2, 2.0, "Factor on the height of every unit's centre of gravity.")
     cornering_stiffness_scale: float = quantity(
-        1.0,
-        "-",
-        0.2,
-        3.0,
-        "Factor on the initial slope of every tyre's lateral force; longitudinal stiffness and peak friction stay.",
+        1.0, "-", 0.2, 3.0, "Factor on the slope of every tyre's lateral force; longitudinal stiffness and peak stay."
     )
-    steer_lag: float | None = quantity(
-        None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True
-    )  # None: as in the vehicle file
+    # None: as in the vehicle file
+    steer_lag: float | None = quantity(None, "s", 0.0, 5.0, "Lag of the towed units' steering actuators.", above=True)
     steer_lag_scale: float = quantity(1.0, "-", 0.1, 10.0, "Factor on the lag of the towed units' steering actuators.")
 
 

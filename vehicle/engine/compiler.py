@@ -11,8 +11,6 @@ A folder or file that is not trusted is named in one warning, and its content is
 read-only has the same effect without a warning. What remains: root, and programs of this same user, are trusted.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import logging

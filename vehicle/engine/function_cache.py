@@ -7,8 +7,6 @@ The key of a function holds all that decides on it: what it is, the description 
 this package, and the versions of CasADi, numpy and Python.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform
@@ -57,12 +55,12 @@ class Composite(NamedTuple):
             )
         return values[-1]
 
-    def of_functions(self, changed: Callable[[Any], Any]) -> Composite:
+    def of_functions(self, changed: Callable[[Any], Any]) -> "Composite":
         """The composite of changed functions; each is changed once."""
         new = {call.function: changed(call.function) for call in self.calls}
         return self._replace(calls=tuple(call._replace(function=new[call.function]) for call in self.calls))
 
-    def shortened(self) -> Composite:
+    def shortened(self) -> "Composite":
         """The composite with functions that compute only the needed entries."""
         return self._replace(calls=tuple(call._replace(function=_shortened(call)) for call in self.calls))
 

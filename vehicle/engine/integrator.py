@@ -6,8 +6,6 @@ that A contains. Here A is diagonal, so no system of equations is solved. With S
 up to h^2, k_1 = f + g h A f and k_2 = h J f / 2 - g h A f, whatever A is. Where A is 0 this is the midpoint rule.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, Final
@@ -19,11 +17,7 @@ _GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable if the Jacobian is that d
 
 
 def semi_implicit_step(
-    rate: Callable[[ca.SX], ca.SX],
-    x: ca.SX,
-    h: float | ca.SX,
-    relaxation: ca.SX,
-    sampled: Collection[int] = (),
+    rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float | ca.SX, relaxation: ca.SX, sampled: Collection[int] = ()
 ) -> ca.SX:
     """State after one step of h [s] from x.
 

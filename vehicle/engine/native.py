@@ -1,7 +1,5 @@
 """Programs as C: the source, and the compiled library for one vehicle or, in lanes, for many."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Iterable

@@ -3,8 +3,6 @@
 The list is in single-assignment form: node k is computed once, from nodes before it. Equal operations share a node.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection
 from itertools import accumulate, pairwise

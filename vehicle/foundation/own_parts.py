@@ -1,7 +1,5 @@
 """A user's own parts: where their code is, for messages, and how they are closed."""
 
-from __future__ import annotations
-
 import inspect
 import logging
 import os

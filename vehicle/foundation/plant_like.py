@@ -1,7 +1,5 @@
 """Interface of a plant: anything that moves a vehicle; and the check that its states are finite."""
 
-from __future__ import annotations
-
 import math
 from typing import Final, Protocol, TypeVar
 

@@ -9,8 +9,6 @@ Each has its reason, which the refusal shows. Numbers that are possible but cont
 ``vehicle.combination.data_sheet``.
 """
 
-from __future__ import annotations
-
 import math
 import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,8 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 
 Model = TypeVar("Model", bound=BaseModel)
 Parameter: TypeAlias = bool | int | float | str
@@ -64,7 +61,7 @@ class Option:
     why: str = ""  # reason of the limits
 
     @classmethod
-    def of(cls, name: str, field: FieldInfo) -> Option:
+    def of(cls, name: str, field: FieldInfo) -> "Option":
         """The declaration of a table's field."""
         notes = [field, *_notes_in(field.annotation)]
         limits = {type(limit).__name__: limit for note in notes for limit in note.metadata}

@@ -1,7 +1,5 @@
 """Wheels of a rover as its software knows them, and the command to them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -4,8 +4,6 @@ Wheel loads follow from the balance of forces and moments of a standing rover. T
 driving: driven wheels have the same slip, the others roll freely, and each sinks until the soil carries its load.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable

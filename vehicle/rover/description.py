@@ -1,7 +1,5 @@
 """A rover and its soil as data: the contents of their files, checked, and the source of each number."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -9,8 +7,8 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from vehicle.foundation.parameter_file import ParameterLibrary, read_toml, sources, without_sources
 from vehicle.foundation.quantity import Fraction, Frozen, Lag, Length, Position, checked, quantity
+from vehicle.foundation.user_file import ParameterLibrary, read_toml, sources, without_sources
 from vehicle.frames import FloatArray
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.tyres import Num
@@ -174,7 +172,7 @@ class Rover(_RoverBase):
         return 2.0 * sum(wheel.x**2 + wheel.y**2 for wheel in left) / sum(wheel.y for wheel in left)
 
     @model_validator(mode="after")
-    def _consistent(self) -> Rover:
+    def _consistent(self) -> "Rover":
         _check_wheels(self.wheels)
         if abs(self.cg_x) >= 0.5 * self.wheelbase:
             raise ValueError(f"cg_x = {self.cg_x:g} m must lie between the wheels: within {0.5 * self.wheelbase:g} m")
@@ -184,11 +182,7 @@ class Rover(_RoverBase):
 
 
 def _check_wheels(wheels: tuple[RoverWheel, ...]) -> None:
-    """Refuse wheels whose loads or turns the equations do not describe.
-
-    Raises:
-        ValueError: one line.
-    """
+    """Refuse wheels whose loads or turns the equations do not describe."""
     if len(wheels) % 2:
         raise ValueError(f"wheels: {len(wheels)} of them; a rover has 4 or 6")
     if len({wheel.name for wheel in wheels}) < len(wheels):

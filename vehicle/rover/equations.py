@@ -6,8 +6,6 @@ with unevenness: rockers are assumed to even it out. Not modelled: moments about
 inertia of roll and pitch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import Any, Final, Generic, NamedTuple, TypeVar

@@ -1,7 +1,5 @@
 """Simulated rover: its equations integrated over whole ticks, and its posture on the terrain."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -127,11 +125,8 @@ class RoverPlant:
         self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
 
-    def __reduce__(self) -> tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]:
-        return (
-            RoverPlant,
-            (self._rover, self._terrain, self._soil, self._engine),
-        )  # compiled functions are not pickled
+    def __reduce__(self) -> "tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]":
+        return (RoverPlant, (self._rover, self._terrain, self._soil, self._engine))  # no compiled functions
 
     def initial_state(self, pose: Pose2, speed: float = 0.0) -> FloatArray:
         """State of a rover that has driven straight on ground as at this pose X_WR until its slip was steady.

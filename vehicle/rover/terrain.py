@@ -1,8 +1,5 @@
 """Ground that a rover drives on: slope, mounds, a map of heights, and firm patches."""
 
-from __future__ import annotations
-
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -186,12 +183,6 @@ class Terrain:
         squared = (x[..., None] - at_x) ** 2 + (y[..., None] - at_y) ** 2
         bells: FloatArray = height * np.exp((-2.0 / radius**2) * squared)
         return bells
-
-
-def slope_towards(direction: float, steepness: float) -> tuple[float, float]:
-    """``slope_x, slope_y`` of a plane that rises by an angle ``steepness`` [rad] towards ``direction`` [rad] in W."""
-    rise = math.tan(steepness)
-    return rise * math.cos(direction), rise * math.sin(direction)
 
 
 def _common(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -21,8 +21,6 @@ does, and no equation divides by a speed.
 Every function takes numbers or ``casadi.SX``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Final, NamedTuple, Protocol

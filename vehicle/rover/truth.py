@@ -4,8 +4,6 @@ Frame R has its origin in the body centre's projection on the ground, x forward,
 ``scenarios`` may look at the truth.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -10,17 +10,18 @@ from vehicle.surface.friction import (
     circle,
     rectangle,
 )
-from vehicle.surface.ground import Gust, Surface
-from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief, SumOfReliefs
-from vehicle.surface.roughness import (
+from vehicle.surface.ground import (
     PATCH_SPREAD,
     ROAD_CLASSES,
+    Gust,
     Potholes,
     Roughness,
     RoughProfile,
+    Surface,
     displacement_psd,
     scattered_potholes,
 )
+from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief, SumOfReliefs
 
 __all__ = [
     "PATCH_SPREAD",

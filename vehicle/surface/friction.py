@@ -1,7 +1,5 @@
 """Friction of tyre and ground that changes with position: by sides of a line, in patches, or from an image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -10,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from vehicle.foundation.polyline import dense, is_left
 from vehicle.foundation.quantity import check_number
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, dense, is_left
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
 _SPACING = 0.1  # of the points that represent a line: at R = 10 m their error is s^2/8R = 0.1 mm [m]

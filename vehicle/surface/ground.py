@@ -1,17 +1,199 @@
-"""Ground under a vehicle: a plane or a cone with friction, road roughness on top of it, and gusts above it."""
+"""Ground under a vehicle: a plane or a cone with friction, and road roughness on top of it, as averaged by a tyre.
 
-from __future__ import annotations
+A track along a road has the displacement density Gd(n) = Gd(n0) (n/n0)^-2 over the spatial frequency n [cycles/m]. If
+the road is as uneven in any other direction (isotropic), its density over the plane, S(k) with k^2 = nx^2 + ny^2,
+follows: the track's one-sided density is 2 times the integral of S over all ny, and with S = c k^-3
+
+    2 * integral of c (n^2 + ny^2)^(-3/2) d ny = 4 c n^-2,   hence   c = Gd(n0) n0^2 / 4.
+
+A tyre averages over its contact patch, nearly as a Gaussian of standard deviation s: the density becomes
+Gd(n) exp(-q^2) with q = 2 pi s n. The isotropic density with such tracks is its Abel inversion,
+
+    S = c k^-3 (erfc(q) + 2 q exp(-q^2) / sqrt(pi))   with   q = 2 pi s k.
+
+Two tracks d apart then have the cross density Gd(n) * X K1(X) with X = 2 pi n d, which is real: they are equal for
+long waves (X -> 0 gives 1) and independent for short ones, which makes a vehicle roll.
+"""
 
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erfc
 
 from vehicle.foundation.quantity import check_number
-from vehicle.frames import FloatArray, rotation_zyx, transform
+from vehicle.frames import FloatArray, arc_length, rotation_zyx, transform
 from vehicle.surface.friction import Friction, check_friction, friction_of
-from vehicle.surface.relief import GroundRelief
-from vehicle.surface.roughness import Roughness
+from vehicle.surface.relief import GroundRelief, MeasuredRoad
+
+_WHEEL_RADIUS = 0.5  # of a truck's wheel, 0.48..0.53 m for 315/70 R 22.5 and 385/65 R 22.5 [m]
+# Sizes are assumed: moderate to severe in terms of road maintenance. Potholes are counted from some 0.15 m on, which a
+# truck's wheel hardly notices, and are filled before they are 1 m wide.
+_DIAMETERS = (0.35, 0.95)  # [m]
+_DEPTHS = (0.03, 0.09)  # [m]
+_WHEEL_TRACK = 1.0  # of the wheels, to either side of the middle [m]
+_WANDER = 0.3  # its standard deviation [m]
+_REFERENCE = 0.1  # n0 of ISO 8608 [cycles/m]
+# Gd(n0) [m3]: geometric means of the classes of ISO 8608, each four times the one before
+ROAD_CLASSES = MappingProxyType({name: 16e-6 * 4.0**i for i, name in enumerate("ABCDEFGH")})
+_CELL = 0.1  # nodes of the field: waves down to 0.2 m, as short as a contact patch is long [m]
+_NODES = 1024  # along each side of the tile: waves up to 102.4 m, of 0.3 Hz at 120 km/h; a power of two for the FFT
+PATCH_SPREAD = 0.2 / np.sqrt(12.0)  # of the contact patch of a truck's tyre, 0.2 m long at its rated load [m]
+_SLOPE = 0.5 * (np.sqrt(5.0) - 1.0)  # golden section: the slope whose line takes longest to come close to itself
+_ALONG, _ACROSS = np.array([1.0, _SLOPE]) / np.hypot(1.0, _SLOPE) / _CELL  # (cos, sin) of the tile's rotation [nodes/m]
+_MASK = _NODES - 1
+
+
+class Potholes:
+    """Round holes in the road.
+
+    Args:
+        x, y: W of their middles, (n,) [m].
+        diameter: (n,) [m].
+        depth: in the middle, (n,) [m].
+
+    Raises:
+        ValueError: if the arrays differ in length, or a hole has no size.
+    """
+
+    def __init__(self, x: FloatArray, y: FloatArray, diameter: FloatArray, depth: FloatArray) -> None:
+        lengths = {len(values) for values in (x, y, diameter, depth)}
+        if len(lengths) != 1:
+            raise ValueError(f"x, y, diameter and depth of potholes must be equally long, not {sorted(lengths)}")
+        for name, values in (("diameter", diameter), ("depth", depth)):
+            if len(values) and not values.min() > 0.0:
+                raise ValueError(f"{name} = {values.min()} m of a pothole must be positive")
+        self.x, self.y, self.diameter, self.depth = x, y, diameter, depth
+        # A wheel that spans a hole drops by no more than the sagitta of its own circle.
+        self._drop = np.minimum(depth, diameter**2 / (8.0 * _WHEEL_RADIUS))
+        self._inverse_square = 4.0 / diameter**2
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def depth_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Drop of a wheel at x, y [m] into potholes [m].
+
+        The wheel rolls in and out over the edge without a step: a bell (1 - (r/R)^2)^2 as wide as the hole.
+        """
+        square = (x[..., None] - self.x) ** 2 + (y[..., None] - self.y) ** 2
+        inside = np.maximum(1.0 - square * self._inverse_square, 0.0)
+        depth: FloatArray = (inside * inside) @ self._drop
+        return depth
+
+
+class RoughProfile:
+    """Heights of an isotropic rough road on a rotated periodic tile.
+
+    The tile repeats without a seam. A straight road along x or y crosses it at the golden section, each time along
+    another line, so that no track repeats itself: within 1 km it stays at least 4.8 m away from its earlier parts.
+    """
+
+    def __init__(self, rng: np.random.Generator, road_class: str) -> None:
+        """Draw a road of that class, A to H (ISO 8608, geometric mean)."""
+        phase = np.fft.rfft2(rng.standard_normal((_NODES, _NODES), dtype=np.float32))
+        phase /= np.abs(phase)  # only phases are random: each road has exactly the unevenness of its class
+        tile = np.fft.irfft2(phase * _amplitudes(road_class), s=(_NODES, _NODES)) * _NODES**2
+        wrapped = np.pad(tile, ((0, 1), (0, 1)), mode="wrap")
+        self._heights: NDArray[np.float32] = wrapped.astype(np.float32).ravel()
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Height above the smooth ground [m] at x, y [m], linear between the nodes."""
+        u, v = _ALONG * x + _ACROSS * y, _ALONG * y - _ACROSS * x
+        u_node, v_node = np.floor(u), np.floor(v)
+        a, b = u - u_node, v - v_node
+        first = (v_node.astype(np.intp) & _MASK) * (_NODES + 1) + (u_node.astype(np.intp) & _MASK)
+        z = self._heights
+        z_0, z_1 = z[first], z[first + (_NODES + 1)]
+        lower = z_0 + a * (z[first + 1] - z_0)
+        upper = z_1 + a * (z[first + (_NODES + 2)] - z_1)
+        height: FloatArray = lower + b * (upper - lower)
+        return height
+
+
+def _amplitudes(road_class: str) -> FloatArray:
+    """Amplitude [m] of each wave of the tile, in the order of numpy's rfft2."""
+    n_v, n_u = np.fft.fftfreq(_NODES, _CELL)[:, None], np.fft.rfftfreq(_NODES, _CELL)[None, :]  # [cycles/m]
+    k = np.hypot(n_v, n_u)
+    inside = (k > 0.0) & (k < 0.5 / _CELL)
+    step = 1.0 / (_NODES * _CELL)  # between the waves' spatial frequencies [cycles/m]
+    amplitude = step * np.sqrt(plane_psd(road_class, np.where(inside, k, 1.0), PATCH_SPREAD))
+    # Linear interpolation between the nodes reduces each wave by sinc^2 along u and v.
+    return np.asarray(np.where(inside, amplitude / (np.sinc(_CELL * n_u) * np.sinc(_CELL * n_v)) ** 2, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Roughness:
+    """Roughness of a road on top of the smooth ground."""
+
+    profile: RoughProfile | None = None
+    potholes: Potholes | None = None
+    measured: MeasuredRoad | None = None
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Height of the road above the smooth ground [m] at x, y [m], of their common shape."""
+        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        height = self.waves(x, y)
+        return height - self.potholes.depth_at(x, y) if self.potholes is not None else height
+
+    def waves(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Height without the potholes [m]."""
+        if self.measured is None:
+            return (
+                np.zeros(np.broadcast_shapes(x.shape, y.shape)) if self.profile is None else self.profile.height(x, y)
+            )
+        measured = self.measured.height(x, y)
+        return measured if self.profile is None else measured + self.profile.height(x, y)
+
+
+def displacement_psd(road_class: str, n: FloatArray) -> FloatArray:
+    """One-sided density Gd [m3] of a track's height at the spatial frequencies n [cycles/m].
+
+    Raises:
+        ValueError: if there is no such class.
+    """
+    if road_class not in ROAD_CLASSES:
+        raise ValueError(f"road class = '{road_class}' must be one of {', '.join(ROAD_CLASSES)} (ISO 8608)")
+    return np.asarray(ROAD_CLASSES[road_class] * (n / _REFERENCE) ** -2, dtype=np.float64)
+
+
+def plane_psd(road_class: str, k: FloatArray, spread: float) -> FloatArray:
+    """Two-sided density [m4] over the plane of spatial frequencies of modulus k > 0 [cycles/m], as a tyre feels it."""
+    q = 2.0 * np.pi * spread * k
+    averaged = erfc(q) + 2.0 * q * np.exp(-(q**2)) / np.sqrt(np.pi)
+    return np.asarray(displacement_psd(road_class, k) / (4.0 * k) * averaged, dtype=np.float64)
+
+
+def scattered_potholes(
+    rng: np.random.Generator, centreline: FloatArray, road_half_width: float, per_100_m: float
+) -> Potholes:
+    """Random potholes along a road: half of them in the wheel tracks, half anywhere on it.
+
+    Args:
+        rng: for positions and sizes.
+        centreline: of the road, (n, 2) [m].
+        road_half_width: [m].
+        per_100_m: number of potholes per 100 m of road.
+    """
+    along = arc_length(centreline)
+    count = round(per_100_m * along[-1] / 100.0)
+    diameter = _DIAMETERS[0] * (_DIAMETERS[1] / _DIAMETERS[0]) ** rng.random(count)
+    # Wide ones are deeper
+    depth = rng.uniform(_DEPTHS[0], _DEPTHS[1], size=count) * (0.4 + 0.6 * diameter / _DIAMETERS[1])
+    room = road_half_width - 0.5 * diameter
+    track = rng.choice([-_WHEEL_TRACK, _WHEEL_TRACK], size=count) + _WANDER * rng.standard_normal(count)
+    offset = np.where(rng.random(count) < 0.5, track, rng.uniform(-1.0, 1.0, size=count) * room)
+    offset = np.clip(offset, -room, room)
+    middle, tangent = _along(centreline, along, rng.uniform(0.0, along[-1], size=count))
+    return Potholes(middle[:, 0] - offset * tangent[:, 1], middle[:, 1] + offset * tangent[:, 0], diameter, depth)
+
+
+def _along(line: FloatArray, along: FloatArray, station: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 2) of a polyline at stations [m], and its unit tangents there (n, 2)."""
+    points = np.stack([np.interp(station, along, line[:, i]) for i in range(2)], axis=1)
+    step = np.diff(line, axis=0)[np.clip(np.searchsorted(along, station) - 1, 0, len(line) - 2)]
+    return points, step / np.linalg.norm(step, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

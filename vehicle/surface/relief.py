@@ -6,8 +6,6 @@ half of a wave of that length. The rest is roughness, averaged by the tyre's con
 measured heights. At 90 km/h a wave of that length comes every 2 s, slower than a body bounces on its springs.
 """
 
-from __future__ import annotations
-
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -16,12 +14,10 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, uniform_filter
 from scipy.spatial import KDTree
 
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
-_NEAREST_TO_CENTRE: Final = (
-    0.2  # least of 1 - curvature * offset: beyond it, distances along the line are not stretched
-)
+# Least of 1 - curvature * offset: beyond it, distances along the line are not stretched
+_NEAREST_TO_CENTRE: Final = 0.2
 
 
 class Beside(NamedTuple):

@@ -2,14 +2,4 @@
 
 from vehicle.tyres.tyre import ROLLING_SPEED_FLOOR, Contact, Grip, Num, Planar, Tyre, carcass, contact, rolling_speed
 
-__all__ = [
-    "ROLLING_SPEED_FLOOR",
-    "Contact",
-    "Grip",
-    "Num",
-    "Planar",
-    "Tyre",
-    "carcass",
-    "contact",
-    "rolling_speed",
-]
+__all__ = ["ROLLING_SPEED_FLOOR", "Contact", "Grip", "Num", "Planar", "Tyre", "carcass", "contact", "rolling_speed"]

@@ -9,8 +9,6 @@ combine as the linear forces they would cause, and the parameters blend with the
 direction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, NamedTuple
@@ -92,7 +90,7 @@ class TmeasyCurve(Frozen):
     sliding_force: tuple[OverLoad, OverLoad]
 
     @model_validator(mode="after")
-    def _is_convex(self) -> TmeasyCurve:
+    def _is_convex(self) -> "TmeasyCurve":
         for k, load in enumerate(("the nominal load", "twice the nominal load")):
             if self.sliding_slip[k] <= self.peak_slip[k]:
                 raise ValueError(

@@ -23,8 +23,6 @@ A twin wheel counts as one, also where its two contact patches slip each by itse
 vertical load. Every method takes numbers or ``casadi.SX``, and so may be the data.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Annotated, Final, NamedTuple, TypeAlias
 

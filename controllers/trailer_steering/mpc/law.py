@@ -6,8 +6,6 @@ the next 1.2 s is improved, and its first rates are commanded. While the path do
 the follow point is assumed to have started on it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -96,7 +94,7 @@ class Mpc(SteeringLaw[MpcMemory]):
         limits = Limits(self._max_steer, given.tail_swing, given.cut_in)
         self._planner = Planner(self._model, trailer, -unit.rear_x, Sizes(given.tolerance, given.effort), limits)
 
-    def __reduce__(self) -> tuple[Callable[..., Mpc], tuple[object, ...]]:
+    def __reduce__(self) -> "tuple[Callable[..., Mpc], tuple[object, ...]]":
         return _rebuilt, (self._trailer, self._combination, self._given)  # compiled functions cannot be pickled
 
     def init(self) -> MpcMemory:

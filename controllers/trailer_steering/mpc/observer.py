@@ -11,8 +11,6 @@ which is kept so that the prediction has no offset. An extended Kalman filter es
 the hitch's travel looks like a loss of friction; ``uncertainty`` tells the filter.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -19,8 +19,6 @@ nearly straight at that time, its follow point is assumed to have been on the pa
 continues the path to the rear.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -35,8 +33,7 @@ from controllers.trailer_steering.mpc.observer import Reckoned
 from controllers.trailer_steering.mpc.trailer_model import STEP, Step, Stepper, TrailerModel
 from estimators.estimates import Health, OffTracking
 from vehicle.clock import TICK
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _PIECE: Final = 0.2  # longest chord of a path: 0.4 mm inside of a turn of 12 m radius [m]
 _SAME: Final = 1e-6  # points closer together count as one: their distance is rounding [m]
@@ -204,10 +201,10 @@ class _Term(NamedTuple):
     value: FloatArray  # (n,)
     by_rates: FloatArray  # (n, n_rates)
 
-    def __truediv__(self, size: float) -> _Term:
+    def __truediv__(self, size: float) -> "_Term":
         return _Term(self.value / size, self.by_rates / size)
 
-    def beyond(self, limit: float) -> _Term:
+    def beyond(self, limit: float) -> "_Term":
         """Excess over a limit on either side."""
         over = self.value - np.clip(self.value, -limit, limit)
         return _Term(over, np.where(over[:, None] != 0.0, self.by_rates, 0.0))

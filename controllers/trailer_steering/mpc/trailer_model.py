@@ -12,8 +12,6 @@ About the hitch, with the centre of gravity c behind it and a the lateral accele
 t_i being the pneumatic trail.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -59,7 +57,7 @@ class TrailerModel:
     actuator_lag: float  # [s]
 
     @classmethod
-    def of(cls, trailer: TrailerGeometry, combination: Combination) -> TrailerModel:
+    def of(cls, trailer: TrailerGeometry, combination: Combination) -> "TrailerModel":
         """The model of the nominal data sheets."""
         unit = combination.vehicle.units[combination.unit]
         loads = static_axle_loads(combination.vehicle)[combination.unit]

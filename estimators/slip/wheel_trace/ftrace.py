@@ -37,7 +37,7 @@ import numpy as np
 
 from estimators.context import RoverContext
 from estimators.estimates import Health, SlipAngle, lost_slip
-from sensors.camera.lens import UNDISTORTED
+from sensors.camera.rig import UNDISTORTED
 from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK

@@ -4,8 +4,6 @@ A law gets the observed estimate and signals, and the hitch path at the time of 
 estimate's error, which grows linearly from hitch to follow point as in the surrogate.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
@@ -34,8 +32,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.foundation.own_parts import close_part
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 
 _KEPT: Final = 60  # control steps: age of the oldest usable estimate
 _FITTED: Final = 1.0  # of path behind the hitch, to fit its direction [m]

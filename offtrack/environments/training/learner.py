@@ -5,8 +5,6 @@ tensors (``policy.pth``) and JSON (``data``) are read; the pickled objects in it
 alone. Needs the extra ``rl``.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -39,7 +37,7 @@ from offtrack.environments.training.training_directory import (
     write_curve,
 )
 from scenarios.progress import Progress
-from scenarios.results.atomic_files import replacing
+from scenarios.results.run_directory import replacing
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.data_file import read_archive, unpacked
 from vehicle.foundation.user_file import FileKind, shown
@@ -102,7 +100,7 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Le
         env.close()
 
 
-def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: _Recorder) -> Any:
+def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: "_Recorder") -> Any:
     """Model with the state of the checkpoint, if there is one."""
     s = SETTINGS
     mean, scale = zip(*(normalisation(feature.name) for feature in _features(env)), strict=True)
@@ -136,9 +134,6 @@ def _resume(model: Any, file: Path) -> None:
     """Take weights, optimiser and counters from a checkpoint.
 
     Only tensors and numbers are read: ``PPO.load`` would also unpickle objects, which can run any code.
-
-    Raises:
-        ValueError: one line, if they cannot be read or do not fit.
     """
     members = read_archive(file, FileKind.CHECKPOINT)
     try:

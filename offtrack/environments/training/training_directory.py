@@ -5,8 +5,6 @@ within 150 ms, and estimates come every 100 ms, so actions see estimates of ever
 2 s. Rewards fall linearly with the distance from the path, not with its square, so that the last centimetres count.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import platform
@@ -27,8 +25,8 @@ from offtrack.environments import rewards
 from offtrack.environments.rewards import Domain, Reward
 from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
 from offtrack.studies.run_study import check_study_directory, opened_study
-from scenarios.results.atomic_files import replaced, replacing
 from scenarios.results.log import read_table
+from scenarios.results.run_directory import replaced, replacing
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
 
@@ -229,12 +227,10 @@ def _content(plan: Plan) -> str:
     return json.dumps(plan.plain(), indent=2) + "\n"
 
 
-def keep_network(network: Network, directory: Path) -> Path:
-    """Write the network completely or not at all, and return its file."""
-    path = directory / NETWORK
+def keep_network(network: Network, path: Path) -> None:
+    """Write the network completely or not at all."""
     with replacing(path) as unfinished, unfinished.open("wb") as file:
         save_network(network, file)
-    return path
 
 
 def summary(

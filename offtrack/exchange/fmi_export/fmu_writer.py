@@ -1,7 +1,5 @@
 """Writer of FMUs: model description, sources, libraries for the platforms, and a page on the content."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import io
@@ -18,9 +16,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from offtrack.exchange.fmi_export.plant_model import Exported, PlantModel, exported_plant
-from offtrack.exchange.fmi_export.variables import DISPLAY, Variable, base_unit
-from scenarios.results.atomic_files import replacing
+from offtrack.exchange.fmi_export.plant_model import DISPLAY, Exported, PlantModel, Variable, base_unit, exported_plant
+from scenarios.extras import check_extra
+from scenarios.results.run_directory import replacing
 from vehicle.engine.compiler import compiler, engine_name
 
 _STATES: Final = {2: "FMUstate", 3: "FMUState"}
@@ -52,7 +50,6 @@ def model_description(model: Exported, version: int, token: str, sources: Sequen
     _units(root, variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call was refused")
-    SubElement(categories, "Category", name="logAll", description="all messages")
     SubElement(root, "DefaultExperiment", startTime="0", stopTime=_number(model.stop), stepSize=_number(model.step))
     _variables(root, variables, version)
     _structure(root, variables, version)
@@ -71,7 +68,7 @@ def build_description(identifier: str, sources: Sequence[str]) -> bytes:
 
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted({variable.quantity.unit for variable in variables if variable.text is None} - {"-"}):
+    for name in sorted({variable.signal.unit for variable in variables if variable.text is None} - {"-"}):
         unit = SubElement(definitions, "Unit", name=name)
         base = base_unit(name)
         if base is not None:
@@ -97,15 +94,15 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
             description="time",
         )
     for variable in variables:
-        quantity, is_parameter, is_text = (
-            variable.quantity,
+        signal, is_parameter, is_text = (
+            variable.signal,
             variable.causality == "parameter",
             variable.text is not None,
         )
         kind = ("String" if is_text else "Float64") if version == 3 else "ScalarVariable"
-        entry = SubElement(entries, kind, name=quantity.name)
+        entry = SubElement(entries, kind, name=signal.name)
         entry.set("valueReference", str(variable.reference))
-        entry.set("description", quantity.meaning)
+        entry.set("description", signal.meaning)
         entry.set("causality", variable.causality)
         continuous = not (variable.held or is_text)
         entry.set("variability", "fixed" if is_parameter else "continuous" if continuous else "discrete")
@@ -115,13 +112,13 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
             _start_text(entry, variable, version)
             continue
         value = SubElement(entry, "Real") if version == 2 else entry
-        if quantity.unit != "-":
-            value.set("unit", quantity.unit)
-        for limit, number in (("min", quantity.low), ("max", quantity.high)):
+        if signal.unit != "-":
+            value.set("unit", signal.unit)
+        for limit, number in (("min", signal.low), ("max", signal.high)):
             if number is not None and math.isfinite(number):
                 value.set(limit, _number(number))
         if variable.causality != "output" or variable.held:
-            value.set("start", _number(quantity.start))
+            value.set("start", _number(signal.start))
 
 
 def _start_text(entry: Element, variable: Variable, version: int) -> None:
@@ -181,19 +178,24 @@ _FLAGS: Final = ("-std=c99", "-shared", "-fPIC", "-fvisibility=hidden", "-fno-ma
 _LONGEST: Final = 400  # characters of a compiler's message
 
 
-def checked_platforms(names: Sequence[str], version: int) -> tuple[str, ...]:
-    """The platforms, each once, linux64 first.
+def checked_platforms(names: Sequence[str], version: int, *, by_python: bool = False) -> tuple[str, ...]:
+    """The platforms, each once, linux64 first; ``by_python``: of an FMU behind which offtrack computes.
 
     Raises:
-        ValueError: one line, if one is unknown, has no name in this version of FMI, or cannot be compiled here.
+        ValueError: one line, if one is unknown, has no name in this version of FMI, or cannot be compiled or run.
     """
     for name in names:
         if name not in PLATFORMS:
             raise ValueError(f"--platform {name}: must be one of {', '.join(PLATFORMS)}")
+        if by_python and not name.startswith("linux"):
+            raise ValueError(
+                f"--platform {name}: offtrack, which computes behind this FMU, runs on Linux only; use an FMU of "
+                "'offtrack fmu plant' there"
+            )
         if version == 2 and PLATFORMS[name].folder_2 is None:
             raise ValueError(f"--platform {name}: FMI 2 has no name for it; choose --fmi 3")
-        if name != "linux64" and not _has_zig():
-            raise ValueError(f"--platform {name}: needs Zig's compiler; install it with: pip install 'offtrack[zig]'")
+        if name != "linux64":
+            check_extra("zig", f"--platform {name} needs", "ziglang")
     if not _has_zig() and (compiler() is None or sys.platform != "linux" or os.uname().machine != "x86_64"):
         raise ValueError(
             f"offtrack fmu plant: no C compiler for linux64 ({engine_name()}); install gcc, or Zig's compiler with: "

@@ -3,8 +3,6 @@
 Names are those of ``fmi_import.plant`` where both mean the same, so that an exported plant needs no map there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -15,13 +13,15 @@ from offtrack.exchange.fmi_export.plant_model import (
     PlantModel,
     fixed_values,
     interface_of,
-    number_quantity,
-    start_quantities,
+    number_signal,
+    start_signals,
     vector,
 )
-from offtrack.exchange.fmi_export.variables import Quantity, numbered
-from offtrack.reports.vehicle_sheet.library import is_rover
+from offtrack.exchange.fmi_import.mapping import Signal, numbered
+from offtrack.exchange.fmi_import.numbered_signals import ground_signals, kind_of, motion_signals
+from offtrack.reports.vehicle_sheet.combination_sheet import is_rover
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, WheelTruth, kinematics_sizes, smooth_ground_sizes, wheel_truth_sizes
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.functions import (
     body_function,
@@ -40,14 +40,6 @@ from vehicle.combination.layout import (
     parts,
     slices,
     state_sizes,
-    wheels,
-)
-from vehicle.combination.truth_vectors import (
-    Kinematics,
-    WheelTruth,
-    kinematics_sizes,
-    smooth_ground_sizes,
-    wheel_truth_sizes,
 )
 from vehicle.engine.program import TapeProgram, program_of
 from vehicle.rover.description import Rover, Soil, load_rover, load_soil
@@ -56,8 +48,7 @@ from vehicle.rover.equations import state_sizes as rover_state_sizes
 from vehicle.rover.equations import step_function as rover_step_function
 from vehicle.rover.plant import LONGEST_STEP
 
-_ROAD_FRICTION = 0.8  # of dry asphalt, where nothing is connected [-]
-_BODY_SLOPE = "on curved ground: mean rise at the supports of {} less that under its centre of gravity: tilts its body"
+_FRICTIONS: Final = {"friction_wheel": 0.8}  # of dry asphalt, where nothing is connected [-]
 
 
 def combination_model(vehicle: Vehicle) -> PlantModel:
@@ -65,9 +56,7 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
     vehicle = vehicle.with_torque_inputs()
     twin = symbolic_twin(vehicle)
     paths = [str(twin.symbols[k]) for k in range(twin.symbols.numel())]
-    parameters = [
-        number_quantity(vehicle, path, value) for path, value in zip(paths, twin.values.tolist(), strict=True)
-    ]
+    parameters = [number_signal(vehicle, path, value) for path, value in zip(paths, twin.values.tolist(), strict=True)]
     inputs, outputs = combination_inputs(vehicle), combination_outputs(vehicle)
     observe = _observe_combination(vehicle, len(inputs), twin.symbols.numel())
     programs = {
@@ -75,8 +64,8 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
         "observe": program_of(observe),
         "start": program_of(start_function(vehicle)),
     }
-    interface = interface_of(parameters, start_quantities("the tractor's frame"), inputs, outputs, observe, programs)
-    unread = [quantity for k, quantity in enumerate(parameters) if k in interface.fixed]
+    interface = interface_of(parameters, start_signals("the tractor's frame"), inputs, outputs, observe, programs)
+    unread = [signal for k, signal in enumerate(parameters) if k in interface.fixed]
     return PlantModel(
         name=vehicle.name,
         summary=vehicle.summary,
@@ -96,9 +85,8 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
     )
 
 
-def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
+def combination_inputs(vehicle: Vehicle) -> list[Signal]:
     """Inputs in the order of ``CommandInputs`` and ``GroundInputs``, then heights and slopes below the bodies."""
-    units = [unit.name for unit in vehicle.units]
     axles = [
         (unit.name, k)
         for unit in vehicle.units
@@ -106,75 +94,20 @@ def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
         if axle.steered_by_law or unit is not vehicle.units[0]
     ]
     axle_names = [f"axle {k} of {unit.name}" for unit in vehicle.units for k, _ in enumerate(unit.axles, start=1)]
-    tyres = _wheel_names(vehicle)
-    inputs = [
-        Quantity("steer", "rad", "demanded road-wheel angle of the tractor's foremost steered axle, + left"),
-        Quantity("acceleration", "m/s2", "demanded: above 0 drives the way the gear does, below 0 brakes"),
+    return [
+        Signal("steer", "rad", "demanded road-wheel angle of the tractor's foremost steered axle, + left"),
+        Signal("acceleration", "m/s2", "demanded: above 0 drives the way the gear does, below 0 brakes"),
         *numbered("steer_trailer", "rad", [f"demanded angle of steered axle {k} of {name}" for name, k in axles]),
-        Quantity("gear", "-", "1 forward, -1 backward; change it at a standstill; 0: as at the start", 1.0),
+        Signal("gear", "-", "1 forward, -1 backward; change it at a standstill; 0: as at the start", 1.0),
         *numbered("drive_torque", "N m", [f"of a further drive on {axle}, + forward" for axle in axle_names]),
         *numbered("brake_torque", "N m", [f"of a further brake on {axle}, not below 0" for axle in axle_names]),
-        *numbered(
-            "friction_wheel",
-            "-",
-            [f"friction coefficient under {tyre}; 0: as at the start" for tyre in tyres],
-            _ROAD_FRICTION,
-        ),
-        *numbered("ground_slope_x", "-", [f"rise of the ground under {name} along x of the world" for name in units]),
-        *numbered("ground_slope_y", "-", [f"rise of the ground under {name} along y of the world" for name in units]),
-        *numbered("road_height", "m", [f"height of the road under {tyre} above the smooth one" for tyre in tyres]),
-        *numbered("wind", "m/s", [f"wind at {name} along y of the world" for name in units if vehicle.exposed]),
-    ]  # fmt: skip
-    supports = [f"{end} support of {name}" for name in units for end in ("front", "rear")]
-    return [
-        *inputs,
-        *numbered(
-            "ground_height", "m", [f"height of the smooth ground at the {at}: lifts its body" for at in supports]
-        ),
-        *numbered("body_slope_x", "-", [f"{_BODY_SLOPE.format(name)} along x of the world" for name in units]),
-        *numbered("body_slope_y", "-", [f"{_BODY_SLOPE.format(name)} along y of the world" for name in units]),
+        *(one._replace(start=_FRICTIONS.get(kind_of(one), 0.0)) for one in ground_signals(vehicle)),
     ]
 
 
-def combination_outputs(vehicle: Vehicle) -> list[Quantity]:
+def combination_outputs(vehicle: Vehicle) -> list[Signal]:
     """Outputs: everything that ``Truth`` has, a body's pose as position and angles; units count from 1, the tractor."""
-    units, tyres = [unit.name for unit in vehicle.units], _wheel_names(vehicle)
-    axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
-    return [
-        *numbered("x", "m", [f"position of the frame of {name} in the world" for name in units]),
-        *numbered("y", "m", [f"position of the frame of {name} in the world" for name in units]),
-        *numbered("psi", "rad", [f"heading of {name}, + left, continuous" for name in units]),
-        *numbered("v_x", "m/s", [f"velocity of that point along the x axis of {name}" for name in units]),
-        *numbered("v_y", "m/s", [f"velocity of that point along the y axis of {name}" for name in units]),
-        *numbered("yaw_rate", "rad/s", [f"of {name}" for name in units]),
-        *numbered("heave", "m", [f"of the body of {name} above the ground's height, + up" for name in units]),
-        *numbered("pitch", "rad", [f"of the body of {name} against the ground, + nose down" for name in units]),
-        *numbered("roll", "rad", [f"of the body of {name} against the ground, + left side up" for name in units]),
-        *(
-            quantity
-            for k, name in enumerate(units, start=1)
-            for quantity in (
-                *(Quantity(f"body_{axis}_{k}", "m", f"origin of the body of {name} in the world") for axis in "xyz"),
-                Quantity(f"body_roll_{k}", "rad", f"of the body of {name}, about its x axis, third"),
-                Quantity(f"body_pitch_{k}", "rad", f"of the body of {name}, about the y axis, second, + nose down"),
-                Quantity(f"body_yaw_{k}", "rad", f"of the body of {name}, about the z axis, first; -pi to pi"),
-            )
-        ),
-        *numbered("steer_angle", "rad", [f"angle of steered axle {k} of {name}, + left" for name, k in axles]),
-        *numbered("wheel_load", "N", [f"vertical force of {tyre}" for tyre in tyres]),
-        *numbered("wheel_slip_angle", "rad", [f"of {tyre}" for tyre in tyres]),
-        *numbered("friction_used", "-", [f"horizontal force of {tyre} over friction times load" for tyre in tyres]),
-        *numbered("load_transfer", "-", [f"of {name}: right less left wheel loads over all" for name in units]),
-        *numbered("articulation", "rad", [f"heading of {name} less that of the next unit" for name in units[:-1]]),
-    ]  # fmt: skip
-
-
-def _wheel_names(vehicle: Vehicle) -> list[str]:
-    return [
-        f"the {'left' if wheel.side > 0 else 'right'} wheel of axle {wheel.axle_in_unit + 1} of "
-        f"{vehicle.units[wheel.unit].name}"
-        for wheel in wheels(vehicle)
-    ]
+    return list(motion_signals(vehicle))
 
 
 def _observe_combination(vehicle: Vehicle, n_inputs: int, n_numbers: int) -> Any:
@@ -215,7 +148,7 @@ _AT_REST: Final = 1e-6  # as of ``posture``: below it a velocity has no directio
 def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
     """The model of a rover in a soil or (None) on firm ground."""
     parameters = _parameters(rover, soil)
-    names, n = [quantity.name for quantity in parameters], len(rover.wheels)
+    names, n = [signal.name for signal in parameters], len(rover.wheels)
     inputs, outputs = rover_inputs(rover), rover_outputs(rover)
     observe = _observe_rover(rover, soil, len(inputs), len(parameters), names.index("radius"))
     programs: dict[str, TapeProgram] = {
@@ -225,8 +158,8 @@ def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
     }
     if soil is not None:
         programs["lift"] = program_of(lift_function(rover, soil))
-    interface = interface_of(parameters, start_quantities("the body's centre"), inputs, outputs, observe, programs)
-    unread = [quantity for k, quantity in enumerate(parameters) if k in interface.fixed]
+    interface = interface_of(parameters, start_signals("the body's centre"), inputs, outputs, observe, programs)
+    unread = [signal for k, signal in enumerate(parameters) if k in interface.fixed]
     in_state, in_input = RoverState(*slices(rover_state_sizes(n))), RoverInput(*slices(input_sizes(n)))
     return PlantModel(
         name=rover.name if soil is None else f"{rover.name}_{soil.name}",
@@ -257,7 +190,7 @@ def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
     )  # fmt: skip
 
 
-def rover_inputs(rover: Rover) -> list[Quantity]:
+def rover_inputs(rover: Rover) -> list[Signal]:
     """Inputs in the order of ``RoverInput``, then heights of the ground under the wheels."""
     wheels = [wheel.name for wheel in rover.wheels]
     return [
@@ -271,29 +204,29 @@ def rover_inputs(rover: Rover) -> list[Quantity]:
         *numbered("ground_slope_x", "-", [f"rise of the ground under {name} along x of the world" for name in wheels]),
         *numbered("ground_slope_y", "-", [f"rise of the ground under {name} along y of the world" for name in wheels]),
         *numbered("firm", "-", [f"1 where the ground under {name} is firm, else 0" for name in wheels]),
-        Quantity("friction", "-", "friction coefficient of firm ground", _SOIL_FRICTION),
+        Signal("friction", "-", "friction coefficient of firm ground", _SOIL_FRICTION),
         *numbered("ground_height", "m", [f"height of the ground at {name}: lifts the body" for name in wheels]),
     ]  # fmt: skip
 
 
-def rover_outputs(rover: Rover) -> list[Quantity]:
+def rover_outputs(rover: Rover) -> list[Signal]:
     """Outputs: everything that ``RoverTruth`` has, the body's pose as position and angles."""
     wheels = [wheel.name for wheel in rover.wheels]
     return [
-        Quantity("x", "m", "position of the body's centre in the world"),
-        Quantity("y", "m", "position of the body's centre in the world"),
-        Quantity("psi", "rad", "heading, + left, continuous"),
-        Quantity("v_x", "m/s", "velocity of the body's centre along the body"),
-        Quantity("v_y", "m/s", "velocity of the body's centre across the body, + left"),
-        Quantity("yaw_rate", "rad/s", "about the ground's normal"),
-        *(Quantity(f"body_{axis}", "m", "origin of the body in the world, sinkage included") for axis in "xyz"),
-        Quantity("body_roll", "rad", "of the body about its x axis, third"),
-        Quantity("body_pitch", "rad", "of the body about the y axis, second, + nose down"),
-        Quantity("body_yaw", "rad", "of the body about the z axis, first; -pi to pi"),
+        Signal("x", "m", "position of the body's centre in the world"),
+        Signal("y", "m", "position of the body's centre in the world"),
+        Signal("psi", "rad", "heading, + left, continuous"),
+        Signal("v_x", "m/s", "velocity of the body's centre along the body"),
+        Signal("v_y", "m/s", "velocity of the body's centre across the body, + left"),
+        Signal("yaw_rate", "rad/s", "about the ground's normal"),
+        *(Signal(f"body_{axis}", "m", "origin of the body in the world, sinkage included") for axis in "xyz"),
+        Signal("body_roll", "rad", "of the body about its x axis, third"),
+        Signal("body_pitch", "rad", "of the body about the y axis, second, + nose down"),
+        Signal("body_yaw", "rad", "of the body about the z axis, first; -pi to pi"),
         *(
-            quantity
+            signal
             for axis in "xyz"
-            for quantity in numbered(f"wheel_{axis}", "m", [f"lowest point of {name} in the world" for name in wheels])
+            for signal in numbered(f"wheel_{axis}", "m", [f"lowest point of {name} in the world" for name in wheels])
         ),
         *numbered("wheel_heading", "rad", [f"direction of {name} in the world" for name in wheels]),
         *numbered("wheel_v_along", "m/s", [f"velocity of the centre of {name} along its heading" for name in wheels]),
@@ -308,15 +241,15 @@ def rover_outputs(rover: Rover) -> list[Quantity]:
     ]  # fmt: skip
 
 
-def _parameters(rover: Rover, soil: Soil | None) -> list[Quantity]:
+def _parameters(rover: Rover, soil: Soil | None) -> list[Signal]:
     """Numbers in the order of ``equations.numbers``."""
-    found = [number_quantity(rover, key, value) for key, value in rover if isinstance(value, float)]
+    found = [number_signal(rover, key, value) for key, value in rover if isinstance(value, float)]
     if soil is not None:
-        found += [number_quantity(soil, key, value, "soil.") for key, value in soil if isinstance(value, float)]
+        found += [number_signal(soil, key, value, "soil.") for key, value in soil if isinstance(value, float)]
     length, width = (float(size) for size in rover.footprint[:2])
-    found.append(Quantity("wheels.half_length", "m", "x of the foremost wheels; the others in proportion", length))
-    found.append(Quantity("wheels.half_width", "m", "y of the outermost left wheels; the others in proportion", width))
-    assert np.array_equal([quantity.start for quantity in found], numbers(rover, soil))
+    found.append(Signal("wheels.half_length", "m", "x of the foremost wheels; the others in proportion", length))
+    found.append(Signal("wheels.half_width", "m", "y of the outermost left wheels; the others in proportion", width))
+    assert np.array_equal([signal.start for signal in found], numbers(rover, soil))
     return found
 
 

@@ -1,19 +1,268 @@
-"""Content of an FMU: what the exporter needs of a plant, and the variables and sources that follow."""
+"""Content of an FMU: its variables with units and references, what the exporter needs of a plant, and its C files.
 
-from __future__ import annotations
+The functions of FMI 3 that a plant does not need are written from the standard's own header, so that none is forgotten.
+The headers are those that FMPy ships.
+"""
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from importlib import resources
+from pathlib import Path
+from typing import Any, Final, Literal, NamedTuple
 
 import casadi as ca
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from offtrack.exchange.fmi_export.c_files import c_files, parameters_read, plant_header
-from offtrack.exchange.fmi_export.variables import Interface, Quantity, Variable
-from vehicle.engine.program import TapeProgram
+from offtrack.exchange.fmi_import.mapping import Signal
+from scenarios.extras import import_extra
+from vehicle.engine.native import c_source, numbers_source
+from vehicle.engine.program import Entry, TapeProgram
+
+Causality = Literal["parameter", "input", "output"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variable:
+    """A signal as a variable of the FMU."""
+
+    signal: Signal
+    causality: Causality
+    reference: int  # value reference; 0 is the time
+    feed_through: tuple[int, ...] = ()  # of an output: references of the inputs that it depends on at once
+    held: bool = False  # an output that begins at its start value, and changes in steps alone
+    text: str | None = None  # start of a text; None: a number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interface:
+    """All vectors of a plant; an entry's place in its vector decides its value reference."""
+
+    parameters: Sequence[Signal]  # all numbers of the model, with those that are fixed
+    fixed: frozenset[int]  # places of parameters that no equation reads: they are no variables
+    inputs: Sequence[Signal]
+    outputs: Sequence[Signal]
+    feed_through: Sequence[Sequence[int]]  # by output, places of inputs
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Parameters, inputs and outputs with their references, as the C source counts them."""
+        first_input = 1 + len(self.parameters)
+        first_output = first_input + len(self.inputs)
+        of_causality: Mapping[Causality, Sequence[Signal]]
+        of_causality = {"parameter": self.parameters, "input": self.inputs, "output": self.outputs}
+        signals = [(causality, one) for causality, of in of_causality.items() for one in of]
+        outputs = dict(enumerate(self.feed_through, start=first_output))
+        return tuple(
+            Variable(
+                signal=one,
+                causality=causality,
+                reference=k,
+                feed_through=tuple(first_input + i for i in outputs.get(k, ())),
+            )
+            for k, (causality, one) in enumerate(signals, start=1)
+            if k - 1 not in self.fixed
+        )
+
+
+class BaseUnit(NamedTuple):
+    """SI exponents of a unit and its factor: SI value = factor * value."""
+
+    exponents: Mapping[str, int]
+    factor: float = 1.0
+
+
+_ATOMS: Final = {
+    "kg": BaseUnit({"kg": 1}),
+    "m": BaseUnit({"m": 1}),
+    "s": BaseUnit({"s": 1}),
+    "rad": BaseUnit({"rad": 1}),
+    "N": BaseUnit({"kg": 1, "m": 1, "s": -2}),
+    "Pa": BaseUnit({"kg": 1, "m": -1, "s": -2}),
+    "W": BaseUnit({"kg": 1, "m": 2, "s": -3}),
+    "Hz": BaseUnit({"s": -1}),
+    "deg": BaseUnit({"rad": 1}, math.pi / 180.0),
+    "1": BaseUnit({}),
+}
+_ATOM: Final = re.compile(r"([A-Za-z]+|1)(\d?)")
+DISPLAY: Final = {"rad": ("deg", 180.0 / math.pi), "m/s": ("km/h", 3.6), "rad/s": ("deg/s", 180.0 / math.pi)}
+
+
+def base_unit(name: str) -> BaseUnit | None:
+    """The unit in SI; None if its exponents depend on another number, as of some soil moduli."""
+    over, _, under = name.partition("/")
+    factor, exponents = 1.0, dict[str, int]()
+    for part, sign in ((over, 1), (under.removeprefix("(").removesuffix(")"), -1)):
+        top, _, bottom = part.partition("/")  # m/s2 in rad/(m/s2)
+        for words, direction in ((top, sign), (bottom, -sign)):
+            for word in words.split():
+                atom = _ATOM.fullmatch(word)
+                if atom is None or atom[1] not in _ATOMS:
+                    return None
+                power = direction * int(atom[2] or 1)
+                of_atom = _ATOMS[atom[1]]
+                factor *= of_atom.factor**power
+                for si, exponent in of_atom.exponents.items():
+                    exponents[si] = exponents.get(si, 0) + power * exponent
+    return BaseUnit({si: exponent for si, exponent in exponents.items() if exponent}, factor)
+
+
+_TYPE: Final = re.compile(r"typedef\s+(fmi3Status|fmi3Instance)\s+(fmi3\w+)TYPE\s*\(([^;]*)\);")
+_DEFINED: Final = re.compile(r"^\w[\w \*]*\b(fmi3\w+)\(", re.MULTILINE)
+_NAME: Final = re.compile(r"(\w+)(?:\[\])?$")
+_COUNT: Final = "nValueReferences"  # a call for no variables is always right
+_BEGIN: Final = """\
+/* Functions of FMI 3.0 that this FMU does not need, from the types of fmi3FunctionTypes.h. */
+
+#include "instance.h"
+
+#include "fmi3Functions.h"
+
+static fmi3Status refused(fmi3Instance instance, const char *function) {
+  model_refuse(instance, "%s is not supported: variables are of types Float64 and String, for co-simulation", function);
+  return fmi3Error;
+}
+"""
+
+
+def unused_functions(header: str, wrapper: str) -> str:
+    """C file with all functions whose types ``header`` defines, but for those that the file ``wrapper`` contains."""
+    defined = set(_DEFINED.findall(wrapper))
+    functions = [
+        _function(result, name, arguments) for result, name, arguments in _TYPE.findall(header) if name not in defined
+    ]
+    return "\n".join([_BEGIN, *functions])
+
+
+def _function(result: str, name: str, arguments: str) -> str:
+    declared = [" ".join(argument.split()) for argument in arguments.split(",")]
+    names = [match[1] for argument in declared if (match := _NAME.search(argument))]
+    if result == "fmi3Instance":
+        answer, used = "NULL", set[str]()
+    elif _COUNT in names:
+        answer, used = f'{_COUNT} ? refused(instance, "{name}") : fmi3OK', {"instance", _COUNT}
+    else:
+        answer, used = f'refused(instance, "{name}")', {"instance"}
+    unused = "".join(f"  (void){argument};\n" for argument in names if argument not in used)
+    signature = ",\n    ".join(declared)
+    return f"{result} {name}(\n    {signature}) {{\n{unused}  return {answer};\n}}\n"
+
+
+_PARAMETERS: Final = 2  # argument of the programs
+_ARGUMENTS: Final = "(long n, long ticks, const double *x, const double *u, const double *c, double *y)"
+HEADERS: Final = {
+    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
+}
+_UNUSED: Final = "fmi3_unused.c"
+
+
+def parameters_read(programs: Mapping[str, TapeProgram]) -> frozenset[int]:
+    """Places of the parameters that any program reads."""
+    return frozenset(
+        node.place
+        for program in programs.values()
+        for part in program.parts
+        for node in part.numbers.nodes
+        if isinstance(node, Entry) and node.argument == _PARAMETERS
+    )
+
+
+def c_files(
+    prefix: str, plant: str, version: int, programs: Mapping[str, TapeProgram], defined: Mapping[str, object]
+) -> dict[str, str]:
+    """All source files by name, without ``plant.h`` and ``token.h``.
+
+    ``plant`` names the fixed file of the kind of plant, ``defined`` are macros that it reads.
+    """
+    return {
+        **common_files(version),
+        **{name: source_text(name) for name in ("model.c", f"{plant}.c", "model.h")},
+        **{f"{name}.c": _program_file(prefix, name, program) for name, program in programs.items()},
+        "programs.h": _programs_header(prefix, programs, defined),
+    }
+
+
+def common_files(version: int) -> dict[str, str]:
+    """Source files of every FMU of a version of FMI, with the headers of the standard.
+
+    Raises:
+        ValueError: one line, if FMPy, which has the headers, is not installed.
+    """
+    wrapper = f"fmi{version}.c"
+    files = {
+        **{name: source_text(name) for name in ("instance.c", wrapper, "instance.h", "portable.h")},
+        **{name: (headers_folder() / name).read_text(encoding="utf-8") for name in HEADERS[version]},
+    }
+    if version == 3:
+        files[_UNUSED] = unused_functions(files["fmi3FunctionTypes.h"], files[wrapper])
+    return files
+
+
+def headers_folder() -> Path:
+    """Folder of FMPy with the header files of the FMI standard.
+
+    Raises:
+        ValueError: one line, if FMPy is not installed.
+    """
+    return Path(import_extra("fmi", "offtrack fmu needs", "fmpy").__file__).parent / "c-code"
+
+
+def source_text(name: str) -> str:
+    """Text of a fixed C file."""
+    return (resources.files("offtrack.exchange.fmi_export") / "sources" / name).read_text(encoding="utf-8")
+
+
+def plant_header(interface: Interface, programs: Mapping[str, TapeProgram], gear: int | None) -> str:
+    """``plant.h``: sizes of all vectors, start values and names."""
+    step = programs["step"]
+    numbers = step.n_numbers + programs["observe"].n_numbers
+    lines = [
+        f"#define N_PARAMETERS {len(interface.parameters)}",
+        f"#define N_INPUTS {len(interface.inputs)}",
+        f"#define N_OUTPUTS {len(interface.outputs)}",
+        f"#define N_STATES {step.n_state}",
+        f"#define N_NUMBERS {numbers + 1}",
+        *([] if gear is None else [f"#define GEAR {gear} /* place of this input */"]),
+        "#define PARAMETER_STARTS \\\n  " + rows(repr(float(q.start)) for q in interface.parameters),
+        "#define INPUT_STARTS \\\n  " + rows(repr(float(q.start)) for q in interface.inputs),
+        "#define INPUT_NAMES \\\n  " + rows(f'"{q.name}"' for q in interface.inputs),
+    ]
+    return "/* Sizes, start values and names of this plant. */\n\n" + "\n".join(lines) + "\n"
+
+
+def rows(entries: Iterable[str]) -> str:
+    """Entries of a C array, some in each line of a macro."""
+    values = list(entries)
+    return ", \\\n  ".join(", ".join(values[k : k + 8]) for k in range(0, len(values), 8))
+
+
+def _program_file(prefix: str, name: str, program: TapeProgram) -> str:
+    return (
+        f'#include "portable.h"\n\n#define LANES 1\n#define run {prefix}_{name}_run\n'
+        f"#define derive {prefix}_{name}_derive\n"
+        f"HIDDEN void run{_ARGUMENTS};\nHIDDEN void derive(const double *p, double *c);\n\n"
+        + c_source(program)
+        + numbers_source(program)
+    )
+
+
+def _programs_header(prefix: str, programs: Mapping[str, TapeProgram], defined: Mapping[str, object]) -> str:
+    lines = ["/* The functions of this plant; each with its file. */", "", '#include "portable.h"', ""]
+    for name, program in programs.items():
+        lines += [
+            f"#define {name}_run {prefix}_{name}_run",
+            f"#define {name}_derive {prefix}_{name}_derive",
+            f"#define {name.upper()}_NU {program.n_input}",
+            f"#define {name.upper()}_NC {program.n_numbers}",
+            f"HIDDEN void {name}_run{_ARGUMENTS};",
+            f"HIDDEN void {name}_derive(const double *p, double *c);",
+            "",
+        ]
+    lines += [f"#define {name} {value}" for name, value in defined.items()]
+    return "\n".join(lines) + "\n"
+
 
 _LONGEST_NAME: Final = 60
 
@@ -40,10 +289,10 @@ class PlantModel:
 
 
 def interface_of(
-    parameters: Sequence[Quantity],
-    starts: Sequence[Quantity],
-    inputs: Sequence[Quantity],
-    outputs: Sequence[Quantity],
+    parameters: Sequence[Signal],
+    starts: Sequence[Signal],
+    inputs: Sequence[Signal],
+    outputs: Sequence[Signal],
     observe: Any,
     programs: Mapping[str, TapeProgram],
 ) -> Interface:
@@ -62,17 +311,17 @@ def interface_of(
     )
 
 
-def start_quantities(frame: str) -> list[Quantity]:
+def start_signals(frame: str) -> list[Signal]:
     """Pose and speed at the start, in the order that the C files read them."""
     return [
-        Quantity("start_x", "m", f"position of {frame} in W at the start"),
-        Quantity("start_y", "m", f"position of {frame} in W at the start"),
-        Quantity("start_psi", "rad", "heading at the start, + left"),
-        Quantity("start_speed", "m/s", "speed at the start, straight ahead and rolling freely"),
+        Signal("start_x", "m", f"position of {frame} in W at the start"),
+        Signal("start_y", "m", f"position of {frame} in W at the start"),
+        Signal("start_psi", "rad", "heading at the start, + left"),
+        Signal("start_speed", "m/s", "speed at the start, straight ahead and rolling freely"),
     ]
 
 
-def number_quantity(root: BaseModel, path: str, value: float, prefix: str = "") -> Quantity:
+def number_signal(root: BaseModel, path: str, value: float, prefix: str = "") -> Signal:
     """Parameter for the number at a path of a model, with the unit and limits of its field."""
     owner: Any = root
     info: FieldInfo | None = None
@@ -88,12 +337,12 @@ def number_quantity(root: BaseModel, path: str, value: float, prefix: str = "") 
         low = getattr(limit, "ge", getattr(limit, "gt", low))
         high = getattr(limit, "le", high)
     meaning = (info.description if info is not None else None) or "number of the vehicle file"
-    return Quantity(prefix + path, unit, meaning, value, low, high)
+    return Signal(prefix + path, unit, meaning, value, low, high)
 
 
-def fixed_values(root: BaseModel, unread: Iterable[Quantity]) -> list[tuple[str, str]]:
+def fixed_values(root: BaseModel, unread: Iterable[Signal]) -> list[tuple[str, str]]:
     """Flags and words of a model, and its numbers that no equation reads."""
-    return [*_words(root, ""), *((quantity.name, f"{quantity.start:.10g}") for quantity in unread)]
+    return [*_words(root, ""), *((signal.name, f"{signal.start:.10g}") for signal in unread)]
 
 
 def vector(n: int) -> Any:
@@ -117,15 +366,15 @@ def _field(model: type[BaseModel], key: str) -> FieldInfo | None:
     field = model.model_fields.get(key)
     if field is None or field.json_schema_extra:
         return field
-    return next(_quantities(field.annotation), field)
+    return next(_fields_with_unit(field.annotation), field)
 
 
-def _quantities(annotation: Any) -> Iterator[FieldInfo]:
+def _fields_with_unit(annotation: Any) -> Iterator[FieldInfo]:
     for extra in getattr(annotation, "__metadata__", ()):
         if isinstance(extra, FieldInfo) and extra.json_schema_extra:
             yield extra
     for inner in getattr(annotation, "__args__", ()):
-        yield from _quantities(inner)
+        yield from _fields_with_unit(inner)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

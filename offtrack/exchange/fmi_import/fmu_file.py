@@ -1,7 +1,5 @@
 """Open FMU files: checked, unpacked into a private folder, described; their units and parameters."""
 
-from __future__ import annotations
-
 import io
 import math
 import platform
@@ -15,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
 
-from scenarios.extras import check_extra
+from scenarios.extras import import_extra
 from vehicle.foundation.user_file import MAX_MEMBERS, FileKind, read_bytes, shown
 from vehicle.option import Option
 
@@ -85,7 +83,7 @@ def open_fmu(path: Path) -> FmuFile:
     Raises:
         ValueError: one line with the file and what is wrong with it.
     """
-    check_extra("fmi", f"{path}: FMUs need", "fmpy")
+    fmpy = import_extra("fmi", f"{path}: FMUs need", "fmpy")
     content = io.BytesIO(read_bytes(path, FileKind.FMU))
     try:
         with zipfile.ZipFile(content) as archive:
@@ -98,13 +96,13 @@ def open_fmu(path: Path) -> FmuFile:
     if "modelDescription.xml" not in names:
         raise ValueError(f"{path}: not an FMU: it holds no modelDescription.xml")
     version = _version(path, content)
-    description = _description(path, content)
+    description = _description(fmpy, path, content)
     simulation = description.coSimulation
     if simulation is None:
         raise ValueError(f"{path}: is for model exchange only: export it for co-simulation")
     if not simulation.modelIdentifier:
         raise ValueError(f"{path}: modelDescription.xml: CoSimulation has no modelIdentifier, the name of its library")
-    _check_binary(path, names, version, str(simulation.modelIdentifier))
+    _check_binary(fmpy, path, names, version, str(simulation.modelIdentifier))
     fixed = getattr(simulation, "fixedInternalStepSize", None)
     strict = simulation.canHandleVariableCommunicationStepSize is False and fixed is not None
     wished = fixed if fixed is not None else getattr(description.defaultExperiment, "stepSize", None)
@@ -124,9 +122,7 @@ def open_fmu(path: Path) -> FmuFile:
     )
 
 
-def _description(path: Path, content: io.BytesIO) -> Any:
-    import fmpy
-
+def _description(fmpy: Any, path: Path, content: io.BytesIO) -> Any:
     try:
         return fmpy.read_model_description(content, validate=False)
     except Exception as error:  # of any type: FMPy reads it with a parser of XML and looks for what should be there
@@ -146,18 +142,13 @@ def _version(path: Path, content: io.BytesIO) -> int:
     return int(text[0])
 
 
-def _check_binary(path: Path, names: set[str], version: int, identifier: str) -> None:
+def _check_binary(fmpy: Any, path: Path, names: set[str], version: int, identifier: str) -> None:
     """Refuse an FMU without a library for this machine."""
-    from fmpy import platform as fmi2_platform
-    from fmpy import platform_tuple, sharedLibraryExtension
-
-    folder = fmi2_platform if version == 2 else platform_tuple
-    if f"binaries/{folder}/{identifier}{sharedLibraryExtension}" in names:
+    folder, suffix = fmpy.platform if version == 2 else fmpy.platform_tuple, fmpy.sharedLibraryExtension
+    if f"binaries/{folder}/{identifier}{suffix}" in names:
         return
-    library = f"{shown(identifier, 60)}{sharedLibraryExtension}"
-    others = [
-        name for name in names if name.startswith(f"binaries/{folder}/") and name.endswith(sharedLibraryExtension)
-    ]
+    library = f"{shown(identifier, 60)}{suffix}"
+    others = [name for name in names if name.startswith(f"binaries/{folder}/") and name.endswith(suffix)]
     if others:
         raise ValueError(f"{path}: has no library '{library}', as its description names it, but {shown(others[0], 80)}")
     there = sorted({PurePosixPath(name).parts[1] for name in names if name.startswith("binaries/") and name[9:]})

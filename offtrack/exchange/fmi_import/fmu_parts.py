@@ -3,8 +3,6 @@
 Such an FMU gets the motion of the combination, as a sensor does, and gives estimates.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Mapping
@@ -131,18 +129,12 @@ class FmuLaw(FmuPart, SteeringLaw[int]):
         if memory < 0 and instance.ticks > 0:
             instance.restart()
         memory = tick if memory < 0 else memory
-        while instance.ticks <= tick - memory:
-            given = _given(tick, off_tracking, signals, instance.used)
-            found = instance.step(instance.period, given)
+        if instance.ticks <= tick - memory:
+            estimate = estimate_values(tick, off_tracking, instance.used)
+            given = {"time": tick * TICK, **reading_values(signals), **estimate}
+            found = instance.until(tick - memory, given)
             self._command = np.array([found[f"steer_demand_{k}"] for k in range(1, self._n + 1)])
         return memory, SteerCommand(angles=self._command)
-
-
-def _given(
-    tick: int, off_tracking: OffTracking | None, signals: CombinationSignals, used: frozenset[str]
-) -> dict[str, float]:
-    """Inputs [SI] of the FMU."""
-    return {"time": tick * TICK, **reading_values(signals), **estimate_values(tick, off_tracking, used)}
 
 
 _AHEAD: Final = 60  # points of the path that an FMU can take, a metre apart
@@ -185,7 +177,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
     """A driver that is an FMU; who keeps the set speed where it does not."""
 
     @classmethod
-    def of(cls, context: DriverContext) -> FmuDriver:
+    def of(cls, context: "DriverContext") -> "FmuDriver":
         """Driver for the course of a run.
 
         Raises:
@@ -193,7 +185,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
         """
         return cls(context)
 
-    def __init__(self, context: DriverContext) -> None:
+    def __init__(self, context: "DriverContext") -> None:
         self._course, self._speed = context.course, context.speed
         self._pace = PreviewDriver(context.tractor, context.course.path, context.speed)
         self._start("driver.parameters", driver_signals(len(context.vehicle.units)), context.parameters)
@@ -217,9 +209,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
         if instance.ticks > tick - start:
             return FmuDriverMemory(start, memory.station, pace), self._command
         station, signals = self._signals(memory.station, tick, ego)
-        found: dict[str, float] = {}
-        while instance.ticks <= tick - start:
-            found = instance.step(instance.period, signals)
+        found = instance.until(tick - start, signals)
         acceleration = found.get("acceleration", keeping.acceleration)
         self._command = DriverCommand(found["steer"], acceleration, found.get("gear", 1.0))
         return FmuDriverMemory(start, station, pace), self._command
@@ -236,14 +226,14 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
             signals[f"ahead_y_{k}"] = math.cos(ego.psi) * dy - math.sin(ego.psi) * dx
         return station, signals
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> FmuDriver:
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FmuDriver":
         other = copy.copy(self)
         other._instance = copy.deepcopy(self._instance, memo)
         return other
 
 
 def driver_inputs(
-    course: Course, speed: float, near: float, tick: int, ego: EgoState
+    course: "Course", speed: float, near: float, tick: int, ego: EgoState
 ) -> tuple[float, dict[str, float]]:
     """Station of the guided point, ``near`` the last one [m], and inputs [SI] of a driver but for the path ahead."""
     path, pose = course.path, Pose2(ego.x, ego.y, ego.psi)
@@ -283,7 +273,7 @@ class WholeMotion:
     sends: ClassVar = Truth
 
     @classmethod
-    def of(cls, context: MountContext) -> OpenedSensor:
+    def of(cls, context: "MountContext") -> "OpenedSensor":
         """The sensor, without latency: that of the estimates is the FMU's own."""
         from scenarios.assembly.trailer_sensors import OpenedSensor
 
@@ -323,10 +313,7 @@ class FmuOffTracking(FmuPart):
         Raises:
             FmuError: if the FMU fails, stalls, crashes or gives no finite number.
         """
-        found: dict[str, float] = {}
-        given = {"time": message.tick * TICK, **truth_values(message)}
-        while self._instance.ticks <= message.tick:
-            found = self._instance.step(self._instance.period, given)
+        found = self._instance.until(message.tick, {"time": message.tick * TICK, **truth_values(message)})
         if not found:
             return memory, None
         estimate = estimate_of(message.tick, {**self._unknown, **found})

@@ -6,8 +6,6 @@ Models of other tools often take the angles of the road wheels as they are. Driv
 limits of the data sheet, and the monitor of the actuators expects them: with axles that jump the loop would oscillate.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Container, Mapping
@@ -20,14 +18,20 @@ from controllers.equations import settle
 from offtrack.exchange.fmi_import.fmu_file import FmuFile, open_fmu
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import FmuMap, PartSignals, Signal, read_map
-from offtrack.exchange.fmi_import.numbered_signals import GroundUnder, ground_signals, numbered_values
+from offtrack.exchange.fmi_import.numbered_signals import (
+    GroundUnder,
+    ground_signals,
+    kind_of,
+    motion_signals,
+    numbered_values,
+)
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import steering_actuators, turned_axles
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, rotation_zyx
 
 if TYPE_CHECKING:
     from scenarios.assembly.adapters import PlantContext
@@ -78,7 +82,7 @@ _GAP: Final = 0.05  # between the two ends of a hitch, by the data sheet [m]
 
 def plant_signals(vehicle: Vehicle) -> PartSignals:
     """Signals of a plant of a vehicle; units count from 1, the tractor."""
-    units, wheel_numbers = range(1, len(vehicle.units) + 1), range(1, vehicle.n_wheels + 1)
+    units = range(1, len(vehicle.units) + 1)
     axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
     trailer = [axle for axle in axles if axle[0] != vehicle.units[0].name]
     return PartSignals(
@@ -97,24 +101,10 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
             *(Signal(f"slope_y_{k}", "-", f"rise of the ground along the y axis of unit {k}") for k in units),
             *ground_signals(vehicle),
         ),
-        outputs=(
-            *(Signal(f"x_{k}", "m", f"position of unit {k}: {_origin(k)}", required=True) for k in units),
-            *(Signal(f"y_{k}", "m", f"position of unit {k}: {_origin(k)}", required=True) for k in units),
-            *(Signal(f"psi_{k}", "rad", f"heading of unit {k}, + left", required=True) for k in units),
-            *(Signal(f"v_x_{k}", "m/s", f"velocity of that point along the x axis of unit {k}") for k in units),
-            *(Signal(f"v_y_{k}", "m/s", f"along the y axis of unit {k}") for k in units),
-            *(Signal(f"yaw_rate_{k}", "rad/s", f"of unit {k}") for k in units),
-            *(Signal(f"heave_{k}", "m", f"of unit {k} above the ground's height, + up") for k in units),
-            *(Signal(f"pitch_{k}", "rad", f"of unit {k} against the ground, + nose down") for k in units),
-            *(Signal(f"roll_{k}", "rad", f"of unit {k} against the ground, + left side up") for k in units),
-            *(Signal(f"load_transfer_{k}", "-", f"of unit {k}: right less left wheel loads over all") for k in units),
-            *(
-                Signal(f"steer_angle_{k}", "rad", f"steered axle {axle} of {name}, + left")
-                for k, (name, axle) in enumerate(axles, start=1)
-            ),
-            *(Signal(f"wheel_load_{k}", "N", f"vertical force of wheel {k}, left before right") for k in wheel_numbers),
-            *(Signal(f"wheel_slip_angle_{k}", "rad", f"of wheel {k}") for k in wheel_numbers),
-            *(Signal(f"friction_used_{k}", "-", f"of wheel {k}") for k in wheel_numbers),
+        outputs=tuple(
+            signal._replace(required=kind_of(signal) in ("x", "y", "psi"))
+            for signal in motion_signals(vehicle)
+            if not kind_of(signal).startswith(("body_", "articulation"))
         ),
         starts=(
             Signal("start_x", "m", "position of the tractor's rear axle at the start"),
@@ -125,17 +115,13 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
     )  # fmt: skip
 
 
-def _origin(unit: int) -> str:
-    return "its rear axle" if unit == 1 else "its front hitch"
-
-
 class FmuPlant:
     """A plant that is an FMU. The state of a run is the number of its step; the FMU keeps its own."""
 
     fmu: ClassVar[FmuFile]
 
     @classmethod
-    def of(cls, context: PlantContext) -> FmuPlant:
+    def of(cls, context: "PlantContext") -> "FmuPlant":
         """Plant of the scenario's vehicle on its surface.
 
         Raises:
@@ -143,7 +129,7 @@ class FmuPlant:
         """
         return cls(context)
 
-    def __init__(self, context: PlantContext) -> None:
+    def __init__(self, context: "PlantContext") -> None:
         self._vehicle, self._surface = context.vehicle, context.surface
         if self._surface.gust is not None:
             self._vehicle = self._vehicle.in_wind()
@@ -227,6 +213,7 @@ class FmuPlant:
         unknown = np.isnan(velocities)
         if unknown.any():
             velocities = np.where(unknown, _velocities(poses, last, tick), velocities)
+        speeds = _column(found, "wheel_speed", wheel_count)
         return Truth(
             tick=tick,
             poses=poses,
@@ -237,6 +224,7 @@ class FmuPlant:
             wheel_slip_angles=_or(_column(found, "wheel_slip_angle", wheel_count), np.zeros(wheel_count)),
             friction_used=_or(_column(found, "friction_used", wheel_count), np.zeros(wheel_count)),
             load_transfer=_or(_column(found, "load_transfer", n), np.zeros(n)),
+            wheel_speeds=None if np.isnan(speeds).any() else speeds,
         )
 
     def _bodies(self, poses: FloatArray, found: Mapping[str, float]) -> FloatArray:
@@ -246,7 +234,7 @@ class FmuPlant:
         bodies = []
         for k, (x, y, psi) in enumerate(poses.tolist()):
             motion = np.eye(4)
-            motion[:3, :3] = _turned(float(pitch[k]), float(roll[k]))
+            motion[:3, :3] = rotation_zyx(0.0, float(pitch[k]), float(roll[k]))
             unit = self._vehicle.units[k]
             pivot = np.array([unit.cg_x, 0.0, unit.roll_axis_height])
             motion[:3, 3] = pivot + np.array([0.0, 0.0, heave[k]]) - motion[:3, :3] @ pivot
@@ -275,7 +263,7 @@ class FmuPlant:
                     "choose the vehicle that the FMU simulates"
                 )
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> FmuPlant:
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FmuPlant":
         other = copy.copy(self)
         other._instance, other._truths = copy.deepcopy(self._instance, memo), dict(self._truths)
         return other
@@ -299,12 +287,6 @@ def _velocities(poses: FloatArray, last: Truth | None, tick: int) -> FloatArray:
     heading = poses[:, 2] - 0.5 * turn
     c, s = np.cos(heading), np.sin(heading)
     return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn / time])
-
-
-def _turned(pitch: float, roll: float) -> FloatArray:
-    """Rotation (3, 3) by roll, then pitch."""
-    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
-    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 def _column(found: Mapping[str, float], name: str, count: int) -> FloatArray:

@@ -8,9 +8,8 @@ A request is one byte: ``STEP`` is followed by time, length and inputs as double
 bytes. An answer is one byte, a size and as many bytes: outputs as doubles, a state, or the text of a failure.
 """
 
-from __future__ import annotations
-
 import ctypes
+import importlib
 import json
 import os
 import struct
@@ -171,15 +170,12 @@ def _loaded(version: int, start: dict[str, Any]) -> Any:
         "instanceName": start["identifier"],
         "requireFunctions": False,
     }
+    fmi, fmpy = importlib.import_module(f"fmpy.fmi{version}"), sys.modules["fmpy"]
     if version == 2:
-        from fmpy.fmi2 import FMU2Slave
-
-        return FMU2Slave(**common)
-    from fmpy import platform_tuple, sharedLibraryExtension
-    from fmpy.fmi3 import FMU3Slave
-
-    library = os.path.join(start["folder"], "binaries", platform_tuple, start["identifier"] + sharedLibraryExtension)
-    return FMU3Slave(libraryPath=library, **common)
+        return fmi.FMU2Slave(**common)
+    name = start["identifier"] + fmpy.sharedLibraryExtension
+    library = os.path.join(start["folder"], "binaries", fmpy.platform_tuple, name)
+    return fmi.FMU3Slave(libraryPath=library, **common)
 
 
 def _set(fmu: Any, kind: str, references: list[int], values: list[Any]) -> None:

@@ -1,7 +1,5 @@
 """An FMU in a run, in a process of its own: steps with a time limit, states, and errors of one line."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
@@ -15,7 +13,7 @@ import sys
 import tempfile
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -37,34 +35,36 @@ class FmuError(EndedError):
     """Failure of an FMU: one line with its file, the time, and its own last words."""
 
 
-class FmuProcess:
-    """An instance of an FMU in a process of its own."""
+class FmuInstance:
+    """An FMU with its map, in a process of its own; copied with its state where it allows that.
 
-    def __init__(
-        self,
-        fmu: FmuFile,
-        inputs: Sequence[Variable],
-        outputs: Sequence[Variable],
-        parameters: Mapping[str, float | str],
-        timeout: float,
-    ) -> None:
+    Time is its own, from 0 at the first call. A step takes the inputs of its beginning and gives the outputs of its
+    end.
+    """
+
+    def __init__(self, fmu: FmuFile, links: FmuMap, parameters: Mapping[str, float | str]) -> None:
         """Create the instance.
 
         Args:
             fmu: the file.
-            inputs: variables that every step sets.
-            outputs: variables that every step reads.
-            parameters: start values by name.
-            timeout: longest time of a step [s].
+            links: its map.
+            parameters: start values that stand above those of the map, by name.
 
         Raises:
-            FmuError: one line, if it fails, stalls or crashes already here.
+            ValueError: one line, if it can't be started.
         """
-        self.fmu, self._inputs, self._outputs, self._parameters = fmu, tuple(inputs), tuple(outputs), dict(parameters)
-        self._timeout = timeout
-        self._step = struct.Struct(f"=c{2 + len(inputs)}d")
-        self._values = struct.Struct(f"={len(outputs)}d")
-        self._folder = fmu.unpacked()
+        self.fmu, self._map, self._given = fmu, links, {**links.parameters, **parameters}
+        self._step = struct.Struct(f"=c{2 + len(links.inputs)}d")
+        self._values = struct.Struct(f"={len(links.outputs)}d")
+        self.ticks = 0  # its own time
+        try:
+            self._open()
+        except FmuError as error:
+            raise ValueError(str(error)) from None
+
+    def _open(self) -> None:
+        """Start the process."""
+        self._folder = self.fmu.unpacked()
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 -- closed with the process
         self._process = subprocess.Popen(
             [sys.executable, "-m", "offtrack.exchange.fmi_import.host"],
@@ -85,11 +85,8 @@ class FmuProcess:
         self._poll = select.poll()
         self._poll.register(self._answers, select.POLLIN | select.POLLHUP)
         self._end = weakref.finalize(self, _ended, self._process, self._folder, self._log)
-        self._ask(
-            json.dumps(self._start()).encode() + b"\n",
-            "cannot be started",
-            _OWN_START if fmu.tool == "offtrack" else _START,
-        )
+        limit = _OWN_START if self.fmu.tool == "offtrack" else _START
+        self._ask(json.dumps(self._start()).encode() + b"\n", "cannot be started", limit)
 
     def _start(self) -> dict[str, object]:
         variables = self.fmu.variables
@@ -98,56 +95,91 @@ class FmuProcess:
             "token": self.fmu.token,
             "identifier": self.fmu.identifier,
             "folder": str(self._folder),
-            "inputs": [(self._kind(variable), variable.reference) for variable in self._inputs],
-            "outputs": [(self._kind(variable), variable.reference) for variable in self._outputs],
-            "parameters": [
-                (self._kind(variables[name]), variables[name].reference, value)
-                for name, value in self._parameters.items()
-            ],
+            "inputs": [self._place(link.variable) for link in self._map.inputs],
+            "outputs": [self._place(link.variable) for link in self._map.outputs],
+            "parameters": [(*self._place(variables[name]), value) for name, value in self._given.items()],
         }
 
-    def _kind(self, variable: Variable) -> str:
-        """Kind of the functions that set and get it; an enumeration is an integer, in FMI 3 of 64 bits."""
+    def _place(self, variable: Variable) -> tuple[str, int]:
+        """Kind of the functions that set and get it, and its reference; an enumeration is an integer."""
         whole = "Integer" if self.fmu.version == 2 else "Int64"
-        return whole if variable.kind == "Enumeration" else variable.kind
+        return whole if variable.kind == "Enumeration" else variable.kind, variable.reference
 
-    def step(self, time: float, length: float, inputs: Sequence[float]) -> tuple[float, ...]:
-        """Outputs at the end of a step from ``time`` over ``length`` [s], which begins with these inputs.
+    @property
+    def period(self) -> int:
+        """Period of its steps [ticks]."""
+        return self._map.period
+
+    @property
+    def used(self) -> frozenset[str]:
+        """Signals that its inputs take."""
+        return frozenset(link.signal for link in self._map.inputs)
+
+    def outputs(self, signals: Mapping[str, float]) -> dict[str, float]:
+        """Signals of its outputs now, with these inputs, without a step.
 
         Raises:
-            FmuError: if it fails, stalls or crashes.
+            FmuError: if it fails, stalls, crashes or gives no finite number.
         """
-        content = self._ask(self._step.pack(host.STEP, time, length, *inputs), f"at {time:g} s", self._timeout)
-        values: tuple[float, ...] = self._values.unpack(content)
-        return values
+        return self._called(0, signals)
 
-    def state(self) -> bytes:
-        """State of the instance.
+    def step(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
+        """Signals of its outputs after a step over ``ticks`` that begins with these inputs.
 
         Raises:
-            ValueError: one line, if the FMU can't give it.
+            FmuError: if it fails, stalls, crashes or gives no finite number.
+        """
+        found = self._called(ticks, signals)
+        self.ticks += ticks
+        return found
+
+    def until(self, tick: int, signals: Mapping[str, float]) -> dict[str, float]:
+        """Signals of its outputs after steps of its period with these inputs until its time is past ``tick``.
+
+        Empty if it is already.
+
+        Raises:
+            FmuError: if it fails, stalls, crashes or gives no finite number.
+        """
+        found: dict[str, float] = {}
+        while self.ticks <= tick:
+            found = self.step(self.period, signals)
+        return found
+
+    def _called(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
+        time, length = self.ticks * TICK, ticks * TICK
+        request = self._step.pack(host.STEP, time, length, *self._map.values(signals))
+        values = self._values.unpack(self._ask(request, f"at {time:g} s", self._map.timeout))
+        for link, value in zip(self._map.outputs, values, strict=True):
+            if not math.isfinite(value):
+                raise FmuError(f"{self.fmu.path}: at {time:g} s its output {link.variable.name} is {value}")
+        return self._map.signals(values)
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self.close()
+        self._open()
+        self.ticks = 0
+
+    def close(self) -> None:
+        """End the process and remove its folder."""
+        self._end()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "FmuInstance":
+        """Another instance in the same state.
+
+        Raises:
+            ValueError: one line, if the FMU's state can't be taken.
         """
         if not self.fmu.keeps_state:
             raise ValueError(
                 f"{self.fmu.path}: cannot be copied: it does not declare canGetAndSetFMUstate and "
                 "canSerializeFMUstate; it works in runs, but not in snapshots"
             )
-        return self._ask(host.STATE, "state", self._timeout)
-
-    def copy(self) -> FmuProcess:
-        """Another instance in the same state.
-
-        Raises:
-            ValueError: one line, if the FMU's state can't be taken.
-        """
-        state = self.state()
-        other = FmuProcess(self.fmu, self._inputs, self._outputs, self._parameters, self._timeout)
-        other._ask(host.SET_STATE + host.SIZE.pack(len(state)) + state, "state", self._timeout)
+        state, other = self._ask(host.STATE, "state", self._map.timeout), copy.copy(self)
+        other._open()
+        other._ask(host.SET_STATE + host.SIZE.pack(len(state)) + state, "state", self._map.timeout)
         return other
-
-    def close(self) -> None:
-        """End the process and remove its folder."""
-        self._end()
 
     def _ask(self, request: bytes, when: str, limit: float) -> bytes:
         deadline = time.monotonic() + limit
@@ -219,92 +251,3 @@ def _ended(process: subprocess.Popen[bytes], folder: Path, log: IO[bytes]) -> No
         process.stdout.close()
     log.close()
     shutil.rmtree(folder, ignore_errors=True)
-
-
-class FmuInstance:
-    """An FMU with its map; copied with its state where it allows that.
-
-    Time is its own, from 0 at the first call. A step takes the inputs of its beginning and gives the outputs of its
-    end.
-    """
-
-    def __init__(self, fmu: FmuFile, links: FmuMap, parameters: Mapping[str, float | str]) -> None:
-        """Create the instance.
-
-        Args:
-            fmu: the file.
-            links: its map.
-            parameters: start values that stand above those of the map, by name.
-
-        Raises:
-            ValueError: one line, if it can't be started.
-        """
-        self._fmu, self._map, self._given = fmu, links, {**links.parameters, **parameters}
-        try:
-            self._process = self._started()
-        except FmuError as error:
-            raise ValueError(str(error)) from None
-        self.ticks = 0  # its own time
-
-    def _started(self) -> FmuProcess:
-        links = self._map
-        inputs, outputs = [link.variable for link in links.inputs], [link.variable for link in links.outputs]
-        return FmuProcess(self._fmu, inputs, outputs, self._given, links.timeout)
-
-    @property
-    def period(self) -> int:
-        """Period of its steps [ticks]."""
-        return self._map.period
-
-    @property
-    def used(self) -> frozenset[str]:
-        """Signals that its inputs take."""
-        return frozenset(link.signal for link in self._map.inputs)
-
-    def outputs(self, signals: Mapping[str, float]) -> dict[str, float]:
-        """Signals of its outputs now, with these inputs, without a step.
-
-        Raises:
-            FmuError: if it fails, stalls, crashes or gives no finite number.
-        """
-        return self._called(0, signals)
-
-    def step(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
-        """Signals of its outputs after a step over ``ticks`` that begins with these inputs.
-
-        Raises:
-            FmuError: if it fails, stalls, crashes or gives no finite number.
-        """
-        found = self._called(ticks, signals)
-        self.ticks += ticks
-        return found
-
-    def _called(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
-        values = self._process.step(self.ticks * TICK, ticks * TICK, self._map.values(signals))
-        if not all(map(math.isfinite, values)):
-            raise self._not_finite(values)
-        return self._map.signals(values)
-
-    def _not_finite(self, values: Sequence[float]) -> FmuError:
-        links = zip(self._map.outputs, values, strict=True)
-        name, value = next((link.variable.name, value) for link, value in links if not math.isfinite(value))
-        return FmuError(f"{self._fmu.path}: at {self.ticks * TICK:g} s its output {name} is {value}")
-
-    def restart(self) -> None:
-        """Begin anew."""
-        self._process.close()
-        self._process, self.ticks = self._started(), 0
-
-    def close(self) -> None:
-        """End its process."""
-        self._process.close()
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> FmuInstance:
-        """Another instance in the same state.
-
-        Raises:
-            ValueError: one line, if the FMU's state can't be taken.
-        """
-        other = copy.copy(self)
-        other._process = self._process.copy()
-        return other

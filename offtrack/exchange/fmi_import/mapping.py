@@ -1,10 +1,8 @@
 """Maps between the variables of an FMU and offtrack's signals: TOML files beside FMUs, and a first map to edit."""
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -12,8 +10,7 @@ from typing import Any, Final, NamedTuple
 from offtrack.exchange.fmi_import.fmu_file import UNITS, FmuFile, Scale, Variable, declared_scale, fits
 from scenarios.results.run_inputs import MAP_SUFFIX
 from vehicle.clock import TICK
-from vehicle.foundation.parameter_file import nearest, read_toml
-from vehicle.foundation.user_file import FileKind, shown
+from vehicle.foundation.user_file import FileKind, nearest, read_toml, shown
 
 PERIOD: Final = 0.01  # of a step, where neither map nor FMU says [s]
 TIMEOUT: Final = 10.0  # longest time that a step may take [s]
@@ -23,12 +20,20 @@ _LINK: Final = ("signal", "unit", "factor", "offset")
 
 
 class Signal(NamedTuple):
-    """A signal of offtrack that an FMU can take or give."""
+    """A number that goes into an FMU or comes out."""
 
     name: str
-    unit: str  # SI
+    unit: str  # SI, "-" for none
     meaning: str
-    required: bool = False  # an output that the part can't do without
+    start: float = 0.0  # of a parameter or input of an exported FMU
+    low: float | None = None  # limits that the exporter declares; the FMU does not enforce them
+    high: float | None = None
+    required: bool = False  # an output of an imported FMU that the part can't do without
+
+
+def numbered(name: str, unit: str, meanings: Iterable[str], start: float = 0.0) -> list[Signal]:
+    """Signals of one kind, counted from 1: ``name_1``, ``name_2``, ..."""
+    return [Signal(f"{name}_{k}", unit, meaning, start) for k, meaning in enumerate(meanings, start=1)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

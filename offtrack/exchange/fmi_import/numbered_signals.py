@@ -1,7 +1,5 @@
 """Estimates, sensor readings, motion and ground of a combination as numbered signals, and back."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Set
 from typing import Final
@@ -9,15 +7,15 @@ from typing import Final
 import numpy as np
 
 from estimators.estimates import Health, OffTracking
-from offtrack.exchange.fmi_import.mapping import Signal
+from offtrack.exchange.fmi_import.mapping import Signal, numbered
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.combination.chain import Kinematics, SmoothGround, kinematics_sizes, smooth_ground_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import GroundInputs, ground_input_sizes, slices, wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
-from vehicle.combination.truth_vectors import Kinematics, SmoothGround, kinematics_sizes, smooth_ground_sizes
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 
@@ -210,22 +208,59 @@ _BODY = ("x", "y", "z", "roll", "pitch", "yaw")
 OnGround = Callable[[int, float, float, float], FloatArray]
 
 
-def truth_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
-    """Signals of the motion of a vehicle; units count from 1, the tractor."""
-    units = range(1, len(vehicle.units) + 1)
+def motion_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
+    """Everything that ``Truth`` has, a body's pose as position and angles; units count from 1, the tractor."""
+    units, tyres = [unit.name for unit in vehicle.units], wheel_names(vehicle)
     axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
+    origin = [f"position of {name}: {'its front hitch' if k else 'its rear axle'}" for k, name in enumerate(units)]
     return (
-        *(Signal(f"x_{k}", "m", f"position of the frame of unit {k} in the world") for k in units),
-        *(Signal(f"y_{k}", "m", f"position of the frame of unit {k} in the world") for k in units),
-        *(Signal(f"psi_{k}", "rad", f"heading of unit {k}, + left, continuous") for k in units),
-        *(Signal(f"v_x_{k}", "m/s", f"velocity of that point along the x axis of unit {k}") for k in units),
-        *(Signal(f"v_y_{k}", "m/s", f"along the y axis of unit {k}") for k in units),
-        *(Signal(f"yaw_rate_{k}", "rad/s", f"of unit {k}") for k in units),
-        *(Signal(f"body_{axis}_{k}", "m" if axis in "xyz" else "rad", f"pose of the body of unit {k} in the world; "
-                 "all six 0: it stands on the ground") for k in units for axis in _BODY),
-        *(Signal(f"steer_angle_{k}", "rad", f"steered axle {axle} of {name}, + left")
-          for k, (name, axle) in enumerate(axles, start=1)),
+        *numbered("x", "m", origin),
+        *numbered("y", "m", origin),
+        *numbered("psi", "rad", [f"heading of {name}, + left, continuous" for name in units]),
+        *numbered("v_x", "m/s", [f"velocity of that point along the x axis of {name}" for name in units]),
+        *numbered("v_y", "m/s", [f"velocity of that point along the y axis of {name}" for name in units]),
+        *numbered("yaw_rate", "rad/s", [f"of {name}" for name in units]),
+        *numbered("heave", "m", [f"of the body of {name} above the ground's height, + up" for name in units]),
+        *numbered("pitch", "rad", [f"of the body of {name} against the ground, + nose down" for name in units]),
+        *numbered("roll", "rad", [f"of the body of {name} against the ground, + left side up" for name in units]),
+        *(
+            signal
+            for k, name in enumerate(units, start=1)
+            for signal in (
+                *(Signal(f"body_{axis}_{k}", "m", f"origin of the body of {name} in the world") for axis in "xyz"),
+                Signal(f"body_roll_{k}", "rad", f"of the body of {name}, about its x axis, third"),
+                Signal(f"body_pitch_{k}", "rad", f"of the body of {name}, about the y axis, second, + nose down"),
+                Signal(f"body_yaw_{k}", "rad", f"of the body of {name}, about the z axis, first; -pi to pi"),
+            )
+        ),
+        *numbered("steer_angle", "rad", [f"angle of steered axle {k} of {name}, + left" for name, k in axles]),
+        *numbered("wheel_load", "N", [f"vertical force of {tyre}" for tyre in tyres]),
+        *numbered("wheel_slip_angle", "rad", [f"of {tyre}" for tyre in tyres]),
+        *numbered("friction_used", "-", [f"horizontal force of {tyre} over friction times load" for tyre in tyres]),
+        *numbered("load_transfer", "-", [f"of {name}: right less left wheel loads over all" for name in units]),
+        *numbered("wheel_speed", "m/s", [f"of the tread of {tyre}, by its rotation" for tyre in tyres]),
+        *numbered("articulation", "rad", [f"heading of {name} less that of the next unit" for name in units[:-1]]),
     )  # fmt: skip
+
+
+def kind_of(signal: Signal) -> str:
+    """Name of a numbered signal without its number."""
+    return signal.name.rstrip("0123456789").rstrip("_")
+
+
+def wheel_names(vehicle: Vehicle) -> list[str]:
+    """The wheels in words, in their order."""
+    return [
+        f"the {'left' if wheel.side > 0 else 'right'} wheel of axle {wheel.axle_in_unit + 1} of "
+        f"{vehicle.units[wheel.unit].name}"
+        for wheel in wheels(vehicle)
+    ]
+
+
+def truth_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
+    """Signals of the motion that ``truth_of`` needs; a body whose pose is all 0 stands on the ground."""
+    needed = {"x", "y", "psi", "v_x", "v_y", "yaw_rate", "steer_angle", *(f"body_{axis}" for axis in _BODY)}
+    return tuple(signal for signal in motion_signals(vehicle) if kind_of(signal) in needed)
 
 
 def truth_values(truth: Truth) -> dict[str, float]:
@@ -285,23 +320,20 @@ _HEIGHT = "ground_height"
 
 
 def ground_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
-    """Signals of the ground under a vehicle; units and wheels count from the front, left before right."""
-    units, tyres = range(1, len(vehicle.units) + 1), range(1, vehicle.n_wheels + 1)
-    supports = range(1, 1 + smooth_ground_sizes(vehicle).height)
+    """Signals of the ground under a vehicle, in the order of ``GroundInputs``; then what lifts and tilts its bodies."""
+    units, tyres = [unit.name for unit in vehicle.units], wheel_names(vehicle)
+    supports = [f"{end} support of {name}" for name in units for end in ("front", "rear")]
+    tilt = "on curved ground: mean rise at the supports of {} less that under its centre of gravity: tilts its body"
     return (
-        *(Signal(f"friction_wheel_{k}", "-", f"friction coefficient under wheel {k}") for k in tyres),
-        *(Signal(f"ground_slope_x_{k}", "-", "under its centre of gravity, along x of the world") for k in units),
-        *(Signal(f"ground_slope_y_{k}", "-", "along y of the world") for k in units),
-        *(Signal(f"road_height_{k}", "m", f"of the road under wheel {k}, roughness alone") for k in tyres),
-        *(Signal(f"wind_{k}", "m/s", f"at unit {k}, along y of the world") for k in units if vehicle.exposed),
-        *(
-            Signal(f"{_HEIGHT}_{k}", "m", f"of the smooth ground at {'rear' if k % 2 == 0 else 'front'} support of "
-                   f"unit {(k + 1) // 2}")
-            for k in supports
-        ),
-        *(Signal(f"body_slope_x_{k}", "-", "mean of its supports less ground_slope_x") for k in units),
-        *(Signal(f"body_slope_y_{k}", "-", "mean of its supports less ground_slope_y") for k in units),
-    )  # fmt: skip
+        *numbered("friction_wheel", "-", [f"friction coefficient under {tyre}; 0: as at the start" for tyre in tyres]),
+        *numbered("ground_slope_x", "-", [f"rise of the ground under {name} along x of the world" for name in units]),
+        *numbered("ground_slope_y", "-", [f"rise of the ground under {name} along y of the world" for name in units]),
+        *numbered("road_height", "m", [f"height of the road under {tyre} above the smooth one" for tyre in tyres]),
+        *numbered("wind", "m/s", [f"wind at {name} along y of the world" for name in units if vehicle.exposed]),
+        *numbered(_HEIGHT, "m", [f"height of the smooth ground at the {at}: lifts its body" for at in supports]),
+        *numbered("body_slope_x", "-", [f"{tilt.format(name)} along x of the world" for name in units]),
+        *numbered("body_slope_y", "-", [f"{tilt.format(name)} along y of the world" for name in units]),
+    )
 
 
 class GroundUnder:

@@ -3,8 +3,6 @@
 SSP: "System Structure and Parameterization", Modelica Association, version 1.0.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
@@ -12,16 +10,22 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, zipped
 from offtrack.exchange.fmi_export.plant_kinds import combination_model
-from offtrack.exchange.fmi_export.plant_model import Exported, exported_plant
-from offtrack.exchange.fmi_export.variables import Quantity, Variable, base_unit
+from offtrack.exchange.fmi_export.plant_model import Exported, Variable, base_unit, exported_plant
+from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
     estimate_signals,
     ground_signals,
     reading_signals,
     truth_signals,
 )
-from offtrack.exchange.fmi_proxy.law_proxy import law_of_scenario
-from offtrack.exchange.fmi_proxy.scenario_parts import MEASURED, LaidGround, driver_proxy, ground_proxy, sensor_proxy
+from offtrack.exchange.fmi_proxy.parts import (
+    MEASURED,
+    LaidGround,
+    driver_proxy,
+    ground_proxy,
+    law_of_scenario,
+    sensor_proxy,
+)
 from scenarios.assembly.adapters import course_of, plant_kind, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import refuse_loop_faults
 from scenarios.assembly.drivers_and_laws import opened_driver
@@ -102,7 +106,7 @@ class FmuSystem:
             one
             for one in variables
             if one.text is None
-            and (one.causality == "output" or (one.causality == "input" and one.quantity.name in inputs))
+            and (one.causality == "output" or (one.causality == "input" and one.signal.name in inputs))
         ]
 
 
@@ -162,8 +166,8 @@ def _plant(vehicle: Vehicle, starts: Mapping[str, float]) -> Exported:
     model = combination_model(vehicle)
     interface = model.interface
 
-    def started(quantity: Quantity) -> Quantity:
-        return quantity._replace(start=starts.get(quantity.name, quantity.start))
+    def started(one: Signal) -> Signal:
+        return one._replace(start=starts.get(one.name, one.start))
 
     changed = dataclasses.replace(
         interface,
@@ -209,14 +213,14 @@ def _of_law(vehicle: Vehicle, unit: int, own: str) -> list[Connection]:
 def _connectors(component: Element, variables: Iterable[Variable]) -> None:
     connectors = SubElement(component, _ssd("Connectors"))
     for one in variables:
-        connector = SubElement(connectors, _ssd("Connector"), name=one.quantity.name, kind=one.causality)
-        unit = one.quantity.unit
+        connector = SubElement(connectors, _ssd("Connector"), name=one.signal.name, kind=one.causality)
+        unit = one.signal.unit
         SubElement(connector, f"{{{_SSC}}}Real", {} if unit == "-" else {"unit": unit})
 
 
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     units = SubElement(root, _ssd("Units"))
-    for name in sorted({one.quantity.unit for one in variables} - {"-"}):
+    for name in sorted({one.signal.unit for one in variables} - {"-"}):
         unit, base = SubElement(units, f"{{{_SSC}}}Unit", name=name), base_unit(name)
         exponents = {} if base is None else {si: str(exponent) for si, exponent in base.exponents.items()}
         of_unit = SubElement(unit, f"{{{_SSC}}}BaseUnit", exponents)

@@ -4,8 +4,6 @@ Images are kept as they are if the bag holds the files of a recording of offtrac
 their CameraInfo says, with K, D, R and P. Read by rosbags (extra ``export``), which needs no ROS.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,11 +14,10 @@ from typing import Any, Final, NamedTuple
 import cv2
 import numpy as np
 
-from scenarios.extras import check_extra
+from scenarios.extras import import_extra
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import MAX_FRAMES, MAX_PIXELS, shown
+from vehicle.foundation.user_file import MAX_FRAMES, MAX_PIXELS, nearest, shown
 from vehicle.frames import FloatArray
 
 SIDES: Final = ("left", "right")
@@ -141,12 +138,12 @@ def unpacked_bag(bag: Path, topics: Mapping[str, str], progress: Progress = no_p
     Raises:
         ValueError: one line, if the package is missing, or the bag can not be read or used.
     """
-    check_extra("export", f"{bag}: bags need", "rosbags")
+    highlevel = import_extra("export", f"{bag}: bags need", "rosbags.highlevel")
     with tempfile.TemporaryDirectory(prefix="offtrack-bag-") as temporary:
         folder = Path(temporary) / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()
         try:
-            _unpack(bag, folder, topics, progress)
+            _unpack(highlevel.AnyReader, bag, folder, topics, progress)
         except (ValueError, KeyboardInterrupt, MemoryError):
             raise
         except Exception as error:  # of the reader, whatever the bag makes it stumble over
@@ -155,11 +152,14 @@ def unpacked_bag(bag: Path, topics: Mapping[str, str], progress: Progress = no_p
         yield folder
 
 
-def _unpack(bag: Path, folder: Path, chosen: Mapping[str, str], progress: Progress) -> None:
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
+def humble_types() -> Any:
+    """Messages of ROS 2 Humble."""
+    typesys = import_extra("export", "bags need", "rosbags.typesys")
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
-    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+
+def _unpack(reader_of: Any, bag: Path, folder: Path, chosen: Mapping[str, str], progress: Progress) -> None:
+    with reader_of([bag], default_typestore=humble_types()) as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
         topics = stereo_topics(kinds, chosen, str(bag))
         files = _recording_files(reader, kinds)

@@ -5,8 +5,6 @@ CVPR 2012. Subsequences of 100, 200, … 800 m start at every tenth frame. For e
 compared with the true one. The errors of translation and rotation are divided by the length and averaged.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,12 +28,12 @@ from offtrack.exchange.recordings.stereo_reader import Recording, camera_poses
 from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, stream
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, check_made, constructed, resolve
 from scenarios.options.scenario import Scenario
+from scenarios.options.scenario import stream as random_stream
 from scenarios.progress import Progress, no_progress
-from scenarios.randomness import stream as random_stream
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
-from scenarios.results.run_warnings import calibration_warnings
-from scenarios.results.summary_numbers import number
+from scenarios.results.run_summary import number
+from scenarios.results.run_warnings import calibration_warnings, doubt_warnings
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import BodyPose, StereoFrame
 from vehicle.clock import TICK
@@ -330,7 +328,8 @@ def _no_motions(estimation: Estimation) -> list[str]:
 def warnings(estimation: Estimation) -> tuple[str, ...]:
     """What is doubtful about the cameras, a line each."""
     motions = [frame.motion for frame in estimation.frames]
-    return calibration_warnings(motions, "leave out --no-self-calibration")
+    doubts = doubt_warnings(frame.off_tracking for frame in estimation.frames if frame.off_tracking)
+    return (*calibration_warnings(motions, "leave out --no-self-calibration"), *doubts)
 
 
 def error_of_estimate(log: Log) -> FloatArray:

@@ -1,22 +1,21 @@
-"""Result directory of an off-tracking estimation: trajectories, table, summary, and the report with its playback."""
+"""Result directory of an off-tracking estimation: trajectories, table, summary, report with playback, and video."""
 
-from __future__ import annotations
-
-import csv
-import io
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import cv2
 import numpy as np
 
 from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health
-from offtrack.exchange.recordings import recording_pictures as figures
 from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, summary
 from offtrack.exchange.recordings.stereo_reader import kitti_text, tum_text
-from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
+from offtrack.reports import plots
+from offtrack.reports.film import Frames, photo_of, write_film
+from offtrack.reports.page import Items, Page, Photos, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import (
     SERIES,
@@ -34,12 +33,11 @@ from offtrack.reports.player.playback import (
     elapsed,
     health_spans,
 )
-from offtrack.reports.run_video import flow_photos
-from offtrack.reports.run_writer import finish_results, write_json
+from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
+from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress
-from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal, write_log
-from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
 from scenarios.results.run_summary import versions
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -72,14 +70,8 @@ _ROTATION_SIGNALS: Final = (
     Signal("right_delay", "s", "time by which the right image is taken after the left one"),
     Signal("right_delay_std", "s", "standard deviation of right_delay"),
 )
-_COLUMNS: Final = {
-    "m": "_m",
-    "s": "_s",
-    "rad": "_rad",
-    "m/s": "_m_s",
-    "rad/s": "_rad_s",
-    "-": "",
-}  # suffixes of CSV columns
+_DROPPED: Final = 3.0  # stands for a health
+_WORDS: Final = HEALTH_WORDS | {_DROPPED: "dropped"}
 
 
 def estimate_log(estimation: Estimation) -> Log:
@@ -121,29 +113,15 @@ def _rotation(frame: FrameEstimate) -> tuple[float, ...]:
     return (*motion.right_rotation, *motion.right_rotation_std, motion.right_delay, motion.right_delay_std)
 
 
-def csv_text(log: Log) -> str:
+def table_text(log: Log) -> str:
     """The table as CSV: column names end in the unit, missing values are empty, health is in words."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    shown = [signal for signal in log.signals if signal.name != "dropped"]
-    writer.writerow([signal.name + _COLUMNS[signal.unit] for signal in shown])
-    dropped = log["dropped"] > 0.0
-    for k in range(len(log)):
-        writer.writerow(list(_cells(log, k, bool(dropped[k]), shown)))
-    return file.getvalue()
-
-
-def _cells(log: Log, row: int, dropped: bool, shown: list[Signal]) -> Iterator[str]:
-    for signal in shown:
-        value = float(log[signal.name][row])
-        if signal.name in ("health", "odometry_health"):
-            yield "dropped" if dropped else HEALTH_WORDS.get(value, "")
-        elif not math.isfinite(value):
-            yield ""
-        elif signal.unit == "-":
-            yield f"{value:.0f}"
-        else:
-            yield f"{value:.6f}" if signal.unit != "rad" else f"{value:.8f}"
+    shown = [k for k, signal in enumerate(log.signals) if signal.name != "dropped"]
+    rows = log.rows.copy()
+    healths = [k for k in shown if log.names[k].endswith("health")]
+    rows[np.ix_(np.flatnonzero(log["dropped"]), np.array(healths))] = _DROPPED
+    return csv_text(
+        Log(tuple(log.signals[k] for k in shown), rows[:, shown]), _WORDS, {"-": ".0f", "rad": ".8f"}, ".6f"
+    )
 
 
 def write_estimation(
@@ -167,29 +145,30 @@ def write_estimation(
     """
     log = estimate_log(estimation)
     numbers = {**summary(estimation, log, odometry), "estimator": estimator, "agreement": agreement or {}}
-    with appearing_at_once(directory) as folder:
+    manifest = {"recording": numbers["recording"], "estimator": estimator, "odometry": odometry, "versions": versions()}
+    texts = {
+        "off_tracking.csv": table_text(log),
+        "report.html": report_page(estimation, log, numbers),
+        "manifest.json": json.dumps(manifest, indent=2) + "\n",
+    }
+    if estimation.states_motions or not estimation.frames:
         used = [k for k, frame in enumerate(estimation.frames) if not frame.dropped]
         times = [estimation.frames[k].files.time for k in used]
-        if estimation.states_motions or not estimation.frames:
-            (folder / "trajectory_tum.txt").write_text(tum_text(times, estimation.X_C0C[used]), encoding="utf-8")
-            (folder / "trajectory_kitti.txt").write_text(kitti_text(estimation.X_C0C), encoding="utf-8")
-        (folder / "off_tracking.csv").write_text(csv_text(log), encoding="utf-8")
-        write_log(log, folder / "off_tracking.parquet")
-        (folder / "report.html").write_text(report_page(estimation, log, numbers), encoding="utf-8")
-        manifest = {"recording": numbers["recording"], "estimator": estimator, "odometry": odometry}
-        write_json(folder / "manifest.json", {**manifest, "versions": versions()})
-        drawn = video and len(log) > 1
-        film = (lambda path: figures.write_video(estimation, log, path, progress=progress)) if drawn else None
-        finish_results(folder, numbers, film)
+        texts |= {
+            "trajectory_tum.txt": tum_text(times, estimation.X_C0C[used]),
+            "trajectory_kitti.txt": kitti_text(estimation.X_C0C),
+        }
+    film = (lambda path: write_video(estimation, log, path, progress=progress)) if video and len(log) > 1 else None
+    write_results(directory, "off_tracking", log, numbers, texts, film)
     return numbers
 
 
 _MOST_PICTURES = 240  # each is read and straightened again
-_DEGREES = 180.0 / np.pi
+_DEGREES: Final = 180.0 / np.pi
 _WIDTH, _HEIGHTS = 0.5, (0.3, 0.6)  # of the bar from hitch to follow point [m], for drawings only
 
 
-def recording_playback(estimation: Estimation, log: Log) -> Playback:
+def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = True) -> Playback:
     """Everything that a page shows of the recording over time."""
     recording, c = estimation.recording, estimation.recording.calibration
     follow = recording.follow_distance
@@ -212,8 +191,8 @@ def recording_playback(estimation: Estimation, log: Log) -> Playback:
                 estimated=EstimatedPath(
                     "estimated path of the hitch", 0, (-follow, 0.0), "off_tracking", "off_tracking_std", "health"
                 ),
-                spans=tuple(health_spans(since_first, "health")),
-                pictures=list(_pictures(estimation)),
+                spans=(*health_spans(since_first, "health"), *health_spans(since_first, "odometry_health", "odometry")),
+                pictures=list(_pictures(estimation)) if pictures else [],
                 cameras=(Camera(0, c.X_SC, 0.5 * c.width / c.focal_length, 0.5 * c.height / c.focal_length),),
                 lines=() if true is None else (Line("path of the hitch, recorded poses", "grey", true[:, :2, 3]),),
             ),
@@ -234,16 +213,30 @@ def recording_playback(estimation: Estimation, log: Log) -> Playback:
 def _pictures(estimation: Estimation) -> Iterator[Picture]:
     usable = [frame for frame in estimation.frames if not frame.dropped]
     for frame in usable[:: max(1, -(-len(usable) // _MOST_PICTURES))]:
-        try:
-            shown = figures.camera_frame(estimation, frame)
-        except ValueError:  # the image has disappeared since
-            continue
-        yield Picture(frame.files.tick * TICK, shown.jpeg, shown.tracks, _picture_caption(frame))
+        if picture := _picture(estimation, frame):
+            yield picture
 
 
-def _picture_caption(frame: FrameEstimate) -> str:
+def _picture(estimation: Estimation, frame: FrameEstimate) -> Picture | None:
+    """The left image, read again and rectified, with its tracks; None if it can no longer be read."""
+    try:
+        image = estimation.recording.rectified_left(read_grey(frame.files.left))
+    except ValueError:
+        return None
+    jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
     counts = f" · {frame.motion.inliers} inliers of {frame.motion.matches} matches" if frame.motion else ""
-    return f"{frame.files.left.name}{counts}"
+    return Picture(frame.files.tick * TICK, jpeg, frame.tracks, f"{frame.files.left.name}{counts}")
+
+
+def write_video(
+    estimation: Estimation, log: Log, path_without_suffix: Path, *, progress: Progress = no_progress
+) -> Path:
+    """Write a video in real time with a picture for every frame, whose images are read again, and return its path."""
+    playback, times = recording_playback(estimation, log, pictures=False), elapsed(log)["time"]
+    rate = int(np.clip(round(1.0 / float(np.median(np.diff(times)))), 1, 60))
+    used = [frame for frame in estimation.frames if not frame.dropped]
+    frames = Frames(np.array([frame.files.tick * TICK for frame in used]), lambda k: _picture(estimation, used[k]))
+    return write_film(playback, path_without_suffix, times, rate, frames=frames, progress=progress)
 
 
 def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:
@@ -265,10 +258,14 @@ def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:
     features = Curve("matches", "matches", "grey"), Curve("inliers", "inliers", "true")
     yield Chart("Features per frame", "-", features, 0)
     if "right_yaw" in log:
-        rotation = tuple(
-            Curve(f"right_{name}", name, colour, scale=_DEGREES)
+        rotation = [
+            curve
             for name, colour in zip(("roll", "yaw", "pitch"), SERIES, strict=False)
-        )
+            for curve in (
+                Curve(f"right_{name}_std", "±2 σ", colour, "band", _DEGREES, base=f"right_{name}"),
+                Curve(f"right_{name}", name, colour, scale=_DEGREES),
+            )
+        ]
         yield Chart("Rotation of the right camera since its calibration", "°", rotation, 3)
 
 
@@ -314,32 +311,28 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
 
 
 def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
-    yield Section("Playback", content=[Player(encoded(recording_playback(estimation, log)))])
-    yield Section("Trajectory", _TRAJECTORY, [figures.plan_view(estimation)])
-    yield Section("Off-tracking", _OFF_TRACKING, [figures.off_tracking(log)])
-    if np.isfinite(log["off_tracking_poses"]).any():
-        yield Section("Error against the recorded poses", ERROR_TEXT, [figures.error(log)])
-    yield Section("Features and health", FEATURES_TEXT, [figures.features(log)])
-    if "right_yaw" in log:
-        yield Section("Rotation of the right camera", _ROTATION, [figures.right_rotation(log)])
+    playback = recording_playback(estimation, log)
+    yield Section("Playback", content=[Player(encoded(playback))])
+    yield Section("Trajectory", "Seen from above, in the trailer's frame at the first image.",
+                  [plots.plan_figure(playback)])  # fmt: skip
+    yield from plots.chart_sections(playback, _TEXTS)
     frame = _shown_frame(estimation)
     if frame is not None:
-        try:
-            shown = [flow_photos(figures.camera_frame(estimation, frame))]
-        except ValueError:  # the image has disappeared since
-            shown = []
-        yield Section("Image of the left camera", _caption(frame), shown)
+        picture = _picture(estimation, frame)
+        yield Section("Image of the left camera", _caption(frame), [Photos([photo_of(picture)])] if picture else [])
 
 
 _ASSUMED: Final = (
     "The recording does not state these values, and off-tracking depends on them. The option in brackets sets each."
 )
-_TRAJECTORY: Final = "Seen from above, in the trailer's frame at the first image. The dot marks the start."
-_OFF_TRACKING: Final = (
-    "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known once the trailer "
-    "has driven its own length."
-)
-_ROTATION: Final = "Change since the calibration, estimated while driving. The bands are ±2 stated standard deviations."
+_TEXTS: Final = {
+    "Off-tracking": "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known "
+    "once the trailer has driven its own length.",
+    "Error against the recorded poses": ERROR_TEXT,
+    "Features per frame": FEATURES_TEXT,
+    "Rotation of the right camera since its calibration": "Estimated while driving. The bands are ±2 stated standard "
+    "deviations.",
+}
 
 
 def _notes(numbers: dict[str, Any]) -> list[str]:

@@ -3,8 +3,6 @@
 Poses are those of the left camera (x right, y down, z ahead) relative to its first frame.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
-from offtrack.exchange.recordings.mounting import MountingOptions, Rig, facing_by_motion, mounting, read_rig
+from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.stereo_sequence import (
     Dropped,
     Layout,
@@ -25,8 +23,7 @@ from offtrack.exchange.recordings.stereo_sequence import (
     image_size,
     stream,
 )
-from sensors.camera.lens import load_raw_rig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, load_raw_rig
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
 from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform

@@ -4,8 +4,6 @@ The folders have the names of the KITTI odometry benchmark or one of two plain p
 time in seconds for every frame, in order.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections import deque
@@ -16,13 +14,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from scenarios.image_file import pixel_size, read_grey
+from scenarios.image_file import images_in, pixel_size, read_grey
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text, shown
 
-_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 _NO_NUMBER = -1
 _LATEST = 1e10  # time stamp [s]: 300 years
 _LONGEST_PERIOD = 10.0  # between frames [s]; longer ones mean times in milliseconds, or no visible motion
@@ -76,7 +73,7 @@ def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequen
         ValueError: one line, if a folder of images is missing, or if times are missing or wrong.
     """
     layout = _layout(directory)
-    left, right, numbered = _keyed(_images(directory / layout.left), _images(directory / layout.right))
+    left, right, numbered = _keyed(images_in(directory / layout.left), images_in(directory / layout.right))
     keys = sorted(left.keys() | right.keys())
     every = range(keys[0], keys[-1] + 1)
     if rate_hz is not None:
@@ -115,13 +112,6 @@ def _layout(directory: Path) -> Layout:
     raise ValueError(
         f"{directory} contains no stereo images; it needs two folders: {pairs.replace(', left', ' or left')}"
     )
-
-
-def _images(folder: Path) -> list[Path]:
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
-    if not files:
-        raise ValueError(f"{folder} contains no images ({', '.join(kind.lstrip('.') for kind in _SUFFIXES)})")
-    return files
 
 
 class _Keyed(NamedTuple):

@@ -5,8 +5,6 @@ compressed and in base64. Each picture is a line of base64. All rows with a spar
 others, as many as have room.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,26 +1,40 @@
-"""A playback: everything that a page shows of one run or several over time.
+"""A playback: everything that a page, a figure or a film shows of one run or several over time; those of runs.
 
 Lengths in m, angles in rad, times in s; in the ground's plane x points east and y north. Signals are named as in the
 run's log.
-A colour is a name of the page's palette (``web/theme.js``), so that it suits a dark page and a light one.
+A colour is a name of the palette (``web/theme.js`` for pages, ``PALETTE`` for figures and films).
 """
 
-from __future__ import annotations
-
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Health
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, OK, Log
-from scenarios.results.trailer_result import FrictionPicture
-from vehicle.frames import FloatArray
+from scenarios.results.rover_result import RoverResult, trace_lines
+from scenarios.results.swept_path import UnitOutline, placed
+from scenarios.results.trailer_result import CameraFrame, FrictionPicture, RunResult
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray, sides
 
 Colour = Literal["true", "estimated", "grey", "ink", "third", "fourth", "fifth", "sixth", "ok", "degraded", "lost"]
+PALETTE: Final[Mapping[Colour, str]] = {  # apart for colour-blind readers too
+    "true": "#1f5fa8",
+    "estimated": "#e0761a",
+    "grey": "#8b95a1",
+    "ink": "#27313b",
+    "third": "#2a9d8f",
+    "fourth": "#8e5ea2",
+    "fifth": "#b3261e",
+    "sixth": "#6b7a2a",
+    "ok": "#2a9d8f",
+    "degraded": "#e9b949",
+    "lost": "#d64a3f",
+}
 SERIES: tuple[Colour, ...] = ("true", "estimated", "third", "fourth", "fifth", "sixth")  # of axles, wheels and units
 
 
@@ -44,6 +58,21 @@ class Body:
     pose: tuple[str, str, str]  # signals x, y, psi
     tilt: tuple[str, str] | None = None  # signals of roll and pitch
     heights: tuple[float, float]  # of its underside and its top in the 3-D view [m]
+
+    def poses(self, log: Log) -> FloatArray:
+        """x [m], y [m], psi [rad] over time, (n, 3)."""
+        return np.column_stack([log[name] for name in self.pose])
+
+    def wheel_corners(self, log: Log, rows: NDArray[np.intp]) -> FloatArray:
+        """Corners of all wheels in the world at these rows, (n_rows * n_wheels, 4, 2) [m]."""
+        poses, corners = self.poses(log)[rows], [np.empty((0, 4, 2))]
+        for wheel in self.wheels:
+            steer = np.nan_to_num(log[wheel.steer][rows]) if wheel.steer else 0.0
+            middle = placed(np.array([[wheel.x, wheel.y]]), poses)[:, 0]
+            size = 0.5 * np.array([wheel.length, wheel.width])
+            tyre = size * [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]
+            corners.append(placed(tyre, np.column_stack([middle, poses[:, 2] + steer])))
+        return np.concatenate(corners)
 
 
 class Trail(NamedTuple):
@@ -111,6 +140,7 @@ class Chart(NamedTuple):
     unit: str
     curves: Sequence[Curve]
     digits: int = 3
+    limit: float | None = None  # drawn to both sides of zero in figures
 
 
 class Reading(NamedTuple):
@@ -158,6 +188,12 @@ class PlayedRun:
     lines: tuple[Line, ...] = ()  # that lie on its ground
     link: str = ""  # address of the run's own page, relative to this one
 
+    def trail_points(self, trail: Trail) -> FloatArray:
+        """A trail over time, (n, 2) [m]."""
+        if trail.body < 0:
+            return np.column_stack([self.log[name] for name in trail.signals])
+        return placed(np.array([trail.point]), self.bodies[trail.body].poses(self.log))[:, 0]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Playback:
@@ -185,8 +221,8 @@ _DEGRADED = HEALTH[Health.DEGRADED]
 _COLOURS: dict[str, Colour] = {"ok": "ok", "degraded": "degraded", "lost": "lost"}
 
 
-def health_spans(log: Log, signal: str) -> Iterator[Span]:
-    """Times at which the estimate's health is not "ok", each from its capture to the next."""
+def health_spans(log: Log, signal: str, of: str = "estimate") -> Iterator[Span]:
+    """Times at which a health is not "ok", each from its capture to the next."""
     if signal not in log or not len(log):
         return
     health = log[signal]
@@ -200,7 +236,7 @@ def health_spans(log: Log, signal: str) -> Iterator[Span]:
         if k == len(values) or values[k] != values[first]:
             if values[first] != OK:
                 word = HEALTH_WORDS[float(values[first])]
-                yield Span(f"estimate {word}", _COLOURS[word], float(edges[first]), float(edges[k]))
+                yield Span(f"{of} {word}", _COLOURS[word], float(edges[first]), float(edges[k]))
             first = k
 
 
@@ -216,3 +252,217 @@ def fault_spans(scenario_toml: str, log: Log) -> Iterator[Span]:
         if start < end:
             stop = min(end, start + float(fault.get("duration", end)))
             yield Span(f"fault {fault.get('kind', '')}", "fourth", start, stop)
+
+
+_TYRE = (1.0, 0.34)  # length and width of a 385/65 R 22.5 from above, for drawings only [m]
+_FLOOR, _CAB, _BOX = 0.6, 3.1, 4.0  # heights in the 3-D view [m], for drawings only
+_DEGREES = 180.0 / np.pi
+
+
+def trailer_playback(result: RunResult) -> Playback:
+    """Everything that a page shows of the run over time."""
+    last, follow = len(result.units) - 1, (-result.follow_distance, 0.0)
+    estimated = EstimatedPath(
+        f"estimated path of the {result.leader}", last, follow, "off_tracking_estimate", "off_tracking_std", "health"
+    )
+    run = PlayedRun(
+        name=result.scenario,
+        log=result.log,
+        bodies=tuple(unit_body(unit, result.log) for unit in result.units),
+        trails=(
+            Trail(f"path of the {result.leader}", "true", last),
+            Trail("path of the follow point", "estimated", last, follow),
+        ),
+        estimated=estimated if np.isfinite(result.signal("health")).any() else None,
+        spans=(*health_spans(result.log, "health"), *fault_spans(result.scenario_toml, result.log)),
+        pictures=[_picture(frame) for frame in result.frames],
+        cameras=tuple(
+            Camera(unit, c.X_SC, 0.5 * c.width / c.focal_length, 0.5 * c.height / c.focal_length)
+            for unit, c in result.cameras
+        ),
+    )
+    return Playback(
+        title=result.scenario,
+        runs=(run,),
+        road=Road(*sides(result.road, result.road_half_width)) if len(result.road) > 1 else None,
+        friction=result.friction,
+        charts=tuple(_trailer_charts(result)),
+        readings=tuple(_readings(result)),
+    )
+
+
+def unit_body(unit: UnitOutline, log: Log) -> Body:
+    """The body of a unit."""
+    tilt = (f"roll_{unit.name}", f"pitch_{unit.name}")
+    steer = unit.steer_signals or (None,) * len(unit.axles)
+    wheels = tuple(
+        Wheel(x, side * track, *_TYRE, steer=signal if signal and signal in log else "")
+        for x, track, signal in zip(unit.axles, unit.tracks, steer, strict=True)
+        for side in (0.5, -0.5)
+    )
+    return Body(
+        name=unit.name,
+        outline=unit.corners,
+        wheels=wheels,
+        pose=(f"x_{unit.name}", f"y_{unit.name}", f"psi_{unit.name}"),
+        tilt=tilt if tilt[0] in log and tilt[1] in log else None,
+        heights=(_FLOOR, _CAB if unit.name == "tractor" else _BOX),
+    )
+
+
+def _picture(frame: CameraFrame) -> Picture:
+    caption = f"{frame.inliers} inliers of {frame.matches} matches" if frame.matches else ""
+    return Picture(frame.tick * TICK, frame.jpeg, frame.tracks, caption)
+
+
+def _trailer_charts(result: RunResult) -> Iterator[Chart]:
+    """Charts of the signals that the run has."""
+    has_estimate = np.isfinite(result.signal("health")).any()
+    true = Curve("off_tracking_true", "true", "true")
+    estimated = (
+        Curve("off_tracking_std", "±2 σ", "estimated", "band", base="off_tracking_estimate"),
+        Curve("off_tracking_estimate", "estimated", "estimated", "dots"),
+    )
+    yield Chart(
+        f"Off-tracking, + when the path of the {result.leader} lies left",
+        "m",
+        (*estimated, true) if has_estimate else (true,),
+    )
+    if has_estimate:
+        error = Curve("off_tracking_estimate", "error", "estimated", "dots", 1e3, less="off_tracking_true")
+        band = Curve("off_tracking_std", "±2 σ", "estimated", "band", 1e3)
+        yield Chart("Error of the estimate", "mm", (band, error), 1)
+    limit = result.trailer_steer_limit
+    steer = tuple(_steer(result))
+    yield Chart("Steer angles of the road wheels, + left", "°", steer, 2, None if limit is None else _DEGREES * limit)
+    if len(result.units) > 1:
+        yield Chart("Articulation angle", "°", tuple(_each(result, "articulation_", "joint", _DEGREES)), 2)
+    speeds = tuple(
+        Curve(f"v_x_{unit.name}", unit.name, colour, scale=3.6)
+        for unit, colour in zip(result.units[:1], SERIES, strict=False)
+    )
+    yield Chart("Speed", "km/h", speeds, 1)
+    yield Chart("Lateral acceleration, + left", "m/s²", tuple(_units(result, "lateral_acceleration_")), 2)
+    yield Chart("Load transfer: ±1 when one side is in the air", "-", tuple(_units(result, "load_transfer_")), 2)
+    used = Curve("friction_used_max", "largest of all tyres", "fifth")
+    yield Chart("Share of the friction in use", "-", (used,), 2)
+    if np.isfinite(result.signal("matches")).any():
+        matches = Curve("matches", "matches", "grey", "dots"), Curve("inliers", "inliers", "true", "dots")
+        yield Chart("Features per frame", "-", matches, 0)
+
+
+def _steer(result: RunResult) -> Iterator[Curve]:
+    pairs = zip(result.steer_signals(), result.steer_signals(demands=True), strict=True)
+    for k, (name, demand) in enumerate(pairs):
+        colour = SERIES[k % len(SERIES)]
+        yield Curve(name, f"{result.steered_name} {k + 1}", colour, scale=_DEGREES)
+        yield Curve(demand, f"demand {k + 1}", colour, "dashed", _DEGREES)
+    if "steer_tractor" in result.log:
+        yield Curve("steer_tractor", "front axle", "grey", scale=_DEGREES)
+
+
+def _each(result: RunResult, prefix: str, label: str, scale: float) -> Iterator[Curve]:
+    names = [name for name in result.log.names if name.startswith(prefix)]
+    for k, name in enumerate(names):
+        suffix = f" {name.removeprefix(prefix)}" if len(names) > 1 else ""
+        yield Curve(name, label + suffix, SERIES[k % len(SERIES)], scale=scale)
+
+
+def _units(result: RunResult, prefix: str) -> Iterator[Curve]:
+    for k, unit in enumerate(result.units):
+        if prefix + unit.name in result.log:
+            yield Curve(prefix + unit.name, unit.name, SERIES[k % len(SERIES)])
+
+
+def _readings(result: RunResult) -> Iterator[Reading]:
+    yield Reading("speed", f"v_x_{result.units[0].name}", "km/h", 3.6, 1)
+    yield Reading("true off-tracking", "off_tracking_true", "m", 1.0, 3, "true")
+    if np.isfinite(result.signal("health")).any():
+        yield Reading("estimated", "off_tracking_estimate", "m", 1.0, 3, "estimated")
+        yield Reading("its σ", "off_tracking_std", "mm", 1e3, 1, "estimated")
+    if names := result.steer_signals():
+        yield Reading("rear axle steer", names[-1], "°", _DEGREES, 1)
+    if "articulation_1" in result.log:
+        yield Reading("articulation", "articulation_1", "°", _DEGREES, 1)
+    if "lateral_acceleration_tractor" in result.log:
+        yield Reading("lateral acceleration", "lateral_acceleration_tractor", "m/s²", 1.0, 2)
+    yield Reading("friction in use", "friction_used_max", "%", 100.0, 0)
+
+
+_BESIDE = 0.6  # the body is as wide as this share of the distance between its wheels
+_HEIGHTS = 0.16, 0.42  # of the body in the 3-D view [m], for drawings only
+
+
+def rover_playback(result: RoverResult) -> Playback:
+    """Everything that a page shows of the run over time."""
+    rig = result.rig
+    x, y = (np.array([getattr(wheel, axis) for wheel in rig.wheels]) for axis in "xy")
+    ends = np.array([[x.max(), 1.0], [x.max(), -1.0], [x.min(), -1.0], [x.min(), 1.0]])
+    outline: FloatArray = ends * [1.0, _BESIDE * float(np.abs(y).max())]
+    steer = (f"steer_{wheel.name}" for wheel in rig.wheels)
+    wheels = tuple(
+        Wheel(wheel.x, wheel.y, 2.0 * rig.wheel_radius, rig.wheel_width, name if name in result.log else "")
+        for wheel, name in zip(rig.wheels, steer, strict=True)
+    )
+    trails = (
+        Trail("path driven", "true", signals=("x", "y")),
+        Trail("dead reckoning by wheels and compass", "grey", signals=("x_wheels", "y_wheels")),
+        Trail("corrected by the slip angle", "estimated", signals=("x_corrected", "y_corrected")),
+    )
+    run = PlayedRun(
+        name=result.scenario,
+        log=result.log,
+        bodies=(Body(name=result.rover, outline=outline, wheels=wheels, pose=("x", "y", "psi"), heights=_HEIGHTS),),
+        trails=tuple(trail for trail in trails if np.isfinite(result.log[trail.signals[0]]).any()),
+        spans=(*health_spans(result.log, "health"), *fault_spans(result.scenario_toml, result.log)),
+        pictures=list(_rover_pictures(result)),
+        lines=(Line("path to follow", "grey", result.path),),
+    )
+    charts, readings = tuple(_rover_charts(result)), tuple(_rover_readings(result))
+    return Playback(title=result.scenario, runs=(run,), charts=charts, readings=readings, nearest=400.0)
+
+
+def _rover_pictures(result: RoverResult) -> Iterator[Picture]:
+    for frame in result.frames:
+        true, estimate = trace_lines(result, frame.tick)
+        lines = [true] if estimate is None else [true, estimate]
+        strokes = np.concatenate([np.hstack([line[:-1], line[1:]]) for line in lines])
+        yield Picture(frame.tick * TICK, frame.jpeg, strokes.astype(np.float32), lines=(len(true) - 1,) * len(lines))
+
+
+def _rover_charts(result: RoverResult) -> Iterator[Chart]:
+    slip = (
+        Curve("slip_angle_std", "±2 σ", "estimated", "band", _DEGREES, base="slip_angle_estimate"),
+        Curve("slip_angle_laser", "laser and compass", "grey", scale=_DEGREES),
+        Curve("slip_angle_estimate", "estimated", "estimated", "dots", _DEGREES),
+        Curve("slip_angle_lagged", "estimated 2 s later", "third", "dots", _DEGREES),
+        Curve("slip_angle_true", "true", "true", scale=_DEGREES),
+    )
+    yield Chart("Slip angle, + left", "°", slip, 2)
+    error = Curve("slip_angle_estimate", "error", "estimated", "dots", _DEGREES, less="slip_angle_true")
+    yield Chart(
+        "Error of the estimate", "°", (Curve("slip_angle_std", "±2 σ", "estimated", "band", _DEGREES), error), 2
+    )
+    yield Chart(
+        "Distance from the path, + left", "mm", (Curve("cross_track_true", "of the body", "true", scale=1e3),), 0
+    )
+    for title, unit, prefix, scale in (
+        ("Slip ratio of the wheels", "-", "slip_ratio_", 1.0),
+        ("Sinkage of the wheels", "mm", "sinkage_", 1e3),
+        ("Steer angles of the wheels", "°", "steer_", _DEGREES),
+    ):
+        curves = tuple(
+            Curve(prefix + wheel.name, wheel.name.replace("_", " "), SERIES[k % len(SERIES)], scale=scale)
+            for k, wheel in enumerate(result.rig.wheels)
+        )
+        yield Chart(title, unit, curves, 2)
+
+
+def _rover_readings(result: RoverResult) -> Iterator[Reading]:
+    watched = result.rig.wheels[result.rig.watched].name
+    yield Reading("true slip angle", "slip_angle_true", "°", _DEGREES, 2, "true")
+    yield Reading("estimated", "slip_angle_estimate", "°", _DEGREES, 2, "estimated")
+    yield Reading("distance from the path", "cross_track_true", "mm", 1e3, 0)
+    yield Reading("speed", "v_x", "m/s", 1.0, 3)
+    yield Reading(f"slip ratio, {watched.replace('_', ' ')}", f"slip_ratio_{watched}", "%", 100.0, 0)
+    yield Reading(f"sinkage, {watched.replace('_', ' ')}", f"sinkage_{watched}", "mm", 1e3, 1)

@@ -1,13 +1,14 @@
-"""Data sheet of a combination: loads, reach of steered axles, handling, and side view and plan to scale."""
+"""Data sheets of vehicles by name; that of a combination: loads, reach of steered axles, handling, and drawings."""
 
-from __future__ import annotations
-
+import difflib
 import math
+from pathlib import Path
 from typing import Final
 
 from matplotlib.figure import Figure
 
 from offtrack.reports.vehicle_sheet.combination_views import BELOW_GROUND, CombinationDrawing, plan_view, side_view
+from offtrack.reports.vehicle_sheet.rover_sheet import rover_sheet
 from offtrack.reports.vehicle_sheet.sheet import (
     GAP,
     MARGIN,
@@ -25,9 +26,11 @@ from offtrack.reports.vehicle_sheet.sheet import (
     sources_note,
 )
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitSheet, data_sheet, handling_at
-from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_sources
-from vehicle.combination.longitudinal import Capability, longitudinal_capability
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.combination.handling import Capability, longitudinal_capability
 from vehicle.combination.variants import FULL, load_cases, with_load
+from vehicle.foundation.user_file import read_toml
+from vehicle.rover.description import load_rover, rover_names
 
 _LARGEST_SCALE: Final = 0.85  # [in/m]; a short truck does not fill the sheet
 _KEY: Final = "lengths in m   steered: blue, in the plan at the lock of a left turn   driven: dark hub   lifted: grey"
@@ -254,3 +257,39 @@ def _handling_numbers(handling: Handling) -> dict[str, float | None]:
         "rearward_amplification": handling.rearward_amplification,
         "rollover_threshold_g": handling.rollover_threshold / GRAVITY,
     }
+
+
+def known_vehicles() -> dict[str, dict[str, str]]:
+    """Summaries of the shipped vehicles and rovers by kind and name."""
+    return {
+        "vehicles": {name: load_vehicle(name).summary for name in vehicle_names()},
+        "rovers": {name: load_rover(name).summary for name in rover_names()},
+    }
+
+
+def open_sheet(name_or_path: str) -> VehicleSheet:
+    """Data sheet of a shipped vehicle or rover, or of one described by a ``.toml`` file.
+
+    Raises:
+        ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
+    """
+    return rover_sheet(name_or_path) if is_rover(name_or_path) else combination_sheet(name_or_path)
+
+
+def is_rover(name_or_path: str) -> bool:
+    """True for a rover, False for a combination.
+
+    Raises:
+        ValueError: one line, if it is no name of one and no ``.toml`` file that can be read.
+    """
+    if name_or_path.endswith(".toml"):
+        return "sinkage_limit" in read_toml(Path(name_or_path))
+    vehicles, rovers = vehicle_names(), rover_names()
+    if name_or_path not in (*vehicles, *rovers):
+        close = difflib.get_close_matches(name_or_path, (*vehicles, *rovers), n=1, cutoff=0.5)
+        hint = f"; did you mean '{close[0]}'?" if close else ""
+        raise ValueError(
+            f"unknown vehicle or rover '{name_or_path}'{hint} (vehicles: {', '.join(vehicles)}; "
+            f"rovers: {', '.join(rovers)}; or a .toml file)"
+        )
+    return name_or_path in rovers

@@ -6,14 +6,11 @@ looks like a left turn.
 Lengths, widths, heights, axles and hitches come from the file; the shapes of cabs and frames are sketched.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Rectangle
 
@@ -24,11 +21,11 @@ from offtrack.reports.vehicle_sheet.sheet import (
     centre_of_gravity,
     horizontal_dimension,
     vertical_dimension,
+    wheel_from_above,
 )
 from vehicle.combination.chain_forces import wheel_plane
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, origins, reach
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.multibody import Vector
 from vehicle.combination.unit import Axle, Unit
 
 _BODY, _CAB, _FRAME = "#eef2f6", "#dbe5ef", "#aab4be"
@@ -41,7 +38,6 @@ _TYRE_WIDTH = 0.30  # [m] of every wheel in the plan view; not in the files
 _LIFT = 0.15  # height of a raised axle above the ground [m]
 _CAB_LENGTH, _CAB_HEIGHT, _GAP = 2.3, 3.1, 0.1  # [m] of a rigid truck; a tractor's cab is as high as its unit
 _BONNETED = 3.6  # a cab with more room than this is drawn behind a bonnet [m]
-_AHEAD = Vector(1.0, 0.0)
 
 
 def body_from_side(ax: Axes, unit: Unit, origin: float, ahead: Unit | None, behind: Unit | None) -> None:
@@ -157,13 +153,17 @@ def _plan(ax: Axes, unit: Unit, origin: float, rear: float, colour: str, *, dash
 
 def axle_from_above(ax: Axes, unit: Unit, x: float, axle: Axle) -> None:
     """An axle with its wheels; steered wheels at the lock of a left turn, and dashed straight ahead."""
-    half, colour = 0.5 * axle.track, GREY if axle.lifted else INK
-    ax.plot((x, x), (-half, half), color=colour, linewidth=2.4 if axle.driven else 1.2, zorder=2.5)
+    half = 0.5 * axle.track
+    shaft = GREY if axle.lifted else INK
+    ax.plot((x, x), (-half, half), color=shaft, linewidth=2.4 if axle.driven else 1.2, zorder=2.5)
     lock = _left_lock(unit, axle) if axle.steered else 0.0
+    size = 2.0 * axle.wheel_radius, _TYRE_WIDTH
+    colour = GREY if axle.lifted else TRUE if axle.steered else INK
     for y in (half, -half):
         if axle.steered:
-            _wheel_from_above(ax, (x, -y), _AHEAD, axle, ghost=True)
-        _wheel_from_above(ax, (x, -y), wheel_plane(axle, y, lock), axle)
+            wheel_from_above(ax, (x, -y), size, (1.0, 0.0), GREY, filled=False)
+        plane = wheel_plane(axle, y, lock)
+        wheel_from_above(ax, (x, -y), size, (float(plane.x), float(plane.y)), colour, filled=not axle.lifted)
 
 
 def _left_lock(unit: Unit, axle: Axle) -> float:
@@ -171,21 +171,6 @@ def _left_lock(unit: Unit, axle: Axle) -> float:
     fixed = [other.x for other in unit.axles if not other.steered]
     centre = axle.ackermann_x if axle.ackermann_x is not None else sum(fixed) / len(fixed) if fixed else 0.0
     return math.copysign(reach(unit, axle), axle.x - centre)
-
-
-def _wheel_from_above(ax: Axes, middle: tuple[float, float], plane: Vector, axle: Axle, *, ghost: bool = False) -> None:
-    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * (axle.wheel_radius, 0.5 * _TYRE_WIDTH)
-    filled = not (ghost or axle.lifted)
-    colour = GREY if ghost or axle.lifted else TRUE if axle.steered else INK
-    shape = Polygon(
-        corners @ np.array([[plane.x, plane.y], [-plane.y, plane.x]]) + middle,
-        facecolor=colour if filled else "none",
-        edgecolor=colour,
-        linewidth=0.8,
-        linestyle="-" if filled else (0, (2, 1.5)),
-        zorder=3.5 if filled else 3.0,
-    )
-    ax.add_patch(shape)
 
 
 _GROUP_SPACING: Final = 2.0  # axles closer than this form a group [m], about as in 96/53/EC

@@ -4,16 +4,13 @@ The front is on the left and the origin is the body centre R on the ground: the 
 axis is the height in the side view and -y of R in the plan.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from typing import Final
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Circle, Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
 from offtrack.reports.vehicle_sheet.sheet import (
@@ -34,10 +31,11 @@ from offtrack.reports.vehicle_sheet.sheet import (
     scaled_axes,
     sources_note,
     vertical_dimension,
+    wheel_from_above,
 )
 from vehicle.rover import data_sheet
 from vehicle.rover.data_sheet import STANDARD_SLIP, RoverSheet, Traction
-from vehicle.rover.description import Rover, load_rover, load_soil, rover_sources, soil_names
+from vehicle.rover.description import load_rover, load_soil, rover_sources, soil_names
 
 BELOW_GROUND: Final = 1.15  # depth of the lettering below the ground line, and below the wheels in the plan [in]
 _ARROW, _LOAD_TEXT, _AXLES, _LENGTH = 0.30, 0.32, 0.62, 0.84  # depths below the ground line [in]
@@ -98,34 +96,18 @@ def plan_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
     reach, half_width = _ON_PLAN * rover.wheelbase, 0.5 * rover.tread - rover.width
     body = Rectangle((-reach, -half_width), 2.0 * reach, 2.0 * half_width, facecolor=_BODY, edgecolor=INK, alpha=0.6)
     ax.add_patch(body)
+    size = 2.0 * rover.radius, rover.width
     for wheel in rover.wheels:
         x, y = wheel.x, wheel.y
         ax.plot((-x, -x), (0.0, -y), color=_ROCKER, linewidth=2.0, zorder=1.5)
         if wheel.steered:
             angle = math.copysign(min(math.atan2(abs(x), abs(y)), rover.steer_limit), -x * y)
-            _wheel_from_above(ax, rover, (-x, -y), angle, GREY, ghost=True)
-        _wheel_from_above(ax, rover, (-x, -y), 0.0, TRUE if wheel.steered else INK)
+            wheel_from_above(ax, (-x, -y), size, (math.cos(angle), math.sin(angle)), GREY, filled=False)
+        wheel_from_above(ax, (-x, -y), size, (1.0, 0.0), TRUE if wheel.steered else INK)
     centre_of_gravity(ax, -rover.cg_x, 0.0, scale.metres(0.1))
     half = 0.5 * data.length + scale.metres(0.25)
     vertical_dimension(ax, scale, half, -0.5 * rover.tread, 0.5 * rover.tread)
     vertical_dimension(ax, scale, half + scale.metres(0.3), -0.5 * data.width, 0.5 * data.width)
-
-
-def _wheel_from_above(
-    ax: Axes, rover: Rover, middle: tuple[float, float], angle: float, colour: str, *, ghost: bool = False
-) -> None:
-    """A wheel at an angle [rad]; a ghost is dashed."""
-    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * (rover.radius, 0.5 * rover.width)
-    c, s = math.cos(angle), math.sin(angle)
-    shape = Polygon(
-        corners @ np.array([[c, s], [-s, c]]) + middle,
-        facecolor="none" if ghost else colour,
-        edgecolor=colour,
-        linewidth=0.8,
-        linestyle=(0, (2, 1.5)) if ghost else "-",
-        zorder=3.6 if ghost else 3.0,
-    )
-    ax.add_patch(shape)
 
 
 _VIEW: Final = 5.2  # largest width of each of the two views [in]

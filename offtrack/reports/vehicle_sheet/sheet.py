@@ -1,7 +1,5 @@
 """Data sheet of a vehicle or a rover: numbers, tables, and a drawing to scale with border and dimensions."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,9 +8,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle, Wedge
+from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from offtrack.reports.plots import INK
 from scenarios.results.run_directory import appearing_at_once
@@ -156,6 +155,29 @@ def centre_of_gravity(ax: Axes, x: float, z: float, radius: float) -> None:
     ax.add_patch(Circle((x, z), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=4.2))
     for start in (0.0, 180.0):
         ax.add_patch(Wedge((x, z), radius, start, start + 90.0, facecolor=INK, linewidth=0.0, zorder=4.3))
+
+
+def wheel_from_above(
+    ax: Axes,
+    middle: tuple[float, float],
+    size: tuple[float, float],
+    along: tuple[float, float],
+    colour: str,
+    *,
+    filled: bool = True,
+) -> None:
+    """A wheel of a diameter and width [m] that points along a unit vector; dashed if it is not filled."""
+    x, y = along
+    corners = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * size
+    shape = Polygon(
+        corners @ np.array([[x, y], [-y, x]]) + middle,
+        facecolor=colour if filled else "none",
+        edgecolor=colour,
+        linewidth=0.8,
+        linestyle="-" if filled else (0, (2, 1.5)),
+        zorder=3.5 if filled else 3.0,
+    )
+    ax.add_patch(shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

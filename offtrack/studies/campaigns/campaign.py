@@ -1,7 +1,5 @@
 """A campaign: a study whose first axis are faults, with requirements, and its TOML file."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,17 +8,16 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
 
 import tomli_w
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from offtrack.studies.campaigns.fault_entry import NONE, Bisect, FaultEntry
 from offtrack.studies.campaigns.verdict import Judgement, Requirements, read_requirements, verdict_on
 from offtrack.studies.case import Case, Outcome, Settings
-from offtrack.studies.draws import Sample, Stop, read_draws
-from offtrack.studies.study import STUDY_FILE, Study, dotted, text_of_value, typed_value
+from offtrack.studies.draws import read_draws
+from offtrack.studies.study import STUDY_FILE, Study, StudyFile, dotted, text_of_value, typed_value
 from offtrack.studies.table import Exceeding
-from vehicle.foundation.parameter_file import nearest, read_toml
 from vehicle.foundation.quantity import Frozen, checked
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, read_toml, shown
 
 FILE: Final = "campaign.toml"
 FAULTS: Final = "faults"  # axis
@@ -88,7 +85,7 @@ class Campaign(Study):
         yield Exceeding(sum(run.failed for run in runs), len(runs)).interval()
 
     @classmethod
-    def load(cls, path: Path) -> Campaign:
+    def load(cls, path: Path) -> "Campaign":
         """Load a campaign from TOML; see `load_campaign`."""
         return load_campaign(path)
 
@@ -102,16 +99,12 @@ class Campaign(Study):
             "set": {key: typed_value(value) for key, value in self.fixed},
             "vary": vary,
             "requirements": self.requirements.table(),
-            **({"sample": drawn["sample"]} if drawn else {}),
-            **({"draw": draw} if draw else {}),
-            **({"stop": self.stop.model_dump()} if self.stop else {}),
-            **({"accept": self.accept.model_dump()} if self.accept else {}),
+            "sample": drawn.get("sample"),
+            "draw": draw,
+            "stop": self.stop and self.stop.model_dump(),
+            "accept": self.accept and self.accept.model_dump(),
             "fault": [entry.model_dump(exclude_defaults=True) for entry in self.entries],
-            **(
-                {"bisect": [one.model_dump(exclude_defaults=True) for one in self.bisections]}
-                if self.bisections
-                else {}
-            ),
+            "bisect": [one.model_dump(exclude_defaults=True) for one in self.bisections],
         }
         head: dict[str, Any] = {"description": self.description} if self.description else {}
         head |= {"scenario": self.scenario, "seeds": list(self.seeds), "reference": self.reference}
@@ -130,27 +123,13 @@ def _only(entry: Choice) -> dict[str, list[str]]:
     return {key: [text_of_value(value) for value in values] for key, values in listed}
 
 
-class _File(Frozen):
+class _File(StudyFile):
     description: str = ""
-    scenario: str
-    seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     reference: bool = True
-    set: dict[str, Any] = Field(default_factory=dict)
-    vary: dict[str, Any] = Field(default_factory=dict)
     requirements: dict[str, Any]
     fault: tuple[FaultEntry, ...] = Field(min_length=1)
     bisect: tuple[Bisect, ...] = ()
-    sample: Sample | None = None
-    draw: dict[str, Any] = Field(default_factory=dict)
-    stop: Stop | None = None
     accept: Accept | None = None
-
-    @field_validator("seeds")
-    @classmethod
-    def _different(cls, seeds: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(seeds)) < len(seeds):
-            raise ValueError("a seed is named twice")
-        return seeds
 
 
 def campaign_names() -> tuple[str, ...]:
@@ -183,21 +162,14 @@ def load_campaign(path: Path) -> Campaign:
     place = f"campaign {path}"
     table = checked(_File, read_toml(path, STUDY_FILE), place)
     of_text = by_text(place, table.fault)
-    axes = {FAULTS: (*((NONE,) if table.reference else ()), *of_text)}
-    for key, values in dotted(table.vary):
-        texts = tuple(map(text_of_value, values)) if isinstance(values, list | tuple) else ()
-        if not texts or len(set(texts)) < len(texts) or key in axes:
-            raise ValueError(
-                f"{place}: vary.{shown(key)} must be one list of different values; faults are in [[fault]]"
-            )
-        axes[key] = texts
+    axes = {FAULTS: (*((NONE,) if table.reference else ()), *of_text), **table.axes(place, taken=FAULTS)}
     drawn = [pair for entry in table.fault for pair in entry.drawn()]
     draws = read_draws(str(path), table.sample, [*drawn, *dotted(table.draw)])
     if table.stop and not draws:
         raise ValueError(f"{place}: [stop] is for drawn values: a table [sample] is missing")
     campaign = Campaign(
         scenario=table.scenario,
-        fixed=tuple((key, text_of_value(value)) for key, value in dotted(table.set)),
+        fixed=table.fixed,
         axes=axes,
         seeds=table.seeds,
         draws=draws,

@@ -1,7 +1,5 @@
 """The report of a campaign, with figures of the smallest faults that fail."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final

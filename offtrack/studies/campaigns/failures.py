@@ -1,7 +1,5 @@
 """Failures of a campaign's runs by fault, law and requirement, and the smallest fault that fails, by bisection."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter
@@ -32,7 +30,7 @@ class Times(NamedTuple):
     worst: float
 
     @classmethod
-    def of(cls, values: Iterable[float]) -> Times:
+    def of(cls, values: Iterable[float]) -> "Times":
         """Of values that are infinite for never, and NaN where they do not apply."""
         known = np.array([value for value in values if not math.isnan(value)])
         if not known.size:

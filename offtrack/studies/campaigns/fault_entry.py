@@ -1,7 +1,5 @@
 """Faults of a campaign in its TOML file: kinds, amounts and times, and the searches for the smallest that fails."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterator, Mapping
@@ -10,7 +8,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from pydantic import Field, TypeAdapter, ValidationError, field_validator, model_validator
 
 from scenarios.catalogue import FAULT, resolve
-from scenarios.options.faults import FaultOptions, Faults
+from scenarios.options.tables import FaultOptions, Faults
 from vehicle.foundation.quantity import Frozen
 from vehicle.option import Option
 
@@ -158,7 +156,7 @@ class Bisect(Frozen):
     only: dict[str, Any] = Field(default_factory=dict)  # values of the axes; others: all
 
     @model_validator(mode="after")
-    def _possible(self) -> Bisect:
+    def _possible(self) -> "Bisect":
         if not self.low < self.high:
             raise ValueError(f"low = {self.low:g} must be below high = {self.high:g}")
         if self.tolerance < _FINEST * (self.high - self.low):

@@ -1,7 +1,5 @@
 """Verdict on a run of a campaign: requirements, response to the fault, and what was broken."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -15,16 +13,15 @@ from numpy.typing import NDArray
 from offtrack.reports.sections import groups
 from offtrack.studies.campaigns.fault_entry import FaultTime, fault_time
 from offtrack.studies.case import MOST_CASES, Case, Outcome, composed
+from offtrack.studies.draws import number_of
 from scenarios.results.log import OK, Log, read_log
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
 OUTCOMES: Final = ("completed", "jackknifed", "rolled over", "left the road", "timed out", "diverged")
 DETECT, HARMLESS, ALLOWED = "time_to_detect_s", "harmless_below_m", "outcomes"
 RECOVER, BELOW = "time_to_recover_s", "recovered_below_m"
 _OWN: Final = (ALLOWED, DETECT, HARMLESS, RECOVER, BELOW)
-_LARGEST: Final = 1e12
 GROUPS: Final = ("off_tracking", "swept_path", "road", "steer", "tyres", "slip", "odometry", "position", "wheels")
 
 
@@ -96,7 +93,7 @@ def read_requirements(place: str, table: Iterable[tuple[str, Any]]) -> Requireme
         elif path not in known:
             raise ValueError(f"{place}: requirements.{shown(key)}{nearest(path, [*known, *_OWN])}")
         else:
-            limit, number = limits.get(path, Limit(path)), _number(f"{place}: requirements.{key}", value)
+            limit, number = limits.get(path, Limit(path)), number_of(f"{place}: requirements.{key}", value)
             limits[path] = limit._replace(low=number) if side == "min" else limit._replace(high=number)
     times = {key: _positive(f"{place}: requirements.{key}", own[key]) for key in _OWN[1:] if key in own}
     return Requirements(
@@ -118,14 +115,8 @@ def _allowed(place: str, values: Any) -> tuple[str, ...]:
     return tuple(values)
 
 
-def _number(place: str, value: Any) -> float:
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < _LARGEST:
-        raise ValueError(f"{place} = {shown(str(value))} must be a number")
-    return float(value)
-
-
 def _positive(place: str, value: Any) -> float:
-    number = _number(place, value)
+    number = number_of(place, value)
     if number <= 0.0:
         raise ValueError(f"{place} = {number:g} must be above 0")
     return number

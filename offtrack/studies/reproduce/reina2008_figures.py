@@ -1,18 +1,13 @@
 """Figs 6 and 8 and Table II of Reina 2008: FTrace on one image, and on a drive onto a sandy slope.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
-and planetary rovers", ICRA 2008.
-
-Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
 and planetary rovers", ICRA 2008. In the paper the rover travels 7 m: 60 s without lateral drift, then with drift. Here
 the ground is level for the first 60 s, and then becomes a side slope. The drift follows from terramechanics; the wheels
 of the same run make the trace in the camera images.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,9 +18,11 @@ from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import LaserSlip
 from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.reproduction import Reproduction, compared
+from offtrack.studies.reproduce.reproduction import Reproduction, compared, printed, reproduced
+from offtrack.studies.reproduce.trace_tables import bars
+from scenarios.options.scenario import stream
 from scenarios.progress import Progress
-from scenarios.randomness import stream
+from scenarios.results import metrics
 from scenarios.results.log import Log, Signal
 from sensors.instruments.navigation import LaserTracker
 from sensors.sand.rover_pass import labelled_sequence, recorded
@@ -38,15 +35,8 @@ from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import HeightMap, Terrain
 from vehicle.rover.truth import RoverTruth
 
-PUBLISHED: Final = (2.1, 1.1, 70.4, 81.7, 24.3, 75.4, 87.0, 10.3, 18.7, 20.2)  # Table II, L1 to L10 [%]
-_SOURCE: Final = "Reina et al., ICRA 2008"
 _KIND, _SEED = "uniform", 1  # a clearly defined imprint without slip, as in Fig. 6
 _FRAME: Final = 30  # number of the image that is shown; FTrace needs the poses of earlier ones
-_NOTES: Final = (
-    "A simulated image replaces the paper's. Only the distribution of the confidences is comparable; they are sorted.",
-    "A candidate is the midline between two edges that may be the walls of a rut. The paper does not say how it finds "
-    "the centre line from edges, and does not publish the breakpoints of the membership functions.",
-)
 
 
 def table2(quick: bool, progress: Progress) -> Reproduction:
@@ -54,17 +44,13 @@ def table2(quick: bool, progress: Progress) -> Reproduction:
     explanation, ground = _explained(quick, progress)
     own = np.full(CANDIDATES, math.nan)
     own[: len(explanation.confidences)] = 100.0 * np.sort(explanation.confidences)[::-1]
-    published = np.sort(PUBLISHED)[::-1]
-    return Reproduction(
-        name="reina2008-table2",
-        title="Table II: confidence match of the candidates in one image, best first",
-        source=_SOURCE,
-        comparisons=[
-            compared(f"candidate {k + 1}", f"{published[k]:.1f}", float(own[k]), "%") for k in range(CANDIDATES)
-        ],
-        notes=_NOTES,
-        data=_data(explanation, ground),
-        draw=lambda: _ranking(published, own),
+    published = sorted(printed("reina2008")["table2"]["confidences"], reverse=True)
+    pairs = zip(published, own.tolist(), strict=True)
+    return reproduced(
+        "reina2008-table2",
+        [compared(f"candidate {k}", f"{paper:.1f}", ours, "%") for k, (paper, ours) in enumerate(pairs, start=1)],
+        _data(explanation, ground),
+        lambda: _ranking(published, own.tolist()),
     )
 
 
@@ -73,20 +59,17 @@ def fig6(quick: bool, progress: Progress) -> Reproduction:
     explanation, ground = _explained(quick, progress)
     best = 100.0 * float(explanation.confidences.max(initial=0.0))
     d, theta, offset = ground[explanation.best].tolist() if explanation.best is not None else (math.nan,) * 3
-    return Reproduction(
-        name="reina2008-fig6",
-        title="Fig. 6: FTrace on one image",
-        source=_SOURCE,
-        comparisons=[
+    return reproduced(
+        "reina2008-fig6",
+        [
             compared("candidates", "10", len(explanation.confidences), "-"),
             compared("confidence of the trace", "87", best, "%"),
             compared("angle of the trace", "0 (no slip)", math.degrees(theta), "deg"),
             compared("distance of the trace from G", "", d, "m"),
             compared("distance of the trace from the wheel's centre", "", offset, "m"),
         ],
-        notes=_NOTES,
-        data=_data(explanation, ground),
-        draw=lambda: _panels(explanation, ground),
+        _data(explanation, ground),
+        lambda: _panels(explanation, ground),
     )
 
 
@@ -122,14 +105,12 @@ def _data(explanation: Explanation, ground: FloatArray) -> Log:
     return Log(signals, np.column_stack(columns))
 
 
-def _ranking(published: FloatArray, own: FloatArray) -> Figure:
+def _ranking(published: Sequence[float], own: Sequence[float]) -> Figure:
     figure = Figure(figsize=(9.6, 3.2), layout="constrained")
     ax = figure.subplots()
-    x = np.arange(1, CANDIDATES + 1)
-    ax.bar(x - 0.2, published, 0.38, color=GREY, label="published, sorted")
-    ax.bar(x + 0.2, own, 0.38, color=ESTIMATED, label="own, sorted")
+    names = [str(k) for k in range(1, CANDIDATES + 1)]
+    bars(ax, names, {"published, sorted": (GREY, published), "own, sorted": (ESTIMATED, own)})
     ax.set(xlabel="candidate", ylabel="confidence match [%]")
-    ax.set_xticks(x)
     ax.legend()
     return figure
 
@@ -195,25 +176,18 @@ def fig8(quick: bool, progress: Progress) -> Reproduction:
     calm, length = (12.0, 2.4) if quick else (_CALM, _LENGTH)
     rows = np.array(list(_driven(calm, length, progress)))
     time, true, ftrace, laser = rows[:, :4].T
-    return Reproduction(
-        name="reina2008-fig8",
-        title="Fig. 8: slip angle on a sandy slope of 5 degrees, driven straight ahead",
-        source="Reina et al., ICRA 2008",
-        comparisons=[
-            compared("RMS against laser and compass", "< 2", _rms(ftrace, laser), "deg"),
-            compared("RMS against the truth", "1.4", _rms(ftrace, true), "deg"),
+    return reproduced(
+        "reina2008-fig8",
+        [
+            compared("RMS against laser and compass", "< 2", _rms(ftrace - laser), "deg"),
+            compared("RMS against the truth", "1.4", _rms(ftrace - true), "deg"),
             compared("images with an estimate", "> 98", 100.0 * np.isfinite(ftrace).mean(), "%"),
-            compared("largest true slip angle", "", _largest(true), "deg"),
-            compared("true slip in the first stage, RMS", "0", _calm(time, true, calm), "deg"),
+            compared("largest true slip angle", "", math.degrees(float(np.abs(true).max())), "deg"),
+            compared("true slip in the first stage, RMS", "0", _rms(true[time < calm - 5.0]), "deg"),
             compared("lateral drift from the initial heading line", "", abs(float(rows[-1, 5])), "m"),
         ],
-        notes=(
-            "The paper does not explain why there is no drift in the first 60 s; here the ground is level until then.",
-            "Laser and compass are evaluated over the last 4 s, so their slip angle is delayed by 2 s. It is compared "
-            "with FTrace's estimate from the same image, which is a mean over some 7 s of travel.",
-        ),
-        data=Log(_SIGNALS, rows),
-        draw=lambda: _draw(rows, calm),
+        Log(_SIGNALS, rows),
+        lambda: _draw(rows, calm),
     )
 
 
@@ -264,17 +238,9 @@ def _truths(plant: RoverPlant, rover: Rover, length: float) -> list[RoverTruth]:
     return truths
 
 
-def _rms(a: FloatArray, b: FloatArray) -> float:
-    both = np.isfinite(a) & np.isfinite(b)
-    return math.degrees(float(np.sqrt(np.mean((a - b)[both] ** 2)))) if both.any() else math.nan
-
-
-def _largest(slip: FloatArray) -> float:
-    return math.degrees(float(np.abs(slip).max()))
-
-
-def _calm(time: FloatArray, slip: FloatArray, until: float) -> float:
-    return math.degrees(float(np.sqrt(np.mean(slip[time < until - 5.0] ** 2))))
+def _rms(angles: FloatArray) -> float:
+    """RMS of the angles that are known [deg]."""
+    return math.degrees(metrics.rms(angles))
 
 
 def _draw(rows: FloatArray, calm: float) -> Figure:

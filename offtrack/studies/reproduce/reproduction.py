@@ -1,13 +1,14 @@
 """A reproduced table or figure: own and published numbers, data and a picture; and the catalogue of all."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +21,7 @@ from scenarios.progress import Progress, postponed_interrupts
 from scenarios.results.log import Log, write_log
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 from scenarios.results.run_summary import versions
-from vehicle.foundation.parameter_file import nearest
+from vehicle.foundation.user_file import nearest
 
 _DPI: Final = 150
 
@@ -80,6 +81,37 @@ class Reproduction:
         }
 
 
+@cache
+def printed(paper: str) -> dict[str, Any]:
+    """Titles, notes and numbers of a paper's figures and tables, by their names."""
+    return tomllib.loads((files("offtrack.studies.reproduce") / f"{paper}.toml").read_text(encoding="utf-8"))
+
+
+def reproduced(
+    name: str,
+    comparisons: Iterable[Comparison],
+    data: Log,
+    draw: Callable[[], Figure],
+    *,
+    finished: tuple[int, int] = (1, 1),
+    parts: str = "",
+) -> Reproduction:
+    """A table or figure of a paper; ``finished``: number of its ``parts`` that are finished, and of all."""
+    paper, _, figure = name.partition("-")
+    table, texts, (done, of) = printed(paper)[figure], printed(paper)["notes"], finished
+    missing = [f"Interrupted: {done} of {of} {parts} are finished; the others are missing here."] if done < of else []
+    return Reproduction(
+        name=name,
+        title=table["title"],
+        source=printed(paper)["source"],
+        comparisons=list(comparisons),
+        notes=(*(texts[key] for key in table["notes"]), *missing),
+        data=data,
+        draw=draw,
+        interrupted=done < of,
+    )
+
+
 def earlier_reproduction(name: str, directory: Path, settings: Mapping[str, Any]) -> dict[str, Any] | None:
     """Contents for JSON of a finished reproduction with these settings and this software; None if there is none."""
     try:
@@ -120,10 +152,10 @@ REPRODUCTIONS: Final = {
     "reina2008-table3": "offtrack.studies.reproduce.trace_tables:table3",
     "reina2008-table3-plus": "offtrack.studies.reproduce.trace_tables:table3_plus",
     "reina2008-fig8": "offtrack.studies.reproduce.reina2008_figures:fig8",
-    "desaxe2018-fig6": "offtrack.studies.reproduce.desaxe2018_simulation:fig6",
-    "desaxe2018-fig7": "offtrack.studies.reproduce.desaxe2018_simulation:fig7",
-    "desaxe2018-fig8": "offtrack.studies.reproduce.desaxe2018_simulation:fig8",
-    "desaxe2018-fig9": "offtrack.studies.reproduce.desaxe2018_simulation:fig9",
+    "desaxe2018-fig6": "offtrack.studies.reproduce.desaxe2018:fig6",
+    "desaxe2018-fig7": "offtrack.studies.reproduce.desaxe2018:fig7",
+    "desaxe2018-fig8": "offtrack.studies.reproduce.desaxe2018:fig8",
+    "desaxe2018-fig9": "offtrack.studies.reproduce.desaxe2018:fig9",
     "desaxe2018-fig13": "offtrack.studies.reproduce.desaxe2018_field:fig13",
     "desaxe2018-fig14": "offtrack.studies.reproduce.desaxe2018_field:fig14",
     "desaxe2018-fig15": "offtrack.studies.reproduce.desaxe2018_field:fig15",

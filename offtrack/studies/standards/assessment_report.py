@@ -1,16 +1,14 @@
 """Result directory of an assessment: report with figures and playback, numbers, log and drawing of every manoeuvre."""
 
-from __future__ import annotations
-
-import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from offtrack.exchange.drawings import DrivenPath, axle_steer, drawing, unit_poses, write_drawing
 from offtrack.reports import plots
@@ -28,15 +26,13 @@ from offtrack.reports.page import (
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail
-from offtrack.reports.player.run_playback import unit_body
+from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail, unit_body
 from offtrack.reports.sections import groups
-from offtrack.studies.standards import random_steer, steady_circle
-from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix
-from offtrack.studies.standards.comparison import Judgement
-from offtrack.studies.standards.lane_change import PEAK
-from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, lateral_acceleration, point_path, poses
+from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
+from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
+from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration, poses
 from offtrack.studies.standards.static_rollover import threshold
+from offtrack.studies.standards.steady_driving import steer_over_acceleration
 from scenarios.assembly.adapters import outlines
 from scenarios.results.log import Column as LogColumn
 from scenarios.results.log import Log, Signal, write_log
@@ -44,7 +40,7 @@ from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
 from scenarios.results.swept_path import placed
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.foundation.polyline import arc_length, rows_every
+from vehicle.frames import FloatArray, arc_length, rows_every
 
 _MOMENTS: Final = 6  # at which the combination is drawn in a plan view
 _OF_WHOLE_DRIVES: Final = ("random_steer",)
@@ -53,8 +49,14 @@ _CHANGE: Final = (45.0, 330.0)  # of the lane change along the road [m]
 
 def figures(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Iterator[Figure]:
     """The figures of a manoeuvre; none if it ended before anything had moved. ``name`` is unique on the page."""
-    if len(manoeuvre.log) >= 2 and (manoeuvre.outcome == "completed" or manoeuvre.key not in _OF_WHOLE_DRIVES):
-        yield from (draw(vehicle, manoeuvre, name) for draw in _FIGURES.get(manoeuvre.key, ()))
+    if len(manoeuvre.log) < 2 or (manoeuvre.outcome != "completed" and manoeuvre.key in _OF_WHOLE_DRIVES):
+        return
+    if manoeuvre.key in _SEEN_FROM_ABOVE:
+        yield _plan(vehicle, manoeuvre, name)
+    for draw in _FIGURES.get(manoeuvre.key, ()):
+        with plots.drawn(f"{name}-{draw.__name__}") as (drawing, ax):
+            draw(vehicle, manoeuvre, ax)
+        yield drawing.content
 
 
 def _plan(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
@@ -70,145 +72,114 @@ def _plan(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
         for corners in swept:
             plots.outlines(ax, corners[moments])
         if manoeuvre.course is not None:
-            ax.plot(
-                *manoeuvre.course.T, color=plots.ESTIMATED, linewidth=1.3, label="path of the guided point", zorder=4
-            )
+            label = "path of the guided point"
+            ax.plot(*manoeuvre.course.T, color=plots.ESTIMATED, linewidth=1.3, label=label, zorder=4)
     return drawing.content
 
 
-def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str, span: tuple[float, float] | None = None) -> Figure:
+def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     """Lateral positions of the first and the last axle over the position along the road, stretched."""
-    first, last = vehicle.units[0], vehicle.units[-1]
-    front = point_path(manoeuvre.log, first.name, first.steered_axles[0].x)
-    rear = point_path(manoeuvre.log, last.name, last.axles[-1].x)
-    with plots.drawn(f"{name}-paths") as (drawing, ax):
-        ax.plot(*front.T, color=plots.TRUE, label="front axle", zorder=4)
-        ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({last.name})", zorder=5)
-        if manoeuvre.course is not None:
-            ax.plot(
-                *manoeuvre.course.T, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="prescribed path", zorder=6
-            )
-        ax.set(xlim=span or (0.0, float(front[-1, 0])), xlabel="along the road [m]", ylabel="lateral [m], + left")
-    return drawing.content
+    front, rear = axle_paths(vehicle, manoeuvre.log)
+    ax.plot(*front.T, color=plots.TRUE, label="front axle", zorder=4)
+    ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({vehicle.units[-1].name})", zorder=5)
+    if manoeuvre.course is not None:
+        style: Any = {"color": plots.INK, "linewidth": 0.9, "dashes": (5, 4), "zorder": 6}
+        ax.plot(*manoeuvre.course.T, label="prescribed path", **style)
+    span = _CHANGE if manoeuvre.key == "lane_change" else (0.0, float(front[-1, 0]))
+    ax.set(xlim=span, xlabel="along the road [m]", ylabel="lateral [m], + left")
 
 
-def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     """Lateral acceleration of the front axle and of every trailer's centre of gravity over time."""
     log, tractor = manoeuvre.log, vehicle.units[0]
-    with plots.drawn(f"{name}-accelerations") as (drawing, ax):
-        front = lateral_acceleration(log, tractor.name, tractor.steered_axles[0].x)
-        ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
-        for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
-            ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
-        plots.limit_lines(ax, PEAK, "0.15 g", colour=plots.GREY)
-        plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
-    return drawing.content
+    front = lateral_acceleration(log, tractor.name, tractor.steered_axles[0].x)
+    ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
+    for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
+        ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
+    plots.limit_lines(ax, CHANGE_PEAK, "0.15 g", colour=plots.GREY)
+    plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
 
 
-def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
-    """Yaw rate of every unit over time."""
-    log = manoeuvre.log
-    with plots.drawn(name) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
-            ax.plot(log["time"], np.degrees(log[f"yaw_rate_{unit.name}"]), color=colour, label=unit.name)
-        plots.over_time(ax, log["time"][log["time"] <= 8.0], "yaw rate [°/s]")
-    return drawing.content
-
-
-def _steer_over_acceleration(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
-    """Steer angle over lateral acceleration on the circle."""
-    acceleration, steer = steady_circle.steer_over_acceleration(vehicle, manoeuvre.log)
-    with plots.drawn(name) as (drawing, ax):
-        ax.plot(acceleration / GRAVITY, np.degrees(steer), color=plots.TRUE, label="road-wheel angle")
-        ax.set(xlim=(0.0, 0.26), xlabel="lateral acceleration [g], into the turn", ylabel="steer angle [°]")
-    return drawing.content
-
-
-def _dwell(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
-    """Steer angle, and yaw rate of every unit over time."""
-    log = manoeuvre.log
-    with plots.drawn(name) as (drawing, ax):
+def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
+    """Yaw rate of every unit over time, and the steer angle of a sine with dwell."""
+    log, time = manoeuvre.log, manoeuvre.log["time"]
+    if manoeuvre.key == "sine_with_dwell":
         steer = np.degrees(log["steer_tractor"])
-        ax.plot(log["time"], steer, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="road-wheel angle [°]")
-        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
-            ax.plot(log["time"], np.degrees(log[f"yaw_rate_{unit.name}"]), color=colour, label=unit.name)
-        plots.over_time(ax, log["time"], "yaw rate [°/s]")
-    return drawing.content
+        ax.plot(time, steer, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="road-wheel angle [°]")
+    _of_units(vehicle, ax, time, lambda unit: np.degrees(log[f"yaw_rate_{unit}"]))
+    plots.over_time(ax, time if manoeuvre.key == "sine_with_dwell" else time[time <= 8.0], "yaw rate [°/s]")
 
 
-def _frequency_response(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+def _of_units(vehicle: Vehicle, ax: Axes, x: FloatArray, values: Callable[[str], FloatArray]) -> None:
+    """Draw a curve for each unit; ``values`` by its name."""
+    for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
+        ax.plot(x, values(unit.name), color=colour, label=unit.name)
+
+
+def _steer_over_acceleration(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
+    """Steer angle over lateral acceleration on the circle."""
+    acceleration, steer = steer_over_acceleration(vehicle, manoeuvre.log)
+    ax.plot(acceleration / GRAVITY, np.degrees(steer), color=plots.TRUE, label="road-wheel angle")
+    ax.set(xlim=(0.0, 0.26), xlabel="lateral acceleration [g], into the turn", ylabel="steer angle [°]")
+
+
+def _frequency_response(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     """Rearward amplification over frequency, measured and by linear theory."""
-    response = random_steer.response_of(vehicle, manoeuvre)
-    with plots.drawn(name) as (drawing, ax):
-        ax.plot(response.frequency, response.theory, color=plots.GREY, linewidth=2.2, label="linear theory")
-        ax.plot(response.frequency, response.measured, ".", color=plots.TRUE, markersize=4, label="measured")
-        ax.set(xlim=(0.0, float(response.frequency[-1])), ylim=(0.0, None))
-        ax.set(xlabel="frequency [Hz]", ylabel="rearward amplification [-]")
-    return drawing.content
+    response = response_of(vehicle, manoeuvre)
+    ax.plot(response.frequency, response.theory, color=plots.GREY, linewidth=2.2, label="linear theory")
+    ax.plot(response.frequency, response.measured, ".", color=plots.TRUE, markersize=4, label="measured")
+    ax.set(xlim=(0.0, float(response.frequency[-1])), ylim=(0.0, None))
+    ax.set(xlabel="frequency [Hz]", ylabel="rearward amplification [-]")
 
 
-def _load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+def _load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     """Load transfer of every unit over the slope of the tilt table."""
     log, tips = manoeuvre.log, manoeuvre.figures["rollover_threshold_g"]
-    end = 1.05 * (tips if vehicle.has_springs else max(threshold(log, unit.name) for unit in vehicle.units))
-    with plots.drawn(name) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
-            transfer = np.abs(log[f"load_transfer_{unit.name}"])
-            ax.plot(log["slope"], transfer, color=colour, label=unit.name)
-            if not vehicle.has_springs:
-                ax.plot([log["slope"][-1], threshold(log, unit.name)], [transfer[-1], 1.0], ":", color=colour)
-        ax.axhline(1.0, color=plots.GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
-        if vehicle.has_springs:
-            ax.axvline(tips, color=plots.GREY, linewidth=0.8, label="it tips")
-        ax.set(xlim=(0.0, end), ylim=(0.0, 1.08))
-        ax.set(xlabel="slope of the table [-] = lateral acceleration in g", ylabel="load transfer [-]")
-    return drawing.content
+    slope, end = log["slope"], tips
+    _of_units(vehicle, ax, slope, lambda unit: np.abs(log[f"load_transfer_{unit}"]))
+    if vehicle.has_springs:
+        ax.axvline(tips, color=plots.GREY, linewidth=0.8, label="it tips")
+    else:
+        thresholds = [threshold(log, unit.name) for unit in vehicle.units]
+        end = max(thresholds)
+        for line, at in zip(ax.lines[:], thresholds, strict=False):
+            ax.plot([slope[-1], at], [np.asarray(line.get_ydata())[-1], 1.0], ":", color=line.get_color())
+    ax.axhline(1.0, color=plots.GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
+    ax.set(xlim=(0.0, 1.05 * end), ylim=(0.0, 1.08))
+    ax.set(xlabel="slope of the table [-] = lateral acceleration in g", ylabel="load transfer [-]")
 
 
-def _rolls(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+def _rolls(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     """Load transfer of every unit over the lateral acceleration of the first one."""
-    log = manoeuvre.log
-    first = vehicle.units[0]
-    a_y = np.abs(log[f"v_x_{first.name}"] * log[f"yaw_rate_{first.name}"]) / GRAVITY
-    with plots.drawn(name) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
-            ax.plot(a_y, np.abs(log[f"load_transfer_{unit.name}"]), color=colour, label=unit.name)
-        ax.axvline(manoeuvre.figures["curve_rollover_g"], color=plots.GREY, linewidth=0.8, label="it tips")
-        ax.set(xlim=(0.0, None), ylim=(0.0, 1.08))
-        ax.set(xlabel="lateral acceleration of the tractor [g]", ylabel="load transfer [-]")
-    return drawing.content
+    log, first = manoeuvre.log, vehicle.units[0].name
+    a_y = np.abs(log[f"v_x_{first}"] * log[f"yaw_rate_{first}"]) / GRAVITY
+    _of_units(vehicle, ax, a_y, lambda unit: np.abs(log[f"load_transfer_{unit}"]))
+    ax.axvline(manoeuvre.figures["curve_rollover_g"], color=plots.GREY, linewidth=0.8, label="it tips")
+    ax.set(xlim=(0.0, None), ylim=(0.0, 1.08))
+    ax.set(xlabel="lateral acceleration of the tractor [g]", ylabel="load transfer [-]")
 
 
-def _speed(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+def _speed(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     """Speed, steer angle and articulations over time."""
     log, names = manoeuvre.log, [unit.name for unit in vehicle.units]
-    with plots.drawn(f"{name}-speed") as (drawing, ax):
-        ax.plot(log["time"], 3.6 * log[f"v_x_{names[0]}"], color=plots.INK, label="speed [km/h]")
-        ax.plot(log["time"], np.degrees(log["steer_tractor"]), color=plots.GREY, label="road-wheel angle [°]")
-        for pair, colour in zip(pairwise(names), plots.SERIES, strict=False):
-            angle = np.degrees(articulation(log, *pair))
-            ax.plot(log["time"], angle, color=colour, label=f"articulation, {pair[1]} [°]")
-        plots.over_time(ax, log["time"], "speed [km/h], angles [°]")
-    return drawing.content
+    ax.plot(log["time"], 3.6 * log[f"v_x_{names[0]}"], color=plots.INK, label="speed [km/h]")
+    ax.plot(log["time"], np.degrees(log["steer_tractor"]), color=plots.GREY, label="road-wheel angle [°]")
+    for pair, colour in zip(pairwise(names), plots.SERIES, strict=False):
+        label = f"articulation, {pair[1]} [°]"
+        ax.plot(log["time"], np.degrees(articulation(log, *pair)), color=colour, label=label)
+    plots.over_time(ax, log["time"], "speed [km/h], angles [°]")
 
 
-def _change_paths(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
-    return _paths(vehicle, manoeuvre, name, _CHANGE)
-
-
-_Draw = Callable[[Vehicle, Manoeuvre, str], Figure]
-_FIGURES: Final[dict[str, tuple[_Draw, ...]]] = {
-    **dict.fromkeys(("turn", "roundabout", "aashto_turn", "ctsw_turn"), (_plan,)),
-    "lane_change": (_change_paths, _accelerations),
+_SEEN_FROM_ABOVE: Final = ("turn", "roundabout", "aashto_turn", "ctsw_turn", "braking_split", "braking_in_turn")
+_FIGURES: Final[dict[str, tuple[Callable[[Vehicle, Manoeuvre, Axes], None], ...]]] = {
+    "lane_change": (_paths, _accelerations),
     "straight": (_paths,),
-    "pulse": (_yaw_rates,),
+    **dict.fromkeys(("pulse", "sine_with_dwell"), (_yaw_rates,)),
     "steady_circle": (_steer_over_acceleration,),
-    "sine_with_dwell": (_dwell,),
     "random_steer": (_frequency_response,),
     "tilt": (_load_transfers,),
     "closing_curve": (_rolls,),
-    **dict.fromkeys(("braking", "braking_slippery", "longitudinal"), (_speed,)),
-    **dict.fromkeys(("braking_split", "braking_in_turn"), (_speed, _plan)),
+    **dict.fromkeys(("braking", "braking_slippery", "braking_split", "braking_in_turn", "longitudinal"), (_speed,)),
 }
 
 
@@ -260,7 +231,7 @@ def _shown_log(vehicle: Vehicle, log: Log) -> Log:
 
 def _derived(vehicle: Vehicle, log: Log) -> Iterator[LogColumn]:
     names = [unit.name for unit in vehicle.units]
-    for k, (ahead, behind) in enumerate(itertools.pairwise(names), start=1):
+    for k, (ahead, behind) in enumerate(pairwise(names), start=1):
         if f"articulation_{k}" not in log:
             yield (
                 Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}"),
@@ -366,7 +337,7 @@ def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
     ``relative`` bounds are those of every case: multiples of another quantity, if the criterion is one.
     """
     quantity = BY_NAME[judgement.criterion.quantity]
-    sign = "≤" if judgement.criterion.at_most else "≥"
+    sign = "≥" if judgement.criterion.at_least else "≤"
     if relative and judgement.criterion.times is not None:
         of = BY_NAME[judgement.criterion.times].label.lower()
         return f"{sign}{_TOGETHER}" + " · ".join(f"{bound:g} times the {of}" for _, bound in judgement.criterion.bounds)
@@ -385,7 +356,7 @@ def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
     for case, case_name in zip(matrix.cases, matrix.names, strict=True):
         ending = f" · {case_name}" if several else ""
         if case.judgements:
-            yield Section(f"Levels{ending}", _LEVELS, [_levels(case)])
+            yield Section(f"Levels{ending}", _LEVELS, [levels_table(case)])
         for manoeuvre in case.manoeuvres:
             name = f"{case.load}-{case.conditions.hand}-{manoeuvre.key}" if several else manoeuvre.key
             yield Section(
@@ -445,21 +416,15 @@ def judged_cell(case: Assessment, name: str, value: float) -> Cell:
     return Cell(f"{text} ({', '.join(dict.fromkeys(reached))})", "bad" if bad else "good")
 
 
-def _levels(assessment: Assessment) -> Table:
-    columns = [Column("name"), Column("number", "measured"), Column("text", "reached")]
+def levels_table(assessment: Assessment) -> Table:
+    """A row for each limit of the standards that applies."""
     rows: list[Row] = []
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        bad = judgement.reached in _BAD
-        rows.append(
-            [
-                quantity.label,
-                quantity.text(judgement.measured),
-                Cell(judgement.reached, "bad" if bad else "good"),
-                bounds_text(judgement),
-                f"{criterion.standard} ({criterion.source})",
-            ]
-        )
+        reached = Cell(judgement.reached, "bad" if judgement.reached in _BAD else "good")
+        standard = f"{criterion.standard} ({criterion.source})"
+        rows.append([quantity.label, quantity.text(judgement.measured), reached, bounds_text(judgement), standard])
+    columns = [Column("name", "quantity"), Column("number", "measured"), Column("text", "reached")]
     return Table([*columns, Column("note", "limits"), Column("note", "standard")], rows)
 
 

@@ -8,41 +8,38 @@ follows from it. In a combination that does not slip, the inner end of the last 
 centre.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from controllers.driver import PreviewDriver
 from controllers.path import Path
 from offtrack.studies.standards.proving_ground import (
+    KINDS,
     STANDARD,
     Conditions,
     Drive,
     Figures,
     Manoeuvre,
-    articulation,
-    drive,
-    measured,
+    Setting,
+    drive_course,
+    largest_articulation,
+    path_error,
     point_path,
     poses,
+    result,
 )
-from scenarios.assembly.adapters import outlines, tractor_geometry
-from scenarios.courses import Course, corner
-from scenarios.courses import roundabout as roundabout_course
+from scenarios import courses
+from scenarios.assembly.adapters import outlines
+from scenarios.courses import Course
 from scenarios.options.course import outer_wall
 from scenarios.results.swept_path import UnitOutline, inner_radius, placed, swept_path, tail_swings
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
-from vehicle.foundation.polyline import arc_length
-from vehicle.frames import FloatArray, Pose2
-from vehicle.surface import Surface
+from vehicle.frames import FloatArray, Pose2, arc_length
 
 _SPACING: Final = 0.1  # of the stations along the path [m]
 _EDGE: Final = 0.2  # between points along a body's edge [m]: an error of 0.4 mm inside a 12.5 m arc
@@ -111,16 +108,80 @@ def _reach_of(points: FloatArray, path: Path) -> Reach:
     return Reach(np.where(np.isfinite(left), left, math.nan), np.where(np.isfinite(right), right, math.nan))
 
 
-RADIUS: Final = 12.5  # of the guided point's path [m]
-SPEED: Final = 5.0 / 3.6  # highest speed in the low-speed turn [m/s]
 STRAIGHTENING: Final = 10.0  # exit beyond the combination's length, in which its last unit straightens [m]
-DRY: Final = 0.8  # friction [-]
-_TIME_LIMIT: Final = 2.0  # over the time that the path takes at set speed
 
 
-def driven_slowly(vehicle: Vehicle, course: Course, trailer_steering: str, conditions: Conditions) -> Drive:
-    """Drive a course, by default at 5 km/h on a dry road."""
-    speed = conditions.speed_or(SPEED)
+def roundabout(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
+    """Full turn with the tractor's outer front corner on 12.5 m, entered and left along tangents."""
+    tractor, at = vehicle.units[0], KINDS["roundabout"].under(conditions)
+    course = courses.roundabout(
+        front_x=tractor.front_x,
+        width=tractor.width,
+        direction=at.hand,
+        radius=at.radius,
+        exit=vehicle.length + STRAIGHTENING,
+    )
+    how = (
+        f"360° to the {at.hand} with the outer front corner on a circle of {at.radius:g} m, along tangents in and out."
+    )
+    return _driven_slowly("roundabout", how, vehicle, course, trailer_steering, at, _roundabout_figures)
+
+
+def turn(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
+    """Turn by 90 degrees with the outer wall of the outer steered tyre on an arc of 12.5 m."""
+    at = KINDS["turn"].under(conditions)
+    course = _corner(vehicle, at, 90.0, outer_wall(vehicle.units[0]))
+    how = f"90° to the {at.hand} with the outer wall of the outer steered tyre on an arc of {at.radius:g} m."
+    return _driven_slowly("turn", how, vehicle, course, trailer_steering, at, _turn_figures)
+
+
+def aashto_turn(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
+    """Turn by 180 degrees, as the templates of AASHTO's design vehicles."""
+    return _template_turn("aashto", 180.0, vehicle, trailer_steering, conditions)
+
+
+def ctsw_turn(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
+    """Turn by 90 degrees, as in the Comprehensive Truck Size and Weight study."""
+    return _template_turn("ctsw", 90.0, vehicle, trailer_steering, conditions)
+
+
+def _template_turn(
+    name: str, angle: float, vehicle: Vehicle, trailer_steering: str, conditions: Conditions
+) -> Manoeuvre:
+    at = KINDS[f"{name}_turn"].under(conditions)
+    how = (
+        f"{angle:g}° to the {at.hand} with the centre of the front axle on an arc of {at.radius:.2f} m, along tangents "
+        "in and out."
+    )
+
+    def figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
+        return {f"{name}_{key}": value for key, value in _template_figures(vehicle, course, driven).items()}
+
+    course = _corner(vehicle, at, angle)
+    return _driven_slowly(f"{name}_turn", how, vehicle, course, trailer_steering, at, figures)
+
+
+def _corner(vehicle: Vehicle, at: Setting, angle: float, wheel_y: float = 0.0) -> Course:
+    """Turn by an angle [deg] of a point beside the first steered axle."""
+    return courses.corner(
+        wheel_x=vehicle.units[0].steered_axles[0].x,
+        wheel_y=wheel_y,
+        direction=at.hand,
+        radius=at.radius,
+        turn=math.radians(angle),
+        exit=vehicle.length + STRAIGHTENING,
+    )
+
+
+def _driven_slowly(
+    key: str,
+    how: str,
+    vehicle: Vehicle,
+    course: Course,
+    trailer_steering: str,
+    at: Setting,
+    figures: Callable[[Vehicle, Course, Drive], Figures],
+) -> Manoeuvre:
     station = 0.0
 
     def at_the_end(truth: Truth) -> bool:
@@ -129,64 +190,14 @@ def driven_slowly(vehicle: Vehicle, course: Course, trailer_steering: str, condi
         station = course.path.project(point.x, point.y, station)
         return station >= course.length
 
-    driver = PreviewDriver(tractor_geometry(vehicle, course), course.path, speed)
-    patience = _TIME_LIMIT * course.length / speed
-    return drive(
-        vehicle,
-        Surface(friction=conditions.friction_or(DRY)),
-        driver,
-        trailer_steering=trailer_steering,
-        speed=speed,
-        done=at_the_end,
-        patience=patience,
+    driven = drive_course(
+        vehicle, course, at.surface, speed=at.speed, trailer_steering=trailer_steering, done=at_the_end
     )
-
-
-def path_error(vehicle: Vehicle, course: Course, driven: Drive) -> float:
-    """Largest distance of the guided point from its path [m]."""
-    station, errors = 0.0, []
-    for x, y in point_path(driven.log, vehicle.units[0].name, *course.reference):
-        station = course.path.project(float(x), float(y), station)
-        on_path = course.path.pose(station)
-        errors.append(math.hypot(on_path.x - x, on_path.y - y))
-    return float(np.max(errors))
-
-
-def slow_drive(conditions: Conditions) -> str:
-    """Speed and friction of a slow drive in words."""
-    return f"{3.6 * conditions.speed_or(SPEED):g} km/h, friction {conditions.friction_or(DRY):g}"
-
-
-ROUNDABOUT: Final = (
-    "roundabout_inner_radius_m",
-    "roundabout_outer_radius_m",
-    "roundabout_width_m",
-    "roundabout_tail_swing_m",
-    "roundabout_articulation_rad",
-    "roundabout_friction_demand",
-    "roundabout_path_error_m",
-)
-
-
-def roundabout(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
-    """Full turn with the tractor's outer front corner on 12.5 m, entered and left along tangents."""
-    tractor, radius = vehicle.units[0], conditions.radius_or(RADIUS)
-    course = roundabout_course(
-        front_x=tractor.front_x,
-        width=tractor.width,
-        direction=conditions.hand,
-        radius=radius,
-        exit=vehicle.length + STRAIGHTENING,
-    )
-    driven = driven_slowly(vehicle, course, trailer_steering, conditions)
-    return Manoeuvre(
-        key="roundabout",
-        title="Roundabout between 12.50 m and 5.30 m",
-        how=f"{slow_drive(conditions)}, 360° to the {conditions.hand} with the outer front corner on a circle of "
-        f"{radius:g} m, along tangents in and out.",
-        outcome=driven.outcome,
-        figures=measured(ROUNDABOUT, driven.outcome, lambda: _roundabout_figures(vehicle, course, driven)),
-        log=driven.log,
+    return result(
+        key,
+        f"{3.6 * at.speed:g} km/h, friction {at.friction:g}, {how}",
+        driven,
+        lambda: figures(vehicle, course, driven),
         course=course.path.points(0.25),
     )
 
@@ -194,54 +205,16 @@ def roundabout(vehicle: Vehicle, trailer_steering: str, conditions: Conditions =
 def _roundabout_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
     unit_poses = tuple(poses(driven.log, unit.name) for unit in vehicle.units)
     swept = swept_path(outlines(vehicle), unit_poses, course.surface_centre)
-    names = [unit.name for unit in vehicle.units]
     side = 1.0 if course.path.curvature(0.5 * course.length) > 0.0 else -1.0
-    angles = [(side * articulation(driven.log, *pair)).max() for pair in pairwise(names)]
     return {
         "roundabout_inner_radius_m": swept.min_inner_radius,
         "roundabout_outer_radius_m": swept.max_outer_radius,
         "roundabout_width_m": swept.max_width,
         "roundabout_tail_swing_m": swept.tail_swing,
-        "roundabout_articulation_rad": max(angles, default=math.nan),
-        "roundabout_friction_demand": float(np.max(driven.log["friction_used_steer"])),
-        "roundabout_path_error_m": path_error(vehicle, course, driven),
+        "roundabout_articulation_rad": largest_articulation(vehicle, driven.log, side),
+        "roundabout_friction_demand": _friction_demand(driven),
+        "roundabout_path_error_m": _path_error(vehicle, course, driven),
     }
-
-
-TURN: Final = (
-    "swept_path_m",
-    "frontal_swing_m",
-    "frontal_swing_mod_m",
-    "frontal_swing_dom_m",
-    "tail_swing_entry_m",
-    "tail_swing_exit_m",
-    "turn_inner_radius_m",
-    "steer_friction_demand",
-    "turn_path_error_m",
-)
-
-
-def turn(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
-    """Turn by 90 degrees with the outer wall of the outer steered tyre on an arc of 12.5 m."""
-    tractor, radius = vehicle.units[0], conditions.radius_or(RADIUS)
-    course = corner(
-        wheel_x=tractor.steered_axles[0].x,
-        wheel_y=outer_wall(tractor),
-        direction=conditions.hand,
-        radius=radius,
-        exit=vehicle.length + STRAIGHTENING,
-    )
-    driven = driven_slowly(vehicle, course, trailer_steering, conditions)
-    return Manoeuvre(
-        key="turn",
-        title="Turn by 90° at low speed",
-        how=f"{slow_drive(conditions)}, 90° to the {conditions.hand} with the outer wall of the outer steered tyre on "
-        f"an arc of {radius:g} m.",
-        outcome=driven.outcome,
-        figures=measured(TURN, driven.outcome, lambda: _turn_figures(vehicle, course, driven)),
-        log=driven.log,
-        course=course.path.points(0.25),
-    )
 
 
 def _turn_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
@@ -258,8 +231,26 @@ def _turn_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
         "tail_swing_entry_m": at_entry,
         "tail_swing_exit_m": at_exit,
         "turn_inner_radius_m": inner_radius(bodies, unit_poses, course.arcs),
-        "steer_friction_demand": float(np.max(driven.log["friction_used_steer"])),
-        "turn_path_error_m": path_error(vehicle, course, driven),
+        "steer_friction_demand": _friction_demand(driven),
+        "turn_path_error_m": _path_error(vehicle, course, driven),
+    }
+
+
+def _template_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
+    """Figures of the turns of AASHTO and CTSW, by the endings of their names."""
+    bodies, last = outlines(vehicle), vehicle.units[-1]
+    unit_poses = [poses(driven.log, unit.name) for unit in vehicle.units]
+    middle = sum(axle.x for axle in last.axles) / len(last.axles)
+    rear = point_path(driven.log, last.name, middle)
+    (arc,) = course.arcs
+    radius = next(1.0 / abs(segment.start_curvature) for segment in course.path.segments if segment.turn)
+    return {
+        "inner_radius_m": inner_radius(bodies, unit_poses, course.arcs),
+        "off_tracking_m": max(0.0, radius - float(np.hypot(*(rear - np.array(arc.centre)).T).min())),
+        "width_m": reach(bodies, unit_poses, course.path).width,
+        "tail_swing_m": max(tail_swings(bodies, unit_poses)),
+        "friction_demand": _friction_demand(driven),
+        "path_error_m": _path_error(vehicle, course, driven),
     }
 
 
@@ -267,68 +258,11 @@ def _largest(values: Iterable[float]) -> float:
     return max((float(value) for value in values), default=math.nan)
 
 
-ARC_RADIUS: Final = 41.0 * 0.3048  # [m]
-_QUANTITIES: Final = (
-    "inner_radius_m",
-    "off_tracking_m",
-    "width_m",
-    "tail_swing_m",
-    "friction_demand",
-    "path_error_m",
-)
+def _friction_demand(driven: Drive) -> float:
+    """Largest share of the available friction that the steered wheels use [-]."""
+    return float(np.max(driven.log["friction_used_steer"]))
 
 
-def aashto_turn(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
-    """Turn by 180 degrees, as the templates of AASHTO's design vehicles."""
-    return _turn("aashto", "AASHTO turn by 180°", 180.0, vehicle, trailer_steering, conditions)
-
-
-def ctsw_turn(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
-    """Turn by 90 degrees, as in the Comprehensive Truck Size and Weight study."""
-    return _turn("ctsw", "CTSW turn by 90°", 90.0, vehicle, trailer_steering, conditions)
-
-
-def _turn(
-    name: str, title: str, angle: float, vehicle: Vehicle, trailer_steering: str, conditions: Conditions
-) -> Manoeuvre:
-    radius = conditions.radius_or(ARC_RADIUS)
-    course = corner(
-        wheel_x=vehicle.units[0].steered_axles[0].x,
-        direction=conditions.hand,
-        radius=radius,
-        turn=math.radians(angle),
-        exit=vehicle.length + STRAIGHTENING,
-    )
-    driven = driven_slowly(vehicle, course, trailer_steering, conditions)
-    names = tuple(f"{name}_{quantity}" for quantity in _QUANTITIES)
-    return Manoeuvre(
-        key=f"{name}_turn",
-        title=title,
-        how=f"{slow_drive(conditions)}, {angle:g}° to the {conditions.hand} with the centre of the front axle on an "
-        f"arc of {radius:.2f} m, along tangents in and out.",
-        outcome=driven.outcome,
-        figures=measured(
-            names, driven.outcome, lambda: dict(zip(names, _arc_figures(vehicle, course, driven).values(), strict=True))
-        ),
-        log=driven.log,
-        course=course.path.points(0.25),
-    )
-
-
-def _arc_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
-    """Figures by the names of ``_QUANTITIES``."""
-    bodies, last = outlines(vehicle), vehicle.units[-1]
-    unit_poses = [poses(driven.log, unit.name) for unit in vehicle.units]
-    middle = sum(axle.x for axle in last.axles) / len(last.axles)
-    rear = point_path(driven.log, last.name, middle)
-    (arc,) = course.arcs
-    radius = next(1.0 / abs(segment.start_curvature) for segment in course.path.segments if segment.turn)
-    figures = {
-        "inner_radius_m": inner_radius(bodies, unit_poses, course.arcs),
-        "off_tracking_m": max(0.0, radius - float(np.hypot(*(rear - np.array(arc.centre)).T).min())),
-        "width_m": reach(bodies, unit_poses, course.path).width,
-        "tail_swing_m": max(tail_swings(bodies, unit_poses)),
-        "friction_demand": float(np.max(driven.log["friction_used_steer"])),
-        "path_error_m": path_error(vehicle, course, driven),
-    }
-    return {name: figures[name] for name in _QUANTITIES}
+def _path_error(vehicle: Vehicle, course: Course, driven: Drive) -> float:
+    """Largest distance of the guided point from its path [m]."""
+    return path_error(point_path(driven.log, vehicle.units[0].name, *course.reference), course)

@@ -1,22 +1,24 @@
-"""A combination driven by a law on open ground without cameras, and the result of a standard manoeuvre."""
-
-from __future__ import annotations
+"""A combination driven by a law on open ground without cameras, the standard manoeuvres and their results."""
 
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeVar
+from importlib.resources import files
+from itertools import pairwise
+from typing import Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
-from controllers.driver import DriverCommand, DriverLike
+from controllers.driver import DriverCommand, DriverLike, PreviewDriver
 from controllers.trailer import Combination
 from estimators.off_tracking.reference import ReferenceOffTracking
-from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.adapters import tractor_geometry, trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.assembly.trailer_run import Sensing, WatchedTrailer
+from scenarios.courses import Course
 from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
@@ -187,18 +189,45 @@ def drive(
 
 
 def drive_programme(
-    vehicle: Vehicle, angles: FloatArray, *, speed: float, friction: float, trailer_steering: str
+    vehicle: Vehicle, surface: Surface, angles: FloatArray, *, speed: float, trailer_steering: str
 ) -> Drive:
-    """Drive a programme of steer angles (n,) [rad], one every ``PERIOD``, at a speed [m/s] on level ground."""
+    """Drive a programme of steer angles (n,) [rad], one every ``PERIOD``, at a speed [m/s]."""
     end = len(angles) * PERIOD
     return drive(
         vehicle,
-        Surface(friction=friction),
+        surface,
         SteerProgramme(angles, speed, PERIOD),
         trailer_steering=trailer_steering,
         speed=speed,
         done=lambda truth: truth.tick >= end,
         patience=2.0 * end * TICK,
+    )
+
+
+def drive_course(
+    vehicle: Vehicle,
+    course: Course,
+    surface: Surface,
+    *,
+    speed: float,
+    trailer_steering: str = "none",
+    done: Callable[[Truth], bool],
+    driver: Callable[[PreviewDriver], DriverLike[Any]] = lambda preview: preview,
+    patience: float | None = None,
+) -> Drive:
+    """Drive a course at a speed [m/s] by the preview driver, or by one that uses him.
+
+    The longest duration is ``patience`` [s], by default twice the usual one.
+    """
+    preview = PreviewDriver(tractor_geometry(vehicle, course), course.path, speed)
+    return drive(
+        vehicle,
+        surface,
+        driver(preview),
+        trailer_steering=trailer_steering,
+        speed=speed,
+        done=done,
+        patience=patience or 2.0 * course.length / speed,
     )
 
 
@@ -237,27 +266,89 @@ class Conditions:
     radius: float | None = None  # of the guided point's path [m]
     friction: float | None = None  # [-]
 
+
+STANDARD: Final = Conditions()
+
+
+class Setting(NamedTuple):
+    """Conditions under which a manoeuvre is driven; 0: it has no such condition."""
+
+    hand: Hand
+    speed: float  # [m/s]
+    radius: float  # [m]
+    friction: float  # [-]
+
     @property
     def side(self) -> float:
         """+1 to the left, -1 to the right."""
         return 1.0 if self.hand == "left" else -1.0
 
-    def speed_or(self, standard: float) -> float:
-        """The speed [m/s], by default the standard's."""
-        return standard if self.speed is None else self.speed
-
-    def radius_or(self, standard: float) -> float:
-        """The radius [m], by default the standard's."""
-        return standard if self.radius is None else self.radius
-
-    def friction_or(self, standard: float) -> float:
-        """The friction [-], by default the standard's."""
-        return standard if self.friction is None else self.friction
+    @property
+    def surface(self) -> Surface:
+        """Level ground of this friction."""
+        return Surface(friction=self.friction)
 
 
-STANDARD: Final = Conditions()
+Limits = tuple[float, float] | None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """A kind of manoeuvre, its standard's conditions, and the limits of those that can be chosen; None: it has none."""
+
+    key: str
+    line: str  # what it is
+    title: str
+    seconds: float  # of driving, about; longer ones are started first
+    quantities: tuple[str, ...]  # that are measured
+    speed: float = 0.0  # [m/s]
+    radius: float = 0.0  # [m]
+    friction: float = 0.8  # [-]: a dry road
+    speeds: Limits = None  # [m/s]
+    radii: Limits = None  # [m]
+    frictions: Limits = None  # [-]
+    handed: bool = True  # it turns to one side first
+
+    @classmethod
+    def of(cls, key: str, table: dict[str, Any]) -> "Kind":
+        """The manoeuvre of a table of ``manoeuvres.toml``."""
+        speeds, radii, frictions = (
+            tuple(table.pop(name)) if name in table else None
+            for name in ("speed_limits_kmh", "radius_limits_m", "friction_limits")
+        )
+        return cls(
+            key=key,
+            speed=table.pop("speed_kmh", 0.0) / 3.6,
+            radius=table.pop("radius_m", 0.0),
+            speeds=(speeds[0] / 3.6, speeds[1] / 3.6) if speeds else None,
+            radii=radii,
+            frictions=frictions,
+            quantities=tuple(table.pop("quantities")),
+            **table,
+        )
+
+    def under(self, conditions: Conditions) -> Setting:
+        """The standard's conditions with these changes."""
+        return Setting(
+            conditions.hand,
+            self.speed if conditions.speed is None else conditions.speed,
+            self.radius if conditions.radius is None else conditions.radius,
+            self.friction if conditions.friction is None else conditions.friction,
+        )
+
+    def differs(self, conditions: Conditions) -> bool:
+        """True if the manoeuvre is driven under other conditions than the standard's."""
+        changed = conditions.speed, conditions.radius, conditions.friction
+        limits = self.speeds, self.radii, self.frictions
+        return any(value is not None and limit for value, limit in zip(changed, limits, strict=True))
+
+
+def read_tables(name: str) -> dict[str, Any]:
+    """The tables of a file of this folder."""
+    return tomllib.loads((files("offtrack.studies.standards") / name).read_text(encoding="utf-8"))
+
+
+KINDS: Final = {key: Kind.of(key, table) for key, table in read_tables("manoeuvres.toml").items()}
 Figures = Mapping[str, float]  # value of each quantity by name, in SI units; NaN if it could not be measured
 
 
@@ -275,10 +366,54 @@ class Manoeuvre:
     course: FloatArray | None = None  # (n, 2) path of the guided point, if there is one [m]
 
 
-def measured(names: tuple[str, ...], outcome: str, figures: Callable[[], Figures]) -> Figures:
-    """Figures of these names; all NaN if the manoeuvre was not completed."""
-    values = figures() if outcome == "completed" else {}
-    return {name: float(values.get(name, math.nan)) for name in names}
+def result(
+    key: str,
+    how: str,
+    driven: Drive,
+    figures: Callable[[], Figures],
+    *,
+    conditions: Conditions = STANDARD,
+    course: FloatArray | None = None,
+) -> Manoeuvre:
+    """Result of a manoeuvre; all its quantities are NaN if it was not completed."""
+    kind, values = KINDS[key], figures() if driven.outcome == "completed" else {}
+    return Manoeuvre(
+        key=key,
+        title=kind.title,
+        how=how,
+        outcome=driven.outcome,
+        figures={name: float(values.get(name, math.nan)) for name in kind.quantities},
+        log=driven.log,
+        conditions=conditions,
+        course=course,
+    )
+
+
+def path_error(guided: FloatArray, course: Course) -> float:
+    """Largest distance [m] of a point's path (n, 2) from the course's."""
+    station, errors = 0.0, []
+    for x, y in guided.tolist():
+        station = course.path.project(x, y, station)
+        errors.append(math.dist((x, y), course.path.pose(station)[:2]))
+    return max(errors)
+
+
+def largest_articulation(vehicle: Vehicle, log: Log, side: float = 0.0) -> float:
+    """Largest articulation [rad] of any hitch, to one side (+1 left), or to both; NaN without a hitch."""
+    pairs = pairwise(unit.name for unit in vehicle.units)
+    angles = (articulation(log, *pair) for pair in pairs)
+    return max((float((side * angle if side else np.abs(angle)).max()) for angle in angles), default=math.nan)
+
+
+def largest_load_transfer(vehicle: Vehicle, log: Log) -> float:
+    """Largest magnitude of the load transfer of any unit [-]."""
+    return max(float(np.max(np.abs(log[f"load_transfer_{unit.name}"]))) for unit in vehicle.units)
+
+
+def axle_paths(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray]:
+    """Paths (n, 2) of the first steered and of the last axle [m]."""
+    first, last = vehicle.units[0], vehicle.units[-1]
+    return point_path(log, first.name, first.steered_axles[0].x), point_path(log, last.name, last.axles[-1].x)
 
 
 _NOISE = 1e-3  # over the largest extreme; smaller extremes are not counted

@@ -1,9 +1,7 @@
 """Checks of numbers against targets, and their sections and plots."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -68,14 +66,6 @@ class CheckSection:
     text: str  # description, for readers who know vehicles but not this program
     checks: tuple[Check, ...]
     plots: tuple[Plot, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SectionTask:
-    """A section to compute."""
-
-    title: str
-    work: Callable[[bool], CheckSection]  # argument: quick, with fewer cases
 
 
 def tally(sections: Iterable[CheckSection]) -> dict[str, int]:

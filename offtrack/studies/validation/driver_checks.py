@@ -4,8 +4,6 @@ The combination is `lateral_model` with its tyres, roll and actuators over one p
 code of runs, linearised by differences. So nothing of the driver's own model enters on the combination's side.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import chain
 from typing import Final
@@ -16,8 +14,15 @@ from scipy.linalg import expm
 from controllers.driver import PERIOD, DriverMemory, PreviewDriver
 from controllers.path import Path, line
 from controllers.preview_law import Motion
-from offtrack.studies.standards.comparison import linear_figures
-from offtrack.studies.standards.proving_ground import Drive, amplification, drive, lateral_acceleration, point_path
+from offtrack.studies.standards.assessment import linear_figures
+from offtrack.studies.standards.proving_ground import (
+    Drive,
+    amplification,
+    drive_course,
+    largest_load_transfer,
+    lateral_acceleration,
+    point_path,
+)
 from offtrack.studies.validation.check import Check, CheckSection
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import Course, lane_change, straight
@@ -98,7 +103,7 @@ _EXIT: Final = 250.0  # after the lane change [m]: 10 s, so that motion decays
 _STRAIGHT_SPEED: Final = 90.0 / 3.6  # [m/s]
 _LENGTH: Final = 1000.0  # of the straight road [m]
 _CROSS_FALL: Final = 0.03  # of it, to the right [-]
-_QUICK: Final = ("a_double", "rigid_truck")
+_QUICK: Final = ("a_double",)
 
 
 def driver(quick: bool) -> CheckSection:
@@ -162,14 +167,13 @@ def _straight(vehicle: Vehicle) -> Check:
 def _lane_change(vehicle: Vehicle) -> Check:
     course = lane_change(axle_x=_front(vehicle), speed=_SPEED, peak_acceleration=_PEAK, exit=_EXIT)
     driven = _driven(vehicle, course, _SPEED, Surface(friction=0.8))
-    lifted = max(float(np.abs(driven.log[f"load_transfer_{unit.name}"]).max()) for unit in vehicle.units)
     return Check(
         f"{vehicle.name}: path error in ISO 14791's lane change",
         float(np.abs(_offsets(vehicle, course, driven)).max()) if driven.outcome == "completed" else math.inf,
         "m",
         tolerance=0.15,
         source="ISO 14791, from memory: path within 150 mm",
-        remark=f"{driven.outcome}, largest load transfer of a unit {lifted:.2f}",
+        remark=f"{driven.outcome}, largest load transfer of a unit {largest_load_transfer(vehicle, driven.log):.2f}",
     )
 
 
@@ -199,15 +203,8 @@ def _small_lane_change(vehicle: Vehicle) -> list[Check]:
 
 def _driven(vehicle: Vehicle, course: Course, speed: float, surface: Surface) -> Drive:
     """The course driven at a speed [m/s] with the front axle guided."""
-    return drive(
-        vehicle,
-        surface,
-        PreviewDriver(tractor_guided_at(vehicle, course.reference), course.path, speed),
-        trailer_steering="none",
-        speed=speed,
-        done=lambda truth: bool(truth.poses[0, 0] >= course.length - _front(vehicle)),
-        patience=2.0 * course.length / speed,
-    )
+    end = course.length - _front(vehicle)
+    return drive_course(vehicle, course, surface, speed=speed, done=lambda truth: bool(truth.poses[0, 0] >= end))
 
 
 def _front(vehicle: Vehicle) -> float:

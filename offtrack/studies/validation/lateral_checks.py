@@ -15,8 +15,6 @@ comes from the same equations, so this finds what is not linear and what integra
 right is checked by derivations and by an independent multibody model.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -4,8 +4,6 @@ The vehicle's motion is held and only its tyres' deflections are integrated, wit
 equations. With sigma the relaxation length and V the speed the mean lag is the area between the step and the response.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, Literal, NamedTuple, get_args
 

@@ -5,8 +5,6 @@ The slalom needs the package commonroad-vehicle-models, a development dependency
 Every unit rolls on one axle; a group of axles is replaced by one in its middle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from importlib.util import find_spec

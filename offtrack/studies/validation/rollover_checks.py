@@ -7,8 +7,6 @@ and the roll and height of every axle. The lateral acceleration rises until the 
 Only the data are shared with the model: neither its equations of roll nor its loads.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

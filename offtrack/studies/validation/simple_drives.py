@@ -1,7 +1,5 @@
 """Simplified vehicles and slow drives of the dynamic model, for comparison with theory."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final

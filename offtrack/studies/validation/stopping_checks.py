@@ -1,13 +1,11 @@
 """Checks of brakes and drive: stopping, slip under ABS, folding without it, climbing, and standing where parked."""
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from offtrack.studies.standards.longitudinal_capability import longitudinal, longitudinal_theory
+from offtrack.studies.standards.braking_and_drive import longitudinal, longitudinal_theory
 from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names

@@ -3,8 +3,6 @@
 Radii are those of circles about the turning centre [m]. Angles are positive to the left; turns are to the left.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 
@@ -343,13 +341,7 @@ def _checks(case: _RoundaboutCase, vehicle: Vehicle, course: Course, poses: Floa
         ("smallest radius of the axle's inner end", inner, case.inner, 5e-3, "m"),
         ("swept width", outer - inner, case.swept, 10e-3, "m"),
         ("tail swing", swing, case.swing, 5e-3, "m"),
-        (
-            "articulation at the end",
-            math.degrees(poses[-1, 0, 2] - poses[-1, 1, 2]),
-            case.articulation,
-            0.05,
-            "°",
-        ),
+        ("articulation at the end", math.degrees(poses[-1, 0, 2] - poses[-1, 1, 2]), case.articulation, 0.05, "°"),
     )
     return tuple(
         Check(f"{case.name}: {name}", value, unit, target=target, tolerance=tolerance, source=_SOURCE)

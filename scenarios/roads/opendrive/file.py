@@ -1,7 +1,5 @@
 """Read the roads of an OpenDRIVE file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -26,8 +24,8 @@ from scenarios.roads.opendrive.network import (
     parametric,
     polynomial,
 )
-from scenarios.roads.xml_file import Element, read_xml
-from scenarios.table_file import Column
+from scenarios.roads.path_file import Element, read_xml
+from vehicle.foundation.data_file import Column
 from vehicle.foundation.user_file import shown
 from vehicle.frames import Pose2
 

@@ -1,7 +1,5 @@
 """Roads as data: reference lines, cross sections, lanes and links, and where a lane lies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum

@@ -6,8 +6,6 @@ Each place along that lane has a row of ``LINES`` lines, from right to left. The
 ``LINES // 2 - 1``, the one on its left comes next, wherever the road gets or loses lanes beside them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,8 +16,7 @@ import numpy as np
 
 from scenarios.roads.opendrive.network import Connection, Contact, Lane, LineKind, Link, Network, Road, Section
 from scenarios.roads.path_file import PathPoints
-from vehicle.foundation.parameter_file import nearest
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
 Edges = Literal["lane", "road"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -260,3 +261,14 @@ def test_yaw_and_delay_are_told_apart_in_a_turn() -> None:
     found = with_information(state, exact, exact @ (seen - state.mean[:3]), turning, float(state.mean[DELAY]))
     assert found.mean[YAW] + 0.2 * (found.mean[DELAY] - state.mean[DELAY]) == pytest.approx(seen[1], abs=2e-5)
     assert found.std[YAW] > np.radians(0.005)  # the delay is known to 1 ms, not better
+
+
+def test_in_a_turn_a_known_delay_explains_the_yaw_that_a_pair_shows() -> None:
+    """50 ms at 0.2 rad/s are 0.57 deg: they are no knock of the right camera, which is 0.1 m slower at its end."""
+    state = initial()
+    exact = np.diag([0.0, np.radians(0.002) ** -2, 0.0])
+    state = with_information(updated(state, fit(shift=-0.25)), exact, exact @ -state.mean[:3])
+    turning = SPEED._replace(turn=np.array([0.0, 0.2, 0.0]))
+    seen = innovation(state, fit(yaw=math.degrees(0.2 * DELAY_S), shift=-0.255), turning, 0.5)
+    assert not is_surprising(state, seen)
+    assert np.degrees(with_fit(state, seen, 1.0).mean[YAW]) == pytest.approx(0.0, abs=0.02)

@@ -11,6 +11,7 @@ import pytest
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.keyframe import KeyframeOdometry
+from estimators.odometry.keyframe_tracking import new_keyframe
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import GreyImage
 from tests.estimators.stereo_scene import Drive
@@ -22,6 +23,17 @@ STANDING = 43  # first frame of the drive that is where the one before was
 @pytest.fixture(scope="module")
 def motions(drive: Drive) -> list[Motion]:
     return drive.run(KeyframeOdometry(drive.calibration), drive.frames)[1]
+
+
+def test_points_of_the_ground_lie_on_it_within_their_covariance(drive: Drive) -> None:
+    """Heights of the nearest ones: half of them within 0.67 standard deviations, as of normal errors, or more."""
+    X_WK = drive.bodies[12] @ drive.calibration.X_SC
+    keyframe = new_keyframe(drive.calibration, drive.frames[12], X_WK, np.random.default_rng(0))
+    heights = keyframe.points @ X_WK[2, :3] + X_WK[2, 3]
+    std = np.sqrt(np.einsum("i,nij,j->n", X_WK[2, :3], keyframe.covariance, X_WK[2, :3]))
+    ground = (keyframe.points[:, 2] < 12.0) & (np.abs(heights) < 0.2)  # the rest are walls
+    assert np.count_nonzero(ground) > 100
+    assert np.median(np.abs(heights / std)[ground]) < 0.67
 
 
 def travelled(motions: Sequence[Motion]) -> FloatArray:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
+from estimators.estimates import Health
 from estimators.odometry.image_points import moved
-from estimators.odometry.viso2 import Velocity, expected_motion, started, updated
+from estimators.odometry.viso2 import Velocity, Viso2Odometry, expected_motion, started, updated
 from estimators.odometry.viso2_matching import (
     BLOB,
     CORNER,
@@ -142,6 +145,17 @@ def test_no_texture_gives_no_matches(drive: Drive) -> None:
     dark = pair_features(drive.dark(drive.frames[0]))
     for pairs in ((dark, dark), (dark, pair_features(drive.frames[0])), (pair_features(drive.frames[0]), dark)):
         assert len(circular_matches(drive.calibration, *pairs, np.eye(4), 60.0).current) == 0
+
+
+def test_noise_is_known_from_the_first_motion_on(drive: Drive) -> None:
+    """Then a frame that repeats the one before is lost, and what a motion tells is kept."""
+    odometry = Viso2Odometry(drive.calibration)
+    memory, (motion,) = drive.run(odometry, drive.frames[20:22])
+    assert motion.health is Health.OK
+    assert memory.noise > 0.5
+    after, (repeated,) = drive.run(odometry, [replace(drive.frames[21], tick=2150)], memory)
+    assert repeated.health is Health.LOST
+    assert after is memory
 
 
 def measured(velocity: float, std: float) -> UncertainMotion:

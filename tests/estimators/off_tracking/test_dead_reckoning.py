@@ -12,7 +12,8 @@ import pytest
 from estimators.off_tracking import dead_reckoning
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
 from sensors.messages import CombinationSignals
-from tests.estimators.towed_drive import HITCH, SIGNAL, VEHICLE, Errors, towed_drive
+from tests.estimators.towed_drive import FRONT, HITCH, SIGNAL, VEHICLE, Errors, towed_drive
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, planar
 
@@ -37,17 +38,10 @@ def pose(X: FloatArray) -> FloatArray:
 
 
 def steady(speed: float, yaw_rate: float, articulation: float, seconds: float = 4.0) -> tuple[CombinationSignals, ...]:
-    """Signals of a combination on a circle."""
+    """Signals of a combination on a circle, whose front wheels do not slip."""
+    steer = math.atan(yaw_rate * FRONT / speed) if speed else 0.0
     return tuple(
-        CombinationSignals(
-            tick=tick,
-            angles=np.zeros(2),
-            speed=speed,
-            steer=0.1,
-            articulation=np.array([articulation]),
-            yaw_rates=np.full(2, yaw_rate),
-            lateral_acceleration=0.0,
-        )
+        readings(tick, speed=speed, steer=steer, articulation=np.array([articulation]), yaw_rates=np.full(2, yaw_rate))
         for tick in range(0, round(1000 * seconds) + 1, SIGNAL)
     )
 
@@ -150,12 +144,19 @@ def test_white_noise_has_the_spread_of_drawn_signals() -> None:
 
 
 def test_parameters_are_forgotten_down_to_their_prior() -> None:
-    """A Gauss-Markov process: after a long way without measurements the prior is all that is known."""
+    """A Gauss-Markov process: after a long way without measurements the prior is all that is known.
+
+    A large slip may change by as much, and is forgotten down to its own size.
+    """
     prior = RECKONING.prior()
-    known = Parameters(prior.mean + 0.01, 0.01 * prior.covariance)
+    known = Parameters(prior.mean + 0.001, 0.01 * prior.covariance)
     after = RECKONING.forgotten(known, 1e9, 1e9)
     np.testing.assert_allclose(after.mean, prior.mean)
     np.testing.assert_allclose(after.covariance, prior.covariance)
+    sliding = prior.mean.copy()
+    sliding[dead_reckoning._VARYING] = 0.1
+    spread = RECKONING.forgotten(Parameters(sliding, prior.covariance), 1e9, 1e9).covariance[2, 2]
+    assert spread == pytest.approx(0.1**2)
     unchanged = RECKONING.forgotten(known, 0.0, 0.0)
     np.testing.assert_allclose(unchanged.covariance, known.covariance)
 

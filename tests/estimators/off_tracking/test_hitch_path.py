@@ -68,4 +68,6 @@ def test_where_a_path_turns_back_it_has_no_direction() -> None:
     path = np.column_stack([-x, np.zeros(len(x))])
     s = arc_length(path)
     assert tangent(path, s, 1.0, 0.45) == (0.0, 0.0)
+    short = 0.01 * circle()[:6]  # 25 mm: the direction would be that of the noise
+    assert tangent(short, arc_length(short), 0.0, 1.0) == (0.0, 0.0)
     assert tangent(path, s, 0.3, 0.2).direction == pytest.approx(0.0, abs=1e-9)

@@ -99,19 +99,13 @@ def test_winding_path_agrees_with_root_finding_on_the_analytic_path(side: float)
         assert results[k - 1].value == pytest.approx(truth, abs=1e-6)
 
 
-def paper_off_tracking(sequence: list[BodyMotion], *, shift: int) -> float:
-    """de Saxe 2018, eqs 3 to 7, in the paper's axes (x right, y forward, psi clockwise), for the last frame.
-
-    ``shift`` = 0 indexes the yaw increments by their start frame; 1 by their end frame, as a careless reader of
-    eq. 3 would.
-    """
-    yaw = [-math.atan2(m.X_PC[1, 0], m.X_PC[0, 0]) for m in sequence]
-    steps = [np.array([-m.X_PC[1, 3], m.X_PC[0, 3]]) for m in sequence]
-    i, psi, p = len(sequence), 0.0, np.zeros(2)
-    for k in range(1, i + 1):
-        psi -= yaw[i - k + shift] if i - k + shift < i else 0.0  # eq. 3
+def paper_off_tracking(sequence: list[BodyMotion]) -> float:
+    """de Saxe 2018, eqs 3 to 7, in the paper's axes (x right, y forward, psi clockwise), for the last frame."""
+    psi, p = 0.0, np.zeros(2)
+    for m in reversed(sequence):
+        psi += math.atan2(m.X_PC[1, 0], m.X_PC[0, 0])  # eq. 3
         R = np.array([[math.cos(psi), math.sin(psi)], [-math.sin(psi), math.cos(psi)]])
-        older = p - R @ steps[i - k]  # eqs 4 and 5
+        older = p - R @ np.array([-m.X_PC[1, 3], m.X_PC[0, 3]])  # eqs 4 and 5
         if older[1] <= -LENGTH:  # eq. 6
             return float(p[0] + (older[0] - p[0]) * (p[1] + LENGTH) / (p[1] - older[1]))  # eq. 7
         p = older
@@ -124,16 +118,7 @@ def test_agrees_with_the_equations_of_the_paper() -> None:
     for poses in (straight(0.24), circle(15.0, 9.0), [winding(STEP * k) for k in range(400)]):
         sequence = motions(map(body, poses))
         value = run(sequence)[1][-1].value
-        assert value == pytest.approx(-paper_off_tracking(sequence, shift=0), abs=2e-4)  # sagitta h^2 / 8 R
-
-
-def test_increments_indexed_by_their_end_frame_would_be_seen() -> None:
-    """The classic off-by-one in eq. 3 costs one increment of yaw over the trailer's length, when turning only."""
-    sequence = motions(map(body, circle(15.0, 9.0)))
-    wrong = paper_off_tracking(sequence, shift=1)
-    assert abs(wrong + run(sequence)[1][-1].value) > 0.02  # [m]; 0.1 / 15 rad a frame, over metres
-    sequence = motions(map(body, straight(0.24)))
-    assert paper_off_tracking(sequence, shift=1) == pytest.approx(-run(sequence)[1][-1].value, abs=1e-9)
+        assert value == pytest.approx(-paper_off_tracking(sequence), abs=2e-4)  # sagitta h^2 / 8 R
 
 
 @pytest.mark.slow
@@ -303,25 +288,12 @@ def test_degraded_motion_degrades_until_it_has_left_the_buffer() -> None:
     assert health[-1] is Health.OK
 
 
-@pytest.mark.slow
-def test_standard_deviation_is_that_of_the_spread() -> None:
-    """Monte Carlo over errors of every increment, correlated between rotation and translation.
-
-    All but 4 % of their variance is independent; that share is a bias common to all increments of a trial.
-    """
-    rng = np.random.default_rng(5)
-    true = motions(map(body, [winding(0.5 * k) for k in range(24)]))
-    L = 1e-3 * np.tril(rng.standard_normal((6, 6)))
-    errors = []
-    for _ in range(200):
-        bias = math.sqrt(0.04) * np.sqrt(np.diag(L @ L.T)) * rng.standard_normal(6)
-        drawn = rng.standard_normal((len(true), 6)) @ L.T + bias
-        noisy = erring(true, drawn, L @ L.T)
-        result = run(noisy, length=6.0)[1][-1]
-        errors.append(result.value)
-    spread = float(np.std(errors))
-    assert spread > 2e-3  # [m] the errors do something
-    assert result.std == pytest.approx(spread, rel=0.2)  # 4 sigma of the spread of 200, 1 / sqrt(400)
+def test_errors_of_increments_add_up_and_their_common_share_in_step() -> None:
+    """Ten increments to the follow point, each 1 mm across: sqrt(10 + 0.04 10^2) mm."""
+    sure = motions(map(body, [Pose2(float(k), 0.0, 0.0) for k in range(14)]))
+    covariance = np.diag([0.0, 0.0, 0.0, 0.0, 1e-6, 0.0])
+    result = run([replace(one, covariance=covariance) for one in sure], length=9.5)[1][-1]
+    assert result.std == pytest.approx(1e-3 * math.sqrt(10.0 + 0.04 * 10.0**2))
 
 
 def erring(true: Sequence[BodyMotion], errors: FloatArray, covariance: FloatArray) -> list[BodyMotion]:
@@ -332,11 +304,13 @@ def erring(true: Sequence[BodyMotion], errors: FloatArray, covariance: FloatArra
 
 
 @pytest.mark.slow
-def test_anchored_motions_have_the_spread_of_their_keyframes() -> None:
-    """Monte Carlo: every fourth pose is a keyframe that the next four are measured from.
+@pytest.mark.parametrize("anchored", [False, True])
+def test_standard_deviation_is_that_of_the_spread(anchored: bool) -> None:
+    """Monte Carlo over errors of every increment, correlated between rotation and translation.
 
-    The errors of 24 motions telescope to those of some six keyframes, which is what the standard deviation must say;
-    one that took the motions for independent would be half as large again. A share of 4 % is common, as above.
+    All but 4 % of their variance is independent; that share is a bias common to all increments of a trial. With
+    every fourth pose a keyframe that the next four are measured from, the errors of 24 motions telescope to those of
+    some six keyframes; a deviation that took the motions for independent would be half as large again.
     """
     rng = np.random.default_rng(6)
     poses = [body(winding(0.5 * k)) for k in range(24)]
@@ -344,7 +318,11 @@ def test_anchored_motions_have_the_spread_of_their_keyframes() -> None:
     errors = []
     for _ in range(200):
         bias = math.sqrt(0.04) * np.sqrt(np.diag(L @ L.T)) * rng.standard_normal(6)
-        result = run(measured_from_keyframes(poses, range(0, 24, 4), rng, L, bias), length=6.0)[1][-1]
+        if anchored:
+            noisy = measured_from_keyframes(poses, range(0, 24, 4), rng, L, bias)
+        else:
+            noisy = erring(motions(poses), rng.standard_normal((23, 6)) @ L.T + bias, L @ L.T)
+        result = run(noisy, length=6.0)[1][-1]
         errors.append(result.value)
     spread = float(np.std(errors))
     assert spread > 2e-3  # [m] the errors do something
@@ -414,9 +392,3 @@ def test_directions_on_a_winding_path_are_those_of_the_path() -> None:
         t, result = STEP * (k + 1), results[k]
         assert result.hitch_direction == pytest.approx(direction(t), abs=4e-3)  # the parabola's cubic remainder
         assert result.hitch_direction_rate == pytest.approx(rate_of(direction, t), abs=0.02)
-
-
-def test_follow_distance_must_be_positive() -> None:
-    """A follow point at the hitch has no path to compare with."""
-    with pytest.raises(ValueError, match=r"follow_distance = 0.0 m must be positive"):
-        OffTrackingBuffer(0.0)

@@ -12,9 +12,11 @@ import pytest
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.off_tracking.signal_fusion import FusionMemory, SignalFusion
+from estimators.off_tracking.signal_fusion import Correction, FusionMemory, SignalFusion, blended, doubted
 from sensors.messages import CombinationSignals
+from tests.estimators.body_drive import motion
 from tests.estimators.towed_drive import FOLLOW, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
+from tests.trailers import estimate
 from vehicle.frames import so3_exp, transform
 
 BUFFER = OffTrackingBuffer(FOLLOW)
@@ -68,9 +70,7 @@ def exact_of(drive: TowedDrive) -> dict[int, OffTracking]:
 
 
 def run(
-    drive: TowedDrive,
-    spoilt: Spoilt = as_it_is,
-    signals: Callable[[Messages], Messages] = all_of_them,
+    drive: TowedDrive, spoilt: Spoilt = as_it_is, signals: Callable[[Messages], Messages] = all_of_them
 ) -> dict[int, OffTracking]:
     """Estimates of a drive; ``spoilt`` changes a frame's motion. None: no frame arrives, and the next spans the gap."""
     fusion, path, results = FUSION.init(), BUFFER.init(), {}
@@ -319,3 +319,23 @@ def test_reversing_through_an_outage_keeps_the_path_behind() -> None:
     during = range(25_100, 27_001, FRAME)
     assert np.abs(errors(estimates, memory_results, during)).max() < 0.05  # [m]
     assert all(estimates[tick].health is Health.DEGRADED for tick in during)
+
+
+def test_a_correction_that_is_held_back_bends_the_path_to_the_value() -> None:
+    """At the follow point the path lies at the value; at the hitch it stays, and at a half of the time half is left."""
+    before = estimate(1000, value=0.5, path=np.column_stack([-np.arange(16.0), np.full(16, 0.5)]))
+    held = blended(before, Correction(1000, 0.2), 14.0)
+    assert (held.value, held.path[0, 1]) == pytest.approx((0.7, 0.5))
+    assert held.path[14] == pytest.approx([-14.0, held.value])
+    assert held.path_tangent == pytest.approx(-math.atan(0.2 / 14.0))
+    assert held.std == pytest.approx(math.hypot(before.std, 0.2))
+
+
+def test_a_doubted_motion_is_as_uncertain_since_its_keyframe() -> None:
+    """The misfit scales both covariances."""
+    anchor = Anchor(tick=0, X_AC=np.eye(4), covariance=2.0 * np.eye(6))
+    doubtful = doubted(replace(motion(0, 1, np.eye(4), covariance=np.eye(6)), anchor=anchor), 9.0)
+    assert doubtful.anchor is not None
+    np.testing.assert_array_equal(doubtful.covariance, 9.0 * np.eye(6))
+    np.testing.assert_array_equal(doubtful.anchor.covariance, 18.0 * np.eye(6))
+    assert doubtful.health is Health.DEGRADED

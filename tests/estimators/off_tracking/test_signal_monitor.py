@@ -33,7 +33,7 @@ def winding(t: float) -> float:
 
 
 def drive(errors: Errors = AS_OF_A_TRUCK) -> TowedDrive:
-    return towed_drive(20.0, lambda t: 4.0, winding, errors=errors, seed=2, wheelbase=WHEELBASE)
+    return towed_drive(20.0, lambda t: 4.0, winding, errors=errors, seed=2)
 
 
 DRIVE = drive()

@@ -10,6 +10,7 @@ import pytest
 
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
+from tests.trailers import signals as readings
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
@@ -21,14 +22,12 @@ SPEED = 3.0  # [m/s]
 def signals(vehicle: Vehicle, curvature: float, gamma: float, angles: tuple[float, ...]) -> CombinationSignals:
     """Signals of units that all turn about one centre, at articulations of ``gamma`` [rad]."""
     units = len(vehicle.units)
-    return CombinationSignals(
-        tick=0,
+    return readings(
+        0,
         angles=np.array(angles),
         speed=SPEED,
-        steer=0.0,
         articulation=np.full(units - 1, gamma),
         yaw_rates=np.full(units, SPEED * curvature),
-        lateral_acceleration=0.0,
     )
 
 
@@ -81,14 +80,12 @@ def test_slow_steady_turns_slip_as_in_the_linear_model_of_the_vehicle(steered: s
     speed, angle = 0.5, 1e-3
     model = lateral_model(SEMITRAILER, speed)
     v_y, *rates, gamma = -angle * np.linalg.solve(model.A, model.B[:, model.inputs.index(steered)])
-    turning = CombinationSignals(
-        tick=0,
+    turning = readings(
+        0,
         angles=np.array([0.0, angle if steered == "trailer_steer_1" else 0.0]),
         speed=speed,
-        steer=0.0,
         articulation=np.array([gamma]),
         yaw_rates=np.array(rates),
-        lateral_acceleration=0.0,
     )
     assert TyreScrub(SEMITRAILER, 1).slip(turning) == pytest.approx(v_y / speed, rel=0.12)
 
@@ -120,15 +117,6 @@ def test_the_bank_is_what_the_accelerometer_feels_beyond_the_curve(bank: float, 
 def test_scrub_at_rest_stays_finite() -> None:
     """Noise of a gyro at rest is no curvature."""
     still = signals(SEMITRAILER, 0.001, 0.3, (0.0, 0.0))
-    resting = CombinationSignals(
-        tick=0,
-        angles=still.angles,
-        speed=0.0,
-        steer=0.0,
-        articulation=still.articulation,
-        yaw_rates=still.yaw_rates,
-        lateral_acceleration=0.0,
-    )
-    slip = TyreScrub(SEMITRAILER, 1).slip(resting)
+    slip = TyreScrub(SEMITRAILER, 1).slip(replace(still, speed=0.0))
     assert math.isfinite(slip)
     assert abs(slip) < 0.01

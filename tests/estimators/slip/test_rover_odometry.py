@@ -66,6 +66,7 @@ def test_the_slip_angle_turns_the_way() -> None:
     assert pose.x == pytest.approx(1.6, abs=1e-9)
     assert pose.y == pytest.approx(1.6 * math.tan(alpha), abs=0.24 * math.tan(alpha))
     assert pose.drift == pytest.approx(alpha, rel=2e-3)  # exp(-20 s / 3 s)
+    assert driven(STEERED, STEP, drift=alpha).drift == pytest.approx((1.0 - math.exp(-1.0)) * alpha)
 
 
 def test_slip_is_what_turns_off_from_where_the_wheels_pointed_then() -> None:
@@ -135,18 +136,20 @@ def test_impossible_geometry_is_refused() -> None:
         RoverGeometry(wheels=WHEELS, wheel_radius=0.1, effective_track=0.5, max_steer=(0.0,) * 2, max_wheel_speed=1.0)
 
 
-def test_what_is_known_later_mends_the_way() -> None:
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_what_is_known_later_mends_the_way(heading: float) -> None:
     """A slip of 6 degrees that is seen as none at first, and rightly two seconds later: the way is mended.
 
     What is left are the two seconds that nothing has been known of later: 0.16 m times tan(6 deg), and a step.
     """
     alpha = math.radians(6.0)
     odometry = RoverOdometry(STEERED)
-    memory = odometry.init(0.0, 0.0, 0.0)
+    memory = odometry.init(0.0, 0.0, heading)
     for tick in range(0, 20_001, STEP):
         seen = dataclasses.replace(slip(tick, 0.0), lagged_tick=tick - 2000, lagged_value=alpha, lagged_std=0.01)
-        memory, pose = odometry.step(memory, readings(tick), seen if tick >= 2000 else None)
-    assert pose.y == pytest.approx((1.6 - 0.16) * math.tan(alpha), abs=0.01 * math.tan(alpha))
+        memory, pose = odometry.step(memory, readings(tick, heading), seen if tick >= 2000 else None)
+    aside = math.cos(heading) * pose.y - math.sin(heading) * pose.x
+    assert aside == pytest.approx((1.6 - 0.16) * math.tan(alpha), abs=0.01 * math.tan(alpha))
 
 
 def carried(turn: float) -> RoverPose:

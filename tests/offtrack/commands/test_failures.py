@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -21,9 +20,8 @@ from controllers.rover_driver import RoverDriver
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.slip.rover_odometry import ReferenceSlip
 from offtrack.commands.cli import app
-from offtrack.reports.rover_report import rover_report_html
-from offtrack.reports.run_page import report_html
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
+from offtrack.reports.run_page import report_html, rover_report_html
 from scenarios.loop.channel import InLine
 from scenarios.loop.image_observers import Pictures, StereoPictures
 from scenarios.loop.referee import CourseJudge
@@ -113,51 +111,42 @@ def test_an_exception_of_any_part_is_the_outcome_of_its_run(
 def test_a_run_that_fails_at_once_leaves_a_whole_directory(
     scenario: tuple[str, tuple[str, ...]], part: type, rows: int, break_after: Breaker, tmp_path: Path
 ) -> None:
-    """With a log of no row, of one or two."""
     break_after(part, "observe", rows, RuntimeError("[/] & <b>\ud800"))
     result = run(load_any_scenario(*scenario), 1)
     assert len(result.log) == rows
     directory = write_run(result, tmp_path / "run", video=False)
     names = {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html", "traceback.txt"}
     assert {path.name for path in directory.iterdir()} == names
-    assert (
-        json.loads((directory / "summary.json").read_text(encoding="utf-8"))["outcome"]
-        .partition(" (tests")[0]
-        .endswith("[/] & <b>?")
-    )
+    outcome = json.loads((directory / "summary.json").read_text(encoding="utf-8"))["outcome"]
+    assert outcome.partition(" (tests")[0].endswith("[/] & <b>?")
     assert "RuntimeError: [/] &amp; &lt;b&gt;?" in (directory / "report.html").read_text(encoding="utf-8")
     assert read_log(directory / "signals.parquet") == result.log
 
 
-@pytest.mark.parametrize("video", ["--video", "--no-video"])
+@pytest.mark.parametrize(("video", "debug"), [("--video", ""), ("--no-video", "1")])
 def test_the_command_writes_a_failed_run_and_exits_with_1(
-    video: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    video: str, debug: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One line on standard error; the traceback is in its file, and printed only if asked for."""
     break_after(PreviewDriver, "step", 20, SystemExit("bye [/]"))
+    monkeypatch.setenv("OFFTRACK_DEBUG", debug)
     settings = [f"--set={setting}" for setting in SHORT]
-    for debug, out in ("", "a"), ("1", "b"):
-        monkeypatch.setenv("OFFTRACK_DEBUG", debug)
-        result = CliRunner().invoke(app, ["run", "cambered-road", *settings, video, "--out", str(tmp_path / out)])
-        assert result.exit_code == 1
-        line = (
-            r"offtrack: failed: pilot CombinationPilot: at tick \d+ \(.* s\) it raised SystemExit: bye \[/\]"
-            + HERE
-            + r" \(see "
-        )
-        assert re.search(line + str(tmp_path / out / "traceback.txt"), result.stderr)
-        assert ("Traceback" in result.stderr) == bool(debug)
-        assert "in breaking" in (tmp_path / out / "traceback.txt").read_text(encoding="utf-8")
-        assert "bye [/]" in result.stdout
+    result = CliRunner().invoke(app, ["run", "cambered-road", *settings, video, "--out", str(tmp_path / "a")])
+    assert result.exit_code == 1
+    line = r"offtrack: failed: pilot CombinationPilot: at tick \d+ \(.* s\) it raised SystemExit: bye \[/\]"
+    assert re.search(rf"{line}{HERE} \(see {tmp_path}/a/traceback\.txt", result.stderr)
+    assert ("Traceback" in result.stderr) == bool(debug)
+    assert "in breaking" in (tmp_path / "a" / "traceback.txt").read_text(encoding="utf-8")
+    assert "bye [/]" in result.stdout
 
 
 @pytest.mark.parametrize(
     ("broken", "error", "told"),
     [
         ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
-        ("run_video.write_video", IndexError("no such colour"), "IndexError: no such colour"),
+        ("run_files.write_film", IndexError("no such colour"), "IndexError: no such colour"),
         (
-            "run_video.write_video",
+            "run_files.write_film",
             OSError(errno.ENOSPC, "No space left on device"),
             "OSError: .*No space left on device",
         ),
@@ -166,8 +155,6 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
 def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
     broken: str, error: Exception, told: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All else is written, and the command says so."""
-
     def breaking(*arguments: Any, **options: Any) -> None:
         raise error
 
@@ -208,16 +195,6 @@ def test_an_estimate_that_is_none_ends_the_run_and_not_its_log(
     assert result.outcome.startswith("failed: estimator ReferenceOffTracking: at tick ")
     assert re.search(f"{re.escape(line)}{HERE}$", result.outcome)
     assert len(result.log) > 5
-
-
-def test_duplicated_fixes_are_no_failure() -> None:
-    """Their points lie on one station of the hitch's path: an error of the past, which lost whole runs."""
-    settings = ("off_tracking=truth", "course.radius=60", "course.entry=25", "course.turn_deg=30", "course.exit=5")
-    faults = ("speed_kmh=40", "faults=duplicate:0.9", "reference_unit=false")
-    result = run(load_any_scenario("roundabout", (*settings, *faults)), 1)
-    assert result.outcome == "completed"
-    assert isinstance(result, RunResult)
-    assert np.isfinite(result.signal("off_tracking_estimate")).any()
 
 
 def test_a_picture_that_is_none_does_not_lose_the_others() -> None:

@@ -12,25 +12,23 @@ import numpy as np
 import pytest
 
 from controllers.trailer_steering.policy import load_network
-from offtrack.environments.surrogate_fit import run_errors
 from offtrack.environments.training.training_directory import Plan, check_directory, read_curve
-from offtrack.exchange.recordings.calibration_files import board_of, views_of
-from offtrack.exchange.recordings.mounting import read_rig
-from offtrack.exchange.recordings.rover_recording import load_rig, open_rover_recording
+from offtrack.exchange.recordings.camera_files import board_of, read_rig, views_of
 from offtrack.exchange.recordings.stereo_reader import read_kitti_poses, read_projections
 from offtrack.exchange.recordings.stereo_sequence import LAYOUTS, Dropped, find_sequence, stream
-from offtrack.reports.vehicle_sheet.library import open_sheet
+from offtrack.exchange.recordings.writers import load_rig, open_rover_recording
+from offtrack.reports.vehicle_sheet.combination_sheet import open_sheet
 from offtrack.studies.study import load_study
 from scenarios.assembly.adapters import ground_friction
 from scenarios.assembly.drivers_and_laws import read_trace
-from scenarios.assembly.surrogate import load_surrogate
+from scenarios.assembly.surrogate import load_surrogate, run_errors
 from scenarios.options.scenario import load_any_scenario
-from scenarios.options.surroundings import SurfaceOptions
+from scenarios.options.tables import SurfaceOptions
 from scenarios.progress import no_progress
 from scenarios.results.log import read_log
 from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.path_file import read_path
-from sensors.camera.lens import load_raw_rig
+from sensors.camera.rig import load_raw_rig
 from tests.hostile_files import HOSTILE
 from vehicle.combination.description import load_vehicle
 from vehicle.rover.description import load_rover, load_soil
@@ -59,14 +57,12 @@ def prepare(folder: Path) -> None:
 
 
 def stereo(folder: Path, rate: float | None) -> None:
-    """Read all frames."""
     for _, frame in stream(find_sequence(folder, rate).frames, (8, 6)):
         if isinstance(frame, Dropped):
             raise ValueError(frame.reason)
 
 
 def rover(folder: Path) -> None:
-    """Read the only view."""
     view = open_rover_recording(folder).view(0)
     if isinstance(view, str):
         raise ValueError(view)
@@ -128,7 +124,6 @@ def _at_once() -> Iterator[None]:
 @pytest.mark.parametrize("kind", HOSTILE)
 @pytest.mark.parametrize("what", OPENED)
 def test_something_else_in_place_of_a_file_is_refused_in_one_line(what: str, kind: str, tmp_path: Path) -> None:
-    """All other files are as they should be."""
     name, opened = OPENED[what]
     prepare(tmp_path)
     (tmp_path / name).unlink(missing_ok=True)

@@ -12,13 +12,13 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.rover_result import RoverResult
 
 SHORT = ("slip_estimator=truth", "course.length=0.6", "surface.slope_from=0.1")
 PARTS = '''
 import math
+from dataclasses import replace
 from vehicle.option import Option
 from vehicle.rover.command import RoverCommand
 from sensors.instruments.navigation import ExactSlip
@@ -66,7 +66,6 @@ class Instrument:
         self.exact, self.bias = ExactSlip(wheel), bias
 
     def sample(self, truth):
-        from dataclasses import replace
         reading = self.exact.sample(truth)
         return replace(reading, slip_angle=reading.slip_angle + self.bias)
 '''
@@ -74,7 +73,6 @@ class Instrument:
 
 @pytest.fixture
 def own_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A module of parts in the user's folder."""
     (tmp_path / "rover_parts.py").write_text(PARTS, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
 
@@ -95,7 +93,6 @@ def test_a_rover_that_leaves_its_path_does_not_complete() -> None:
 
 @pytest.mark.usefixtures("own_parts")
 def test_a_driver_of_ones_own_that_commands_no_number_ends_in_one_line() -> None:
-    """The line names the driver, the tick and the value."""
     line = r"failed: driver = rover_parts:Broken: at tick 0 \(0 s\) it returned steer.* = nan"
     line += r" \(.*rover_parts\.py, line \d+\)"
     assert re.fullmatch(line, driven("driver=rover_parts:Broken").outcome)
@@ -103,7 +100,6 @@ def test_a_driver_of_ones_own_that_commands_no_number_ends_in_one_line() -> None
 
 @pytest.mark.usefixtures("own_parts")
 def test_a_sensor_of_ones_own_feeds_the_slip_estimator() -> None:
-    """The estimator works on its readings, and so does the error of them."""
     result = driven("sensor=rover_parts:Instrument", "sensing.bias=0.1")
     error = result.slip_error[np.isfinite(result.slip_error)]
     assert len(error) > 10
@@ -111,7 +107,6 @@ def test_a_sensor_of_ones_own_feeds_the_slip_estimator() -> None:
 
 
 def test_messages_of_a_rovers_sensor_can_be_lost() -> None:
-    """Half of the readings are dropped: half of the estimates are missing, and the run still completes."""
     sound, faulty = driven(), driven("faults=dropout:0.5")
     count = [int(np.isfinite(result.log["health"]).sum()) for result in (sound, faulty)]
     assert faulty.outcome == "completed"
@@ -122,7 +117,6 @@ def test_messages_of_a_rovers_sensor_can_be_lost() -> None:
 
 @pytest.mark.usefixtures("runs_here")
 def test_slip_compensations_are_compared(tmp_path: Path) -> None:
-    """One row for each of them, with the rover's numbers."""
     settings = [part for setting in SHORT[1:] for part in ("--set", setting)]
     arguments = ["compare", "rover-slope", "--controllers", "none,crab", *settings, "--jobs", "1", "--json"]
     result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "study")])

@@ -12,12 +12,11 @@ from gymnasium.utils.env_checker import check_env
 
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.camera_observations import CameraObservations
-from offtrack.environments.pictures import reduced, reduced_shape
-from offtrack.environments.registry import CoreVectorEnv
+from offtrack.environments.registry import vector
 from offtrack.environments.rewards import Domain, Variation
 from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
-from scenarios.options.scenario import Scenario, load_scenario
+from scenarios.options.scenario import load_scenario
 from sensors.world.world import World
 from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import load_vehicle
@@ -39,18 +38,6 @@ def options(observation: str, *settings: str, **others: Any) -> dict[str, Any]:
     """Options of an environment with small images of a straight road."""
     sensing = load_scenario("roundabout", [*SMALL, *settings])
     return {"observation": observation, "courses": (COURSE,), "domain": DOMAIN, "sensing": sensing, **others}
-
-
-def many(n: int, **given: Any) -> CoreVectorEnv:
-    """The vector environment without gymnasium's wrappers."""
-    made = gymnasium.make_vec(TRAILER, num_envs=n, **given).unwrapped
-    assert isinstance(made, CoreVectorEnv)
-    return made
-
-
-def names(env: Any) -> list[str]:
-    """Names of the observation's entries."""
-    return [feature.name for feature in env.unwrapped.core.features]
 
 
 _BUILT: list[World] = []
@@ -77,15 +64,15 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
     """
     steps, given = 50, options("estimate")
     action = np.full((2, 2), 0.5, dtype=np.float32)
-    estimating, exact_env = many(2, **given), many(2, **{**given, "observation": "truth"})
+    estimating, exact_env = (
+        vector("TrailerSteering-v0", 2, **{**given, "observation": o}) for o in ("estimate", "truth")
+    )
     seen, true = [estimating.reset(seed=101)[0]], [exact_env.reset(seed=101)[0]]
     for _ in range(steps):
         seen.append(estimating.step(action)[0])
         true.append(exact_env.step(action)[0])
     estimating.close()
-    at = {
-        name: names(estimating).index(name) for name in ("off_tracking", "age", "usable", "hitch_v_x", "path_0.5_ahead")
-    }
+    at = {feature.name: k for k, feature in enumerate(estimating.core.features)}  # type: ignore[attr-defined]
     told, exact = np.array(seen), np.array(true)
     assert told[:, :, at["usable"]].all()
     assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
@@ -106,7 +93,10 @@ def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None)
     A copy pickled before the first reset, without a renderer, repeats an episode to the bit; later it is refused.
     """
     given = options("camera", image_scale=2)
-    both, one = many(2, **given), gymnasium.make(TRAILER, disable_env_checker=True, render_mode="rgb_array", **given)
+    both, one = (
+        vector("TrailerSteering-v0", 2, **given),
+        gymnasium.make(TRAILER, disable_env_checker=True, render_mode="rgb_array", **given),
+    )
     copy = pickle.loads(pickle.dumps(one.unwrapped))
     seen, alone = both.reset(seed=101)[0], one.reset(seed=102)[0]
     with pytest.raises(ValueError, match="rendered cameras cannot be copied"):
@@ -151,8 +141,6 @@ def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observat
 
 @pytest.mark.slow
 def test_a_spawned_process_has_cameras_of_its_own() -> None:
-    """A spawned process and this one make the same observation from the same options."""
-
     def make() -> Any:
         return gymnasium.make(f"offtrack:{ROVER}", observation="camera", image_scale=4)
 
@@ -163,6 +151,7 @@ def test_a_spawned_process_has_cameras_of_its_own() -> None:
     assert np.array_equal(seen["image"][0], expected["image"])
 
 
+@pytest.mark.slow
 def test_an_episodes_seed_decides_its_world() -> None:
     """The other circumstances follow from the seed too, for any observation."""
     built: list[int] = []
@@ -236,40 +225,3 @@ def test_rovers_pictures_are_decided_by_the_seed() -> None:
     assert seen[0]["image"].shape == (1, 120, 160)
     assert seen[0]["image"].std() > 5.0
     assert all(np.array_equal(seen[0][part], seen[1][part]) for part in ("image", "features"))
-
-
-def test_pictures_are_reduced_by_means() -> None:
-    """Of whole squares; what is left over is cut off."""
-    image = np.arange(35, dtype=np.uint8).reshape(5, 7)
-    assert reduced(image, 2).tolist() == [[4, 6, 8], [18, 20, 22]]
-    assert reduced_shape((2, 391, 1344), 4) == (2, 97, 336)
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "words"),
-    [
-        (TRAILER, {"observation": "camera", "image_scale": 0}, "image_scale = 0 must be 1 .. 48"),
-        (TRAILER, {"observation": "camera", "sensing": "rover-slope"}, "rover-slope is a rover's"),
-        (ROVER, {"observation": "camera", "sensing": "roundabout"}, "roundabout is a trailer's"),
-        (ROVER, {"observation": "estimate", "soils": ("none",)}, "firm ground takes no trace"),
-        (TRAILER, {"observation": "estimate", "sensing": "off_tracking=truth"}, "use observation = 'truth'"),
-        (TRAILER, {"observation": "estimate", "sensing": "off_tracking=surrogate"}, "use observation = 'surrogate'"),
-        (TRAILER, {"observation": "estimate", "sensing": "rig.rate_hz=8"}, "multiple of the control step, 0.02 s"),
-    ],
-)
-def test_wrong_options_are_refused_in_one_line(name: str, given: dict[str, Any], words: str) -> None:
-    """When the environment is made."""
-    sensing = given.get("sensing", "")
-    made: str | Scenario = load_scenario("roundabout", [sensing]) if "=" in sensing else sensing
-    with pytest.raises(ValueError, match=words) as error:
-        gymnasium.make(name, **({**given, "sensing": made} if sensing else given))
-    assert "\n" not in str(error.value)
-
-
-def test_what_is_observed_is_in_the_environments_spec() -> None:
-    """Whoever finds a result finds what it was given, the default too."""
-    for name in (TRAILER, ROVER):
-        assert gymnasium.spec(name).kwargs["observation"] == "surrogate"
-        spec = gymnasium.make(name, observation="truth").spec
-        assert spec is not None
-        assert spec.kwargs["observation"] == "truth"

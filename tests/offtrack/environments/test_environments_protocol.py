@@ -1,48 +1,41 @@
-"""Environments in gymnasium's protocol: seeds, autoreset modes, and equal results of single and vector environments."""
+"""Environments in gymnasium's protocol: seeds, autoreset modes, one and many; copies, wrong order and wrong values."""
 
 from __future__ import annotations
 
+import copy
 import pickle
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+import offtrack  # registers the environments
 import offtrack.environments.registry
-from offtrack.environments.core import Features, Observation
-from offtrack.environments.registry import CoreVectorEnv
-from offtrack.environments.rewards import Moment
+from offtrack.environments.core import Features
+from offtrack.environments.registry import CoreVectorEnv, single
+from offtrack.environments.registry import vector as many_of
+from offtrack.environments.rewards import Domain, follow_error
+from scenarios.options.scenario import load_scenario
+from tests.environments import features, off_path
 
+STEERING, DOCKING, SANDY = offtrack.environments.registry.CORES
 TRAILER, DRIVING, ROVER = (f"offtrack/{name}" for name in offtrack.environments.registry.CORES)
 EVERY: list[tuple[str, dict[str, Any]]] = [
-    (TRAILER, {}),
-    (TRAILER, {"observation": "truth"}),
-    (DRIVING, {}),
-    (DRIVING, {"task": "gate"}),
-    (ROVER, {}),
+    *((name, {}) for name in (TRAILER, DRIVING, ROVER)),
+    *((TRAILER, {"observation": "truth"}), (DRIVING, {"task": "gate"})),
 ]
 
 
-def off_path(moment: Moment) -> Any:
-    """Ending that random steering meets within seconds."""
-    return np.abs(moment.off_tracking) > 0.03
-
-
 def vector(name: str, n: int, **options: Any) -> CoreVectorEnv:
-    """The environment without gymnasium's wrappers."""
     made = gymnasium.make_vec(name, num_envs=n, **options).unwrapped
     assert isinstance(made, CoreVectorEnv)
     return made
-
-
-def features(observation: Observation) -> Features:
-    """The observation of an environment without images."""
-    assert isinstance(observation, np.ndarray)
-    return observation
 
 
 def ended_episodes(env: CoreVectorEnv, mode: AutoresetMode, steps: int) -> int:
@@ -84,7 +77,6 @@ def check_seeding(env: CoreVectorEnv, seed: int) -> None:
 
 
 def check_info(env: CoreVectorEnv, info: dict[str, Any]) -> None:
-    """Every entry has a mask ``_name``."""
     for name in info:
         assert name.startswith("_") or np.shape(info[f"_{name}"]) == (env.num_envs,)
 
@@ -142,9 +134,8 @@ def test_many_do_what_single_ones_do(name: str, options: dict[str, Any]) -> None
             assert its_reward == pytest.approx(rewards[step][k], rel=1e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
+@pytest.mark.parametrize("name", [DRIVING, *(pytest.param(name, marks=pytest.mark.slow) for name in (TRAILER, ROVER))])
 def test_a_seed_decides_the_whole_episode_bitwise(name: str) -> None:
-    """The same seed and actions give the same numbers, also after another episode and in a pickled copy."""
     env = vector(name, 2)
     actions = np.random.default_rng(2).uniform(-1.0, 1.0, (30, *(env.action_space.shape or ()))).astype(np.float32)
 
@@ -171,40 +162,23 @@ def test_who_starts_again_leaves_the_others_as_they_would_have_been() -> None:
     assert not np.array_equal(left[1], right[1])
 
 
-def test_reset_mask_must_fit() -> None:
-    """A mask needs one boolean per environment, at least one of them True."""
-    env = vector(DRIVING, 2)
-    env.reset(seed=1)
-    for mask in (np.array([True]), np.array([1, 0]), np.array([False, False])):
-        with pytest.raises(ValueError, match="reset_mask"):
-            env.reset(options={"reset_mask": mask})
-
-
 @pytest.mark.parametrize("name", [TRAILER, DRIVING, ROVER])
-def test_random_steps_stay_within_the_spaces_and_finite(name: str) -> None:
-    """Any demand gives finite observations within their space and finite rewards, jackknifes included."""
-    env = vector(name, 4)
+def test_pictures_show_what_moves_and_random_steps_stay_finite(name: str) -> None:
+    env = gymnasium.make(name, render_mode="rgb_array", disable_env_checker=True)
     env.action_space.seed(1)
     env.reset(seed=1)
-    for _ in range(300 if name != ROVER else 60):
-        seen, reward, *_ = env.step(env.action_space.sample())
+    first = env.render()
+    for _ in range(60 if name == ROVER else 300):
+        seen, reward, ended, *_ = env.step(env.action_space.sample())
         assert seen in env.observation_space
-        assert np.isfinite(reward).all()
-
-
-def test_pictures_show_what_moves() -> None:
-    """Pictures of two moments of an episode differ."""
-    for name in (TRAILER, DRIVING, ROVER):
-        env = gymnasium.make(name, render_mode="rgb_array", disable_env_checker=True)
-        env.reset(seed=1)
-        first = env.render()
-        for _ in range(50):
-            env.step(np.ones(env.action_space.shape or (), dtype=np.float32))
-        second = env.render()
-        assert isinstance(first, np.ndarray)
-        assert isinstance(second, np.ndarray)
-        assert first.shape == (600, 600, 3)
-        assert not np.array_equal(first, second)
+        assert np.isfinite(float(reward))
+        if ended:
+            break
+    second = env.render()
+    assert isinstance(first, np.ndarray)
+    assert isinstance(second, np.ndarray)
+    assert first.shape == (600, 600, 3)
+    assert not np.array_equal(first, second)
 
 
 def test_a_broken_state_ends_its_own_episode_and_nothing_else() -> None:
@@ -225,3 +199,222 @@ def test_a_broken_state_ends_its_own_episode_and_nothing_else() -> None:
         if step == 0:
             assert info["outcome"][1] == "diverged"
     assert np.isfinite(broken.core._fleet._state).all()  # type: ignore[attr-defined]
+
+
+NAN, INF = float("nan"), float("inf")
+COPIES: list[Callable[[Any], Any]] = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+KINDS: list[tuple[str, dict[str, Any]]] = [
+    (STEERING, {}),
+    (DOCKING, {"engine": "interpreted"}),
+    (STEERING, {"action_repeat": 2}),
+    (DOCKING, {}),
+    (SANDY, {}),
+    (SANDY, {"observation": "estimate"}),
+]
+
+
+same = np.testing.assert_equal  # bitwise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize(("name", "options"), KINDS)
+def test_a_copy_continues_the_episode_bitwise(name: str, options: dict[str, Any], copied: Any) -> None:
+    """Single environments: what the original does after the copy, the copy does too, also in the next episode."""
+    env = single(name, **options)
+    rng = np.random.default_rng(1)
+    actions = rng.uniform(-0.3, 0.5, (12, 2)).astype(np.float32)
+    env.reset(seed=3)
+    for action in actions[:6]:
+        env.step(action)
+    twin = copied(env)
+    original: list[Any] = [env.step(action) for action in actions[6:]]
+    original.append((env.reset(), env.step(actions[0])))
+    for expected, action in zip(original, actions[6:], strict=False):
+        same(twin.step(action), expected)
+    same((twin.reset(), twin.step(actions[0])), original[-1])
+
+
+@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize("name", [STEERING, DOCKING, SANDY])
+def test_a_copied_vector_environment_continues_bitwise(name: str, copied: Any) -> None:
+    env = many_of(name, 3, **({"endings": {"off path": off_path}} if name == STEERING else {}))
+    rng = np.random.default_rng(2)
+    actions = rng.uniform(-1.0, 1.0, (160, *(env.action_space.shape or ()))).astype(np.float32)
+    if name == SANDY:
+        actions = actions[:25]
+    env.reset(seed=3)
+    for action in actions[:20]:
+        env.step(action)
+    twin = copied(env)
+    for action in actions[20:]:
+        same(twin.step(action), env.step(action))
+
+
+@pytest.mark.parametrize("name", [STEERING, DOCKING, SANDY])
+def test_a_step_needs_a_reset_and_nothing_works_after_close(name: str) -> None:
+    """The same errors for one and for many, gymnasium's own; a mask of the first reset leaves others unreset."""
+    for env in (single(name, render_mode="rgb_array"), many_of(name, 2, render_mode="rgb_array")):
+        action = env.action_space.sample()
+        with pytest.raises(ResetNeeded, match="step before reset"):
+            env.step(action)
+        if env.action_space.shape == (2, 2):
+            env.reset(seed=1, options={"reset_mask": np.array([True, False])})
+            with pytest.raises(ResetNeeded):
+                env.step(action)
+        env.reset(seed=1)
+        env.step(action)
+        env.close()
+        env.close()
+        for call in (env.reset, env.render, lambda env=env, action=action: env.step(action)):
+            with pytest.raises(ClosedEnvironmentError, match="after close"):
+                call()
+
+
+WRONG_ACTIONS: list[tuple[Any, str]] = [
+    ([0.0, NAN], r"\[1\] = nan must be a finite number"),
+    (np.array([-INF, 0.0], dtype=np.float32), r"\[0\] = -inf must be a finite number"),
+    ([0.0], r"of shape \(1,\) must be of shape \(2,\)"),
+    *((wrong, "must be numbers of shape") for wrong in (None, "ab", [True, False], [0j, 1j], [[0.0], [0.0, 0.0]])),
+    ([10**400, 0], "must be numbers of shape"),
+]
+
+
+@pytest.mark.parametrize("name", [DOCKING, *(pytest.param(name, marks=pytest.mark.slow) for name in (STEERING, SANDY))])
+def test_wrong_actions_are_refused_and_change_nothing(name: str) -> None:
+    """A refused action leaves the episode as it was; of many, the number of the sub-environment is named."""
+    env, untouched, many = single(name), single(name), many_of(name, 3)
+    for one in (env, untouched, many):
+        one.reset(seed=1)
+    for action, says in WRONG_ACTIONS:
+        with pytest.raises(ValueError, match=rf"^[^\n]*{says}[^\n]*$"):
+            env.step(action)
+    same(env.step(np.zeros(2, np.float32)), untouched.step(np.zeros(2, np.float32)))
+    with pytest.raises(ValueError, match=r"actions\[2, 1\] = nan must be a finite number"):
+        many.step(np.array([[0.0, 0.0], [0.0, 0.0], [0.0, NAN]], np.float32))
+    with pytest.raises(ValueError, match=r"actions of shape \(2,\) must be of shape \(3, 2\)"):
+        many.step(np.zeros(2, np.float32))
+
+
+def test_actions_of_other_types_and_beyond_the_limits_are_what_they_stand_for() -> None:
+    """Lists, integers and 64-bit numbers are converted; beyond -1 .. 1 the demand is at its limit."""
+    env, other = single(DOCKING), single(DOCKING)
+    for one in (env, other):
+        one.reset(seed=1)
+    full = np.array([1.0, -1.0], dtype=np.float32)
+    same_demand: list[Any] = [[1, -1], [1e300, -1e300], np.array([3.0, -2.0], np.float32), np.array([1, -1], np.int8)]
+    for action in same_demand:
+        same(other.step(action), env.step(full))
+
+
+WRONG_OPTIONS: dict[str, list[tuple[Any, str]]] = {
+    STEERING: [
+        ({"friktion": 0.3}, "did you mean 'friction'"),
+        ({"course": "moon"}, "course = moon must be one of roundabout"),
+        ({"course": True}, "course = True must be one of roundabout"),
+        ({"course": ("roundabout",)}, r"course = \('roundabout',\) must be one of"),
+        ({"course": ["x" * 500]}, "course = "),
+        ({"friction": True}, "friction = True must be a number or two bounds"),
+        ({"friction": 10**400}, "within 0.05 .. 1.5"),
+        ({"friction": "ic"}, "friction = 'ic' must be a number or two bounds"),
+        ({"friction": (0.9, 0.2)}, "must be a range within"),
+    ],
+    DOCKING: [
+        ({"course": "roundabout"}, "unknown reset option 'course'"),
+        ({1: 2}, "must be a dictionary of reset options by name"),
+    ],
+    SANDY: [
+        ({"soil": ["beach_sand"]}, r"soil = \['beach_sand'\] must be one of"),
+        ({"speed": {}}, "speed = {} must be a number or two bounds"),
+    ],
+}
+
+
+@pytest.mark.parametrize("name", [STEERING, DOCKING, SANDY])
+def test_wrong_reset_options_are_named(name: str) -> None:
+    env = single(name)
+    for options, says in WRONG_OPTIONS[name]:
+        with pytest.raises(ValueError, match=says) as error:
+            env.reset(options=options)
+        assert "\n" not in str(error.value)
+        assert len(str(error.value)) < 400
+    env.reset(seed=1)
+
+
+def test_wrong_seeds_are_named() -> None:
+    env, many = single(DOCKING), many_of(DOCKING, 2)
+    wrong: list[Any] = [-1, True, 1.5, NAN, "1", {}]
+    for seed in wrong:
+        for call in (lambda seed=seed: env.reset(seed=seed), lambda seed=seed: many.reset(seed=[1, seed])):
+            with pytest.raises(ValueError, match=r"seed = .* must be a whole number >= 0"):
+                call()
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: many_of(DOCKING, 0), "num_envs = 0 must be a whole number"),
+        (lambda: many_of(DOCKING, 10**9), "num_envs = 1000000000 must be .* at most 65536"),
+        (lambda: many_of(DOCKING, True), "num_envs = True must be a whole number"),
+        (
+            lambda: many_of(DOCKING, autoreset_mode="Never"),
+            "autoreset_mode = 'Never' must be one of NextStep, SameStep",
+        ),
+        (lambda: single(STEERING, action_repeat=1.5), "action_repeat = 1.5 must be a whole number"),
+        (lambda: single(STEERING, action_repeat=10**9), "action_repeat = 1000000000 must be .* at most 1000"),
+        (lambda: single("TrailerStearing-v0"), "unknown environment 'TrailerStearing-v0'; did you mean 'TrailerSteer"),
+        (lambda: single(STEERING, vehicle=3), "vehicle = 3 must be a text"),
+        (lambda: single(STEERING, vehicle="eu_tractor_semitrailer"), "steered axles"),
+        (lambda: single(STEERING, courses=()), "courses is empty"),
+        (lambda: single(STEERING, courses=("random-x",)), "random-K"),
+        (lambda: single(STEERING, cours=()), "unknown key 'cours'; did you mean 'courses'"),
+        (lambda: single(DOCKING, task="park"), "task = 'park'; known: bay, gate"),
+        (lambda: single(SANDY, vehicle="el_dorado_ii"), "skid-steered"),
+        (lambda: single(SANDY, soils=("butter",)), "butter"),
+        (lambda: single(STEERING, courses="roundabout"), "courses = 'roundabout'"),
+        (lambda: single(STEERING, courses=["motorway-exit"]), "course motorway-exit: its file has heights, banks"),
+        (lambda: single(STEERING, domain={"friction": 0.3}), "domain = .* must be an instance of Domain"),
+        (lambda: single(STEERING, reward={follow_error: NAN}), "reward = .*: must be a finite number"),
+        (lambda: single(STEERING, sensing=5, observation="estimate"), "sensing = 5"),
+        (lambda: single(STEERING, image_scale=True, observation="camera"), "image_scale = True"),
+        (lambda: single(STEERING, observation="camera", image_scale=0), "image_scale = 0 must be 1 .. 48"),
+        (lambda: single(STEERING, observation="camera", sensing="rover-slope"), "rover-slope is a rover's"),
+        (lambda: single(SANDY, observation="camera", sensing="roundabout"), "roundabout is a trailer's"),
+        (lambda: single(SANDY, observation="estimate", soils=("none",)), "firm ground takes no trace"),
+        *(
+            (lambda key=key: single(STEERING, observation="estimate", sensing=load_scenario("roundabout", [key])), line)
+            for key, line in (
+                ("off_tracking=truth", "use observation = 'truth'"),
+                ("off_tracking=surrogate", "use observation = 'surrogate'"),
+                ("rig.rate_hz=8", "multiple of the control step, 0.02 s"),
+            )
+        ),
+        (lambda: single(SANDY, engine="steam"), "engine = 'steam'; known: auto, compiled, interpreted"),
+        (lambda: single(SANDY, observation=2), "observation = 2 must be estimate, surrogate, truth, camera"),
+        (lambda: Domain(friction=0.3), "friction = .* must be a number or two bounds"),  # type: ignore[arg-type]
+        (lambda: Domain(speed=(NAN, 3.0)), "speed = nan .. 3 must be a range"),
+    ],
+)
+def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: str) -> None:
+    with pytest.raises(ValueError, match=says) as error:
+        make()
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+def test_the_adapter_for_stable_baselines_refuses_the_same() -> None:
+    """Actions pass through the many_of environment; a copy in mid-episode continues."""
+    pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
+    from offtrack.environments.sb3 import sb3_vector
+
+    env = sb3_vector(STEERING, 2)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros((2, 2), np.float32))
+    env.reset()
+    with pytest.raises(ValueError, match=r"actions\[0, 1\] = nan must be a finite number"):
+        env.step(np.array([[0.0, NAN], [0.0, 0.0]], np.float32))
+    twin = pickle.loads(pickle.dumps(env))
+    for _ in range(12):
+        same(twin.step(np.full((2, 2), 0.4, np.float32)), env.step(np.full((2, 2), 0.4, np.float32)))
+    with pytest.raises(ValueError, match="reward_scale = nan must be a finite number"):
+        sb3_vector(STEERING, 2, reward_scale=NAN)

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import offtrack.environments.registry
-from offtrack.environments.core import Features, Observation
-from offtrack.environments.rewards import Moment
+from tests.environments import features, off_path
 
 pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
 
@@ -25,23 +24,9 @@ from vehicle.combination.description import load_vehicle
 
 pytestmark = pytest.mark.slow
 
-NAMES = list(offtrack.environments.registry.CORES)
 
-
-def off_path(moment: Moment) -> Any:
-    """Ending that random steering meets within seconds."""
-    return np.abs(moment.off_tracking) > 0.03
-
-
-def features(observation: Observation) -> Features:
-    """The observation of an environment without images."""
-    assert isinstance(observation, np.ndarray)
-    return observation
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", offtrack.environments.registry.CORES)
 def test_its_own_checker_has_nothing_to_complain_of(name: str) -> None:
-    """Warnings are errors here."""
     check_env(gymnasium.make(f"offtrack/{name}", disable_env_checker=True).unwrapped)
 
 
@@ -77,19 +62,13 @@ def test_it_tells_what_the_vector_environment_does() -> None:
     assert ended > 5
 
 
-def test_options_may_differ_from_one_to_the_other() -> None:
-    """Each has its own circumstances, for one reset."""
-    env = sb3_vector("TrailerSteering-v0", 3)
-    env.set_options([{"length": 0.9}, {"length": 1.0}, {"length": 0.9}])
-    env.seed(1)
-    seen = features(env.reset())
-    assert seen[:, -1] == pytest.approx([12.6, 14.0, 12.6])
-    assert not np.array_equal(features(env.reset())[:, -1], seen[:, -1])
-
-
 def test_it_is_one_object() -> None:
-    """Attributes and methods belong to all sub-environments together."""
+    """Attributes and methods belong to all sub-environments together; options may differ, for one reset."""
     env = sb3_vector("TrailerSteering-v0", 2, render_mode="rgb_array")
+    env.set_options([{"length": 0.9}, {"length": 1.0}])
+    env.seed(1)
+    assert features(env.reset())[:, -1] == pytest.approx([12.6, 14.0])
+    assert features(env.reset())[:, -1] != pytest.approx([12.6, 14.0])
     assert env.get_attr("num_envs") == [2, 2]
     assert env.env_method("render")[0][0].shape == (600, 600, 3)
     assert env.env_is_wrapped(gymnasium.Wrapper, indices=0) == [False]
@@ -118,7 +97,6 @@ def test_a_saved_model_becomes_a_law(make: Any, tmp_path: Path) -> None:
 
 
 def test_other_files_are_no_models(tmp_path: Path) -> None:
-    """An archive of something else, and a model whose weights are damaged."""
     with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
         archive.writestr("data", "{}")
     with zipfile.ZipFile(tmp_path / "damaged.zip", "w") as archive:

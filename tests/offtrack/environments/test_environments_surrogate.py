@@ -9,26 +9,28 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from offtrack.environments.surrogate_fit import RunErrors, fitted, run_errors, surrogate_toml
-from scenarios.assembly.surrogate import Estimate, Surrogate, SurrogateOffTracking, SurrogateParameters, load_surrogate
+from scenarios.assembly.surrogate import (
+    Estimate,
+    RunErrors,
+    Surrogate,
+    SurrogateOffTracking,
+    SurrogateParameters,
+    fitted,
+    load_surrogate,
+    run_errors,
+    surrogate_toml,
+)
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray
 
 PERFECT = SurrogateParameters(
-    bias=0.0,
-    drift=0.0,
-    drift_time=2.0,
-    noise=0.0,
-    loss_rate=0.0,
-    loss_duration=0.5,
-    velocity_noise=0.0,
+    bias=0.0, drift=0.0, drift_time=2.0, noise=0.0, loss_rate=0.0, loss_duration=0.5, velocity_noise=0.0,
     yaw_rate_noise=0.0,
-)
+)  # fmt: skip
 N = 200
 
 
 def truth(value: float) -> Estimate:
-    """The same off-tracking for all."""
     return Estimate(
         np.full(N, value), np.zeros(N), np.zeros((N, 3)), np.ones((N, 3)), np.zeros(N), np.ones(N, dtype=bool)
     )
@@ -102,6 +104,11 @@ def test_a_fit_finds_the_parameters_that_errors_were_made_with() -> None:
     for name, tolerance in (("bias", 0.25), ("drift", 0.1), ("drift_time", 0.25), ("noise", 0.1), ("loss_rate", 0.15)):
         assert getattr(found, name) == pytest.approx(getattr(made, name), rel=tolerance), name
     assert found.loss_duration == pytest.approx(0.5, rel=0.15)
+    error = np.full(3000, np.nan)  # every thirtieth frame has an error: beyond the lags that drift is fitted to
+    error[::30] = np.random.default_rng(1).normal(0.0, 0.02, 100)
+    alone = fitted([RunErrors(error, 0.1)])
+    assert alone.drift == 0.0
+    assert alone.noise == pytest.approx(0.02, rel=0.2)
 
 
 def test_a_fitted_file_is_read_again(tmp_path: Path) -> None:
@@ -112,8 +119,7 @@ def test_a_fitted_file_is_read_again(tmp_path: Path) -> None:
     assert 0.0 < load_surrogate().drift < 0.05
 
 
-def test_unsuitable_runs_are_refused_in_one_line(tmp_path: Path) -> None:
-    """A directory that is no run, a run without cameras, no run at all."""
+def test_unsuitable_runs_and_impossible_parameters_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not a run directory"):
         run_errors(tmp_path)
     (tmp_path / "scenario.toml").write_text('off_tracking = "truth"\n')
@@ -121,6 +127,11 @@ def test_unsuitable_runs_are_refused_in_one_line(tmp_path: Path) -> None:
         run_errors(tmp_path)
     with pytest.raises(ValueError, match="no run to fit to"):
         fitted([])
+    for change, words in (({"noise": -1.0}, "noise = -1"), ({"drift_time": 0.0}, "drift_time")):
+        with pytest.raises(ValueError, match=words):
+            replace(PERFECT, **change)
+    with pytest.raises(ValueError, match="latency = 120"):  # one frame is on its way at a time
+        Surrogate(PERFECT, 1, step=20, period=100, latency=120)
 
 
 def test_the_errors_of_a_run_are_read_from_its_log(tmp_path: Path) -> None:
@@ -150,45 +161,15 @@ def test_the_errors_of_a_run_are_read_from_its_log(tmp_path: Path) -> None:
         run_errors(tmp_path)
 
 
-def test_single_estimates_between_gaps_have_no_correlation() -> None:
-    """Every thirtieth frame has an error: no two of them are within the lags that drift is fitted to."""
-    error = np.full(3000, np.nan)
-    error[::30] = np.random.default_rng(1).normal(0.0, 0.02, 100)
-    parameters = fitted([RunErrors(error, 0.1)])
-    assert parameters.drift == 0.0
-    assert parameters.noise == pytest.approx(0.02, rel=0.2)
-
-
-@pytest.mark.parametrize(("change", "words"), [({"noise": -1.0}, "noise = -1"), ({"drift_time": 0.0}, "drift_time")])
-def test_impossible_parameters_are_refused(change: dict[str, float], words: str) -> None:
-    """Negative standard deviations, and times that are none."""
-    with pytest.raises(ValueError, match=words):
-        replace(PERFECT, **change)
-
-
-def test_latencies_beyond_a_frame_are_refused() -> None:
-    """One frame is on its way at a time."""
-    with pytest.raises(ValueError, match="latency = 120"):
-        Surrogate(PERFECT, 1, step=20, period=100, latency=120)
-
-
-def poses(n: int) -> list[BodyPose]:
-    """A trailer that goes straight ahead by a metre every 0.1 s."""
-    found = []
-    for k in range(n):
-        X_WB = np.eye(4)
-        X_WB[0, 3] = k
-        found.append(BodyPose(tick=100 * k, X_WB=X_WB))
-    return found
-
-
 def run_of(parameters: SurrogateParameters, seed: int, n: int) -> list[OffTracking]:
-    """Estimates of the scenarios' form, once 10 m of path lie behind the hitch."""
+    """Estimates of the scenarios' form, once 10 m lie behind the hitch: a metre straight ahead every 0.1 s."""
     source = SurrogateOffTracking(10.0, np.random.default_rng(seed), parameters)
     memory, found = source.init(), []
-    for pose in poses(n + 11):
-        memory, estimate = source.step(memory, pose)
-        if estimate is not None and pose.tick >= 1100:
+    for k in range(n + 11):
+        X_WB = np.eye(4)
+        X_WB[0, 3] = k
+        memory, estimate = source.step(memory, BodyPose(tick=100 * k, X_WB=X_WB))
+        if estimate is not None and k >= 11:
             found.append(estimate)
     return found
 

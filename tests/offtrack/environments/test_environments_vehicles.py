@@ -9,19 +9,18 @@ import gymnasium
 import numpy as np
 import pytest
 
-import offtrack  # registers the environments
-import offtrack.environments.registry  # it registers the environments
+import offtrack  # noqa: F401  # registers the environments
 from controllers.driver import PreviewDriver
 from controllers.path import Path, line
 from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
 from controllers.tractor import TractorGeometry
 from offtrack.environments import rover_options
-from offtrack.environments.core import Observation
 from offtrack.environments.driving import SlippingTyreFleet
-from offtrack.environments.registry import CoreVectorEnv
-from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain, Moment
+from offtrack.environments.registry import vector
+from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain
 from offtrack.environments.rover_options import RoverMoment
 from sensors.messages import EgoState
+from tests.environments import features
 from vehicle.clock import to_ticks
 from vehicle.combination.description import load_vehicle
 from vehicle.engine.compiler import compiler
@@ -68,7 +67,6 @@ class Docker:
         self.limit, self.tick, self.backing = tractor.steering.limit, 0, False
 
     def act(self, seen: FloatArray) -> tuple[float, float]:
-        """Action for an observation."""
         ahead, aside, c, s, gamma, speed, steer = seen.tolist()
         end = Pose2(-c * ahead - s * aside, s * ahead - c * aside, -math.atan2(s, c))
         axle = end @ Pose2(self.to_axle, 0.0, 0.0)
@@ -93,7 +91,6 @@ class Docker:
 
 
 def docked(seeds: range) -> list[str]:
-    """Outcomes of the episodes of these seeds."""
     n = len(seeds)
     environment = gymnasium.make_vec(DRIVING, num_envs=n, task="bay")
     seen, _ = environment.reset(seed=list(seeds))  # type: ignore[arg-type]  # gymnasium's hint knows of one seed only
@@ -116,7 +113,6 @@ def test_a_scripted_driver_backs_into_most_bays() -> None:
 
 
 def gentle() -> Circumstances:
-    """One combination as its file says, on dry and level ground."""
     return (
         Domain()
         .drawn(np.full((1, N_DRAWN), 0.5))
@@ -235,45 +231,27 @@ def test_a_difference_of_the_sides_turns_it_and_leaves_the_path() -> None:
     assert info["cross_track"] > 1.0
 
 
-TRAILER = "offtrack/TrailerSteering-v0"
-
-
-def vector(n: int, **options: Any) -> CoreVectorEnv:
-    """Environments without autoreset."""
-    return offtrack.environments.registry.vector("TrailerSteering-v0", n, autoreset_mode="Disabled", **options)
-
-
-def equal(one: Observation, other: Observation) -> bool:
-    """True if two observations without images are bitwise equal."""
-    assert isinstance(one, np.ndarray)
-    assert isinstance(other, np.ndarray)
-    return np.array_equal(one, other)
-
-
-def late(moment: Moment) -> Any:
-    """Ending that steering to the left meets soon."""
-    return np.abs(moment.off_tracking) > 0.022
-
-
+@pytest.mark.slow
 def test_an_action_that_holds_is_the_same_action_again_and_again() -> None:
     """Three steps at once against three in a row: observation, added rewards and metrics, bitwise."""
-    held, single = vector(2, action_repeat=3), vector(2)
+    held, single = (vector("TrailerSteering-v0", 2, autoreset_mode="Disabled", action_repeat=k) for k in (3, 1))
     assert held.metadata["render_fps"] == round(50 / 3)
-    assert equal(held.reset(seed=3)[0], single.reset(seed=3)[0])
+    assert np.array_equal(features(held.reset(seed=3)[0]), features(single.reset(seed=3)[0]))
     rng = np.random.default_rng(1)
     for _ in range(20):
         action = rng.uniform(-1.0, 1.0, (2, 2)).astype(np.float32)
         seen, reward, *_, info = held.step(action)
         three = [single.step(action) for _ in range(3)]
-        assert equal(seen, three[-1][0])
+        assert np.array_equal(features(seen), features(three[-1][0]))
         assert np.array_equal(reward, three[0][1] + three[1][1] + three[2][1])
         assert np.array_equal(info["true_rms_m"], three[-1][4]["true_rms_m"])
 
 
 def test_an_end_within_a_decision_is_kept_and_costs_once() -> None:
     """In any of the steps: the outcome is reported, and no reward is added after the end."""
-    options: dict[str, Any] = {"endings": {"late": late}, "observation": "truth"}
-    held, single = vector(1, action_repeat=5, **options), vector(1, **options)
+    options: dict[str, Any] = {"endings": {"late": lambda moment: np.abs(moment.off_tracking) > 0.022}}
+    options |= {"observation": "truth", "autoreset_mode": "Disabled"}
+    held, single = (vector("TrailerSteering-v0", 1, action_repeat=k, **options) for k in (5, 1))
     given = {"course": "roundabout", "friction": 0.8, "speed": 3.0}
     for env in (held, single):
         env.reset(seed=1, options=given)
@@ -291,10 +269,3 @@ def test_an_end_within_a_decision_is_kept_and_costs_once() -> None:
     assert not truncated[0]
     assert info["outcome"][0] == "late"
     assert together == pytest.approx(total, rel=1e-12)
-
-
-def test_it_is_an_option_of_every_environment() -> None:
-    """Single environments have it too."""
-    env = gymnasium.make(TRAILER, action_repeat=2, disable_env_checker=True)
-    env.reset(seed=1)
-    assert env.metadata["render_fps"] == 25

@@ -19,8 +19,6 @@ from typer.testing import CliRunner
 
 from controllers.trailer_steering.policy import Network, load_network
 from offtrack.commands.cli import app
-from offtrack.environments.core import Features, Observation
-from offtrack.environments.observations import HitchPaths
 from offtrack.environments.registry import vector
 from offtrack.environments.rewards import Domain
 from offtrack.environments.training import evaluation
@@ -32,7 +30,6 @@ from offtrack.environments.training.training_directory import (
     Point,
     check_directory,
     draw_curve,
-    normalisation,
     opened_directory,
     read_curve,
     write_curve,
@@ -43,8 +40,8 @@ from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import no_progress
 from scenarios.results.metrics import rms, true_off_tracking
+from tests.environments import features
 from vehicle.combination.description import load_vehicle
-from vehicle.frames import FloatArray
 
 needs_extra = pytest.mark.skipif(
     importlib.util.find_spec("stable_baselines3") is None,
@@ -52,29 +49,12 @@ needs_extra = pytest.mark.skipif(
 )
 
 
-def point(steps: int, rms_m: float = 0.5) -> Point:
-    """An update."""
-    return Point(steps, 1e-3 * steps, 3, rms_m, 2.0 * rms_m, 0.0, -0.1, 0.2, 0.01, 0.9)
-
-
-def test_what_is_called_unseen_is_not_in_the_training() -> None:
-    """Courses, frictions and speeds of the conditions but the first, each in its own way."""
-    conditions = {condition.name: condition for condition in CONDITIONS}
-    assert set(conditions["courses"].courses).isdisjoint(COURSES)
-    assert conditions["friction"].domain.friction[1] <= DOMAIN.friction[0]
-    assert conditions["speed"].domain.speed[0] >= DOMAIN.speed[1]
-
-
-def test_every_feature_has_a_usual_value() -> None:
-    """The longest beginning that fits is what counts: the path's direction is no distance."""
-    assert normalisation("path_direction") == (0.0, 0.25)
-    assert normalisation("path_0.25_ahead") == (0.0, 1.0)
-    assert normalisation("speed")[0] == normalisation("hitch_v_x")[0]
-
-
 def test_a_curve_is_read_as_it_was_written_and_drawn(tmp_path: Path) -> None:
     """Updates in which no episode ended have no off-tracking, and no place in the picture."""
-    curve = [point(1000, math.nan), point(2000), point(3000, 0.25)]
+    curve = [
+        Point(steps, 1e-3 * steps, 3, rms_m, 2.0 * rms_m, 0.0, -0.1, 0.2, 0.01, 0.9)
+        for steps, rms_m in ((1000, math.nan), (2000, 0.5), (3000, 0.25))
+    ]
     write_curve(curve, tmp_path / "curve.parquet")
     assert str(read_curve(tmp_path / "curve.parquet")) == str(curve)
     draw_curve(curve, {"none": 1.0}, tmp_path / "curve.png")
@@ -101,6 +81,10 @@ def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:
     names = 18
     zeros = Network((np.zeros((2, names)),), (np.zeros(2),), np.zeros(names), np.ones(names), ("",) * names)
     short = Condition("short", "", ("turn-90",), Domain(speed=(5.5, 5.6), friction=(0.8, 0.9)))
+    conditions = {condition.name: condition for condition in CONDITIONS}  # but the first they are not in the training
+    assert set(conditions["courses"].courses).isdisjoint(COURSES)
+    assert conditions["friction"].domain.friction[1] <= DOMAIN.friction[0]
+    assert conditions["speed"].domain.speed[0] >= DOMAIN.speed[1]
     straight, none, linkage = (scored(Plan(), short, law, zeros, 1) for law in ("policy", "none", "command_steer"))
     assert straight == none
     assert none.mishaps == 0
@@ -108,7 +92,6 @@ def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In one line, with exit code 2."""
     found = importlib.util.find_spec
     missing = ("stable_baselines3", "torch")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name in missing else found(name))
@@ -156,8 +139,6 @@ def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
 
 
 class _Planted:
-    """An object whose unpickling leaves a trace."""
-
     def __reduce__(self) -> tuple[Any, tuple[Path]]:
         return Path.touch, (Path("was here"),)
 
@@ -166,7 +147,6 @@ class _Planted:
 @needs_extra
 @pytest.mark.parametrize("place", ["policy_class", "observation_space", "policy.pth"])
 def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither those in the model's description nor those among its tensors."""
     import torch
 
     from offtrack.environments.training.learner import Budget, learn
@@ -197,24 +177,12 @@ def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, m
 
 
 EXACT = SurrogateParameters(
-    bias=0.0,
-    drift=0.0,
-    drift_time=1.0,
-    noise=0.0,
-    loss_rate=0.0,
-    loss_duration=0.1,
-    velocity_noise=0.0,
+    bias=0.0, drift=0.0, drift_time=1.0, noise=0.0, loss_rate=0.0, loss_duration=0.1, velocity_noise=0.0,
     yaw_rate_noise=0.0,
-)
+)  # fmt: skip
 
 
 NOMINAL = {"friction": 0.8, "cross_fall": 0.0, "speed": 10.0 / 3.6, "load": 1.0, "length": 1.0, "actuator_lag": 1.0}
-
-
-def features(observation: Observation) -> Features:
-    """The observation of an environment without images."""
-    assert isinstance(observation, np.ndarray)
-    return observation
 
 
 @pytest.mark.slow
@@ -261,26 +229,3 @@ def test_errors_of_the_estimate_reach_the_law() -> None:
     bias = float(np.median(aim))
     assert abs(bias) > 0.1
     assert info["off_tracking"][0] == pytest.approx(-bias, abs=0.03)
-
-
-def test_a_path_is_returned_as_it_was_at_its_mark() -> None:
-    """Points of a circle, seen from where the trailer was half a second ago, not from where it is now."""
-    radius, paths = 20.0, HitchPaths(1, 14.0)
-
-    def pose(angle: float) -> FloatArray:
-        return np.array([[radius * math.sin(angle), radius * (1.0 - math.cos(angle)), angle]])
-
-    paths.begin(np.arange(1), pose(0.0), np.array([14.0]))
-    angles = np.arange(1, 600) * 0.05 / radius
-    for angle in angles[:-25]:
-        paths.step(pose(float(angle)))
-    mark = paths.mark()
-    for angle in angles[-25:]:
-        paths.step(pose(float(angle)))
-    seen = paths.behind(0, mark, 12.0)
-    assert np.array_equal(seen[0], [0.0, 0.0])
-    assert seen[1:, 0].max() <= 0.0
-    assert -12.0 <= seen[-1, 0] < -11.8
-    distance = np.hypot(seen[:, 0], seen[:, 1] - radius)  # the circle's centre is square to the left
-    assert distance == pytest.approx(np.full(len(seen), radius), abs=1e-3)
-    assert np.hypot(*np.diff(seen[1:], axis=0).T) == pytest.approx(0.1, abs=1e-3)

@@ -35,7 +35,6 @@ def law(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def own_law(law: Path, tmp_path: Path) -> Path:
-    """A copy of the law that a test may change, alone in its folder."""
     (tmp_path / "inbox").mkdir()
     return Path(shutil.copy(law, tmp_path / "inbox" / "own.fmu"))
 
@@ -89,33 +88,28 @@ def _all(*changes: Change) -> Change:
 
 
 FMI_3: Final = description_3("law", QUANTITIES).encode()
+EXPERIMENT: Final = '<DefaultExperiment stepSize="{}"/><ModelVariables>'
+UNIT: Final = '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="{}"/></Unit></UnitDefinitions><ModelVariables>'
 BROKEN: Final[dict[str, tuple[Change, str]]] = {
     "no description": (_without(XML), "holds no modelDescription.xml"),
     "description in a folder": (_moved(XML, f"law/{XML}"), "holds no modelDescription.xml"),
-    "description in capitals": (_moved(XML, "MODELDESCRIPTION.XML"), "holds no modelDescription.xml"),
     "no library": (_without("binaries/"), "has no library 'linux64' for this machine"),
     "no library but sources": (
         _all(_without("binaries/"), _with("sources/law.c", b"int x;")), "compile it from its sources: fmpy compile",
     ),
     "library of another machine": (_moved(LIBRARY, "binaries/win64/law.dll"), "it has win64"),
     "library of another version of FMI": (_moved(LIBRARY, "binaries/x86_64-linux/law.so"), "it has x86_64-linux"),
-    "model of another name": (_edited('modelIdentifier="law"', 'modelIdentifier="other"'), "has no library"),
     "model whose name leaves": (_edited('modelIdentifier="law"', 'modelIdentifier="../../law"'), "has no library"),
     "model without a name": (_edited('modelIdentifier="law"', ""), "modelIdentifier"),
     "XML that breaks off": (_with(XML, b'<fmiModelDescription fmiVersion="2.0"'), "modelDescription.xml:"),
     "empty XML": (_with(XML, b""), "must be 2 or 3"),
     "other XML": (_with(XML, b'<html fmiVersion="3.0"/>'), "modelDescription.xml:"),
     "XML of bytes": (_with(XML, b'fmiVersion="2.0"' + bytes(range(256))), "modelDescription.xml:"),
-    "XML with a wrong code": (
-        _edited('encoding="UTF-8"?><fmi', 'encoding="klingon"?><fmi'), "modelDescription.xml:",
-    ),
     "document type": (
         lambda members: members.update({XML: b"<!DOCTYPE x [<!ENTITY a 'a'>]>" + members[XML][38:]}),
         "a document type is refused",
     ),
     "FMI 1": (_edited('fmiVersion="2.0"', 'fmiVersion="1.0"'), "must be 2 or 3"),
-    "FMI 4": (_edited('fmiVersion="2.0"', 'fmiVersion="4.0"'), "must be 2 or 3"),
-    "no version": (_edited('fmiVersion="2.0"', ""), "must be 2 or 3"),
     "FMI 3 by its version alone": (_edited('fmiVersion="2.0"', 'fmiVersion="3.0"'), "own.fmu"),
     "FMI 2 by its version alone": (_with(XML, FMI_3.replace(b'fmiVersion="3.0"', b'fmiVersion="2.0"')), "own.fmu"),
     "no variables": (_with(XML, description("law", ()).encode()), "has no scalar variables"),
@@ -124,46 +118,22 @@ BROKEN: Final[dict[str, tuple[Change, str]]] = {
         _with(XML, FMI_3.replace(b"CoSimulation", b"ScheduledExecution")), "export it for co-simulation",
     ),
     "an output less": (_edited("steer_demand_2", "steer"), "no variable is connected to trailer_steering's signal"),
-    "an output that is an input": (
-        _edited('name="steer_demand_2" valueReference="2" causality="output"',
-                'name="steer_demand_2" valueReference="2" causality="input"'),
-        "no variable is connected to trailer_steering's signal",
-    ),
     "outputs that are texts": (_edited('<Real unit="rad"/>', "<String/>"), "own.fmu"),
     "reference that is none": (_edited('valueReference="0"', 'valueReference="many"'), "modelDescription.xml:"),
     "reference below zero": (_edited('valueReference="0"', 'valueReference="-4"'), "valueReference"),
-    "no reference": (_edited('valueReference="0"', ""), "modelDescription.xml:"),
     "a name twice": (_edited('name="steer_demand_2"', 'name="steer_demand_1"'), "steer_demand_1"),
     "a unit of something else": (_edited('<Real unit="m"', '<Real unit="s"'), "is in s, the signal off_tracking in m"),
     "a unit that is not known": (_edited('<Real unit="m"', '<Real unit="furlong"'), "furlong"),
-    "a unit whose factor is none": (
-        _edited("<ModelVariables>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="much"/></Unit>'
-                "</UnitDefinitions><ModelVariables>"),
-        "own.fmu",
-    ),
-    "a unit whose factor is NaN": (
-        _edited("<ModelVariables>", '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="NaN"/></Unit>'
-                "</UnitDefinitions><ModelVariables>"),
-        "factor",
-    ),
-    "a step that is none": (
-        _edited("<ModelVariables>", '<DefaultExperiment stepSize="often"/><ModelVariables>'), "own.fmu",
-    ),
-    "a step below zero": (
-        _edited("<ModelVariables>", '<DefaultExperiment stepSize="-0.01"/><ModelVariables>'), "must be",
-    ),
-    "a step that is not a number": (
-        _edited("<ModelVariables>", '<DefaultExperiment stepSize="NaN"/><ModelVariables>'), "must be",
-    ),
-    "a step of a thousandth of a tick": (
-        _edited("<ModelVariables>", '<DefaultExperiment stepSize="1e-6"/><ModelVariables>'), "milliseconds",
-    ),
+    "a unit whose factor is none": (_edited("<ModelVariables>", UNIT.format("much")), "own.fmu"),
+    "a unit whose factor is NaN": (_edited("<ModelVariables>", UNIT.format("NaN")), "factor"),
+    "a step below zero": (_edited("<ModelVariables>", EXPERIMENT.format("-0.01")), "must be"),
+    "a step that is not a number": (_edited("<ModelVariables>", EXPERIMENT.format("NaN")), "must be"),
+    "a step of a thousandth of a tick": (_edited("<ModelVariables>", EXPERIMENT.format("1e-6")), "milliseconds"),
     "a path upwards": (_with("../../escaped.txt", b"!"), "leaves the archive"),
     "a path upwards in the middle": (_with("resources/../../../escaped.txt", b"!"), "leaves the archive"),
     "a path from the root": (_with("/tmp/escaped.txt", b"!"), "leaves the archive"),
     "a path of Windows": (_with("C:\\escaped.txt", b"!"), "leaves the archive"),
     "a path with backslashes": (_with("..\\escaped.txt", b"!"), "leaves the archive"),
-    "a path of a network": (_with("\\\\server\\share\\escaped.txt", b"!"), "leaves the archive"),
     "too many members": (
         lambda members: members.update({f"resources/{k}": b"" for k in range(1001)}), "must be at most 1000",
     ),
@@ -176,7 +146,6 @@ LOADED: Final[dict[str, tuple[Change, str]]] = {
 
 
 def rewritten(path: Path, change: Change) -> None:
-    """Change the members of an archive."""
     with zipfile.ZipFile(path) as archive:
         members = {member: archive.read(member) for member in archive.namelist()}
     change(members)
@@ -186,13 +155,11 @@ def rewritten(path: Path, change: Change) -> None:
 
 
 def opened(path: Path) -> FmuInstance:
-    """The FMU as a law, as a run opens it."""
     fmu = open_fmu(path)
     return FmuInstance(fmu, read_map(fmu, SIGNALS), {})
 
 
 def check_refused(path: Path, line: str) -> None:
-    """It is refused soon, in one line with its name."""
     begin = time.monotonic()
     with pytest.raises(ValueError) as caught:  # noqa: PT011 -- the text is looked at below
         opened(path)

@@ -22,7 +22,7 @@ from offtrack.commands.cli import app
 from offtrack.exchange.fmi_export import fmu_writer
 from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
-from offtrack.exchange.fmi_import.fmu_parts import law_of, off_tracking_signals
+from offtrack.exchange.fmi_import.fmu_parts import off_tracking_signals
 from offtrack.exchange.fmi_import.mapping import first_map, map_file, read_map
 from offtrack.exchange.fmi_import.numbered_signals import (
     PATH_POINTS,
@@ -33,32 +33,17 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_signals,
     truth_values,
 )
-from offtrack.exchange.fmi_proxy.law_proxy import law_proxy
-from offtrack.exchange.fmi_proxy.proxy import Opening, Proxy
-from offtrack.exchange.fmi_proxy.scenario_parts import (
-    DriverComputation,
-    GroundComputation,
-    SensorComputation,
-    driver_proxy,
-    ground_proxy,
-    in_wind_of,
-    sensor_proxy,
-)
-from offtrack.exchange.fmi_proxy.server import folder_of
+from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_proxy
 from offtrack.exchange.fmi_proxy.system import FmuSystem, fmu_system
-from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
+from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
-from scenarios.assembly.trailer_run import assemble, opened_ground
+from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.channel import InLine
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from tests.fmus.plants import Slave, c_compiler
 from tests.fmus.proxies import USED, alive, estimate, reading, stand_in
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.layout import command_sizes, ground_input_sizes
-from vehicle.combination.plant import Plant, SurfaceLookup, VehicleCommand
-from vehicle.combination.truth_vectors import smooth_ground_sizes
-from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
 VEHICLE = "uk_longer_semitrailer"
@@ -82,11 +67,7 @@ def slave_of(fmus: Mapping[int, Path], version: int, python: str = sys.executabl
     return Slave(fmus[version], fmus[version].with_suffix(""), values, {"python": python})
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_fmpy_finds_no_problem(fmus: dict[int, Path], version: int) -> None:
-    assert validate_fmu(str(fmus[version])) == []
-
-
+@pytest.mark.slow
 def test_the_law_in_its_process_steers_as_the_same_law_here(fmus: dict[int, Path]) -> None:
     """Bitwise: values go over as they are. Its guard is that of a run, and steps of 10 ms are held in between."""
     vehicle = load_vehicle(VEHICLE)
@@ -111,8 +92,7 @@ def test_the_process_ends_with_the_instance_and_begins_anew_after_a_reset(
     slave = slave_of(fmus, version, python)
     slave.step()
     ticks, first = slave.get(slave.outputs)
-    assert ticks == 10.0
-    assert alive(int(first))
+    assert (ticks, alive(int(first))) == (10.0, True)
     slave.fmu.reset()
     assert not alive(int(first))
     slave.begin(None, {"python": python})
@@ -206,31 +186,6 @@ def test_signals_keep_an_estimate() -> None:
     np.testing.assert_array_equal(long.path[[0, -1]], estimate(0, points=1000).path[[0, -1]])
 
 
-class Clock:
-    """In place of an FMU that steps by 10 ms and gives the beginning of its last step."""
-
-    period, used = 10, frozenset[str]()
-
-    def __init__(self, *_: object) -> None:
-        self.ticks = 0
-
-    def step(self, ticks: int, _: object) -> dict[str, float]:
-        """A step."""
-        self.ticks += ticks
-        return dict.fromkeys(("steer_demand_1", "steer_demand_2", "steer"), 1e-3 * (self.ticks - ticks))
-
-
-def test_the_clock_of_a_law_keeps_up_with_the_run(fmus: dict[int, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loop asks every 20 ms, the FMU steps by 10 ms: after every call its time is just past that of the run."""
-    monkeypatch.setattr("offtrack.exchange.fmi_import.fmu_parts.FmuInstance", Clock)
-    vehicle = load_vehicle(VEHICLE)
-    law = law_of(str(fmus[2]))(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1))
-    memory = law.init()
-    for tick in range(0, 200, 20):
-        memory, command = law.step(memory, tick, None, reading(tick))
-        assert command.angles[0] == pytest.approx(1e-3 * tick)  # the last step began at the run's time
-
-
 @pytest.fixture(scope="module")
 def drive() -> tuple[TrailerSession, Scenario]:
     """Four seconds of a run, of which sensor and driver are asked again."""
@@ -241,55 +196,6 @@ def drive() -> tuple[TrailerSession, Scenario]:
         session.advance()
     session.close()
     return session, scenario
-
-
-def opening(proxy: Proxy, folder: Path, **texts: str) -> Opening:
-    """What the process of an FMU gets, with its files in a folder."""
-    for name, content in proxy.files.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_bytes(content)
-    parameters = {one.name: one.start for one in proxy.parameters}
-    return Opening(folder=folder, settings=proxy.settings, parameters=parameters, texts=texts)
-
-
-def test_the_sensor_estimates_as_in_the_run(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
-    """Roll and pitch go over as angles, which rounds them; the noise of the readings is that of the run's streams."""
-    session, scenario = drive
-    proxy = sensor_proxy(scenario, 3)
-    sensor = SensorComputation(opening(proxy, tmp_path, frames=""))
-    assert sensor.step(0, 10, dict.fromkeys((one.name for one in proxy.inputs), 0.0))["off_tracking_known"] == 0.0
-    found: dict[int, OffTracking] = {}
-    for row in session.rows:
-        tick = row.truth.tick
-        values = sensor.step(tick, 10, truth_values(row.truth))
-        assert set(values) == {one.name for one in proxy.outputs}
-        estimated = estimate_of(tick + 10, values)  # an importer's time may be that of the end of the step
-        if estimated is not None:
-            found[estimated.tick] = estimated
-    sensor.close()
-    own = [one.off_tracking for one in session.trailers[0].estimates]
-    assert [*found] == [one.tick for one in own]
-    for one in own:
-        for name in ("value", "std", "path", "hitch_direction_rate", "path_tangent", "v_y", "yaw_rate"):
-            np.testing.assert_allclose(getattr(found[one.tick], name), getattr(one, name), atol=1e-10)
-    last = session.rows[-2].truth  # sensors of the combination are read every 20 ms; this sample is the run's own
-    for name, value in reading_values(session.parts.trailers[0].signals.sample(last)).items():
-        assert values[f"measured_{name}"] == pytest.approx(value, abs=1e-10)
-
-
-def test_the_driver_drives_as_in_the_run(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
-    """Bitwise: the same inputs, the same memory."""
-    session, scenario = drive
-    proxy = driver_proxy(scenario)
-    driver = DriverComputation(opening(proxy, tmp_path))
-    for row in session.rows:
-        truth = row.truth
-        motion = dict(zip(("x", "y", "psi"), truth.poses[0].tolist(), strict=True))
-        motion |= dict(zip(("v_x", "v_y", "yaw_rate"), truth.velocities[0].tolist(), strict=True))
-        motion["articulation_1"] = float(truth.poses[0, 2] - truth.poses[1, 2])
-        demand = driver.step(truth.tick, 10, motion)
-        assert list(demand) == [one.name for one in proxy.outputs]
-        assert tuple(demand.values()) == tuple(row.record.driver)
 
 
 def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> None:
@@ -305,14 +211,6 @@ def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> 
     np.testing.assert_allclose(other.bodies, truth.bodies, atol=1e-15)
     standing = {name: 0.0 if name.startswith("body_") else value for name, value in values.items()}
     assert np.array_equal(truth_of(0, standing, vehicle, lambda *_: 2.0 * np.eye(4)).bodies[1], 2.0 * np.eye(4))
-
-
-def test_fmpy_finds_no_problem_in_a_sensor(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
-    file = tmp_path / "sensor.fmu"
-    file.write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ()))
-    assert validate_fmu(str(file)) == []
-    file.write_bytes(fmu_bytes(driver_proxy(drive[1]).exported(3), 3, ()))
-    assert validate_fmu(str(file)) == []
 
 
 def test_a_first_map_connects_equal_names_first_and_lists_texts(
@@ -343,74 +241,24 @@ def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> N
     schema = etree.XMLSchema(etree.parse(Path(ssd.__file__).parent / "schema" / "SystemStructureDescription.xsd"))
     schema.assertValid(etree.fromstring(loop.description()))
     variables = {
-        (name, one.quantity.name): one for name, exported in loop.components.items() for one in exported.variables
+        (name, one.signal.name): one for name, exported in loop.components.items() for one in exported.variables
     }
     for one in loop.connections:
         source, target = variables[one.source, one.output], variables[one.target, one.input]
         assert (source.causality, target.causality) == ("output", "input")
-        assert source.quantity.unit == target.quantity.unit, one
+        assert source.signal.unit == target.signal.unit, one
     targets = [(one.target, one.input) for one in loop.connections]
     inputs = {key for key, one in variables.items() if one.causality == "input" and key[0] != "plant"}
     assert len(targets) == len(set(targets))
     assert inputs <= set(targets)
     assert ("plant", "steer_trailer_2") in targets
-    assert variables["plant", "friction_wheel_1"].quantity.start == 0.5
-    assert variables["plant", "start_speed"].quantity.start > 0.0
-
-
-def test_every_steered_trailer_has_its_sensor_and_law_and_the_plant_its_ground(loop: FmuSystem) -> None:
-    """Each law gets the estimates and readings of its own trailer, and steers that trailer's axles.
-
-    The plant starts on its ground, also where a runner gives it zeros at first; all of it comes from one component.
-    """
+    assert variables["plant", "friction_wheel_1"].signal.start == 0.5
+    assert variables["plant", "start_speed"].signal.start > 0.0
     assert set(loop.components) == {"plant", "driver", "ground", "sensor_2", "law_2", "sensor", "law"}
-    steered = [len(unit.steered_axles) for unit in load_vehicle("b_double_steered").units]
-    sources = {one.input: (one.source, one.output) for one in loop.connections if one.target == "plant"}
-    for law, first, count in (("law_2", 0, steered[1]), ("law", steered[1], steered[2])):
-        for k in range(1, count + 1):
-            assert sources[f"steer_trailer_{first + k}"] == (law, f"steer_demand_{k}")
     assert {one.source for one in loop.connections if one.target == "law_2"} == {"sensor_2"}
-    starts, ground = (
-        {one.quantity.name: one.quantity.start for one in loop.components[name].variables if one.causality == causality}
-        for name, causality in (("plant", "input"), ("ground", "output"))
-    )
-    assert ground.items() <= starts.items()
-    assert starts["friction_wheel_1"] == 0.5
-    assert abs(starts["ground_height_1"]) > 0.0
-    assert all(sources[name][0] == "ground" for name in ground)
-
-
-UNEVEN = {
-    "bank": ["surface.cross_fall=0.03"],
-    "slope": ["surface.grade=0.02"],
-    "sides": ["surface.friction_right=0.2"],
-    "rough": ["surface.roughness=C"],
-    "gust": ["vehicle=eu_tractor_semitrailer", "trailer_steering=none", "wind.speed=10", "wind.length=20"],
-}
-
-
-@pytest.mark.parametrize("name", UNEVEN)
-def test_the_ground_of_a_system_is_that_of_the_run(name: str, tmp_path: Path) -> None:
-    """What the plant of a run looks up, wherever the units are, up to the rounding of places."""
-    scenario = load_scenario("roundabout", ["off_tracking=truth", *UNEVEN[name]])
-    proxy = ground_proxy(scenario, 5)
-    ground = GroundComputation(opening(proxy, tmp_path))
-    surface, _ = opened_ground(scenario, course_of(scenario, vehicle_of(scenario)), 5)
-    vehicle = in_wind_of(surface, vehicle_of(scenario))
-    plant = Plant(vehicle, surface)
-    state = plant.initial_state(Pose2(12.0, 3.0, 0.4), 4.0)
-    for _ in range(100):
-        state = plant.step(state, VehicleCommand(0.2, 0.5, (0.0,) * command_sizes(vehicle).trailer_steer), 10)
-    kinematics = plant._kinematics_of(state)
-    poses = plant.observe(state, 0).poses
-    inputs = {f"{axis}_{k}": x for axis, row in zip(("x", "y", "psi"), poses.T, strict=True)
-              for k, x in enumerate(row.tolist(), start=1)}  # fmt: skip
-    assert set(inputs) == {one.name for one in proxy.inputs}
-    values = np.array([*ground.step(10, 10, inputs).values()])
-    lookup, parts = SurfaceLookup(surface, vehicle), sum(ground_input_sizes(vehicle))
-    np.testing.assert_allclose(values[:parts], lookup.ground_inputs(kinematics), atol=1e-13)
-    heights = lookup.smooth_ground(kinematics)[: smooth_ground_sizes(vehicle).height]
-    np.testing.assert_allclose(values[parts : parts + len(heights)], heights, atol=1e-13)
+    grounds = {one.signal.name for one in loop.components["ground"].variables if one.causality == "output"}
+    for name in grounds:  # the plant starts on its ground, also where a runner gives it zeros at first
+        assert variables["plant", name].signal.start == variables["ground", name].signal.start
 
 
 @pytest.mark.parametrize(
@@ -426,45 +274,19 @@ def test_a_system_that_cannot_be_is_one_line(settings: list[str], step: float, r
         fmu_system(load_scenario("roundabout", settings), 1, step)
 
 
-def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
-    folder = tmp_path / "with a space"
-    folder.mkdir()
-    (folder / "model.json").write_text("{}")
-    assert folder_of(folder.as_uri()) == folder_of(str(folder)) == folder
-    with pytest.raises(ValueError, match=r"no model\.json there"):
-        folder_of("")
-
-
-PREVIEW = ["law", "path_preview", "--vehicle"]
-ROVER = "is a rover's: its camera sees the sand that its own wheels have just shaped"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["law", "nix", "--vehicle", VEHICLE], "unknown name 'nix'"),
-        ([*PREVIEW, "rigid_truck"], "no axle of a trailer is steered"),
-        ([*PREVIEW, VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
-        ([*PREVIEW, VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
-        ([*PREVIEW, VEHICLE, "--set", "steering.gian=3"], "unknown key 'steering.gian'; did you mean 'gain'?"),
-        ([*PREVIEW, VEHICLE, "-o", "law.zip"], "must end in .fmu"),
-        *(([command, "rover-craters"], ROVER) for command in ("sensor", "driver", "ground", "system")),
-    ],
-)
-def test_wrong_input_is_one_line(
-    arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_fmpy_finds_no_problem(
+    fmus: dict[int, Path],
+    drive: tuple[TrailerSession, Scenario],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(app, ["fmu", *arguments])
-    assert result.exit_code == 2
-    assert reason in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_ground_is_written_as_an_fmu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With laws, sensors, drivers, and the ground as the command writes it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fmu_writer, "_has_zig", lambda: False)
+    Path("sensor.fmu").write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ()))
+    Path("driver.fmu").write_bytes(fmu_bytes(driver_proxy(drive[1]).exported(3), 3, ()))
+    for file in (*fmus.values(), "sensor.fmu", "driver.fmu"):
+        assert validate_fmu(str(file)) == []
     result = CliRunner().invoke(app, ["fmu", "ground", "roundabout", "--set", "surface.grade=0.02", "--fmi", "2"])
     assert result.exit_code == 0, result.output
     assert validate_fmu("roundabout_ground.fmu") == []

@@ -11,11 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from offtrack.commands.cli import app
-from offtrack.exchange.bench.can_bus import CanLink
-from offtrack.exchange.bench.links import LinkedBench, UdpLink
+from offtrack.exchange.bench.links import CanLink, LinkedBench, UdpLink
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.loop.bench import (
     Demands,
@@ -32,8 +29,7 @@ from scenarios.loop.bench import (
 )
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.options.vehicle_and_driver import OutsideOptions
-from scenarios.results.run_inputs import write_inputs
+from scenarios.options.tables import OutsideOptions
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import EgoState
 
@@ -64,8 +60,6 @@ class ScriptedBench:
 
 
 class SilentBench:
-    """A bench that gets no signals."""
-
     def __init__(self, link: Link) -> None:
         self.links = (link,)
 
@@ -74,15 +68,6 @@ class SilentBench:
 
     def signals(self, tick: int, ego: EgoState, sensed: Sequence[Sensed]) -> dict[str, float]:
         return {}
-
-
-class Proportional(ScriptedBench):
-    """A bench that answers at once: both axles turn with the articulation."""
-
-    def send(self, tick: int, values: Mapping[str, float]) -> None:
-        super().send(tick, values)
-        angle = -0.4 * values["articulation_1"]
-        self.script.append([{"tick": tick, "steer_demand_1": angle, "steer_demand_2": 0.8 * angle}])
 
 
 def demand(angle: float, **more: float) -> Numbers:
@@ -106,19 +91,15 @@ def test_a_demand_holds_and_then_the_scenarios_own_law_takes_over() -> None:
     assert "lacked in 3 steps" in " ".join(report.warnings)
 
 
-def test_the_newest_of_several_messages_counts() -> None:
-    """A bench that is faster than the loop."""
-    acting, exchange = exchanged(ScriptedBench([demand(0.1), demand(0.2)]), 1)
-    assert acting == [(0.2, -0.2)]
-    assert exchange.report().received == 2
-
-
 def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:
     """The demand that answers an earlier tick comes first; the loop goes on looking until the right one is there."""
     late, right = demand(0.1, tick=0), demand(0.3, tick=20)
     bench = ScriptedBench([demand(0.0, tick=0)], [], [late], [], [right])
     acting, _ = exchanged(bench, 2, wait=5.0)
     assert acting == [(0.0, -0.0), (0.3, -0.3)]
+    acting, exchange = exchanged(ScriptedBench([demand(0.1), demand(0.2)]), 1)  # a bench that is faster than the loop
+    assert acting == [(0.2, -0.2)]
+    assert exchange.report().received == 2
 
 
 @pytest.mark.parametrize(
@@ -135,7 +116,6 @@ def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:
     ],
 )
 def test_a_wrong_message_is_refused_as_a_whole(message: Numbers, line: str) -> None:
-    """It changes nothing and is counted; the first reason becomes a warning."""
     acting, exchange = exchanged(ScriptedBench([demand(0.1)], [message]), 2)
     assert acting == [(0.1, -0.1)] * 2
     report = exchange.report()
@@ -168,15 +148,7 @@ def inside() -> RunResult:
     return run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1)
 
 
-@pytest.fixture(scope="module")
-def steered() -> tuple[RunResult, Proportional]:
-    bench = Proportional()
-    settings = (*SHORT, "trailer_steering=none", "outside.demands=trailer", "outside.wait=1")
-    return run(load_scenario("roundabout", settings), 1, bench=LinkedBench([bench])), bench
-
-
 def test_signals_alone_change_nothing(inside: RunResult) -> None:
-    """A run that is only watched from outside has bitwise the same log."""
     bench = ScriptedBench()
     watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, bench=LinkedBench([bench]))
     assert watched.log == inside.log
@@ -190,30 +162,6 @@ def test_signals_alone_change_nothing(inside: RunResult) -> None:
     # the sensors' errors: 0.5 % of the speed and 20 mm/s of noise; 0.2 and 0.1 degrees of play (three times each)
     assert third["speed"] == pytest.approx(inside.log["v_x_tractor"][row], abs=0.1)
     assert third["steer"] == pytest.approx(inside.log["steer_tractor"][row], abs=0.012)
-
-
-def test_a_bench_steers_the_trailer(steered: tuple[RunResult, Proportional], inside: RunResult) -> None:
-    """Its demands are those that the log shows, at once as the loop waits, and the axles follow them with their lag."""
-    result, bench = steered
-    demands = result.log["steer_trailer_1_command"][::2]
-    np.testing.assert_array_equal(demands, [-0.4 * values["articulation_1"] for values in bench.signals])
-    assert np.abs(demands).max() > 0.05
-    assert np.abs(result.log["steer_trailer_1"]).max() == pytest.approx(np.abs(demands).max(), rel=0.05)
-    assert not inside.log["steer_trailer_1_command"].any()
-    numbers = result.summary()
-    assert numbers["outside"]["reproducible"] is False  # type: ignore[call-overload, index]
-    assert "demands came from outside by script" in " ".join(numbers["warnings"])  # type: ignore[arg-type]
-
-
-def test_a_run_directory_repeats_the_demands_bitwise(steered: tuple[RunResult, Proportional], tmp_path: Path) -> None:
-    """``scenario.toml`` names the record beside it; no bench is there any more."""
-    text = write_inputs(steered[0].scenario_toml, steered[0].inputs, tmp_path)
-    (tmp_path / "scenario.toml").write_text(text)
-    again = run(load_scenario(str(tmp_path / "scenario.toml")), 1)
-    assert again.log == steered[0].log
-    assert again.outside is not None
-    assert again.outside.source == "record"
-    assert again.summary()["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
 
 
 @pytest.fixture
@@ -251,17 +199,15 @@ def test_a_bench_that_is_not_there_yet_does_no_harm() -> None:
     link.close()
 
 
-@pytest.mark.parametrize("text", ["5005", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:70000", "127.0.0.1:5005,x", ":5005"])
-def test_a_wrong_address_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="expected HOST:PORT or HOST:PORT,PORT"):
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [(text, "expected HOST:PORT or HOST:PORT,PORT")
+     for text in ("5005", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:70000", "127.0.0.1:5005,x", ":5005")]
+    + [(f"{host}:5005", "no address of a single host") for host in ("224.0.0.1", "255.255.255.255", "0.0.0.0")],
+)  # fmt: skip
+def test_a_wrong_address_is_refused(text: str, line: str) -> None:
+    with pytest.raises(ValueError, match=line):
         UdpLink(text)
-
-
-@pytest.mark.parametrize("host", ["224.0.0.1", "255.255.255.255", "0.0.0.0"])
-def test_only_a_single_host_is_addressed(host: str) -> None:
-    """No multicast and no broadcast, which leave the bench."""
-    with pytest.raises(ValueError, match="no address of a single host"):
-        UdpLink(f"{host}:5005")
 
 
 def dbc(tmp_path: Path, *fields: str, name: str = "my.dbc") -> str:
@@ -313,47 +259,6 @@ def test_the_shipped_dbc_file_fits_the_signals(inside: RunResult) -> None:
     link.close()
 
 
-def refused(*arguments: str) -> str:
-    """The one line of a run that is refused."""
-    result = CliRunner().invoke(app, ["run", "roundabout", "--set", "off_tracking=truth", *arguments])
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr.count("\n") == 1
-    return result.stderr
-
-
-def test_bad_links_are_refused_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bench_socket: socket.socket
-) -> None:
-    """Before anything is simulated or written."""
-    pytest.importorskip("cantools")
-    monkeypatch.chdir(tmp_path)
-    port = bench_socket.getsockname()[1]
-    outside = ("--set", "outside.demands=trailer", "--set", "outside.wait=1")
-    assert f"port {port} can't be opened: Address already in use" in refused("--udp", f"127.0.0.1:5005,{port}")
-    assert "needs --udp, --can, or outside.record" in refused(*outside)
-    assert "needs --paced, or outside.wait" in refused(*outside[:2], "--udp", f"127.0.0.1:{port}")
-    (tmp_path / "bad.dbc").write_text("BO_ what")
-    assert "bad.dbc is no DBC file" in refused("--can", "dbc=bad.dbc")
-    assert "none.dbc" in refused("--can", "dbc=none.dbc")
-    assert "dbc=FILE is missing" in refused("--can", "interface=virtual")
-    assert "interface 'udp_multicast'" in refused("--can", "dbc=example,interface=udp_multicast")
-    assert "the bus can't be opened" in refused("--can", "dbc=example,interface=socketcan,channel=nocan7")
-    lacks = dbc(tmp_path, SPEED, name="lacks.dbc")
-    assert "no message has the signal steer_demand_1" in refused(*outside, "--can", f"dbc={lacks}")
-    wrong = dbc(tmp_path, SPEED.replace("km/h", "furlong"))
-    assert "speed has the unit 'furlong', which is no unit of m/s" in refused("--can", f"dbc={wrong}")
-    (tmp_path / "demands.csv").write_text("tick,steer\n0,1\n")
-    record = ("--set", "outside.demands=trailer", "--set", "outside.record=demands.csv")
-    assert "column 'came_semitrailer' is missing" in refused(*record)
-    assert not (tmp_path / "runs").exists()
-
-
-def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(ValueError, match=r"--can needs the package can: pip install 'offtrack\[hil\]'"):
-        CanLink("dbc=example")
-
-
 class BenchDriver(ScriptedBench):
     """A driver on the bench: curvature ahead, corrected by the errors of position and heading; keeps the speed."""
 
@@ -364,6 +269,7 @@ class BenchDriver(ScriptedBench):
         self.script.append([{"tick": tick, "steer_demand": steer, "acceleration_demand": acceleration}])
 
 
+@pytest.mark.slow
 def test_a_bench_drives_the_tractor() -> None:
     """It sees what a driver sees, and its demands are in the log; the scenario's own law steers the trailer."""
     bench = BenchDriver()

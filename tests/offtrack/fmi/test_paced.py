@@ -9,10 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from controllers.checked import LawError
-from offtrack.commands.cli import app
 from scenarios.loop.channel import Channel, Pacer, Stopwatch
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
@@ -20,8 +18,6 @@ from vehicle.clock import Schedule
 
 
 class Clock:
-    """A clock that only moves when somebody sleeps or works."""
-
     def __init__(self) -> None:
         self.now = 100.0  # [s]
 
@@ -43,25 +39,18 @@ def paced(speed: float, *steps: float) -> Pacer:
     return pacer
 
 
-def test_steps_that_end_in_time_are_no_misses() -> None:
-    """A step has 10 ms of wall time at speed 1, 20 ms at half speed."""
+def test_late_steps_are_reported_and_made_up_for_by_quick_ones() -> None:
+    """A step has 10 ms of wall time at speed 1, 20 ms at half speed.
+
+    25 ms instead of 10: 15 ms late; steps of 2 ms then end 7 ms late, and 1 ms early. Steps of 20 ms fill wall time at
+    half of real time; a fifth of reserve is left.
+    """
     assert paced(1.0, 0.009, 0.002, 0.009).report().misses == 0
     report = paced(0.5, 0.019, 0.019).report()
-    assert report.misses == 0
-    assert report.step_s == pytest.approx(0.02)
-
-
-def test_a_late_step_is_made_up_for_by_quick_ones() -> None:
-    """25 ms instead of 10: 15 ms late; steps of 2 ms then end 7 ms late, and 1 ms early. Then the clock rules again."""
+    assert (report.misses, report.step_s) == pytest.approx((0, 0.02))
     report = paced(1.0, 0.025, 0.002, 0.002, 0.002).report()
-    assert report.misses == 2
-    assert report.worst_s == pytest.approx(0.015)
-    assert report.behind_s == 0.0
-    assert report.longest_step_s == pytest.approx(0.025)
-
-
-def test_a_run_that_cannot_keep_up_names_a_speed_that_it_could_keep() -> None:
-    """Steps of 20 ms fill wall time at half of real time; a fifth of reserve is left."""
+    assert (report.misses, report.behind_s) == (2, 0.0)
+    assert (report.worst_s, report.longest_step_s) == pytest.approx((0.015, 0.025))
     report = paced(1.0, *[0.02] * 10).report()
     assert report.best_speed == pytest.approx(0.5)
     assert "100.0 % of the steps ended after their 10 ms, by 100 ms at worst" in report.warnings[0]
@@ -73,9 +62,9 @@ class Reading:
     tick: int
 
 
-class BrokenCamera:
+class Camera:
     def sample(self, truth: Reading) -> Reading | None:
-        raise OSError("the lens fell off")
+        return truth
 
 
 class Nothing:
@@ -86,31 +75,31 @@ class Nothing:
         return None, message
 
 
-def test_a_camera_that_fails_in_its_thread_is_named_at_the_delivery() -> None:
+@pytest.mark.parametrize(("fails", "line"), [("camera", "the lens fell off"), ("recording", "no space left")])
+def test_what_fails_in_the_camera_thread_is_named_at_the_delivery(fails: str, line: str) -> None:
     """The loop learns of it when it would receive the estimate, not in silence at the end."""
+
+    def failing(*_: object) -> Any:
+        raise OSError(line)
+
+    camera, see = Camera(), None if fails == "camera" else failing
+    if fails == "camera":
+        camera.sample = failing  # type: ignore[assignment, method-assign]
     with ThreadPoolExecutor(1) as renderer, ThreadPoolExecutor(1) as worker:
         schedule = Schedule(period=10, latency=20)
-        channel = Channel(BrokenCamera(), schedule, Nothing(), worker, Stopwatch(), renderer=renderer)
+        channel = Channel(camera, schedule, Nothing(), worker, Stopwatch(), renderer=renderer, see=see)
         assert channel.sample(Reading(30), 30) is None
-        channel.deliver(40)
-        with pytest.raises(LawError, match=r"sensor BrokenCamera: at tick 30 .*raised OSError: the lens fell off"):
+        renderer.submit(lambda: None).result()
+        with pytest.raises(LawError, match=rf"sensor Camera: at tick 30 .*raised OSError: {line}"):
             channel.deliver(50)
 
 
-class Camera:
-    def sample(self, truth: Reading) -> Reading | None:
-        return truth
-
-
 class Order(ThreadPoolExecutor):
-    """A thread that notes what it is given."""
-
     def __init__(self) -> None:
         super().__init__(1)
         self.given: list[str] = []
 
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Note the name of the call."""
         self.given.append(getattr(call, "__name__", ""))
         return super().submit(call, *args, **kwargs)
 
@@ -132,29 +121,6 @@ def test_pictures_wait_for_the_estimate_and_not_the_other_way_round() -> None:
         channel.deliver(50)
     assert worker.given == ["_keep_promise", "jpeg"]
     assert list(channel.delivered) == [Reading(30)]
-
-
-def test_a_picture_that_cannot_be_recorded_ends_the_run_by_name() -> None:
-    def full(*_: object) -> None:
-        raise OSError("no space left")
-
-    with ThreadPoolExecutor(1) as renderer, ThreadPoolExecutor(1) as worker:
-        schedule = Schedule(period=10, latency=20)
-        channel = Channel(Camera(), schedule, Nothing(), worker, Stopwatch(), renderer=renderer, see=full)
-        channel.sample(Reading(30), 30)
-        renderer.submit(lambda: None).result()
-        with pytest.raises(LawError, match=r"sensor Camera: at tick 30 .*raised OSError: no space left"):
-            channel.deliver(40)
-
-
-def test_a_speed_needs_a_paced_run_and_sense() -> None:
-    """One line each, and exit code 2."""
-    for arguments, line in (
-        (["--speed", "2"], "--speed 2: needs --paced"),
-        (["--paced", "--speed", "0"], "--speed = 0.0 must be between 0.01 and 100"),
-    ):
-        result = CliRunner().invoke(app, ["run", "roundabout", *arguments])
-        assert (result.exit_code, line in result.stderr) == (2, True)
 
 
 def test_the_progress_of_a_paced_run_is_shown_and_its_interrupt_ends_it() -> None:

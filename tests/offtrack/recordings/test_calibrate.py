@@ -15,7 +15,7 @@ from estimators.calibration.rectification import Rectifier
 from estimators.rigid_motion import rotation_vector
 from offtrack.commands.cli import app
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.lens import CameraModel, load_raw_rig
+from sensors.camera.rig import CameraModel, load_raw_rig
 from vehicle.frames import inverse, so3_exp, transform
 
 CAMERA = CameraModel(
@@ -68,7 +68,6 @@ def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp
 
 @pytest.mark.slow
 def test_json_is_all_that_is_printed(photos: Path, tmp_path: Path) -> None:
-    """For scripts: every image with its error."""
     result = calibrate(photos / "left", "--right", photos / "right", *GIVEN, "--json", "--out", tmp_path / "rig.toml")
     numbers = json.loads(result.stdout)
     assert numbers["pair"]["rms_px"] < 0.1
@@ -88,7 +87,6 @@ def test_one_camera_alone(photos: Path, tmp_path: Path) -> None:
 
 
 def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Path) -> None:
-    """A photograph without the board costs its pair only."""
     copy = tmp_path / "photos"
     shutil.copytree(photos, copy)
     cv2.imwrite(str(copy / "right" / "03.png"), np.full((400, 640), 90, np.uint8))
@@ -98,42 +96,15 @@ def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Pat
     assert numbers["pair"]["dropped"]["left/03.png"] == "no board of 7x5 corners found"
 
 
-def test_what_can_not_work_is_refused_in_one_line(photos: Path, tmp_path: Path) -> None:
-    """Exit code 2, the reason, and no file."""
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    broken = tmp_path / "broken.png"
-    broken.write_bytes(b"no image")
-    small = tmp_path / "small.png"
-    cv2.imwrite(str(small), np.zeros((100, 100), np.uint8))
-    some = sorted((photos / "left").iterdir())[:4]
-    out = tmp_path / "rig.toml"
-    existing = tmp_path / "existing.toml"
-    existing.touch()
+def test_too_few_and_unequal_images_are_refused(photos: Path, tmp_path: Path) -> None:
+    some, out = sorted((photos / "left").iterdir()), tmp_path / "rig.toml"
+    fewer = shutil.copytree(photos / "right", tmp_path / "fewer")
+    (fewer / "15.png").unlink()
     for arguments, reason in (
-        ([tmp_path / "nowhere", *GIVEN], "no such file or folder"),
-        ([empty, *GIVEN], "contains no images"),
-        ([broken, *GIVEN], "is corrupt or not an image"),
-        ([*some, *GIVEN], "only 4 of 4 images can be used; at least 8 are needed"),
-        ([*some, small, *GIVEN], "all images must come from one camera at one resolution"),
-        ([*some, "--board", "9by6"], "expected COLUMNSxROWS"),
-        ([*some, "--board", "2x2"], "at least 3x3 inner corners"),
-        ([*some, *GIVEN, "--position", "3"], "expected X,Y,Z in metres"),
-        ([photos, *GIVEN, "--out", existing], "exists already"),
+        (some[:4], "only 4 of 4 images can be used; at least 8 are needed"),
+        ([photos / "left", "--right", fewer], "16 left and 15 right images"),
     ):
-        result = calibrate(*arguments, *([] if "--out" in arguments else ["--out", out]))
-        assert result.exit_code == 2, result.output
-        assert reason in result.stderr.replace("\n", " ")
-        assert result.stderr.rstrip().count("\n") == 0
+        result = calibrate(*arguments, *GIVEN, "--out", out)
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+        assert reason in result.stderr
     assert not out.exists()
-    assert existing.read_text(encoding="utf-8") == ""
-
-
-def test_sides_of_different_length_are_refused(photos: Path, tmp_path: Path) -> None:
-    """They can not be pairs."""
-    copy = tmp_path / "photos"
-    shutil.copytree(photos, copy)
-    (copy / "right" / "15.png").unlink()
-    result = calibrate(copy, *GIVEN, "--out", tmp_path / "rig.toml")
-    assert result.exit_code == 2
-    assert "16 left and 15 right images" in result.stderr

@@ -1,4 +1,4 @@
-"""Recordings of a run give the estimates of the run again."""
+"""Recordings of a run give the estimates of the run again; self-calibration in the loop."""
 
 from __future__ import annotations
 
@@ -51,3 +51,18 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     # how the cameras face is seen by how they move
     (tmp_path / "images" / "rig.toml").unlink()
     assert "cameras face to the rear, found from their motion (--facing)" in open_recording(tmp_path / "images").assumed
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("worlds")
+def test_a_turned_camera_is_found_and_logged() -> None:
+    """Half the resolution of the usual rig: twice its errors, so 0.01 deg after 20 m."""
+    turned = {"roll": -0.15, "yaw": 0.10, "pitch": 0.05}  # [deg]
+    small = ("rig.width=672", "rig.height=240", "course.length=20", "world.scenery_density=0.5")
+    settings = (*small, "rig.self_calibration=true", f"rig.misrotation_deg={[*turned.values()]}")
+    log = run(load_scenario("constant-slip", settings), seed=2).log
+    for name, true in turned.items():
+        found, std = (log[f"right_camera_{name}{end}"] for end in ("", "_std"))
+        last = np.flatnonzero(np.isfinite(found))[-1]
+        assert abs(np.degrees(found[last]) - true) < 0.01
+        assert 0.0 < np.degrees(std[last]) < 0.02

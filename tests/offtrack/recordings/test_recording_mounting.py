@@ -11,20 +11,18 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from offtrack.exchange.recordings.mounting import (
+from offtrack.exchange.recordings.camera_files import (
     Facing,
     MountingOptions,
     Rig,
     facing_by_motion,
-    facing_named,
     mounting,
     read_rig,
 )
 from offtrack.exchange.recordings.stereo_reader import Recording, open_recording, read_projections
 from offtrack.exchange.recordings.stereo_sequence import LAYOUTS
 from offtrack.exchange.recordings.writers import calibration_text, rig_text
-from sensors.camera.lens import CameraModel, RawStereoRig
-from sensors.camera.rig import StereoCalibration, StereoRig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
 from vehicle.frames import inverse, rotation_zyx, transform
 
@@ -80,21 +78,13 @@ def test_a_calibration_like_the_benchmarks_is_understood(tmp_path: Path) -> None
     ],
 )
 def test_projections_that_are_no_rectified_pair_are_refused(tmp_path: Path, text: str, says: str) -> None:
-    """One line that names the file."""
     (tmp_path / "calib.txt").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"calib\.txt") as refused:
         read_projections(tmp_path / "calib.txt", LAYOUTS[0])
     assert says in str(refused.value)
 
 
-def test_without_any_calibration_the_way_out_is_told(tmp_path: Path) -> None:
-    """Rectified or raw."""
-    with pytest.raises(ValueError, match=r"calib\.txt is missing.*P0 and P1.*--calibration FILE\.toml"):
-        opened(images(tmp_path))
-
-
 def test_the_calibration_of_other_images_is_refused(tmp_path: Path) -> None:
-    """A principal point outside the image, or a raw camera of another size."""
     images(tmp_path)
     (tmp_path / "calib.txt").write_text(KITTI, encoding="utf-8")
     with pytest.raises(ValueError, match=r"607\.193 lies outside images of 64x32 px"):
@@ -217,7 +207,7 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
                 tracks=tracks, matches=300, inliers=300,
             )  # fmt: skip
 
-    monkeypatch.setattr("offtrack.exchange.recordings.mounting.CircularOdometry", Moving)
+    monkeypatch.setattr("offtrack.exchange.recordings.camera_files.CircularOdometry", Moving)
     grey = np.zeros((32, 64), np.uint8)
     frames = [StereoFrame(tick=100 * k, left=grey, right=grey) for k in range(10)]
     calibration = replace(RIG.calibration(), X_SC=np.eye(4))
@@ -225,7 +215,6 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
 
 
 def test_options_go_before_the_rig_and_leave_nothing_to_assume() -> None:
-    """Nor is anybody asked which way the cameras face."""
     options = MountingOptions(follow_distance=9.0, facing="rear", x=-8.0, y=0.1, z=4.2, direction_std=0.002)
     rig = Rig(X_SC=RIG.calibration().X_SC, follow_distance=13.5, direction_std=0.0)
     placed = mounting(options, rig, RIG.calibration(), lambda: pytest.fail("asked"))
@@ -256,19 +245,8 @@ def test_a_rig_that_is_not_above_the_ground_sits_nowhere_yet(tmp_path: Path) -> 
     ],
 )
 def test_a_wrong_rig_is_refused(tmp_path: Path, text: str, says: str) -> None:
-    """One line with file and key."""
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"rig\.toml") as refused:
         read_rig(tmp_path / "rig.toml")
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_options_that_can_not_be_are_refused() -> None:
-    """By the name of the option."""
-    with pytest.raises(ValueError, match="--follow-distance = 0 m must be positive"):
-        MountingOptions(follow_distance=0.0)
-    with pytest.raises(ValueError, match="--camera-height = -1 m must be positive"):
-        MountingOptions(z=-1.0)
-    with pytest.raises(ValueError, match="--facing = raer: unknown; did you mean 'rear'"):
-        facing_named("raer")

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
-from offtrack.commands.assess import assess as assess_command
-from offtrack.commands.exchange import draw as draw_command
+from offtrack.commands.cli import app
 from offtrack.exchange import drawings
 from offtrack.exchange.drawings import DrivenPath, drawing, geojson, unit_layer, write_drawing
 from offtrack.studies.standards.assessment import Assessment
@@ -35,7 +33,6 @@ QUICK = ("course.turn_deg=30", "course.entry=20", "course.exit=5", "off_tracking
 
 
 def driven(path: FloatArray, **more: Any) -> DrivenPath:
-    """One body along poses (n, 3)."""
     return DrivenPath(
         title="test",
         notes=("a note",),
@@ -64,7 +61,6 @@ def areas(told: dict[str, Any], layer: str) -> list[Any]:
 
 
 def test_a_straight_drive_sweeps_a_rectangle() -> None:
-    """From the rear at the start to the front at the end, as wide as the body."""
     (swept,) = areas(geojson(drawing(driven(straight()))), drawings.SWEPT)
     assert swept.bounds == pytest.approx((-1.0, -1.0, 23.0, 1.0))
     assert swept.area == pytest.approx(24.0 * 2.0)
@@ -133,13 +129,8 @@ def test_dxf_opens_without_errors_in_metres_on_named_layers(tmp_path: Path) -> N
         by_layer.setdefault(entity.dxf.layer, []).append(entity)
     body = unit_layer(BODY.name)
     assert body == "VEHICLE_TRUCK_1_"
-    closed = {
-        drawings.SWEPT: True,
-        body: True,
-        drawings.WHEELS: True,
-        drawings.COURSE: False,
-        drawings.FRONT_AXLE: False,
-    }
+    closed = dict.fromkeys((drawings.SWEPT, body, drawings.WHEELS), True)
+    closed |= dict.fromkeys((drawings.COURSE, drawings.FRONT_AXLE), False)
     for layer, is_closed in closed.items():
         assert layer in document.layers
         assert all(entity.closed is is_closed for entity in by_layer[layer]), layer
@@ -161,19 +152,12 @@ def test_names_from_files_do_not_break_the_drawing(tmp_path: Path) -> None:
 
 
 def test_the_same_drive_gives_the_same_file(tmp_path: Path) -> None:
-    """No times and no random identifiers."""
     for name in ("a", "b"):
         for kind in ("dxf", "geojson"):
             write_drawing(drawing(driven(straight())), tmp_path / f"{name}.{kind}", kind)
     assert (tmp_path / "a.dxf").read_bytes() == (tmp_path / "b.dxf").read_bytes()
     assert (tmp_path / "a.geojson").read_bytes() == (tmp_path / "b.geojson").read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {"a.dxf", "a.geojson", "b.dxf", "b.geojson"}
-
-
-def command() -> typer.Typer:
-    app = typer.Typer()
-    app.command()(draw_command)
-    return app
 
 
 @pytest.mark.slow
@@ -184,7 +168,7 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
     write_log(result.log, tmp_path / "run" / "signals.parquet")
-    done = CliRunner().invoke(command(), [str(tmp_path / "run"), "--to", "both", "--every", "10"])
+    done = CliRunner().invoke(app, ["draw", str(tmp_path / "run"), "--to", "both", "--every", "10"])
     assert done.exit_code == 0, done.output
     told = json.loads((tmp_path / "run" / "drawing.geojson").read_text(encoding="utf-8"))
     first, *_ = areas(told, "VEHICLE_SEMITRAILER")
@@ -198,42 +182,16 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
         origin = shapely.points(result.poses(unit)[:, :2])
         assert shapely.contains(swept.buffer(0.01), origin).all()
     assert not ezdxf.readfile(tmp_path / "run" / "drawing.dxf").audit().errors
-    again = CliRunner().invoke(command(), [str(tmp_path / "run")])
+    again = CliRunner().invoke(app, ["draw", str(tmp_path / "run")])
     assert again.exit_code == 2
     assert "exists already" in again.stderr
 
 
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda folder: None, "is no run directory: it has no scenario.toml"),
-        (lambda folder: (folder / "scenario.toml").write_text("trailer_steering = 3"), "scenario.toml"),
-        (lambda folder: (folder / "scenario.toml").write_text('kind = "rover"\nname = "r"\n'), "scenario.toml"),
-        (lambda folder: (folder / "scenario.toml").mkdir(), "is no run directory"),
-    ],
-)
-def test_what_is_no_run_is_refused_in_one_line(tmp_path: Path, make: Any, says: str) -> None:
-    """Nothing is written then."""
-    make(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    done = CliRunner().invoke(command(), [str(tmp_path)])
-    assert done.exit_code == 2
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 def test_assessments_draw_what_follows_a_path(tmp_path: Path) -> None:
-    """A file beside the log of a manoeuvre along a path; none for a pulse, or if nothing moved."""
     vehicle = load_vehicle("rigid_truck")
     path = straight()
-    columns = {
-        "time": np.linspace(0.0, 10.0, 201),
-        "x_truck": path[:, 0],
-        "y_truck": path[:, 1],
-        "psi_truck": path[:, 2],
-    }
-    log = Log(tuple(Signal(name, "-", name) for name in columns), np.column_stack(list(columns.values())))
+    signals = [Signal(name, "-", name) for name in ("time", "x_truck", "y_truck", "psi_truck")]
+    log = Log(tuple(signals), np.column_stack([np.linspace(0.0, 10.0, 201), path]))
     still = Log(log.signals, log.rows[:1])
     manoeuvres = tuple(
         Manoeuvre(key=key, title=key, how="", outcome="completed", figures={}, log=driven_log, course=course)
@@ -249,17 +207,3 @@ def test_assessments_draw_what_follows_a_path(tmp_path: Path) -> None:
     (swept,) = areas(json.loads((tmp_path / "full-left-turn.geojson").read_text(encoding="utf-8")), drawings.SWEPT)
     truck = vehicle.units[0]
     assert swept.area == pytest.approx((20.0 + truck.front_x - truck.rear_x) * truck.width, rel=1e-3)
-
-
-def test_without_the_extra_the_command_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before anything is read."""
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    app = typer.Typer()
-    app.command()(assess_command)
-    for told, arguments in (
-        (command(), [str(tmp_path)]),
-        (app, ["rigid_truck", "--drawings", "dxf", "--out", str(tmp_path / "out")]),
-    ):
-        done = CliRunner().invoke(told, arguments)
-        assert done.exit_code == 2
-        assert "pip install 'offtrack[cad]'" in done.stderr

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pandas
 import pytest
@@ -16,7 +11,6 @@ from scipy.io import loadmat
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal, write_log
 
 LOG = Log(
@@ -59,26 +53,6 @@ def test_mat_is_read_by_scipy(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_mf4_has_units_and_comments(run: Path) -> None:
-    mdf = pytest.importorskip("asammdf", reason="MF4 needs the extra 'export'")
-    with mdf.MDF(exported(run, "mf4")) as file:
-        for signal in LOG.signals[1:]:
-            read = file.get(signal.name)
-            np.testing.assert_array_equal(read.samples, LOG[signal.name])
-            np.testing.assert_array_equal(read.timestamps, LOG["time"])
-            assert (read.unit, read.comment) == (signal.unit, signal.description)
-
-
-@pytest.mark.slow
-def test_mat_is_read_by_pymatreader(run: Path) -> None:
-    reader = pytest.importorskip("pymatreader", reason="not installed: pip install pymatreader")
-    content = reader.read_mat(exported(run, "mat"))
-    for signal in LOG.signals:
-        np.testing.assert_array_equal(content["signals"][signal.name], LOG[signal.name])
-        assert content["units"][signal.name] == signal.unit
-
-
-@pytest.mark.slow
 def test_mf4_is_read_by_mdfreader(run: Path) -> None:
     pytest.importorskip("asammdf", reason="MF4 needs the extra 'export'")
     reader = pytest.importorskip("mdfreader", reason="not installed: pip install mdfreader")
@@ -87,78 +61,3 @@ def test_mf4_is_read_by_mdfreader(run: Path) -> None:
         np.testing.assert_array_equal(content.get_channel_data(signal.name), LOG[signal.name])
         assert content.get_channel_unit(signal.name) == signal.unit
         assert signal.description in str(content.get_channel_desc(signal.name))
-
-
-def test_what_can_not_be_exported_is_one_line(run: Path) -> None:
-    exported(run, "csv")
-    cases = (
-        ([str(run), "--to", "csv"], "exists already"),
-        ([str(run / "none")], "is no directory of a finished run"),
-        ([str(run), "--to", "mat", "--out", str(run / "none" / "x.mat")], "there is no folder"),
-        ([str(run), "--to", "msf4"], "--to: unknown name 'msf4'; did you mean 'mf4'?"),
-    )
-    for arguments, line in cases:
-        answer = CliRunner().invoke(app, ["export", *arguments])
-        assert answer.exit_code == 2
-        assert line in answer.stderr
-        assert len(answer.stderr.splitlines()) == 1
-    assert sorted(path.name for path in run.iterdir()) == ["signals.csv", "signals.parquet", "signals.units.csv"]
-
-
-@pytest.mark.slow
-def test_mcap_has_frames_bodies_paths_signals_and_images(tmp_path: Path) -> None:
-    """A run and its recording, read by another package: every value, unit, pose and byte."""
-    pytest.importorskip("foxglove", reason="MCAP needs the extra 'export'")
-    reader_of = pytest.importorskip("mcap.reader", reason="not installed: pip install mcap mcap-protobuf-support")
-    decoder = pytest.importorskip("mcap_protobuf.decoder", reason="not installed: pip install mcap-protobuf-support")
-    scenario = load_scenario("constant-slip", ("off_tracking=truth",))
-    (tmp_path / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
-    names = [f"{name}_{unit}" for unit in ("tractor", "semitrailer") for name in ("x", "y", "psi")]
-    time = np.arange(0.0, 1.0, 0.01)
-    rows = np.column_stack([time, *(time + k for k in range(6)), np.where(time < 0.5, np.nan, time)])
-    signals = [Signal("time", "s", "time"), *(Signal(name, "m", name) for name in names), Signal("value", "m", "v")]
-    write_log(Log(tuple(signals), rows), tmp_path / "signals.parquet")
-    images = tmp_path / "images"
-    for side in (0, 1):
-        (images / f"image_{side}").mkdir(parents=True)
-        for k in range(3):
-            cv2.imwrite(str(images / f"image_{side}" / f"{k:06d}.png"), np.full((4, 6), 10 * k + side, dtype=np.uint8))
-    (images / "times.txt").write_text("0.0\n0.1\n0.2\n", encoding="utf-8")
-    answer = CliRunner().invoke(app, ["export", str(tmp_path), "--to", "mcap", "--images", str(images), "--quiet"])
-    assert answer.exit_code == 0, answer.output
-    found: dict[str, list[tuple[int, Any]]] = {}
-    with (tmp_path / "signals.mcap").open("rb") as file:
-        reader = reader_of.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-        for schema, channel, message, decoded in _messages(reader):
-            found.setdefault(channel.topic, []).append((message.log_time, decoded))
-            if channel.topic == "/signals":
-                assert channel.metadata["unit.value"] == "m"
-                assert b'"v [m]"' in schema.data
-    assert [len(found[topic]) for topic in ("/signals", "/tf", "/scene", "/camera/left")] == [100, 50, 1, 3]
-    for k, (stamp, told) in enumerate(found["/signals"]):
-        assert stamp == round(1e9 * time[k])
-        row = dict(zip((signal.name for signal in signals), rows[k].tolist(), strict=True))
-        assert told == {name: value for name, value in row.items() if not math.isnan(value)}
-    transform = found["/tf"][1][1].transforms[1]
-    assert (transform.parent_frame_id, transform.child_frame_id) == ("W", "semitrailer")
-    assert transform.translation.x == pytest.approx(0.02 + 3.0)
-    assert 2.0 * math.atan2(transform.rotation.z, transform.rotation.w) == pytest.approx(0.02 + 5.0)
-    assert {entity.id for entity in found["/scene"][0][1].entities} >= {"tractor", "semitrailer", "path of the hitch"}
-    assert found["/camera/right"][2][1].data == (images / "image_1" / "000002.png").read_bytes()
-
-
-def _messages(reader: Any) -> Iterator[tuple[Any, Any, Any, Any]]:
-    """Messages of all topics; JSON is decoded here."""
-    for schema, channel, message in reader.iter_messages():
-        if channel.message_encoding == "json":
-            yield schema, channel, message, json.loads(message.data)
-    for schema, channel, message, decoded in reader.iter_decoded_messages(
-        topics=["/tf", "/scene", "/camera/left", "/camera/right"]
-    ):
-        yield schema, channel, message, decoded
-
-
-def test_images_are_for_mcap_and_bags(run: Path) -> None:
-    answer = CliRunner().invoke(app, ["export", str(run), "--images", str(run)])
-    assert answer.exit_code == 2
-    assert "csv takes no images: choose --to mcap or rosbag2" in answer.output

@@ -1,4 +1,4 @@
-"""The page that plays a run shows at every time what the log holds, by every way of choosing the time."""
+"""Pages that play runs, recordings, assessments and studies show at every time what the log holds."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from offtrack.commands.cli import app
 from offtrack.reports.player.encoding import encoded, kept_rows, small_pictures
-from offtrack.reports.player.playback import Picture, fault_spans, health_spans
-from offtrack.reports.player.run_playback import trailer_playback
+from offtrack.reports.player.playback import Picture, fault_spans, health_spans, trailer_playback
 from offtrack.reports.run_page import report_html
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.swept_path import placed
@@ -27,7 +28,6 @@ MOMENT = 12.345  # [s]
 
 @pytest.fixture(scope="module")
 def written(camera_run: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run directory with page and log."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "report.html").write_text(report_html(camera_run, camera_run.summary()), encoding="utf-8")
     write_log(camera_run.log, folder / "signals.parquet")
@@ -50,7 +50,6 @@ def row_at(log: Log, t: float) -> int:
 
 
 def check_all_parts(opened: Opened, log: Log, t: float, run: RunResult) -> None:
-    """Numbers, playheads, outlines and picture are those of the log at this time."""
     row = row_at(log, t)
     assert opened.value("player.t") == pytest.approx(t, abs=1e-6)
     assert opened.page.inner_text('[data-part="now"]') == f"{t:.2f} s"
@@ -128,7 +127,6 @@ def test_play_moves_on_and_stops_at_the_end(opened: Opened) -> None:
 
 @pytest.mark.slow
 def test_the_3d_view_draws_the_vehicle(opened: Opened) -> None:
-    """Its picture changes with the time and is not of one colour."""
     page = opened.page
     page.evaluate("player.show(5)")
     page.click('[data-view="scene"]')
@@ -166,7 +164,6 @@ def test_the_page_fits_a_phone(browser: Any, written: Path) -> None:
 
 
 def numbers_of(table: dict[str, Any], text: str, signal: str) -> np.ndarray[Any, Any]:
-    """A signal's values, decoded in Python."""
     place = next(one for one in table["runs"][0]["signals"] if one["name"] == signal)["values"]
     data = gzip.decompress(base64.b64decode(text))
     return np.frombuffer(data, "<f4", place["count"], place["at"])
@@ -219,3 +216,75 @@ def test_spans_of_health_and_faults() -> None:
         ("fault freeze", 2.0, 3.5),
         ("fault dirt", 0.0, 6.0),
     ]
+
+
+def offtrack(*arguments: str) -> None:
+    done = CliRunner().invoke(app, list(arguments))
+    assert done.exit_code == 0, done.output
+
+
+@pytest.fixture(scope="module")
+def assessed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("assessed") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "offtrack.studies.standards.assessment.default_jobs", lambda: 1
+        )  # a worker takes seconds to start
+        offtrack("assess", "eu_tractor_semitrailer", "--manoeuvres", "turn,lane_change", "--out", str(out), "--quiet")
+    return out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1400, 390])
+def test_an_assessment_plays_one_manoeuvre_at_a_time(browser: Any, assessed: Path, width: int) -> None:
+    with opened_page(browser, assessed / "report.html", width=width) as opened:
+        names = opened.value("player.playback.all.map((run) => run.name)")
+        assert len(names) == 2
+        for k, key in enumerate(("turn", "lane_change")):
+            log = read_log(assessed / f"{key}.parquet")
+            opened.page.select_option('[data-part="run"]', str(k))
+            assert opened.value("player.playback.runs.length") == 1
+            assert opened.value("player.end") == pytest.approx(log["time"][-1], abs=0.02)
+            opened.value("player.show(3.0)")
+            t, x = opened.value("[player.playback.runs[0].time[player.rows[0]],"
+                                "player.playback.runs[0].pose(0, player.rows[0])[0]]")  # fmt: skip
+            assert x == pytest.approx(np.interp(t, log["time"], log["x_tractor"]), abs=1e-3)
+        assert opened.messages == []
+        assert opened.value("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.slow
+def test_a_rover_and_its_recording_play_with_their_images(browser: Any, tmp_path: Path) -> None:
+    short = ["--set", "course.length=0.6"]
+    offtrack("run", "rover-slope", *short, "--no-video", "--quiet", "--out", str(tmp_path / "run"),
+             "--record", str(tmp_path / "images"))  # fmt: skip
+    offtrack("estimate", "slip", str(tmp_path / "images"), "--out", str(tmp_path / "slip"), "--quiet")
+    for folder in ("run", "slip"):
+        with opened_page(browser, tmp_path / folder / "report.html") as opened:
+            opened.value("player.show(player.end)")
+            opened.page.wait_for_function("player.pictures.drawn === player.pictures.wanted")
+            last = int(opened.value("player.playback.runs[0].pictures.length"))
+            assert opened.value("player.picture") == last - 1
+            assert last > 20
+            assert opened.messages == []
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("runs_here")
+def test_a_study_leads_to_the_pages_of_its_runs(browser: Any, tmp_path: Path) -> None:
+    """A click on a line of the drawing opens the page that plays the run; the first seed's runs play together."""
+    out = tmp_path / "study"
+    short = ["--set", "course.turn_deg=10", "--set", "course.exit=5", "--set", "course.entry=20"]
+    offtrack("compare", "turn-90", "--controllers", "none,path_preview", "--vary", "speed_kmh=14,15", *short,
+             "--out", str(out), "--quiet")  # fmt: skip
+    with opened_page(browser, out / "report.html") as opened:
+        assert opened.value("player.playback.runs.map((run) => run.name)") == ["none", "path_preview"]
+        assert opened.value("document.querySelectorAll('#explorer polyline').length") == 4
+        assert opened.value("explorer.axes.map((axis) => axis.label).slice(0, 2)") == ["trailer_steering", "speed_kmh"]
+        assert opened.messages == []
+        opened.page.locator("#explorer circle").nth(2).click()
+        opened.page.wait_for_url("**/pages/*.html*", timeout=8000)
+        opened.page.wait_for_selector("#player[data-ready]", state="attached")
+        name = opened.page.inner_text("h1")
+        assert "speed_kmh=" in name
+        assert "trailer_steering=" in name

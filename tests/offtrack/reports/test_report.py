@@ -9,7 +9,9 @@ import re
 import numpy as np
 import pytest
 
-from offtrack.reports.run_page import report_html, steer
+from offtrack.reports.player.playback import trailer_playback
+from offtrack.reports.plots import chart_figure
+from offtrack.reports.run_page import report_html
 from offtrack.reports.sections import changes, groups
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log
@@ -35,8 +37,8 @@ def test_the_page_needs_nothing_else_and_shows_what_there_is(page: str, camera_r
     identifiers = re.findall(r'<(?:clipPath|path|defs)[^>]* id="([^"]+)"', page)
     assert len(set(identifiers)) == len(identifiers)
     assert re.findall(r"<h2>(.*?)</h2>", page) == [
-        *("Playback", "Plan view", "Off-tracking", "Error of the estimate", "Steer angles", "Camera image", "Features"),
-        *("All numbers", "Computing time"),
+        *("Playback", "Plan view", "Off-tracking", "Error of the estimate", "Steer angles of the road wheels"),
+        *("Features per frame", "Camera image", "All numbers", "Computing time"),
     ]
     assert "# &lt;dry&gt;" in page
     numbers = camera_run.summary()["off_tracking"]
@@ -78,42 +80,39 @@ def test_a_label_has_the_unit_of_its_number() -> None:
                 assert number.unit in ("m", "mm", "°/m"), name
 
 
+def steer_figure(run: RunResult) -> str:
+    playback = trailer_playback(run)
+    return next(
+        chart_figure(chart, playback.runs[0]).svg for chart in playback.charts if chart.title.startswith("Steer")
+    )
+
+
 def test_the_commanded_steer_angles_are_drawn(blind_run: RunResult) -> None:
     """A curve for each of the three axles: without demands in the log the figure has far fewer points."""
     rows = blind_run.log.rows.copy()
     for name in blind_run.steer_signals(demands=True):
         rows[:, blind_run.log.names.index(name)] = np.nan
     undemanded = dataclasses.replace(blind_run, log=Log(blind_run.log.signals, rows))
-    drawn, missing = (steer(run).svg.count("\nL ") for run in (blind_run, undemanded))
+    drawn, missing = (steer_figure(run).count("\nL ") for run in (blind_run, undemanded))
     assert drawn > missing + 90  # 30 points a curve: matplotlib leaves out those on straight lines
 
 
-def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
-    """No empty diagrams."""
-    page = report_html(blind_run, blind_run.summary())
-    titles = re.findall(r"<h2>(.*?)</h2>", page)
-    assert "No estimate" in titles
-    assert "No camera images" in titles
-    assert "Features" not in titles
-    assert "Visual odometry" not in page
-
-
-def test_warnings_come_first(blind_run: RunResult) -> None:
-    """A run with none has no section for them."""
+@pytest.mark.slow
+def test_a_page_says_what_there_is_not(blind_run: RunResult, camera_run: RunResult) -> None:
+    """No empty diagrams without cameras; warnings come first; a page of an odometry that never worked."""
     doubtful = dataclasses.replace(blind_run, warnings=("units.0 (tractor): <light>",))
     pages = [report_html(run, run.summary()) for run in (blind_run, doubtful)]
-    assert ["Warnings" in page for page in pages] == [False, True]
-    assert re.findall(r"<h2>(.*?)</h2>", pages[1])[0] == "Warnings"
+    titles = [re.findall(r"<h2>(.*?)</h2>", page) for page in pages]
+    assert {"No estimate", "No camera images"} <= set(titles[0])
+    assert "Features per frame" not in titles[0]
+    assert "Visual odometry" not in pages[0]
+    assert (titles[1][0], "Warnings" in pages[0]) == ("Warnings", False)
     assert "units.0 (tractor): &lt;light&gt;" in pages[1]
-
-
-def test_an_estimator_that_was_always_lost_is_reported(camera_run: RunResult) -> None:
-    """A run in which the odometry never worked must not break its own report."""
     rows = camera_run.log.rows.copy()
     health = camera_run.log.names.index("health")
     rows[np.isfinite(rows[:, health]), health] = 2.0
     lost = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, rows))
-    assert "no estimate" in report_html(lost, lost.summary())
+    assert ">estimate lost<" in report_html(lost, lost.summary())
 
 
 def test_changed_faults_are_written_as_they_are_set() -> None:

@@ -11,15 +11,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from offtrack.reports import run_video
-from offtrack.reports import run_video as video
 from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
+from offtrack.reports.film import Film, camera_picture, write_film
+from offtrack.reports.player.playback import Picture as Shot
+from offtrack.reports.player.playback import trailer_playback
 from scenarios.results.log import Log
-from scenarios.results.trailer_result import CameraFrame, RunResult
+from scenarios.results.trailer_result import RunResult
+
+TIMES = np.arange(0.0, 60.0, 0.1)  # [s]
+NO_STROKES = np.empty((0, 4), np.float32)
 
 
 def first_seconds(run: RunResult, seconds: float) -> RunResult:
     return dataclasses.replace(run, log=Log(run.log.signals, run.log.rows[: round(100 * seconds)]))
+
+
+def still(run: RunResult, now: float) -> Picture:
+    return Film(trailer_playback(run)).picture(now)
 
 
 def colour_count(picture: Picture, colour: tuple[int, int, int]) -> int:
@@ -37,7 +45,7 @@ def test_the_video_plays_in_real_time(camera_run: RunResult, tmp_path: Path) -> 
         told.append((done, total))
 
     run = first_seconds(camera_run, 2.0)
-    path = video.write_video(run, tmp_path / "video", progress=report)
+    path = write_film(trailer_playback(run), tmp_path / "video", TIMES[:20], 10, progress=report)
     assert path == tmp_path / "video.mp4"
     with av.open(path) as container:
         stream = container.streams.video[0]
@@ -45,9 +53,9 @@ def test_the_video_plays_in_real_time(camera_run: RunResult, tmp_path: Path) -> 
         assert stream.codec_context.pix_fmt == "yuv420p"
         assert stream.average_rate == 10
         pictures = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
-    assert len(pictures) == 20  # rows at 0 … 1.99 s
+    assert len(pictures) == 20
     assert told == [(k, 20) for k in range(1, 21)]
-    difference = np.abs(pictures[0].astype(float) - video.still(run, 0)).mean()
+    difference = np.abs(pictures[0].astype(float) - still(run, 0.0)).mean()
     assert difference < 4.0  # grey levels: compression, no swapped colours or rows
 
 
@@ -56,7 +64,7 @@ def test_without_pyav_there_is_a_small_gif(
 ) -> None:
     """Half the size, at most 5 pictures a second, real time all the same."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    path = video.write_video(first_seconds(camera_run, 3.0), tmp_path / "video")
+    path = write_film(trailer_playback(first_seconds(camera_run, 3.0)), tmp_path / "video", TIMES[:30], 10)
     assert path == tmp_path / "video.gif"
     with Image.open(path) as gif:
         assert gif.width == 640
@@ -67,7 +75,7 @@ def test_without_pyav_there_is_a_small_gif(
 
 def test_a_still_is_the_picture_of_that_moment(camera_run: RunResult) -> None:
     """Camera, plan view and chart; more path and more curve as time goes on; even sizes for H.264."""
-    early, late = video.still(camera_run, 4000), video.still(camera_run, 22000)
+    early, late = still(camera_run, 4.0), still(camera_run, 22.0)
     assert early.shape == late.shape
     assert early.shape[0] % 2 == early.shape[1] % 2 == 0
     for colour in (TRUE, ESTIMATED):
@@ -76,7 +84,7 @@ def test_a_still_is_the_picture_of_that_moment(camera_run: RunResult) -> None:
 
 def test_a_run_without_cameras_is_drawn_from_above(blind_run: RunResult) -> None:
     """Only the plan view and the chart, and no trace of an estimate in the chart."""
-    picture = video.still(blind_run, 15000)
+    picture = still(blind_run, 15.0)
     assert picture.shape == (640, 1280, 3)
     assert colour_count(picture[160:, 700:], TRUE) > 500  # [px]
     assert colour_count(picture[160:, 700:], ESTIMATED) == 0  # below the readings
@@ -86,28 +94,18 @@ def test_the_flow_is_drawn_where_the_features_are() -> None:
     """A black picture of another size: the stroke ends, scaled, where the feature is now."""
     jpeg = cv2.imencode(".jpg", np.zeros((196, 640, 3), np.uint8))[1].tobytes()
     tracks = np.array([[100.0, 100.0, 160.0, 100.0]], dtype=np.float32)
-    picture = run_video.camera_picture(CameraFrame(tick=0, jpeg=jpeg, tracks=tracks, matches=1, inliers=1))
+    picture = camera_picture(Shot(0.0, jpeg, tracks))
     assert picture.shape == (392, 1280, 3)
     lit = np.argwhere(picture[40:].max(axis=-1) > 60) + np.array([40, 0])
     assert lit[:, 1].min() == pytest.approx(200.5, abs=2)  # [px] thickness of the stroke
     assert lit[:, 1].max() == pytest.approx(320.5, abs=4)  # [px] and radius of the dot
     assert lit[:, 0].mean() == pytest.approx(200.5, abs=1)
-
-
-def test_a_tall_camera_leaves_room_for_the_rest() -> None:
-    """4:3 pictures are fitted in, not cropped."""
-    jpeg = cv2.imencode(".jpg", np.full((480, 640), 255, np.uint8))[1].tobytes()
-    frame = CameraFrame(tick=0, jpeg=jpeg, tracks=np.empty((0, 4), np.float32), matches=0, inliers=0)
-    picture = run_video.camera_picture(frame)
+    white = cv2.imencode(".jpg", np.full((480, 640), 255, np.uint8))[1].tobytes()
+    picture = camera_picture(Shot(0.7, white, NO_STROKES))  # 4:3 is fitted in, not cropped
     assert picture.shape == (480, 1280, 3)
     assert colour_count(picture[40:], (255, 255, 255)) == pytest.approx(440 * 640, rel=0.01)
-
-
-def test_what_is_no_picture_is_refused() -> None:
-    """A damaged frame, with its tick."""
-    frame = CameraFrame(tick=700, jpeg=b"no picture", tracks=np.empty((0, 4), np.float32), matches=0, inliers=0)
-    with pytest.raises(ValueError, match="tick 700"):
-        run_video.camera_picture(frame)
+    with pytest.raises(ValueError, match=r"at 0\.70 s"):
+        camera_picture(Shot(0.7, b"no picture", NO_STROKES))
 
 
 def test_a_long_course_is_followed(blind_run: RunResult) -> None:
@@ -121,7 +119,7 @@ def test_a_long_course_is_followed(blind_run: RunResult) -> None:
         rows[:, names.index(f"x_{unit}")] = 25.0 * time
     road = np.column_stack([np.linspace(-50.0, 700.0, 400), np.zeros(400)])
     run = dataclasses.replace(blind_run, log=Log(blind_run.log.signals, rows), road=road)
-    early, late = video.still(run, 5000)[60:, :600], video.still(run, 20000)[60:, :600]
+    early, late = still(run, 5.0)[60:, :600], still(run, 20.0)[60:, :600]
     for colour in (ESTIMATED, INK):  # the follow point's path behind the vehicle, and its wheels
         assert colour_count(late, colour) > 100  # [px]
         assert colour_count(early, colour) == pytest.approx(colour_count(late, colour), rel=0.3)  # wheels steer

@@ -11,9 +11,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from typer.testing import CliRunner
 
-from offtrack.commands.cli import app
 from offtrack.reports.watching import Watcher, watched
 from scenarios.loop.runner import run
 from scenarios.options.scenario import Scenario, load_any_scenario
@@ -23,7 +21,6 @@ from tests.browser import Opened
 
 
 def so_far(result: RunResult, share: float) -> RunResult:
-    """The first part of a run."""
     rows = int(share * len(result.log))
     log = Log(result.log.signals, result.log.rows[:rows])
     frames = tuple(frame for frame in result.frames if frame.tick <= log["tick"][-1])
@@ -134,14 +131,3 @@ def test_a_result_that_can_not_be_shown_does_not_end_the_run(camera_run: RunResu
     watcher.asked()
     watcher.step(lambda: dataclasses.replace(camera_run, units=()))
     assert "can not be shown" in watcher.finished
-
-
-@pytest.mark.parametrize("port", ["70000", "taken"])
-def test_a_port_that_can_not_be_had_is_refused_in_one_line(port: str) -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        chosen = str(other.getsockname()[1]) if port == "taken" else port
-        done = CliRunner().invoke(app, ["run", "turn-90", "--watch", "--watch-port", chosen])
-    assert done.exit_code == 2
-    assert "--watch-port" in done.output

@@ -1,27 +1,45 @@
-"""Figures of de Saxe & Cebon (2018): their drives, what is counted, and what an interrupt leaves."""
+"""`offtrack reproduce`: what is made and refused; drives of de Saxe & Cebon (2018), and what an interrupt leaves."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import typer
+from matplotlib.figure import Figure
+from typer.testing import CliRunner
 
-from offtrack.studies.reproduce import desaxe2018_drive, desaxe2018_field, desaxe2018_simulation
-from offtrack.studies.reproduce import desaxe2018_drive as drives
-from offtrack.studies.reproduce.desaxe2018_drive import Case, Drive, Facing, Point, Track
-from offtrack.studies.reproduce.reproduction import REPRODUCTIONS, Reproduction, maker, write_reproduction
+from estimators.context import RoverContext
+from estimators.estimates import SlipAngle, lost_slip
+from offtrack.commands import assess
+from offtrack.commands.assess import reproduce
+from offtrack.studies.reproduce import desaxe2018 as drives
+from offtrack.studies.reproduce import desaxe2018_field, reproduction, trace_tables
+from offtrack.studies.reproduce.desaxe2018 import Case, Drive, Facing, Outcome, Point, Track
+from offtrack.studies.reproduce.reproduction import (
+    REPRODUCTIONS,
+    Comparison,
+    Reproduction,
+    maker,
+    names_of,
+    printed,
+    write_reproduction,
+)
+from offtrack.studies.reproduce.trace_tables import TraceSet, evaluated, trace_log
 from scenarios.assembly.adapters import course_of
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress, no_progress
-from scenarios.results.log import read_log
+from scenarios.results.log import Log, Signal, read_log
 from sensors.camera.rig import StereoRig
-from sensors.messages import StereoFrame
+from sensors.messages import RoverView, StereoFrame
 from sensors.world.ground import Centreline, Landscape, road_map
 from sensors.world.scenery import grain_fields, patched
 from vehicle.combination.description import load_vehicle
@@ -53,7 +71,6 @@ def made_up(case: Case, error: Callable[[FloatArray], FloatArray]) -> Drive:
         lateral=np.zeros(200),
         speed=np.full(200, 4.0),
         tracks=dict.fromkeys(case.odometries, track),
-        outcome="completed",
     )
 
 
@@ -74,7 +91,6 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
 
 
 def make(name: str, *, quick: bool = False) -> Reproduction:
-    """The figure of this name."""
     return maker(name)(quick, no_progress)
 
 
@@ -95,6 +111,22 @@ def test_every_figure_is_drawn_and_written(name: str, cheap: list[Case], tmp_pat
     assert {load_scenario(case.scenario, case.settings).trailer_steering for case in cheap} == {"none"}
 
 
+def test_drives_are_shared_and_come_back_in_order(cheap: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nine panels of Figs 14 and 16 are six drives; cases come back in order, whatever is finished first."""
+    make("desaxe2018-fig14")
+    make("desaxe2018-fig16")
+    assert len(cheap) == 6
+    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
+    steps: list[tuple[float, float]] = []
+    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
+    monkeypatch.setattr(drives, "as_finished", lambda work, tasks, jobs: ((task, work(task)) for task in tasks[::-1]))
+    for _ in range(2):
+        driven = drives.driven(cases, lambda done, total, note="": steps.append((done, total)))
+        assert [one.case.seed for one in driven] == [3, 1, 2, 1]
+    assert steps[:4] == [(0, 300), (100, 300), (200, 300), (300, 300)]
+    assert len(cheap) == 9
+
+
 def test_figure_6_has_the_papers_baselines_and_the_errors_of_the_estimates(cheap: list[Case]) -> None:
     """0.5 to 5.0 m, to the rear and to a side; estimates that are all 2 cm off have an RMS and a mean of 2 cm."""
     own = {one.quantity: one.own for one in make("desaxe2018-fig6").comparisons}
@@ -103,13 +135,6 @@ def test_figure_6_has_the_papers_baselines_and_the_errors_of_the_estimates(cheap
     for name in ("RMS", "mean"):
         # exact up to the rounding of sums over 200 images
         assert own[f"rear, up to 2.5 m: largest {name} error"] == pytest.approx(0.02, abs=1e-12)
-
-
-def test_figures_share_their_drives(cheap: list[Case]) -> None:
-    """The nine panels of Figs 14 and 16 are six drives: a correction costs no images of its own."""
-    make("desaxe2018-fig14")
-    make("desaxe2018-fig16")
-    assert len(cheap) == 6
 
 
 def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,23 +151,6 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
     assert made.interrupted
     assert set(made.data["baseline"]) == {0.5, 1.0}
     assert any("2 of 20" in note for note in made.notes)
-
-
-@pytest.mark.slow
-def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever is finished first, and every case once."""
-    monkeypatch.setattr(drives, "drive", lambda case, progress: f"drive {case.seed}")
-    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
-    monkeypatch.setattr(drives, "_DRIVES", {})
-    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
-    steps: list[tuple[float, float]] = []
-
-    def driven() -> list[str]:
-        return [str(one) for one in drives.driven(cases, lambda done, total, note="": steps.append((done, total)))]
-
-    assert driven() == ["drive 3", "drive 1", "drive 2", "drive 1"]
-    assert steps == [(0, 300), (100, 300), (200, 300), (300, 300), (300, 300)]
-    assert driven() == ["drive 3", "drive 1", "drive 2", "drive 1"]
 
 
 def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,13 +183,13 @@ def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
     drive = made_up(case, lambda time: summed)
     track = dataclasses.replace(drive.tracks["viso2"], lateral=burst)
     drive = dataclasses.replace(drive, tracks={"viso2": track, "keyframe": track})
-    assert desaxe2018_simulation.explained_share(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
-    assert desaxe2018_drive.outcome_of(Point(), drive, "viso2").largest == pytest.approx(0.08)
+    assert drives.explained_share(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
+    assert Outcome.of(Point(), drive, "viso2").largest == pytest.approx(0.08)
 
 
 def test_bias_is_told_apart_by_side() -> None:
     """An error that is there for a path on the right only, as the paper's, is a bias of that side only."""
-    case = desaxe2018_field.field_case("left roundabout", "rear", 0.5, quick=True)
+    case = desaxe2018_field.FieldTest("left roundabout").case(quick=True)
     drive = made_up(case, lambda time: np.where(np.sin(time) < 0.0, 0.2, 0.0))
     assert desaxe2018_field.biases(drive, "viso2") == pytest.approx((0.0, 0.2))
 
@@ -240,3 +248,107 @@ def test_grain_stands_beside_the_tarmac_and_patches_lie_on_it() -> None:
     on_it = road.edge_distance < 0.0
     assert np.array_equal(mended.gravel[~on_it], road.gravel[~on_it])
     assert 0.05 < np.mean(mended.gravel[on_it] != road.gravel[on_it]) < 0.5  # 6 of some 2 m2 on 100 m2
+
+
+APP = typer.Typer(pretty_exceptions_enable=False)
+APP.command()(reproduce)
+
+
+@pytest.mark.slow
+def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
+    """Ten candidates beside ten published ones, best first; the confidences spread as widely as the paper's."""
+    out = tmp_path / "made"
+    result = CliRunner().invoke(APP, ["reina2008-table2", "--quick", "--json", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    written = json.loads((out / "reina2008-table2.json").read_text())
+    assert told["numbers"] == written["numbers"]
+    assert [float(one["published"]) for one in told["numbers"]] == sorted(
+        printed("reina2008")["table2"]["confidences"], reverse=True
+    )
+    own = [one["own"] for one in told["numbers"] if one["own"] is not None]
+    assert own == sorted(own, reverse=True)
+    assert own[0] > 80.0  # the trace is clear, and followed from image to image
+    assert own[-1] < 50.0  # other candidates are not the trace
+    data = read_log(out / "reina2008-table2.parquet")
+    assert 100.0 * np.sort(data["confidence"])[::-1] == pytest.approx(own)
+    assert (out / "reina2008-table2.png").stat().st_size > 5_000
+
+
+def test_sets_have_the_papers_numbers_of_images() -> None:
+    """Table III: 1560 images of set A and 3456 of set B, 5016 in all."""
+    sets = [TraceSet(**one) for one in printed("reina2008")["table3"]["sets"]]
+    assert [len(one.kinds) * len(one.seeds) * one.frames for one in sets[:2]] == [1560, 3456]
+
+
+@pytest.mark.slow
+def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
+    """Two short ones with a tracker of one's own that sees no trace anywhere: nothing false, everything missed."""
+    short = TraceSet(name="short", kinds=("uniform",), seeds=(101,), frames=4, profile="none", slope_deg=0.0)
+    steps: list[tuple[float, float, str]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trace_tables, "default_jobs", lambda: 1)
+        sets = (short, replace(short, name="longer", frames=6))
+        data = trace_log(evaluated(sets, f"{__name__}:Blind", lambda *step: steps.append(step)))
+    assert data["frame"].tolist() == [*range(4), *range(6)]
+    assert data["set"].tolist() == [0] * 4 + [1] * 6
+    assert not data["detected"].any()
+    assert steps[-1][:2] == (10, 10)
+
+
+class Blind:
+    @classmethod
+    def of(cls, context: RoverContext) -> Blind:
+        return cls()
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def step(self, memory: None, view: RoverView) -> tuple[None, SlipAngle]:
+        return None, lost_slip(view.tick)
+
+
+@pytest.mark.parametrize("name", REPRODUCTIONS)
+def test_every_entry_of_the_catalogue_can_be_loaded(name: str) -> None:
+    assert callable(maker(name))
+    assert name in names_of("all")
+
+
+@pytest.mark.parametrize(("kept", "folders"), [(True, 2), (False, 1)])
+def test_interrupt_of_all_keeps_what_is_finished_and_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: bool, folders: int
+) -> None:
+    """Ctrl-C in the second figure: the first is there, of the second what is finished, and no third is begun."""
+    begun: list[str] = []
+
+    def made(name: str) -> reproduction.Maker:
+        def make(quick: bool, progress: Progress) -> Reproduction:
+            begun.append(name)
+            if len(begun) == 2 and not kept:
+                raise KeyboardInterrupt
+            return Reproduction(
+                name=name,
+                title="a figure",
+                source="a paper",
+                comparisons=[Comparison(quantity="a number", published="1", own=2.0, unit="-")],
+                notes=(),
+                data=Log((Signal("time", "s", "time"),), np.zeros((1, 1))),
+                draw=Figure,
+                interrupted=len(begun) == 2,
+            )
+
+        return make
+
+    monkeypatch.setattr(assess, "maker", made)
+    result = CliRunner().invoke(APP, ["all", "--quiet", "--out", str(tmp_path)])
+    assert result.exit_code == 130
+    assert begun == list(REPRODUCTIONS)[:2]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(begun[:folders])
+    marks = [json.loads((tmp_path / name / f"{name}.json").read_text())["interrupted"] for name in begun[:folders]]
+    assert marks == [False, True][:folders]
+    again = CliRunner().invoke(APP, ["all", "--json", "--out", str(tmp_path)])
+    assert again.exit_code == 0, again.stderr
+    assert begun[2:] == list(REPRODUCTIONS)[1:]  # the unfinished one, and the others
+    assert [one["name"] for one in json.loads(again.stdout)] == list(REPRODUCTIONS)
+    assert again.stderr.count("\n") == 1
+    assert "finished earlier" in again.stderr

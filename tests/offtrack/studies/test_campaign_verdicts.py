@@ -22,9 +22,8 @@ from offtrack.studies.campaigns.failures import (
     unaccepted,
 )
 from offtrack.studies.campaigns.fault_entry import FaultTime
-from offtrack.studies.campaigns.verdict import END_OF_RUN, Judgement, Limit, response, verdict_on
+from offtrack.studies.campaigns.verdict import END_OF_RUN, Limit, response, verdict_on
 from offtrack.studies.case import Case, Outcome
-from offtrack.studies.draws import Stop, made_in_batches
 from scenarios.results.log import Log, Signal, write_log
 from vehicle.frames import FloatArray
 
@@ -62,7 +61,6 @@ def campaign(tmp_path: Path) -> Campaign:
 
 
 def log(off_tracking: FloatArray, health: FloatArray, fallback: FloatArray | None = None) -> Log:
-    """Ten seconds of one trailer's signals, 100 a second."""
     columns: dict[str, FloatArray] = {"time": TIME, "off_tracking_true_trailer": off_tracking, "health_trailer": health}
     columns |= {} if fallback is None else {"fallback_trailer": fallback}
     return Log.of((Signal(name, "-", ""), values) for name, values in columns.items())
@@ -71,6 +69,9 @@ def log(off_tracking: FloatArray, health: FloatArray, fallback: FloatArray | Non
 TIME: FloatArray = np.arange(1001, dtype=np.float64) * 0.01
 WELL = np.zeros(1001)
 CAPTURES = np.where(np.arange(1001) % 10 == 0, 0.0, np.nan)  # health ok, ten times a second
+
+
+WITHIN: dict[str, Any] = {"recovered_below": 0.2, "completed": True}  # [m]
 
 
 def between(low: float, high: float, value: float = 1.0) -> FloatArray:
@@ -82,57 +83,44 @@ def test_a_fault_is_detected_by_the_estimate_or_by_the_guard_whichever_is_first(
     fault = FaultTime(4.0, 6.0)
     by_health = log(WELL, CAPTURES + between(4.65, 6.0))
     both = log(WELL, CAPTURES + between(4.65, 6.0), between(4.4, 7.0))
-    assert response(by_health, fault, recovered_below=0.2, completed=True).detection == pytest.approx(0.7)
-    assert response(both, fault, recovered_below=0.2, completed=True).detection == pytest.approx(0.4)
-    assert response(log(WELL, CAPTURES), fault, recovered_below=0.2, completed=True).detection == math.inf
+    assert response(by_health, fault, **WITHIN).detection == pytest.approx(0.7)
+    assert response(both, fault, **WITHIN).detection == pytest.approx(0.4)
+    assert response(log(WELL, CAPTURES), fault, **WITHIN).detection == math.inf
     early = log(WELL, CAPTURES + between(3.0, 5.0))
-    assert response(early, fault, recovered_below=0.2, completed=True).detection == pytest.approx(0.0)
+    assert response(early, fault, **WITHIN).detection == pytest.approx(0.0)
+    columns = {"time": TIME, "health": CAPTURES + between(4.65, 6.0), "cross_track_true": between(5.0, 8.0, -0.3)}
+    rover = response(Log.of((Signal(name, "-", ""), values) for name, values in columns.items()), fault, **WITHIN)
+    assert (rover.detection, rover.recovery, rover.deviation) == pytest.approx((0.7, 2.0, 0.3))
 
 
 def test_recovery_needs_a_second_in_which_all_is_well() -> None:
     """The follow point comes back at 7.0 s, leaves once more from 7.5 to 8.0 s, and stays from then on."""
     fault, away = FaultTime(4.0, 6.0), between(5.0, 7.0, 0.5) + between(7.5, 8.0, -0.5)
-    measured = response(log(away, CAPTURES), fault, recovered_below=0.2, completed=True)
+    measured = response(log(away, CAPTURES), fault, **WITHIN)
     assert measured.recovery == pytest.approx(2.0)
     assert response(log(away, CAPTURES), fault, recovered_below=0.6, completed=True).recovery == pytest.approx(0.0)
     late = log(between(5.0, 9.5, 0.5), CAPTURES)
-    assert response(late, fault, recovered_below=0.2, completed=True).recovery == pytest.approx(3.5)
+    assert response(late, fault, **WITHIN).recovery == pytest.approx(3.5)
     assert response(late, fault, recovered_below=0.2, completed=False).recovery == math.inf
     fallback = log(WELL, CAPTURES, between(4.5, 9.0))
-    assert response(fallback, fault, recovered_below=0.2, completed=True).recovery == pytest.approx(3.0)
-
-
-def test_a_rover_has_times_too() -> None:
-    """Its health is that of the slip angle; all is well when it is near its path."""
-    columns = {"time": TIME, "health": CAPTURES + between(4.65, 6.0), "cross_track_true": between(5.0, 8.0, -0.3)}
-    rover = Log.of((Signal(name, "-", ""), values) for name, values in columns.items())
-    measured = response(rover, FaultTime(4.0, 6.0), recovered_below=0.2, completed=True)
-    assert measured.detection == pytest.approx(0.7)
-    assert measured.recovery == pytest.approx(2.0)
-    assert measured.deviation == pytest.approx(0.3)
-
-
-def test_a_run_without_rows_has_no_times() -> None:
-    """It diverged at its first step."""
-    empty = Log.of((Signal(name, "-", ""), []) for name in ("time", "off_tracking_true_trailer"))
-    assert math.isnan(response(empty, FaultTime(0.0, 1.0), recovered_below=0.2, completed=False).detection)
+    assert response(fallback, fault, **WITHIN).recovery == pytest.approx(3.0)
 
 
 def test_times_that_do_not_apply_are_not_numbers() -> None:
     """No fault, a fault that never ends, and one that never began; an alarm without a fault is a false one."""
     start = np.where(TIME < 1.0, 2.0, 0.0) + CAPTURES  # lost until the path is long enough
-    quiet = response(log(WELL, start), None, recovered_below=0.2, completed=True)
+    quiet = response(log(WELL, start), None, **WITHIN)
     assert math.isnan(quiet.detection)
     assert not quiet.alarm
-    assert response(log(WELL, CAPTURES + between(6.0, 6.5)), None, recovered_below=0.2, completed=True).alarm
-    lasting = response(
-        log(WELL, CAPTURES + between(4.0, 9.0)), FaultTime(4.0, None), recovered_below=0.2, completed=True
-    )
+    assert response(log(WELL, CAPTURES + between(6.0, 6.5)), None, **WITHIN).alarm
+    lasting = response(log(WELL, CAPTURES + between(4.0, 9.0)), FaultTime(4.0, None), **WITHIN)
     assert lasting.detection == pytest.approx(0.0)
     assert math.isnan(lasting.recovery)
-    beyond = response(log(WELL, CAPTURES), FaultTime(12.0, 13.0), recovered_below=0.2, completed=True)
+    beyond = response(log(WELL, CAPTURES), FaultTime(12.0, 13.0), **WITHIN)
     assert math.isnan(beyond.detection)
     assert math.isnan(beyond.recovery)
+    empty = Log.of((Signal(name, "-", ""), []) for name in ("time", "off_tracking_true_trailer"))
+    assert math.isnan(response(empty, FaultTime(0.0, 1.0), recovered_below=0.2, completed=False).detection)
 
 
 def test_the_severity_of_a_limit_is_one_at_the_limit() -> None:
@@ -159,22 +147,18 @@ def made(
     return Outcome(case=campaign.cases()[index], numbers=numbers, signals=path)
 
 
-def verdict(campaign: Campaign, outcome: Outcome) -> Judgement:
-    return campaign.judge(outcome)
-
-
 def test_a_verdict_names_what_is_broken_and_its_value(campaign: Campaign, tmp_path: Path) -> None:
     """Limits above and below, outcomes, and numbers that are missing; an exception breaks the outcome alone."""
-    passed = verdict(campaign, made(campaign, tmp_path, 2))
+    passed = campaign.judge(made(campaign, tmp_path, 2))
     assert (passed.verdict, passed.reasons, passed.fault) == ("passed", "", "gyro_bias")
-    wide = verdict(campaign, made(campaign, tmp_path, 2, off=0.8, left=-0.2))
+    wide = campaign.judge(made(campaign, tmp_path, 2, off=0.8, left=-0.2))
     assert wide.failed
     assert wide.reasons == "off_tracking.true_max_m = 0.8; road.wheel_clearance_left_m = -0.2"
-    folded = verdict(campaign, made(campaign, tmp_path, 2, outcome="jackknifed"))
+    folded = campaign.judge(made(campaign, tmp_path, 2, outcome="jackknifed"))
     assert folded.reasons == "jackknifed"
     assert badness(folded) > badness(wide) > badness(passed)
-    assert verdict(campaign, made(campaign, tmp_path, 2, left=None)).reasons == "road.wheel_clearance_left_m = no value"
-    broken = verdict(campaign, made(campaign, tmp_path, 2, outcome="failed: ValueError: x", off=9.0))
+    assert campaign.judge(made(campaign, tmp_path, 2, left=None)).reasons == "road.wheel_clearance_left_m = no value"
+    broken = campaign.judge(made(campaign, tmp_path, 2, outcome="failed: ValueError: x", off=9.0))
     assert [breach.requirement for breach in broken.breaches] == [END_OF_RUN]
 
 
@@ -184,7 +168,7 @@ def test_a_fault_that_is_over_before_it_had_to_be_noticed_need_not_be_noticed(
     """Half a second of a fault, to be noticed within a second; two seconds are too long."""
     write_log(log(WELL, CAPTURES), tmp_path / "signals.parquet")
     outcome = made(campaign, tmp_path, 2)
-    assert verdict(campaign, outcome).reasons == "time to detect: never"
+    assert campaign.judge(outcome).reasons == "time to detect: never"
     axes = (("faults", "gyro_bias:1@4+0.5"), *outcome.case.axes[1:])
     short = Case(scenario="roundabout", fixed=(), axes=axes, seed=1)
     spent = Outcome(case=short, numbers=outcome.numbers, signals=outcome.signals)
@@ -201,7 +185,6 @@ def test_a_harmless_fault_need_not_be_noticed_if_the_campaign_says_so(campaign: 
 
 
 def test_runs_that_ended_before_their_fault_are_left_out(campaign: Campaign, tmp_path: Path) -> None:
-    """They tell nothing of the fault, unless they ended badly."""
     outcomes = [made(campaign, tmp_path, k) for k in range(len(campaign.cases()))]
     early = {**outcomes[2].numbers, "timing": {"simulated_s": 3.0}}
     outcomes[2] = Outcome(case=outcomes[2].case, numbers=early, signals=outcomes[2].signals)
@@ -280,26 +263,3 @@ def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tm
     assert [(search.finding, search.exceptions) for search in searches] == [("never fails", (5.0,))] * 2
     always = bisected(campaign, runs, lambda cases: [outcome(case, fails=True) for case in cases])
     assert [(search.finding, search.exceptions) for search in always] == [("always fails", (1.0,))] * 2
-
-
-def test_a_stop_rule_leaves_out_draws_of_a_known_point() -> None:
-    """A point without a failure is known after 40 of 100 draws; one with half of them failing needs all."""
-    cases = [
-        Case(scenario="x", fixed=(), axes=(("law", law),), seed=1, drawn=(("k", str(k)),))
-        for law in "ab"
-        for k in range(100)
-    ]
-    outcomes = [
-        Outcome(case=case, numbers={"outcome": "completed" if dict(case.axes)["law"] == "a" or k % 2 else "diverged"})
-        for k, case in enumerate(cases)
-    ]
-
-    def intervals(known: Sequence[Outcome], axes: Any) -> list[tuple[float, float]]:
-        from offtrack.studies.table import Exceeding
-
-        runs = [one for one in known if one.case.axes == axes]
-        return [Exceeding(sum(not one.completed for one in runs), len(runs)).interval()]
-
-    stop = Stop(half_width=0.05, batch=20)
-    kept = made_in_batches(cases, intervals, stop, lambda batch: [outcomes[k] for k in batch])
-    assert [one.case for one in kept] == [*cases[:40], *cases[100:]]

@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("distributed")
 
-from offtrack.commands.cli import app
 from offtrack.studies.case import Case, installed
 from offtrack.studies.cluster_executor import DaskExecutor, connected, job_queue
 from offtrack.studies.cluster_workshop import Workshop, difference, packed, renders
@@ -40,12 +38,6 @@ from controllers.trailer_steering.signal_laws import Unsteered
 class Mine(Unsteered):
     pass
 """
-
-
-def told(*arguments: object, code: int = 0) -> str:
-    answer = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
-    assert answer.exit_code == code, answer.output
-    return answer.output
 
 
 @pytest.fixture
@@ -180,35 +172,21 @@ def test_only_rendered_cameras_need_opengl() -> None:
         assert renders([Case(scenario=scenario, fixed=fixed, axes=(), seed=1)]) is expected
 
 
-def test_wrong_options_and_queues_are_one_line(study: Path, tmp_path: Path) -> None:
-    """Before anything is written."""
-    out = ("--out", tmp_path / "out", "--quiet")
-    for arguments, line in (
-        (("--scheduler", "nowhere"), "expected an address such as tcp://host:8786"),
-        (("--scheduler", "tcp://h:1", "--dask-jobqueue", "q.yaml"), "choose one"),
-        (("--scheduler", "tcp://h:1", "--jobs", "2"), "leave it out"),
-        (("--dask-jobqueue", "q.yaml"), "needs --jobs"),
-        (("--dask-jobqueue", tmp_path / "q.yaml", "--jobs", "2"), "q.yaml"),
-        (("--scheduler", "tcp://h:1", "--patience", "0"), "--patience"),
-    ):
-        assert line in told(study, *arguments, *out, code=2)
-    queue = tmp_path / "queue.yaml"
-    for text, line in (
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
         ("jobqueue: {slrm: {cores: 1}}", "did you mean 'slurm'"),
         ("jobqueue: [", "not YAML"),
         ("slurm: {cores: 1}", "expected 'jobqueue:'"),
         ("jobqueue: {slurm: 3}", "must be a table"),
-    ):
-        queue.write_text(text, encoding="utf-8")
-        with pytest.raises(ValueError, match=line):
-            job_queue(queue)
+    ],
+)
+def test_a_wrong_queue_is_one_line(text: str, line: str, tmp_path: Path) -> None:
+    (tmp_path / "queue.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=line):
+        job_queue(tmp_path / "queue.yaml")
 
 
-def test_nothing_to_do_needs_no_cluster(tmp_path: Path) -> None:
-    """An executor reaches for its cluster when there is a run to make."""
-
-    def connect() -> Any:
-        raise AssertionError
-
-    with DaskExecutor(connect, timeout=None, patience=1.0, waits=False, remark=print) as executor:
-        assert list(executor.results({}, tmp_path)) == []
+def test_what_is_no_address_is_one_line() -> None:
+    with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
+        pass

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -15,7 +14,7 @@ pytest.importorskip("SALib")
 
 from offtrack.commands.cli import app
 from offtrack.studies.case import Outcome
-from offtrack.studies.draws import NOT_COMPLETED, Analysis, Sensitivity, analysed
+from offtrack.studies.draws import NOT_COMPLETED, Analysis, analysed
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.study_page import sensitivity_csv, sensitivity_sections
 
@@ -49,20 +48,18 @@ def ishigami(x: Mapping[str, float]) -> float:
     return math.sin(a) + A * math.sin(b) ** 2 + B * c**4 * math.sin(a)
 
 
-def design_of(read: Study) -> Sensitivity:
-    assert read.draws.sensitivity is not None
-    return read.draws.sensitivity
-
-
 def by_key(analysis: Analysis) -> dict[str, tuple[float, float, float]]:
     return {index.key: (index.first, index.second, index.first_half_width) for index in analysis.indices}
 
 
+@pytest.mark.slow
 def test_sobol_indices_are_those_of_ishigami(tmp_path: Path) -> None:
     """Closed form: V = a²/8 + b π⁴/5 + b² π⁸/18 + 1/2; the third variable acts by its interaction alone."""
     read = study(tmp_path, HEAD + ISHIGAMI + '[sensitivity]\nmethod = "sobol"\nsamples = 2048\n')
     assert len(read.cases()) == 2048 * 5
-    (analysis,) = analysed(design_of(read), outcomes_of(read, ishigami))
+    assert study(tmp_path, read.to_toml()).cases() == read.cases()
+    assert read.draws.sensitivity is not None
+    (analysis,) = analysed(read.draws.sensitivity, outcomes_of(read, ishigami))
     total = A**2 / 8 + B * math.pi**4 / 5 + B**2 * math.pi**8 / 18 + 0.5
     alone = (0.5 * (1 + B * math.pi**4 / 5) ** 2 / total, A**2 / 8 / total, 0.0)
     both = B**2 * math.pi**8 * (1 / 18 - 1 / 50) / total
@@ -80,7 +77,8 @@ def test_elementary_effects_of_a_line_are_its_slopes(tmp_path: Path) -> None:
     assert len(read.cases()) == 6 * 3
     assert study(tmp_path, read.to_toml()) == read
     made = outcomes_of(read, lambda x: 3.0 - 0.5 * x["speed_kmh"])
-    (analysis,) = analysed(design_of(read), made)
+    assert read.draws.sensitivity is not None
+    (analysis,) = analysed(read.draws.sensitivity, made)
     found = by_key(analysis)
     assert found["speed_kmh"][:2] == pytest.approx((10.0, 0.0), abs=1e-9)
     assert found["surface.friction"][:2] == pytest.approx((0.0, 0.0), abs=1e-9)
@@ -92,7 +90,8 @@ def test_groups_of_failed_runs_are_left_out_and_named(tmp_path: Path) -> None:
     """The others count; failing itself has indices; with hardly any group left there are none."""
     draw = "[draw]\nspeed_kmh.uniform = [10, 30]\nsurface.friction.uniform = [0.1, 0.9]\n"
     read = study(tmp_path, HEAD + draw + '[sensitivity]\nmethod = "morris"\ntrajectories = 20\n')
-    design = design_of(read)
+    design = read.draws.sensitivity
+    assert design is not None
     made = outcomes_of(read, lambda x: None if x["surface.friction"] < 0.2 else x["speed_kmh"])
     analysis, failing = analysed(design, made)
     assert 2 <= analysis.groups < 20
@@ -109,7 +108,6 @@ def test_groups_of_failed_runs_are_left_out_and_named(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_a_real_study_has_its_indices_in_every_output(tmp_path: Path) -> None:
-    """JSON, CSV and report; a number of the model among the keys."""
     text = HEAD + '"surface.roughness" = "none"\n[draw]\nplant.mass_scale.uniform = [0.9, 1.1]\n'
     text += 'speed_kmh.uniform = [40, 50]\n[sensitivity]\nmethod = "morris"\ntrajectories = 2\n'
     (tmp_path / "s.toml").write_text(text, encoding="utf-8")
@@ -139,14 +137,3 @@ def test_wrong_designs_are_one_line(tmp_path: Path, table: str, line: str) -> No
     with pytest.raises(ValueError, match=line) as caught:
         study(tmp_path, f"{HEAD}[draw]\nspeed_kmh.uniform = [40, 50]\n[sensitivity]\n{table}\n")
     assert "\n" not in str(caught.value)
-
-
-def test_designs_are_repeatable(tmp_path: Path) -> None:
-    """The same file, the same values; another seed, others."""
-    text = HEAD + ISHIGAMI + '[sensitivity]\nmethod = "sobol"\nsamples = 8\nseed = {}\n'
-    one, same, other = (
-        np.array([[float(v) for _, v in case.drawn] for case in study(tmp_path, text.format(seed)).cases()])
-        for seed in (3, 3, 4)
-    )
-    assert np.array_equal(one, same)
-    assert not np.array_equal(one, other)

@@ -16,13 +16,12 @@ from typer.testing import CliRunner
 
 import offtrack
 from offtrack.commands.cli import app
-from offtrack.commands.study import fitting, least_width
 from offtrack.studies.case import Case, Outcome, listed, seeds_of
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.run_study import check_study_directory, opened_study, study_text
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.table import rows_of, table_csv
-from scenarios.results.atomic_files import digest
+from scenarios.results.run_directory import digest
 from vehicle.engine.compiler import warn_once
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))  # half a second of driving
@@ -37,22 +36,35 @@ def study(**axes: tuple[str, ...]) -> Study:
     )
 
 
-def test_a_grid_has_every_combination_once() -> None:
-    """Two frictions, three speeds, two seeds: twelve runs, all different."""
-    cases = study(surface__friction=("0.8", "0.3"), speed_kmh=("40", "60", "80")).cases()
-    assert len(cases) == 12
-    assert len({case.identity() for case in cases}) == 12
+def test_a_grid_has_every_combination_once(tmp_path: Path) -> None:
+    """Two frictions, three speeds, two seeds: twelve different runs; the same again from the study's file.
 
-
-def test_a_run_is_the_same_in_whatever_study() -> None:
-    """A fixed setting of one study may be an axis of another."""
+    A fixed setting of one study may be an axis of another.
+    """
+    written = study(surface__friction=("0.8", "0.3"), speed_kmh=("40", "60", "80"))
+    identities = {case.identity() for case in written.cases()}
+    assert len(identities) == len(written.cases()) == 12
+    (tmp_path / "study.toml").write_text(written.to_toml())
+    assert {case.identity() for case in load_study(tmp_path / "study.toml").cases()} == identities
     fixed = Case(scenario="cambered-road", fixed=(*SHORT, ("speed_kmh", "60")), axes=(), seed=1)
     axis = Case(scenario="cambered-road", fixed=SHORT, axes=(("speed_kmh", "60.0"),), seed=1)
     assert fixed.identity() == axis.identity()
+    nested = "[" * 5000 + "]" * 5000  # the parser of TOML would recurse into it
+    assert nested in study(speed_kmh=(nested,)).to_toml()
+
+
+def test_lists_and_seeds_are_read_from_text_and_files(tmp_path: Path) -> None:
+    """What is in brackets stays together; seeds may be ranges, as printers count pages."""
+    assert listed("a,b", "--vary x") == ("a", "b")
+    assert listed("[1, 2],[3, 4]", "--vary x") == ("[1, 2]", "[3, 4]")
+    assert seeds_of("1-3,7") == (1, 2, 3, 7)
+    for seeds in ("[-1]", "[true]", "[1, 1]", "[]"):
+        (tmp_path / "study.toml").write_text(f'scenario = "roundabout"\nseeds = {seeds}\n[vary]\nspeed_kmh = [10]\n')
+        with pytest.raises(ValueError, match=r"study\.toml: seeds"):
+            load_study(tmp_path / "study.toml")
 
 
 def saved(cells: Path, case: Case, outcome: str) -> Path:
-    """Save a run with this outcome, and return the file of its summary."""
     signals = cells / f"{case.identity()}.parquet"
     signals.write_bytes(b"signals")
     summary = {"outcome": outcome, "signals_sha256": hashlib.sha256(b"signals").hexdigest(), "files_sha256": {}}
@@ -61,19 +73,11 @@ def saved(cells: Path, case: Case, outcome: str) -> Path:
 
 
 @pytest.mark.usefixtures("runs_here")
-def test_finished_runs_are_kept_and_not_made_again(tmp_path: Path) -> None:
-    """A summary in the folder stands for its run: its numbers are taken, and only the others are made."""
-    cases = study(speed_kmh=("60",)).cases()
-    saved(tmp_path, cases[0], "from before")
-    outcomes = run_cases(cases, tmp_path, RunOptions(jobs=1))
-    assert [outcome.numbers["outcome"] for outcome in outcomes] == ["from before", "completed"]
-    assert (tmp_path / f"{cases[1].identity()}.parquet").is_file()
-    assert not list(tmp_path.glob(".*"))
+def test_finished_runs_are_kept_and_damaged_ones_are_named_and_made_again(tmp_path: Path) -> None:
+    """A summary in the folder stands for its run.
 
-
-@pytest.mark.usefixtures("runs_here")
-def test_damaged_runs_are_named_and_made_again(tmp_path: Path) -> None:
-    """Half a summary, one that is no summary, signals that are cut off: a line on each, and its run is repeated."""
+    Half a summary, one that is no summary, signals that are cut off: a line on each, and its run is repeated.
+    """
     cases = study(speed_kmh=("60", "50")).cases()
     files = [saved(tmp_path, case, "from before") for case in cases]
     files[0].write_text(files[0].read_text()[:20])
@@ -84,6 +88,7 @@ def test_damaged_runs_are_named_and_made_again(tmp_path: Path) -> None:
     outcomes = run_cases(cases, tmp_path, RunOptions(jobs=1, remark=lines.append))
     assert lines == [f"{file} is damaged: its run is repeated" for file in files[:3]]
     assert [outcome.numbers["outcome"] for outcome in outcomes] == [*["completed"] * 3, "from before"]
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_only_regular_files_have_a_digest(tmp_path: Path) -> None:
@@ -95,18 +100,15 @@ def test_only_regular_files_have_a_digest(tmp_path: Path) -> None:
     assert [digest(tmp_path / name) for name in ("device", "pipe", "", "missing")] == [""] * 4
 
 
-def test_two_commands_do_not_share_a_directory(tmp_path: Path) -> None:
-    """The second is refused at once; a lock that a killed process had does not hold."""
-    with opened_study(tmp_path, "study.toml", ""), pytest.raises(ValueError, match="another process works in it"):
-        opened_study(tmp_path, "study.toml", "").__enter__()
-    with opened_study(tmp_path, "study.toml", ""):
-        assert (tmp_path / "study.toml").is_file()
+def test_a_directory_is_for_one_study_and_one_command(tmp_path: Path) -> None:
+    """A second command is refused at once; the lock and the first file of a killed one do not matter.
 
-
-def test_what_a_killed_study_left_does_not_stop_the_next(tmp_path: Path) -> None:
-    """Killed while it wrote its first file: the rest of it is removed, a user's file is a reason to refuse."""
+    A user's file is a reason to refuse.
+    """
     (tmp_path / ".study.toml.123.unfinished").touch()
     check_study_directory(tmp_path)
+    with opened_study(tmp_path, "study.toml", ""), pytest.raises(ValueError, match="another process works in it"):
+        opened_study(tmp_path, "study.toml", "").__enter__()
     with opened_study(tmp_path, "study.toml", ""):
         assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
     (tmp_path / "study.toml").rename(tmp_path / "mine.toml")
@@ -136,7 +138,6 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("runs_here")
 def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path) -> None:
-    """Host, processor, engine and duration are in both tables; --where names a value of an axis."""
     (tmp_path / "study.toml").write_text(study(speed_kmh=("50", "60")).to_toml())
     out = tmp_path / "out"
 
@@ -163,7 +164,6 @@ def test_runs_say_where_they_were_made_and_where_makes_some_again(tmp_path: Path
 def test_that_the_model_is_interpreted_is_said_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """By the command, not by each of its processes."""
     monkeypatch.setenv("OFFTRACK_COMPILER", "none")
     warn_once.cache_clear()
     outcomes = run_cases(study(speed_kmh=("60",)).cases(), tmp_path, RunOptions(jobs=2))
@@ -187,14 +187,6 @@ def test_rows_are_root_mean_squares_and_largest_values_over_the_seeds() -> None:
     assert (line["speed_kmh"], line["true_max_m"], line["endings"]) == ("60", "2.0", "jackknifed")
 
 
-def test_a_study_is_read_as_it_is_written(tmp_path: Path) -> None:
-    """The file of a study, numbers, names and lists, gives the same runs again."""
-    written = study(trailer_steering=("none", "path_preview"), speed_kmh=("60", "80"))
-    (tmp_path / "study.toml").write_text(written.to_toml())
-    again = load_study(tmp_path / "study.toml")
-    assert {case.identity() for case in again.cases()} == {case.identity() for case in written.cases()}
-
-
 def test_a_study_in_its_own_directory_keeps_the_users_file(tmp_path: Path) -> None:
     """``offtrack sweep study.toml --out .``: comments stay, as long as it is the same study."""
     text = study(speed_kmh=("60",)).to_toml() + "# mine\n"
@@ -203,48 +195,8 @@ def test_a_study_in_its_own_directory_keeps_the_users_file(tmp_path: Path) -> No
     assert study_text(study(speed_kmh=("50",)), tmp_path) == study(speed_kmh=("50",)).to_toml()
 
 
-@pytest.mark.parametrize("seeds", ["[-1]", "[true]", "[1, 1]", "[]"])
-def test_seeds_of_a_study_file_are_different_whole_numbers(seeds: str, tmp_path: Path) -> None:
-    """They are refused before anything runs."""
-    (tmp_path / "study.toml").write_text(f'scenario = "roundabout"\nseeds = {seeds}\n[vary]\nspeed_kmh = [10]\n')
-    with pytest.raises(ValueError, match=r"study\.toml: seeds"):
-        load_study(tmp_path / "study.toml")
-
-
-def test_lists_and_seeds_are_read_from_text() -> None:
-    """What is in brackets stays together; seeds may be ranges, as printers count pages."""
-    assert listed("a,b", "--vary x") == ("a", "b")
-    assert listed("[1, 2],[3, 4]", "--vary x") == ("[1, 2]", "[3, 4]")
-    assert seeds_of("1-3,7") == (1, 2, 3, 7)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--controllers", "path_previw"], "unknown name 'path_previw'; did you mean 'path_preview'?"),
-        (["--off-tracking", "truht"], "unknown name 'truht'"),
-        (["--vary", "surface.friction"], "--vary surface.friction: expected KEY=VALUE"),
-        (["--vary", "surface.friction=0.8,0.8"], "expected different values"),
-        (["--vary", "surface.frction=0.8,0.3"], "unknown key 'surface.frction'"),
-        (["--seeds", "5-1"], "--seeds 5-1: expected whole numbers"),
-        (["--seeds", "²"], "--seeds ²: expected whole numbers"),
-        (["--seeds", "1-100000000"], "--seeds 1-100000000: 100000000 seeds; a study has at most 20000 runs"),
-        (["--seeds", "1-15000", "--vary", "speed_kmh=10,20"], "90000 runs: a study has at most 20000"),
-        (["--jobs", "100000"], "--jobs = 100000 must be between 1 and 1024"),
-    ],
-)
-def test_what_can_not_be_compared_is_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:
-    """Exit code 2, and no directory is made."""
-    result = CliRunner().invoke(app, ["compare", "roundabout", "--out", str(tmp_path / "out"), *arguments])
-    assert result.exit_code == 2
-    assert said in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.usefixtures("runs_here")
 def test_compare_writes_table_and_report(tmp_path: Path) -> None:
-    """Two laws on a short road: a row each, as JSON and in the directory, with a self-contained page."""
     out = tmp_path / "out"
     fixed = [part for key, value in SHORT if key != "off_tracking" for part in ("--set", f"{key}={value}")]
     arguments = ["compare", "cambered-road", "--controllers", "none,path_preview", "--json", "--out", str(out), *fixed]
@@ -257,12 +209,6 @@ def test_compare_writes_table_and_report(tmp_path: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"cells", "pages", "report.html", "study.toml", *tables}
     page = (out / "report.html").read_text()
     assert not any(f'{link}="http' in page for link in ("src", "href"))
-
-
-def test_a_deeply_nested_value_stays_text_in_the_study_file() -> None:
-    """The parser of TOML would recurse into it."""
-    value = "[" * 5000 + "]" * 5000
-    assert value in study(speed_kmh=(value,)).to_toml()
 
 
 def test_keys_of_a_study_may_be_quoted_dotted_or_nested(tmp_path: Path) -> None:
@@ -319,13 +265,3 @@ def test_finished_runs_are_compared_by_their_names(tmp_path: Path) -> None:
         refused = CliRunner().invoke(app, ["compare", *wrong])
         assert refused.exit_code == 2
         assert line in refused.stderr
-
-
-def test_a_table_keeps_its_numbers_whole_on_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    columns = [("trailer_steering", ["path_preview@tuned.toml"]), ("done", ["1/1"])]
-    numbers = [(f"error {k} [m]", [f"{10.0**k:.3f}"]) for k in range(9)]
-    fit = fitting(columns, numbers, 80)
-    assert 1 <= len(fit) < len(numbers)
-    widths = [least_width(heading, cells) for heading, cells in (*columns, *fit)]
-    assert sum(width + 1 for width in widths) + 1 <= 80
-    assert widths[-1] >= len(fit[-1][1][0])

@@ -77,6 +77,7 @@ def test_a_signal_at_fault_for_good_does_not_cost_a_sound_estimate() -> None:
     result = driven("roundabout", *ROUND, "course.turn_deg=45", "faults=wheel_speed_dropout@6")
     assert_safe(result)
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < 0.12
+    assert not result.log["fallback"].any()
     assert [warning for warning in result.warnings if "wheel speed distrusted from 6." in warning]
 
 
@@ -122,15 +123,6 @@ def test_faults_of_the_cameras_do_no_harm(fault: str) -> None:
 
 
 @pytest.mark.slow
-def test_how_a_fault_is_answered_is_the_users_choice() -> None:
-    """Straight wheels in a turn cut in by more than command steer, and by more the sooner they are there."""
-    lost = (*ROUND, "faults=dropout:1@10.5")
-    command_steer = driven("roundabout", *lost).log["off_tracking_true"]
-    straight = run(load_scenario("roundabout", (*lost, "degradation.fallback=straight")), 1).log["off_tracking_true"]
-    assert np.nanmax(np.abs(straight)) > 1.5 * np.nanmax(np.abs(command_steer))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "course"),
     [  # to the left over its mud and to the right: the third turn is as the second
@@ -166,10 +158,3 @@ def test_path_preview_is_harmless_at_speed() -> None:
     unsteered = run(load_scenario("lane-change", settings), 1)
     assert_safe(followed)
     np.testing.assert_allclose(followed.log["yaw_rate_semitrailer"], unsteered.log["yaw_rate_semitrailer"], atol=1e-9)
-
-
-def test_the_ice_lane_change_is_driven_on_ice() -> None:
-    """It uses four tenths of the friction, so it is completed, and off-tracking is that of a lane change."""
-    result = run(load_scenario("ice-lane-change", ("off_tracking=truth", "reference_unit=false")), 1)
-    assert result.outcome == "completed"
-    assert 0.02 < np.nanmax(np.abs(result.log["off_tracking_true"])) < 0.3

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from controllers.driver import PreviewDriver
-from offtrack.studies.standards.comparison import linear_figures
-from offtrack.studies.standards.proving_ground import amplification, drive, lateral_acceleration, point_path
+from offtrack.studies.standards.proving_ground import drive, point_path
 from offtrack.studies.validation.driver_checks import driver_modes, with_damping
 from scenarios.assembly.adapters import tractor_guided_at
-from scenarios.courses import corner, lane_change, straight
+from scenarios.courses import corner
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.combination.variants import changed_vehicle
@@ -22,14 +21,6 @@ from vehicle.tyres.laws import TYRES
 
 def growth(vehicle: Vehicle, driven: Vehicle, kmh: float) -> float:
     return float(driver_modes(vehicle, driven, kmh / 3.6, vehicle.units[0].front_x).real.max())
-
-
-@pytest.mark.parametrize("name", ["a_double", "rigid_truck_8x4", "desaxe_field_combination"])
-@pytest.mark.parametrize("kmh", [1.0, 2.5, 10.0, 40.0, 90.0, 110.0])
-def test_all_motion_decays_without_damping_of_the_tyres(name: str, kmh: float) -> None:
-    """The slowest mode is the last trailer's or the path's; the loop makes none grow at any road speed."""
-    vehicle = load_vehicle(name)
-    assert growth(vehicle, with_damping(vehicle, 0.0), kmh) < 0.0
 
 
 @pytest.mark.parametrize(("stiffness", "mass"), [(0.6, 1.0), (1.6, 1.0), (1.0, 1.15)])
@@ -51,34 +42,6 @@ def test_other_wheelbases_are_stable_without_tuning(wheelbase: float) -> None:
     short = unit.model_copy(update={"axles": (front, *unit.axles[1:]), **inertia, "front_x": wheelbase + 1.4})
     vehicle = with_damping(truck.model_copy(update={"units": (short,)}), 0.0)
     assert max(growth(vehicle, vehicle, kmh) for kmh in (1.0, 2.5, 10.0, 50.0, 110.0)) < 0.0
-
-
-@pytest.mark.slow
-def test_a_lane_change_is_that_of_the_linear_theory() -> None:
-    """0.05 g at 88 km/h, the A-double on tyres without damping: its path, amplification, and the straight after it.
-
-    Theory has the front axle exactly on the path and small motion: 3 % for both. The trailers' sway has decayed to
-    millimetres 5 s after the change.
-    """
-    vehicle, speed = with_damping(load_vehicle("a_double"), 0.0), 88.0 / 3.6
-    x, last = vehicle.units[0].steered_axles[0].x, vehicle.units[-1]
-    course = lane_change(axle_x=x, speed=speed, peak_acceleration=0.05 * GRAVITY, exit=150.0)
-    log = drive(
-        vehicle,
-        Surface(friction=0.8),
-        PreviewDriver(tractor_guided_at(vehicle, course.reference), course.path, speed),
-        trailer_steering="none",
-        speed=speed,
-        done=lambda truth: bool(truth.poses[0, 0] >= course.length - x),
-        patience=30.0,
-    ).log
-    front = point_path(log, vehicle.units[0].name, x)
-    beside = front[:, 1] - np.interp(front[:, 0], *course.path.points(0.25).T)
-    assert np.abs(beside).max() < 0.01  # a steering robot's 150 mm, by far
-    assert math.sqrt(np.mean(beside[front[:, 0] > course.length - 30.0] ** 2)) < 0.002
-    front_a_y = lateral_acceleration(log, vehicle.units[0].name, x)
-    measured = amplification(lateral_acceleration(log, last.name, last.cg_x), front_a_y)
-    assert measured == pytest.approx(linear_figures(vehicle)["rearward_amplification"], rel=0.03)
 
 
 @pytest.mark.slow
@@ -147,20 +110,3 @@ def with_tyres(vehicle: Vehicle, law: str) -> Vehicle:
             axles.append(axle.model_copy(update={"tyre": tyre}))
         units.append(unit.model_copy(update={"axles": tuple(axles)}))
     return vehicle.model_copy(update={"units": tuple(units)})
-
-
-def test_on_a_cross_fall_the_front_axle_stays_on_the_line() -> None:
-    """1 km at 90 km/h; the body travels at an angle of 5 mrad, so a point 5 m ahead would be 27 mm off."""
-    vehicle, speed = load_vehicle("rigid_truck"), 25.0
-    x = vehicle.units[0].steered_axles[0].x
-    course = straight(front_x=x, length=1000.0)
-    log = drive(
-        vehicle,
-        Surface(friction=0.8, cross_fall=0.03),
-        PreviewDriver(tractor_guided_at(vehicle, course.reference), course.path, speed),
-        trailer_steering="none",
-        speed=speed,
-        done=lambda truth: bool(truth.poses[0, 0] >= course.length),
-        patience=60.0,
-    ).log
-    assert math.sqrt(np.mean(point_path(log, vehicle.units[0].name, x)[:, 1] ** 2)) < 0.001  # of the entry: 0.2 mm

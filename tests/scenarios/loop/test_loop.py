@@ -20,7 +20,6 @@ from scenarios.loop.runner import run
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress
-from scenarios.results.summary_numbers import number_at
 from scenarios.results.trailer_result import RunResult
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
@@ -93,7 +92,7 @@ def test_captures_follow_the_cameras_schedule() -> None:
 @pytest.fixture(scope="module")
 def seen(worlds: Any) -> RunResult:
     """A second of a run with cameras; ten frames are taken."""
-    return run(load_scenario("constant-slip", SEEN), 1, progress=interrupted_after(100))
+    return run(load_scenario("constant-slip", SEEN), 1, keep_frames=True, progress=interrupted_after(100))
 
 
 @pytest.mark.slow
@@ -118,6 +117,17 @@ def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other(seen: RunResult
     assert kept.manifest["frames_sha256"] == seen.manifest["frames_sha256"]
     assert "paced" in kept.summary()
     assert "paced" not in seen.summary()
+    assert len(seen.frames) == 10
+    assert len(kept.frames) == 0  # they are kept on demand only
+
+
+def test_matches_and_motions_are_in_the_log_and_with_the_pictures(seen: RunResult) -> None:
+    """5 m/s at 10 Hz are half a metre a frame."""
+    way = np.hypot(seen.log["odometry_dx"], seen.log["odometry_dy"])
+    assert np.nanmedian(way) == pytest.approx(0.5, abs=0.02)
+    shown = seen.frames[5]
+    assert shown.matches >= shown.inliers > 20
+    assert len(shown.tracks) > 20
 
 
 @pytest.mark.slow
@@ -145,53 +155,22 @@ def test_a_lane_change_seen_by_cameras_keeps_the_trailer_on_its_path() -> None:
     assert np.degrees(np.abs(result.log["steer_trailer_1"]).max()) > 3.0  # it steers
 
 
-@pytest.mark.slow
-def test_with_cameras_left_and_right_agree_to_the_odometrys_noise() -> None:
-    """The worlds differ, the vehicle does not: what the camera adds to the mirror image is millimetres of drift.
-
-    With cameras as small as these the estimate is off by 2 to 15 mm RMS (seeds 1, 101, 102), and left and right
-    disagree by 10 to 19 mm; 35 mm and 1 degree are three times the usual, and what it does to the steering.
-    """
-    small = ("rig.width=672", "rig.height=240", "world.scenery_density=0.3", "reference_unit=false")
-    settings = (*small, "course.entry=20", "course.turn_deg=30", "course.exit=5", "speed_kmh=20")
-    left = run(load_scenario("roundabout", settings), 1).log
-    right = run(load_scenario("roundabout-right", settings), 1).log
-    assert len(left) == pytest.approx(len(right), abs=2)
-    n = min(len(left), len(right))
-    e = left["off_tracking_true"][:n] + right["off_tracking_true"][:n]
-    steer = left["steer_trailer_1"][:n] + right["steer_trailer_1"][:n]
-    assert np.nanmax(np.abs(left["off_tracking_estimate"][:n] - left["off_tracking_true"][:n])) > 0.0
-    assert np.sqrt(np.nanmean(e**2)) < 0.035
-    assert np.sqrt(np.mean(steer**2)) < np.radians(1.0)
-
-
 def test_constant_slip_has_its_closed_form_off_tracking() -> None:
     """14 m times tan 14 degrees: 3.4906 m (de Saxe & Cebon 2018, section 3.1); slip to the left puts the path right."""
     result = run(load_scenario("constant-slip", (*EXACT, "course.length=20")), 1)
     true = result.log["off_tracking_true"]
     np.testing.assert_allclose(true[np.isfinite(true)], -14.0 * np.tan(np.radians(14.0)), atol=1e-9)
+    assert not result.log["acceleration_command"].any()  # nobody drives
 
 
 def test_exact_poses_have_the_true_off_tracking_on_rough_banked_ground() -> None:
     """Rolling and pitching of the body over class E is no part of the definition; the rest is interpolation."""
-    result = short("surface.roughness=E", "surface.cross_fall=-0.025")
+    result = short("surface.roughness=E", "surface.cross_fall=-0.025", "surface.grade=0.1")
     error = result.log["off_tracking_estimate"] - result.log["off_tracking_true"]
     assert np.isfinite(error).sum() > 30
     assert np.nanmax(np.abs(error)) < 2e-4
     assert np.ptp(result.log["roll_semitrailer"]) > math.radians(1.0)
-
-
-@pytest.mark.slow
-def test_path_following_takes_away_the_cut_in() -> None:
-    """Unsteered, the long trailer's rear cuts in by metres; following the hitch's path, by centimetres."""
-    third = "course.turn_deg=120"
-    followed, unsteered = (
-        number_at(short(third, *law).summary(), "off_tracking.true_max_m") for law in ((), ("trailer_steering=none",))
-    )
-    assert unsteered is not None
-    assert unsteered > 1.0
-    assert followed is not None
-    assert followed < 0.12
+    assert result.log["pitch_semitrailer"].mean() == pytest.approx(-0.1, abs=0.01)  # uphill the nose is up
 
 
 @pytest.mark.slow
@@ -255,32 +234,3 @@ def test_what_befalls_a_combination_is_the_outcome_of_its_run(outcome: str, sett
     scenario = load_scenario("roundabout", (*EXACT, "trailer_steering=none", *settings))
     result = run(scenario, 1)
     assert result.summary()["outcome"] == outcome
-
-
-@pytest.mark.slow
-def test_a_long_trailer_that_cuts_in_has_not_left_the_road() -> None:
-    """Its wheels run 5 m inside the tractor's path, beyond the road's edge; the tractor is on it."""
-    result = short("course.turn_deg=360", "trailer_steering=none")
-    assert np.nanmax(np.abs(result.log["off_tracking_true"])) > result.road_half_width
-    assert result.outcome == "completed"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "course"), [("turn-90", ("course.entry=20", "course.exit=25")), ("lane-change", ())])
-def test_the_standard_courses_are_driven_to_their_end(name: str, course: tuple[str, ...]) -> None:
-    """In the closed loop the tractor stays within 0.3 m of its path at any speed, and its steering comes to rest.
-
-    A driver as keen at 88 km/h as at walking pace would go on steering by 1 to 2 degrees on the straight.
-    """
-    parts = assemble(load_scenario(name, (*EXACT, *course)), seed=1)
-    result = run(parts.scenario, 1)
-    assert result.outcome == "completed"
-    x, y, psi = (result.log[f"{quantity}_tractor"] for quantity in ("x", "y", "psi"))
-    x_ref, y_ref = parts.course.reference
-    guided = np.column_stack(
-        [x + x_ref * np.cos(psi) - y_ref * np.sin(psi), y + x_ref * np.sin(psi) + y_ref * np.cos(psi)]
-    )
-    path = parts.course.path.points(0.05)
-    off = [np.hypot(*(path - point).T).min() for point in guided[::20]]
-    assert max(off) < 0.3
-    assert np.abs(result.log["steer_tractor"][-100:]).max() < np.radians(0.3)

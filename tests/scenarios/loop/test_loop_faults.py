@@ -11,45 +11,29 @@ import numpy as np
 import pytest
 
 import offtrack
-from estimators.estimates import Health, OffTracking
 from offtrack.exchange.fmi_proxy.system import fmu_system
-from scenarios.assembly.applied_faults import trailer_faults
+from scenarios.assembly.applied_faults import TrailerFaults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
-from scenarios.catalogue import FAULT, resolve
 from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import (
-    LOOP_FAULTS,
     ActuatorFault,
+    DemandLoss,
     LoopFault,
     LoopFaultContext,
     MessageFault,
-    is_loop_kind,
 )
-from scenarios.loop_faults.fault_kinds import DemandLoss
-from scenarios.options.faults import FaultOptions
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
+from scenarios.options.tables import FaultOptions
+from tests.trailers import estimate
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
 STEP = 10  # [ticks]
-ESTIMATE = OffTracking(
-    tick=0,
-    value=0.1,
-    std=0.01,
-    health=Health.OK,
-    path=np.zeros((1, 2)),
-    hitch_direction=0.0,
-    hitch_direction_rate=0.0,
-    path_tangent=0.0,
-    v_x=5.0,
-    v_y=0.0,
-    yaw_rate=0.0,
-)
+ESTIMATE = estimate(0)
 VEHICLE = "uk_longer_semitrailer"  # two steered axles, each with an actuator
 
 
@@ -135,11 +119,6 @@ def test_messages_are_lost_in_their_share() -> None:
     assert all(len(one) == 1 for one in arrived[1000:])
 
 
-def test_every_kind_is_in_the_catalogue_and_has_a_family() -> None:
-    assert all(is_loop_kind(resolve("kind", name, FAULT)) for name in LOOP_FAULTS)
-    assert len(FAULT) == len(set(FAULT))
-
-
 class Swapped(ActuatorFault):
     """Axles that turn to the other side."""
 
@@ -154,7 +133,8 @@ def test_a_kind_of_ones_own_acts_by_its_import_path() -> None:
     options = FaultOptions(kind="tests.scenarios.loop.test_loop_faults:Swapped")
     own = options.fault()
     assert isinstance(own, LoopFault)
-    faults = trailer_faults([(0, own)], load_vehicle(VEHICLE), 1, lambda _: np.random.default_rng(0))
+    context = LoopFaultContext(vehicle=load_vehicle(VEHICLE), unit=1, rng=np.random.default_rng(0))
+    faults = TrailerFaults([(own, own.built(context))])
     assert faults.demanded(0, np.array([0.1, -0.2]), np.zeros(2)).tolist() == [-0.1, 0.2]
 
 
@@ -230,11 +210,7 @@ def assembled(name: str, *settings: str) -> Assembly:
         ("roundabout", "brake_fault:0.5,2,9", r"brake_fault: axle = 9: semitrailer has 3 axles"),
         ("constant-slip", "actuator_stuck", r"actuator_stuck needs a steered trailer; plant.kind = constant_slip"),
         ("constant-slip", "brake_fault", r"brake_fault needs plant.kind = multibody; constant_slip has brakes"),
-        (
-            "lane-change",
-            "actuator_dead",
-            r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered",
-        ),
+        ("lane-change", "actuator_dead", r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered"),
     ],
 )
 def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, settings: str, complaint: str) -> None:

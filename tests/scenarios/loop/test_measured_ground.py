@@ -15,8 +15,7 @@ from scenarios.assembly.adapters import course_of, surface_of
 from scenarios.assembly.trailer_run import measured_ground
 from scenarios.courses import Course
 from scenarios.loop.runner import run
-from scenarios.options.scenario import Scenario, load_scenario
-from scenarios.randomness import stream
+from scenarios.options.scenario import Scenario, load_scenario, stream
 from scenarios.roads import crg_file
 from scenarios.roads.crg_file import read_crg
 from scenarios.roads.path_file import read_path

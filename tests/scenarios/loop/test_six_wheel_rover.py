@@ -10,11 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from offtrack.exchange.recordings.rover_recording import open_rover_recording
-from offtrack.exchange.recordings.writers import recording_in
+from offtrack.exchange.recordings.writers import open_rover_recording, recording_in
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.log import read_log
 from scenarios.results.rover_result import RoverResult
 

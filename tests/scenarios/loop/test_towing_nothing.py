@@ -19,7 +19,7 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.trailer_result import RunResult, swept
 from sensors.instruments.navigation import DriverPerception
-from sensors.messages import CombinationSignals
+from tests.trailers import signals as readings
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import Pose2
@@ -101,14 +101,8 @@ def test_the_front_wheels_say_where_the_leading_point_goes() -> None:
     """In place of an articulation angle; command steer then turns the rear axles as a linkage from the front would."""
     vehicle = load_vehicle("mobile_crane_5_axle").led()
     combination, geometry = Combination(vehicle, 0), trailer_geometry(vehicle, 0)
-    signals = CombinationSignals(
-        tick=20,
-        angles=np.zeros(3),
-        speed=2.0,
-        steer=0.3,
-        articulation=np.zeros(0),
-        yaw_rates=np.array([0.1]),
-        lateral_acceleration=0.0,
+    signals = readings(
+        20, angles=np.zeros(3), speed=2.0, steer=0.3, articulation=np.zeros(0), yaw_rates=np.array([0.1])
     )
     assert hitch_motion(combination, signals).direction == pytest.approx(0.3)
     law = CommandSteer(geometry, combination=combination)

@@ -15,8 +15,7 @@ from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.referee import CourseJudge
 from scenarios.loop.rover_session import RoverJudge
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
-from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
 from vehicle.frames import Pose2
 
 QUICK = ("off_tracking=truth", "trailer_steering=none", "reference_unit=false", "surface.roughness=none")
@@ -136,6 +135,7 @@ def test_a_tractor_that_takes_the_wrong_circle_has_left_the_road() -> None:
     path, (x_ref, y_ref) = parts.course.path, parts.course.reference
     n_units, middle = len(parts.vehicle.units), 0.5 * path.length
     judge = CourseJudge(parts)
+    assert judge.progress == 0.0
     stations = [*np.arange(0.0, middle / 3.0, 0.5), *np.arange(middle, path.length, 0.5)]
 
     def outcome(station: float) -> str | None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.assembly.rover_run import assemble_rover
 from scenarios.loop.runner import run
-from scenarios.options.rover_scenario import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from sensors.messages import BodyPose, CombinationSignals, check_receives
 
@@ -32,12 +30,6 @@ def test_cameras_that_an_estimator_can_not_use_are_not_opened(camera: str, monke
     scenario = load_any_scenario("roundabout", ["off_tracking=truth", f"sensor={camera}"])
     with pytest.raises(ValueError, match=r"off_tracking = truth needs .* BodyPose; the sensor sends StereoFrame"):
         run(scenario, 1)
-
-
-def test_the_estimators_own_sensor_is_accepted() -> None:
-    scenario = load_any_scenario("rover-slope", ["slip_estimator=truth", "sensor=slip_reading"])
-    assert isinstance(scenario, RoverScenario)
-    assemble_rover(scenario, 1, record=False)
 
 
 class _Poses:

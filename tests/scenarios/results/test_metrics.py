@@ -68,13 +68,6 @@ def test_straight_driving_at_an_angle_gives_the_tangent() -> None:
     np.testing.assert_allclose(e[first + 1 :], 14.0 * math.tan(slip), atol=1e-9)  # [m] nothing to interpolate
 
 
-def test_the_sign_is_positive_when_the_path_lies_left() -> None:
-    """Nose left of the travel: the rear hangs out to the right."""
-    assert (
-        true_off_tracking(0.05 * np.arange(1000, dtype=np.float64), np.zeros(1000), np.full(1000, 0.1), 14.0)[-1] > 1.0
-    )
-
-
 def test_only_the_newest_crossing_counts_where_the_path_crosses_itself() -> None:
     """After a full loop the old entry lies beside the new path; the follow point must follow the newer one."""
     s = np.arange(0.0, 40.0 + 2 * math.pi * 12.0 + 10.0, 0.04)
@@ -95,24 +88,6 @@ def test_standing_still_changes_nothing() -> None:
     waiting = np.repeat(np.arange(len(x)), np.where(np.isin(np.arange(len(x)), (900, 1400)), 300, 1))
     held = true_off_tracking(x[waiting], y[waiting], psi[waiting], 14.0)
     np.testing.assert_allclose(held, e[waiting], atol=2e-5)  # [m] the cubic beside the stop is no better than the chord
-
-
-def test_searching_agrees_with_looking_at_every_sample() -> None:
-    """The striding search against the plain definition, on a wandering path."""
-    rng = np.random.default_rng(1)
-    heading = np.cumsum(np.cumsum(rng.normal(0.0, 4e-4, 4000)))
-    path = np.cumsum(0.04 * np.exp(1j * heading))
-    psi = heading - 0.6 * np.sin(np.arange(4000) / 200.0)
-    e = true_off_tracking(path.real, path.imag, psi, 12.0)
-    for k in range(0, 4000, 97):
-        seen = (path[: k + 1] - path[k]) * np.exp(-1j * psi[k])
-        behind = np.flatnonzero(seen.real <= -12.0)
-        if not behind.size:
-            assert np.isnan(e[k])
-            continue
-        a, b = seen[behind[-1]], seen[behind[-1] + 1]
-        chord = a.imag + (b.imag - a.imag) * (-12.0 - a.real) / (b.real - a.real)
-        assert e[k] == pytest.approx(chord, abs=2e-4)  # [m] sagitta and slope of a 4 cm chord
 
 
 def test_going_back_takes_the_path_up() -> None:

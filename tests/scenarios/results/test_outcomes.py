@@ -10,6 +10,7 @@ import pytest
 from scenarios.loop.referee import Outcome, Referee, lift_warnings
 from scenarios.results.log import Log, Signal
 from scenarios.results.trailer_signals import load_columns
+from tests.trailers import truth as truth_at
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.truth import Truth
@@ -27,21 +28,11 @@ def truth(
     transfer: tuple[float, float] = (0.0, 0.0),
     leans: tuple[float, float] = (0.0, 0.0),
 ) -> Truth:
-    wheels = np.zeros(VEHICLE.n_wheels)
     bodies = np.tile(np.eye(4), (2, 1, 1))
     bodies[:, :3, :3] = [rotation_zyx(0.0, 0.0, lean) for lean in leans]
     poses: FloatArray = np.array([tractor, (tractor[0], tractor[1], trailer_yaw)])
-    return Truth(
-        tick=tick,
-        poses=poses,
-        velocities=np.zeros((2, 3)),
-        bodies=bodies,
-        steer=np.zeros(1),
-        wheel_loads=wheels,
-        wheel_slip_angles=wheels,
-        friction_used=wheels,
-        load_transfer=np.array(transfer),
-    )
+    wheels = dict.fromkeys(("wheel_loads", "wheel_slip_angles", "friction_used"), np.zeros(VEHICLE.n_wheels))
+    return truth_at(tick, poses=poses, bodies=bodies, load_transfer=np.array(transfer), steer=np.zeros(1), **wheels)
 
 
 def judged(seen: Truth) -> Outcome | None:

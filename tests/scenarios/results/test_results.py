@@ -6,14 +6,13 @@ import dataclasses
 import json
 import math
 import os
-import pickle
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from offtrack.reports.run_writer import write_run
+from offtrack.reports.run_files import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import (
     appearing_at_once,
@@ -21,7 +20,7 @@ from scenarios.results.run_directory import (
     next_run_directory,
     results_directory,
 )
-from scenarios.results.summary_numbers import Timing
+from scenarios.results.run_summary import Timing
 from scenarios.results.trailer_result import RunResult
 from vehicle.engine.compiler import engine_name
 
@@ -40,13 +39,7 @@ NAMES = {
         "bridged_fraction",
         "longest_bridge_s",
     ],
-    "swept_path": [
-        "max_width_m",
-        "min_inner_radius_m",
-        "tail_swing_m",
-        "tail_swing_entry_m",
-        "tail_swing_exit_m",
-    ],
+    "swept_path": ["max_width_m", "min_inner_radius_m", "tail_swing_m", "tail_swing_entry_m", "tail_swing_exit_m"],
     "road": ["wheel_clearance_left_m", "wheel_clearance_right_m"],
     "steer": ["max_deg", "max_rate_deg_s"],
     "tyres": ["friction_used_max"],
@@ -211,7 +204,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
     """Remains of a process that is killed then may be replaced; an interrupt keeps all that is finished."""
     run, seen = tmp_path / "run", list[str]()
 
-    def write_video(_: RunResult, target: Path, **__: object) -> None:
+    def write_film(_: object, target: Path, *__: object, **___: object) -> None:
         target.with_suffix(".mp4").write_bytes(b"half of it")
         shutil.copytree(run, tmp_path / "killed")
         for path in run.rglob("*"):
@@ -220,7 +213,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
         seen.extend(path.name for path in run.iterdir() if not path.name.startswith("."))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("offtrack.reports.run_video.write_video", write_video)
+    monkeypatch.setattr("offtrack.reports.run_files.write_film", write_film)
     with pytest.raises(KeyboardInterrupt):
         write_run(camera_run, run)
     kept = ["manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"]
@@ -252,8 +245,3 @@ def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
     one = dataclasses.replace(blind_run, units=(blind_run.units[0], rearmost))
     np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], one.log["steer_trailer_3"])
     assert not one.axle_steer(one.trailer)[:, :2].any()
-
-
-def test_a_result_can_be_sent_to_another_process(camera_run: RunResult) -> None:
-    """Studies run in parallel."""
-    assert pickle.loads(pickle.dumps(camera_run)).summary() == camera_run.summary()

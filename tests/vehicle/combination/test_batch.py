@@ -136,16 +136,6 @@ def test_back_is_the_same_vehicle_farther_back(longer_semitrailer: Vehicle) -> N
     np.testing.assert_allclose(back.wheel_loads, here.wheel_loads, rtol=1e-12)
 
 
-def test_a_single_lane_is_a_lane_of_many(longer_semitrailer: Vehicle) -> None:
-    """One vehicle runs in code of its own; up to rounding it is the same."""
-    steer, acceleration, trailer_steer = commands(2)
-    many, one = placed(longer_semitrailer), PlantBatch(longer_semitrailer, 1)
-    one.place(np.arange(1), numbers(longer_semitrailer)[None, :], ground(lanes=slice(1)), SPEEDS[:1])
-    many.step(steer, acceleration, trailer_steer, 50)
-    one.step(steer[:1], acceleration[:1], trailer_steer[:1], 50)
-    np.testing.assert_allclose(one.state[0], many.state[0], rtol=CLOSE, atol=CLOSE)
-
-
 def test_misfits_are_refused(longer_semitrailer: Vehicle) -> None:
     with pytest.raises(ValueError, match="n = 0"):
         PlantBatch(longer_semitrailer, 0)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from offtrack.studies.validation.stopping_checks import braked, without_abs
 from vehicle.combination.data_sheet import data_sheet
-from vehicle.combination.description import GRAVITY, Vehicle, brake_channels, load_vehicle
-from vehicle.combination.layout import state_sizes
+from vehicle.combination.description import GRAVITY, Vehicle, brake_channels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Distribution
 from vehicle.surface import SplitFriction, Surface
@@ -42,11 +38,6 @@ def test_wheels_share_modulators_as_the_file_says(tractor_semitrailer: Vehicle) 
         (0, (1,), 0, None),
         (1, (0, 1, 2), 0, None),
     ]
-
-
-def test_brakes_that_are_not_described_cost_nothing(tractor_semitrailer: Vehicle) -> None:
-    sizes = state_sizes(tractor_semitrailer.model_copy(update={"brakes": None}))
-    assert (sizes.brake_pressure, sizes.brake_valve) == (0, 0)
 
 
 def test_pressure_rises_behind_two_lags(tractor_semitrailer: Vehicle) -> None:
@@ -102,30 +93,6 @@ def test_select_low_keeps_both_sides_at_the_pressure_of_the_slippery_one(tractor
 def test_brake_data_without_a_table_of_the_system_are_named(tractor_semitrailer: Vehicle) -> None:
     sheet = data_sheet(tractor_semitrailer.model_copy(update={"brakes": None}))
     assert any("without a table [brakes]" in warning for warning in sheet.warnings)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "complaint"),
-    [
-        ('brake = "steer"', 'brake = "stear"', "no table [axle_brakes.stear]; did you mean 'steer'?"),
-        (
-            "torque = { value = 40000.0",
-            "torque = { value = -1.0",
-            "steer.torque = -1.0 N m must be between",
-        ),
-        ('distribution = "load"', 'distribution = "mass"', "brakes.distribution = 'mass'; known: load, pressure"),
-        ('abs = "select_low"', 'abs = "high"', "axle_brakes.steer.abs = 'high'; known: wheel, select_low"),
-        ("abs_slip = { value = 0.1", "abs_slip = { value = 6.0", "brakes.abs_slip = 6.0 must be"),
-    ],
-)
-def test_wrong_data_are_refused_in_one_line(tmp_path: Path, old: str, new: str, complaint: str) -> None:
-    shipped = Path("vehicle/parameters/eu_tractor_semitrailer.toml").read_text(encoding="utf-8")
-    assert old in shipped
-    file = tmp_path / "mine.toml"
-    file.write_text(shipped.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
-        load_vehicle(str(file))
-    assert "\n" not in str(refusal.value)
 
 
 def test_axles_that_share_modulators_have_the_same_lag(tractor_semitrailer: Vehicle) -> None:

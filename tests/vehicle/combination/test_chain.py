@@ -1,4 +1,4 @@
-"""The whole equations of motion: power balance, symmetries, relaxation rates, slip angles, pneumatic trail."""
+"""The whole equations of motion: forces between bodies, symmetries, relaxation rates, slip angles."""
 
 from __future__ import annotations
 
@@ -13,22 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offtrack.studies.validation.mechanics import random_inputs, random_states
-from tests.vehicle.chains import outputs, rates, with_axles
+from offtrack.studies.validation.equations import ChainMotion, newton_euler, random_inputs, random_states
+from tests.vehicle.chains import outputs, rates
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, brake_channels
-from vehicle.combination.layout import (
-    Chain,
-    Input,
-    State,
-    input_sizes,
-    parts,
-    state_sizes,
-    wheels,
-)
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.linear import SIGNS
-from vehicle.combination.loads import static_axle_loads
 from vehicle.engine.integrator import exact_diagonal
+from vehicle.frames import Pose2
 from vehicle.tyres import ROLLING_SPEED_FLOOR
 
 seeds = st.integers(0, 2**32 - 1)
@@ -62,38 +54,27 @@ def close(got: State[np.ndarray], expected: State[np.ndarray]) -> None:
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(b).max(initial=0.0)), err_msg=name)
 
 
-def kinetic_energy(vehicle: Vehicle, s: State[np.ndarray]) -> tuple[float, list[np.ndarray]]:
-    """Energy [J], and the velocity of each centre of gravity along W (N, 2) [m/s], by hand."""
-    c, si = math.cos(s.psi[0]), math.sin(s.psi[0])
-    v = np.array([c * s.v_x[0] - si * s.v_y[0], si * s.v_x[0] + c * s.v_y[0]])
-    energy, velocities = 0.0, []
-    for unit, psi, r in zip(vehicle.units, s.psi, s.yaw_rate, strict=True):
-        left = np.array([-math.sin(psi), math.cos(psi)])
-        velocities.append(v + r * unit.cg_x * left)
-        energy += 0.5 * unit.mass * float(velocities[-1] @ velocities[-1]) + 0.5 * unit.yaw_inertia * r**2
-        v = v + r * unit.rear_hitch[0] * left
-    return energy, velocities
-
-
-@few
-@given(seeds)
-def test_kinetic_energy_changes_by_the_power_of_tyres_and_gravity(chain: Vehicle, seed: int) -> None:
-    """Hitches do no work: dT/dt is the power of the ground's forces and of the weight along the slope."""
-    s, u = random_state(chain, seed)
-    ds, out = rates(chain, s, u), outputs(chain, s, u)
-    energy, velocities = kinetic_energy(chain, s)
-    h = 1e-6  # [s]
-    plus, minus = (
-        kinetic_energy(chain, State(*(a + sign * h * b for a, b in zip(s, ds, strict=True))))[0] for sign in (1, -1)
-    )
-    c, si = math.cos(s.psi[0]), math.sin(s.psi[0])
-    power = float(out.moment @ s.yaw_rate)
-    for i, unit in enumerate(chain.units):
-        F = np.array([c * out.force_x[i] - si * out.force_y[i], si * out.force_x[i] + c * out.force_y[i]])
-        weight = unit.mass * np.array([u.gravity_x[i], u.gravity_y[i]])
-        power += float((F + weight) @ velocities[i])
-    # A central difference of some 1e7 J over 2e-6 s keeps about 1e-9 * T / h; powers are of 1e6 W.
-    assert (plus - minus) / (2 * h) == pytest.approx(power, rel=1e-6, abs=1e-16 / h * energy * 10 + 10.0)
+def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) -> None:
+    """Accelerations, and the hitch force a chain settles on, under its own tyre forces and gravity, body by body."""
+    for seed in range(20):
+        now, inputs = random_state(chain, seed)
+        ground, rate = outputs(chain, now, inputs), rates(chain, now, inputs)
+        c, si = math.cos(now.psi[0]), math.sin(now.psi[0])
+        R_WT = np.array([[c, -si], [si, c]])
+        weights = np.array([unit.mass for unit in chain.units])
+        gravity = weights[:, None] * np.column_stack([inputs.gravity_x, inputs.gravity_y])
+        forces = np.column_stack([ground.force_x, ground.force_y]) @ R_WT.T + gravity
+        motion = ChainMotion(now.psi, R_WT @ np.array([now.v_x[0], now.v_y[0]]), now.yaw_rate)
+        accelerations, hitches = newton_euler(chain, motion, forces, ground.moment)
+        np.testing.assert_allclose(rate.yaw_rate, accelerations.yaw, rtol=1e-9, atol=1e-9)  # forces of 1e6 N
+        turning = now.yaw_rate[0] * np.array([-now.v_y[0], now.v_x[0]])  # of the tractor's axes
+        origin = R_WT @ (np.array([rate.v_x[0], rate.v_y[0]]) + turning)
+        np.testing.assert_allclose(origin, accelerations.origin, rtol=1e-9, atol=1e-9)
+        lag = np.array([unit.hitch_lag for unit in chain.units[1:]])
+        # the state follows the force within that lag: rate = (force - state) / lag
+        got = np.column_stack([now.hitch_x + lag * rate.hitch_x, now.hitch_y + lag * rate.hitch_y])
+        own = [Pose2(0.0, 0.0, -psi).apply(F[None])[0] for psi, F in zip(now.psi[1:], hitches, strict=True)]
+        np.testing.assert_allclose(got, np.reshape(own, (-1, 2)), rtol=1e-9, atol=1e-3)  # of 1e6 N
 
 
 Named = TypeVar("Named", State[np.ndarray], Input[np.ndarray])
@@ -190,27 +171,3 @@ def test_slip_angles_are_those_of_rigid_body_motion(chain: Vehicle, seed: int) -
         if wheel.unit == last and wheel.steer is None:
             at = own + s.yaw_rate[-1] * np.array([-wheel.y, wheel.axle.x])
             assert alphas[k] == pytest.approx(math.atan2(at[1], max(abs(at[0]), ROLLING_SPEED_FLOOR)), abs=1e-12)
-
-
-@pytest.mark.parametrize("speed", [10.0, -10.0])
-def test_side_forces_act_behind_the_wheels_by_the_pneumatic_trail(tractor_semitrailer: Vehicle, speed: float) -> None:
-    """Behind as the wheel rolls: deflected tyres without slip turn each unit by minus trail times side force more."""
-    bare = with_axles(tractor_semitrailer, tyre={"pneumatic_trail": 0.0})
-    s = State(*(np.zeros(n) for n in state_sizes(tractor_semitrailer)))._replace(
-        v_x=np.array([speed]),
-        omega=np.array([speed / wheel.axle.wheel_radius for wheel in wheels(tractor_semitrailer)]),
-        deflection_y=np.full(10, -0.05),
-        brake_windup=np.full(10, math.copysign(1.0, speed)),
-    )
-    given_u = Input(*(np.zeros(n) for n in input_sizes(tractor_semitrailer)))._replace(friction=np.ones(10))
-    with_trail = outputs(tractor_semitrailer, s, given_u)
-    without = outputs(bare, s, given_u)
-    for i, unit in enumerate(tractor_semitrailer.units):
-        expected = sum(
-            # both wheels of an axle carry their nominal load to 1e-3 and pull alike
-            -math.copysign(axle.tyre.pneumatic_trail, speed) * with_trail.force_y[i] * load / sum(loads)
-            for loads in [static_axle_loads(tractor_semitrailer)[i]]
-            for axle, load in zip(unit.axles, loads, strict=True)
-        )
-        assert with_trail.force_y[i] < -1e3
-        assert with_trail.moment[i] - without.moment[i] == pytest.approx(expected, rel=5e-3)

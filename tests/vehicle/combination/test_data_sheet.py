@@ -61,11 +61,6 @@ def test_on_the_smallest_circle_the_last_axle_is_at_its_limit() -> None:
     assert math.degrees(asked) == pytest.approx(30.0)
 
 
-def test_an_unsteered_trailer_follows_nothing(tractor_semitrailer: Vehicle) -> None:
-    """There is no circle to name."""
-    assert tightest_following(tractor_semitrailer.units[1]) is None
-
-
 def test_a_linkage_reaches_what_its_ratio_leaves() -> None:
     """42 degrees on the first axle are 0.665 times that on the second."""
     axles = data_sheet(load_vehicle("rigid_truck_8x4")).units[0].axles

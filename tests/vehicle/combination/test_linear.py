@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import control
 import numpy as np
 import pytest
@@ -127,46 +125,10 @@ def test_lags_leave_every_steady_gain_as_it_is(name: str) -> None:
                 )
 
 
-def test_without_lags_is_the_limit_of_short_lags(tractor_semitrailer: Vehicle) -> None:
-    """As tyres relax within ever shorter a way and wheels get lighter, the slow modes tend to those without lags.
-
-    Drag would let roll take part: the wheels that it loads drag more.
-    """
-    vehicle = ideal(tractor_semitrailer)
-    expected = lateral_model(vehicle, 20.0).eigenvalues()
-    errors = []
-    for factor in (1e-2, 1e-3):
-        quick = with_axles(
-            vehicle,
-            *({"wheel_inertia": factor * axle.wheel_inertia} for unit in vehicle.units for axle in unit.axles),
-            tyre={"relaxation_length": factor * 0.5, "damping": 0.0},  # an undamped carcass
-        )
-        all_modes = lateral_model(quick, 20.0, tyre_dynamics=True).eigenvalues()
-        errors.append(max(np.abs(all_modes - mode).min() for mode in expected))
-    assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.1)  # first order in the lags
-    assert errors[1] < 1e-3 * np.abs(expected).max()  # 1e-3 of a lag of 25 ms, on modes of some 1/s
-
-
 def as_control(model: LateralModel) -> control.StateSpace:
     return control.ss(
         model.A, model.B, model.C, model.D, states=model.states, inputs=model.inputs, outputs=model.outputs
     )
-
-
-def test_frequency_response_is_that_of_python_control(longer_semitrailer: Vehicle) -> None:
-    """The direct solution of (j w - A) x = B u against the library's evaluation of the same named system."""
-    model = lateral_model(longer_semitrailer, 22.0, outputs=ALL, tyre_dynamics=True, actuators=True)
-    system = as_control(model)
-    assert tuple(system.state_labels) == model.states
-    assert tuple(system.input_labels) == model.inputs
-    assert tuple(system.output_labels) == model.outputs
-    frequencies = np.array([0.05, 0.3, 1.0, 3.0])  # [Hz]
-    theirs = system(2j * np.pi * frequencies)
-    scale = np.abs(theirs).max()
-    for i, output in enumerate(model.outputs):
-        for j, to in enumerate(model.inputs):
-            # Two solvers of one system, whose hitch force of 1e4 N per rad costs four digits of sixteen.
-            np.testing.assert_allclose(model.response(output, frequencies, to), theirs[i, j], atol=1e-10 * scale)
 
 
 def test_small_motions_of_the_plant_are_those_of_the_linear_model(longer_semitrailer: Vehicle) -> None:
@@ -245,14 +207,3 @@ def test_unknown_outputs_are_refused(
     """A misspelt output names the nearest one; a position needs a path."""
     with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):
         lateral_model(tractor_semitrailer, 20.0, outputs=outputs)
-
-
-def test_a_regulator_designed_on_the_model_holds_the_path(longer_semitrailer: Vehicle) -> None:
-    """The model is made for design: an LQR on all inputs moves both integrators of the path to the left."""
-    model: LateralModel = lateral_model(longer_semitrailer, 20.0, path=True, outputs=("follow_position",))
-    system = as_control(model)
-    gain, _, poles = control.lqr(system, model.C.T @ model.C + 1e-3 * np.eye(len(model.A)), 10.0 * np.eye(3))
-    assert gain.shape == (3, len(model.states))
-    assert np.count_nonzero(np.abs(model.eigenvalues()) < 1e-6) == 2  # y and psi, before: nothing brings them back
-    assert max(pole.real for pole in poles) < -1e-2
-    assert math.isfinite(float(np.abs(gain).max()))

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.functions import step_function
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.roll import roll_gradients
 from vehicle.combination.variants import LOADS, changed_vehicle, load_cases, with_load
-from vehicle.foundation.parameter_file import ParameterLibrary
+from vehicle.foundation.user_file import ParameterLibrary
 
 
 @pytest.mark.parametrize("name", [name for name in vehicle_names() if load_cases(load_vehicle(name)) != ("full",)])
@@ -51,12 +50,6 @@ def test_the_payload_put_back_gives_the_laden_unit() -> None:
     )  # rounding
 
 
-def test_the_load_case_needs_no_other_equations() -> None:
-    """All load cases of a vehicle share the compiled functions."""
-    vehicle = load_vehicle("rigid_truck")
-    assert step_function(with_load(vehicle, "unladen")) is step_function(vehicle)
-
-
 def test_model_errors_apply_to_the_load_case() -> None:
     """``plant.mass_scale`` scales what is there, and the payload with it."""
     vehicle = load_vehicle("us_5_axle")
@@ -83,11 +76,7 @@ BAD = [
     ("mass = { value = 25000.0", "mass = { value = 33000.0", "payload.mass = 33000 kg must be less than units.1.mass"),
     ("cg_height = { value = 2.202", "cg_height = { value = 2.9", "units.1.payload: leaves cg_height = -"),
     ("length = { value = 11.93", "length = { value = 16.0", "make the payload shorter"),
-    (
-        "length = { value = 11.93",
-        "length = { value = 0.0",
-        "units.1.payload.length = 0.0 m must be above 0 and",
-    ),
+    ("length = { value = 11.93", "length = { value = 0.0", "units.1.payload.length = 0.0 m must be above 0 and"),
 ]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.vehicle.chains import named, outputs, rates
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import Input, input_sizes, parts, state_sizes
+from vehicle.combination.layout import Input, input_sizes, parts
 from vehicle.combination.linear import straight_running
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.unit import LoadSharing
@@ -73,8 +73,3 @@ def test_the_shift_follows_the_road_with_its_lag(shared: Vehicle) -> None:
     later = plant.step(start, VehicleCommand(0.0, 0.06, ()), 1500)
     shift = named(shared, later).load_shift
     np.testing.assert_allclose(shift, math.exp(-0.5) * np.array([6e3, -3e3, -3e3]), rtol=1e-6)
-
-
-def test_units_that_share_at_once_have_no_state(shared: Vehicle, tractor_semitrailer: Vehicle) -> None:
-    """A part that a file leaves out costs nothing."""
-    assert (state_sizes(tractor_semitrailer).load_shift, state_sizes(shared).load_shift) == (0, 3)

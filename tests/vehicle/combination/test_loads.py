@@ -63,15 +63,6 @@ def test_the_wheels_balance_the_pitching_moment(tractor_semitrailer: Vehicle, a:
     assert np.dot(x, ahead + behind) == pytest.approx(weight - inertia, rel=1e-9)
 
 
-def test_braking_loads_the_front_and_a_pull_at_the_hitch_unloads_it(tractor_semitrailer: Vehicle) -> None:
-    """Signs of the pitching moment."""
-
-    def steer_load(a: float, pull: float) -> float:
-        return loads_with_pull(tractor_semitrailer, a, pull)[0][0]
-
-    assert steer_load(-3.0, 0.0) > steer_load(0.0, 0.0) > steer_load(0.0, 1e4)
-
-
 def test_roll_moments_add_up_and_load_the_outside(chain: Vehicle) -> None:
     """All of m h a_y loads the wheels, through any number of hitches; in a left turn (a_y > 0) the right ones."""
     a_y = [1.0 + 0.1 * i for i in range(len(chain.units))]

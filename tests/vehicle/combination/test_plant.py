@@ -9,8 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from offtrack.studies.validation.stopping_checks import without_abs
-from tests.vehicle.chains import named, with_axles
+from tests.vehicle.chains import named
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
 from vehicle.combination.roll import roll_gradients
@@ -30,10 +29,7 @@ def steered_axles(vehicle: Vehicle) -> int:
 
 
 def drive(
-    plant: Plant,
-    state: FloatArray,
-    seconds: float,
-    command: VehicleCommand | Callable[[Truth], VehicleCommand],
+    plant: Plant, state: FloatArray, seconds: float, command: VehicleCommand | Callable[[Truth], VehicleCommand]
 ) -> tuple[FloatArray, list[Truth]]:
     """Final state and what was seen every 20 ms, the first before the first step."""
     seen = []
@@ -87,35 +83,12 @@ def test_loads_are_settled_from_the_start_also_on_a_slope(tractor_semitrailer: V
 # --- brakes, drive and friction ---
 
 
-def test_a_combination_rocks_on_its_tyres_and_then_stands_on_a_hill(tractor_semitrailer: Vehicle) -> None:
-    """Braking at 2 m/s2 to rest on 5 % and holding; that it stays is shown by ``offtrack validate``."""
-    plant = Plant(tractor_semitrailer, Surface(friction=0.8, grade=0.05))
-    state, seen = drive(plant, plant.initial_state(ORIGIN, 8.0), 9.0, VehicleCommand(0.02, -2.0, ()))
-    speeds = np.array([now.velocities[0, 0] for now in seen])
-    stopped = int(np.argmax(speeds < 0.0))
-    assert 3.0 < 0.02 * stopped < 4.5  # 8 m/s at 2 m/s2 and what the hill adds to the lagging brakes
-    assert speeds.min() > -0.25  # rebound: 2.5 m/s2 let go over some 11 rad/s of rocking on tyres and brakes [m/s]
-    _, later = drive(plant, state, 4.0, VehicleCommand(0.02, -2.0, ()))
-    assert max(abs(now.velocities[0, 0]) for now in later) < 1e-3  # no chatter either
-
-
 def test_rolling_drag_holds_too_where_the_slope_is_less(tractor_semitrailer: Vehicle) -> None:
     """0.3 % against 0.6 % of rolling resistance, nobody on the brake: when it has rocked out it stands still."""
     plant = Plant(tractor_semitrailer, Surface(friction=0.8, grade=0.003))
     rest = plant.step(plant.initial_state(ORIGIN, 0.0), VehicleCommand(0.0, 0.0, ()), 20_000)
     later = plant.step(rest, VehicleCommand(0.0, 0.0, ()), 4_000)
     assert abs(later[0] - rest[0]) / 4.0 < 1e-3
-
-
-def test_locked_wheels_stop_with_the_vehicle_on_ice(tractor_semitrailer: Vehicle) -> None:
-    """From 5 m/s at friction 0.1, sliding at 0.92 of it."""
-    vehicle = without_abs(tractor_semitrailer)
-    plant = Plant(vehicle, Surface(friction=0.1))
-    end = plant.step(plant.initial_state(ORIGIN, 5.0), VehicleCommand(0.0, -6.0, ()), 8_000)
-    s = named(vehicle, end)
-    assert abs(s.v_x[0]) < 1e-3
-    assert np.abs(s.omega).max() < 1e-2
-    assert s.x[0] == pytest.approx(5.0**2 / (2.0 * 0.1 * GRAVITY * 0.92), rel=0.05)  # lags
 
 
 def test_it_stops_holds_and_starts_again_on_an_icy_cambered_slope(longer_semitrailer: Vehicle) -> None:
@@ -152,14 +125,6 @@ def test_drive_wheels_spin_on_ice_and_stay_bounded(tractor_semitrailer: Vehicle,
     np.testing.assert_allclose(gear * omega, 0.5 * 350e3 / resisting, rtol=0.02)
 
 
-def test_a_light_wheel_on_an_undamped_carcass_stays_stable(tractor_semitrailer: Vehicle) -> None:
-    """1 kg m2 swings on its tyre with 90 Hz, 0.6 rad in a step: braked, held on 10 %, and no oscillation is left."""
-    vehicle = with_axles(tractor_semitrailer, {"wheel_inertia": 1.0}, tyre={"damping": 0.0})
-    plant = Plant(vehicle, Surface(friction=0.8, grade=0.1))
-    state, _ = drive(plant, plant.initial_state(ORIGIN, 8.0), 8.0, VehicleCommand(0.0, -3.0, ()))
-    assert np.abs(named(vehicle, state).omega).max() < 0.3  # it rocks on its tyres, undamped
-
-
 def test_braking_moves_load_through_the_hitch(tractor_semitrailer: Vehicle) -> None:
     """Trailer in equilibrium about its hitch: weight, inertia at its height, and the push it gives the tractor."""
     plant = Plant(tractor_semitrailer, DRY)
@@ -174,57 +139,6 @@ def test_braking_moves_load_through_the_hitch(tractor_semitrailer: Vehicle) -> N
 
 
 # --- bends ---
-
-
-def follow_point_error(seen: list[Truth], follow_x: float) -> float:
-    """Lateral position of the hitch path at the follow point at the end, in the trailer's frame [m]."""
-    path = np.array([now.poses[1, :2] for now in seen])
-    x, y = Pose2(*seen[-1].poses[1]).inverse().apply(path).T
-    newest_beyond = int(np.flatnonzero(x <= follow_x)[-1])
-    span = slice(newest_beyond, newest_beyond + 2)
-    return float(np.interp(follow_x, x[span], y[span]))
-
-
-def in_the_roundabout(vehicle: Vehicle, law: bool) -> list[Truth]:
-    """10 km/h, the tractor at 20 deg: its front corner on about 12.5 m; all trailer angles by the no-slip law or 0."""
-    plant = Plant(vehicle, DRY)
-    trailer = vehicle.units[1]
-    L_f = -(trailer.follow_x or 0.0)
-    distances = [-axle.x for axle in trailer.steered_axles]
-
-    def command(now: Truth) -> VehicleCommand:
-        v_x, v_y, _ = now.velocities[1]
-        gamma = math.tan(math.atan2(v_y, v_x))
-        # steady path following asks for beta_f = -gamma: tan(delta) = tan(gamma) (1 - x/Lf) - tan(gamma) x/Lf
-        angles = tuple(math.atan(gamma * (1.0 - 2.0 * x / L_f)) if law else 0.0 for x in distances)
-        return VehicleCommand(math.radians(20.0), 10.0 / 3.6 - now.velocities[0, 0], angles)
-
-    return drive(plant, plant.initial_state(ORIGIN, 10.0 / 3.6), 30.0, command)[1]
-
-
-def test_the_longer_trailer_cuts_in_deeply_unsteered(longer_semitrailer: Vehicle) -> None:
-    """No steer: articulation of 60 deg, the rear 4 m inside the hitch path, the tridem scrubs."""
-    seen = in_the_roundabout(longer_semitrailer, law=False)
-    gamma = seen[-1].poses[0, 2] - seen[-1].poses[1, 2]
-    assert math.degrees(gamma) == pytest.approx(59.0, abs=4.0)
-    assert follow_point_error(seen, -14.0) < -3.5
-    slip = np.degrees(seen[-1].wheel_slip_angles)
-    assert (slip[4:6] > 5.0).all()  # front axle of the tridem, pushed outwards
-    assert (slip[8:10] < -5.0).all()  # its rear axle, pushed inwards
-
-
-def test_the_no_slip_law_keeps_the_steered_trailer_on_the_path(longer_semitrailer: Vehicle) -> None:
-    """Steady circle, rear two axles steered: some decimetres of error, for the fixed axle scrubs; all in limits."""
-    seen = in_the_roundabout(longer_semitrailer, law=True)
-    assert abs(follow_point_error(seen, -14.0)) < 0.6
-    assert np.degrees(np.abs(seen[-1].steer)).max() < 30.0
-    slip = np.degrees(np.abs(seen[-1].wheel_slip_angles))
-    assert slip[:4].max() < 4.0
-    assert slip[4:6].max() < 10.0  # the fixed axle turns about a centre 1 m from its own
-    assert slip[6:].max() < 4.0
-    loads = seen[-1].wheel_loads / GRAVITY / 1000.0
-    assert loads.sum() == pytest.approx(40.0, rel=1e-6)
-    assert loads.min() > 2.0  # [t]: 0.06 g, and a fixed axle's scrub of 15 kN at its roll centre moves 1.1 t
 
 
 def test_bodies_roll_outwards_and_dive_under_braking(tractor_semitrailer: Vehicle) -> None:
@@ -355,16 +269,6 @@ def test_changing_ground_is_looked_up_on_the_way(tractor_semitrailer: Vehicle) -
     for ticks in (3, 77):
         coarse = plant.step(coarse, command, ticks)
     assert not np.array_equal(coarse, at_once)
-
-
-def test_folded_ticks_are_single_ticks(longer_semitrailer: Vehicle) -> None:
-    """Twenty ticks in one call are the same twenty, to the bit: friction and slope are uniform here."""
-    plant = Plant(longer_semitrailer, DRY)
-    command = VehicleCommand(0.1, 0.5, (0.1, -0.1))
-    one = twenty = plant.initial_state(ORIGIN, 5.0)
-    for _ in range(20):
-        one = plant.step(one, command, 1)
-    np.testing.assert_array_equal(one, plant.step(twenty, command, 20))
 
 
 def test_a_step_leaves_its_argument_and_a_pickled_plant_goes_on_alike(longer_semitrailer: Vehicle) -> None:

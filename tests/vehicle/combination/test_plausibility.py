@@ -35,21 +35,7 @@ def changed(vehicle: Vehicle, changes: dict[str, Any]) -> Vehicle:
 REFUSED = [
     ({"units.0.mass": 8.0}, "units.0.mass = 8.0 kg must be between 100 and 200000 kg: a unit weighs 100 kg"),
     ({"units.0.mass": 150.0}, "units.0.mass = 150 must be at least 300 kg, the lightest motor vehicle on four wheels"),
-    ({"units.1.mass": 32e6}, "units.1.mass = 32000000.0 kg must be between 100 and 200000 kg"),
-    ({"units.1.yaw_inertia": 4.5}, "units.1.yaw_inertia = 4.5 kg m2 must be between 10 and 1e+07 kg m2: 10 is"),
-    ({"drive.max_power": 350.0}, "drive.max_power = 350.0 W must be between 1000 and 5e+06 W: 1 kW moves"),
     ({"drive.max_deceleration": 60.0}, "drive.max_deceleration = 60.0 m/s2 must be above 0 and at most 15 m/s2: tyres"),
-    ({"units.0.width": 255.0}, "units.0.width = 255.0 m must be between 0.5 and 8 m: road vehicles are"),
-    ({"units.0.cg_height": 0.001}, "units.0.cg_height = 0.001 m must be between 0.1 and"),
-    ({"units.0.hitch_height": 11.5}, "units.0.hitch_height = 11.5 m must be between 0.1 and 3 m: couplings"),
-    (
-        {"units.0.roll_gradient": 0.4},
-        "units.0.roll_gradient = 0.4 rad/(m/s2) must be between 1e-05 and 0.05",
-    ),
-    ({"units.0.heave_frequency": 0.05}, "units.0.heave_frequency = 0.05 Hz must be between 0.2 and"),
-    ({"units.0.axles.0.wheel_radius": 5.0}, "units.0.axles.0.wheel_radius = 5.0 m must be between 0.1 and 2.1 m"),
-    ({"units.0.axles.0.wheel_inertia": 1e-3}, "wheel_inertia = 0.001 kg m2 must be between 0.05 and"),
-    ({"units.0.axles.0.track": 0.02}, "units.0.axles.0.track = 0.02 m must be between 0.5 and"),
 ]
 
 
@@ -149,20 +135,6 @@ def test_a_tandem_without_a_suspension_that_equalises_is_warned_of() -> None:
     (line,) = data_sheet(alone).warnings
     assert line.startswith("units.0.axles.3 (truck): it carries ")
     assert "only 1.35 m apart: name a bogie for both" in line
-
-
-def test_a_declared_share_of_a_tag_axle_is_no_contradiction() -> None:
-    """The 6x2's lifted tag axle, let down, takes 0.65 of the drive axle's load, as its file says."""
-    vehicle = load_vehicle("eu_6x2_tractor_semitrailer")
-    tractor, trailer = vehicle.units
-    down = [unit.model_dump() for unit in (tractor, trailer)]
-    for unit in down:
-        raised = unit.pop("lifted_axles")
-        axles = sorted((*unit["axles"], *raised), key=lambda axle: -float(axle["x"]))
-        unit["axles"] = [axle | {"lifted": False} for axle in axles]
-    both = vehicle_from(vehicle.model_dump() | {"units": down}, "mine.toml")
-    assert len(both.units[0].axles) == 3
-    assert not data_sheet(both).warnings
 
 
 @pytest.mark.parametrize(

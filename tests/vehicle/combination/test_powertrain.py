@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from offtrack.studies.standards.longitudinal_capability import Incline
 from tests.vehicle.chains import named
 from vehicle.combination.actuators import demand_rate, retarder_capacity, steer_rate
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.layout import wheels
-from vehicle.combination.longitudinal import startability
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
@@ -130,18 +128,6 @@ def test_air_slows_a_fast_vehicle(tractor_semitrailer: Vehicle) -> None:
     still = driven(tractor_semitrailer, Surface(friction=0.8), 25.0, 0.0, 1.2)
     difference = (still.speed[110] - run.speed[110]) - (still.speed[10] - run.speed[10])
     assert difference == pytest.approx(2250.0 / 40e3 / 1.013, rel=0.02)
-
-
-def test_it_moves_off_from_rest_a_little_below_its_startability(tractor_semitrailer: Vehicle) -> None:
-    """Dry road, 95 % of the grade: the tyres slide a little until the rims have the vehicle's speed."""
-    grade = 0.95 * startability(tractor_semitrailer)
-    up, down = (_speed_on(tractor_semitrailer, factor * grade) for factor in (0.9, 1.15))
-    assert up > 0.3
-    assert down < 0.0
-
-
-def _speed_on(vehicle: Vehicle, grade: float) -> float:
-    return float(driven(vehicle, Incline(friction=0.8, grade=grade), 0.0, FULL, 5.0).speed[-1])
 
 
 angles = st.floats(-3.0, 3.0)

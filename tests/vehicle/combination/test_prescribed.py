@@ -6,16 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.interpolate import interp1d
 
-from controllers.path import Path, arc, line
-from offtrack.studies.validation.no_slip_limit import poses_along, rolling_chain
-from offtrack.studies.validation.simple_drives import (
-    along_path,
-    gripping,
-    on_single_axles,
-    poses_of,
-)
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import ConstantSlipPlant, VehicleCommand
 from vehicle.frames import Pose2
@@ -76,20 +67,3 @@ def test_another_speed_than_the_constant_one_is_refused(longer_semitrailer: Vehi
     plant = ConstantSlipPlant(longer_semitrailer, ROAD, unit=1, slip_angle=0.2, speed=5.0)
     with pytest.raises(ValueError, match=r"speed = 4\.0 m/s"):
         plant.initial_state(Pose2(0.0, 0.0, 0.0), 4.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("radius", [12.5, -12.5])
-def test_a_slow_turn_is_the_kinematic_one(tractor_semitrailer: Vehicle, radius: float) -> None:
-    """Quarter of a circle to either side at 1 m/s on stiff tyres, every unit's pose all along."""
-    vehicle = gripping(on_single_axles(tractor_semitrailer))
-    front = vehicle.units[0].front_x
-    path = Path(Pose2(front, 0.0, 0.0), (line(3.0), arc(0.5 * math.pi * abs(radius), 1.0 / radius), line(3.0)))
-    dynamic = poses_of(along_path(vehicle, path, (front, 0.0), 1.0))
-    rolling = poses_along(rolling_chain(vehicle), path, (front, 0.0))
-    guided = dynamic[:, 0, :2] + front * np.column_stack([np.cos(dynamic[:, 0, 2]), np.sin(dynamic[:, 0, 2])])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(guided, axis=0).T))])
-    kinematic = interp1d(np.linspace(0.0, path.length, len(rolling)), rolling, axis=0, fill_value="extrapolate")(way)
-    assert abs(dynamic[-1, 0, 2] - dynamic[-1, 1, 2]) > math.radians(20.0)  # it still follows
-    assert np.hypot(*(dynamic - kinematic)[:, :, :2].reshape(-1, 2).T).max() < 0.01  # the driver's error, slip of 1e-4
-    np.testing.assert_allclose(dynamic[:, :, 2], kinematic[:, :, 2], atol=2e-3)  # the same over lengths of 5 m

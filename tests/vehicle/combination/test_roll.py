@@ -153,18 +153,6 @@ def test_wheels_carry_the_whole_moment(tractor_semitrailer: Vehicle) -> None:
     assert carried == pytest.approx(inertia + by_axles + by_hitch, rel=1e-9)  # rounding
 
 
-def test_rigid_bodies_tip_at_half_the_track_over_the_height() -> None:
-    """With springs and tyres that do not give, T / (2 h) of a truck whose axles have one track."""
-    truck = load_vehicle("rigid_truck")
-    stiff = {"suspension.roll_stiffness": 1e7, "suspension.tyre_stiffness": 1e7, "track": 1.9}
-    changes = {f"units.0.axles.{k}.{name}": value for k in range(2) for name, value in stiff.items()}
-    rigid = changed_vehicle(truck, changes | {"units.0.roll.frame_stiffness": 1e8})
-    assert static_rollover(rigid).threshold / GRAVITY == pytest.approx(
-        1.9 / (2.0 * 1.6), rel=0.06
-    )  # 1e7 gives a little
-    assert static_rollover(rigid).threshold / GRAVITY < 1.9 / (2.0 * 1.6)
-
-
 def test_dampers_are_given_or_follow_from_the_ratio(tractor_semitrailer: Vehicle) -> None:
     """The sum of the axles' dampers over the inertia; without them 2 zeta sqrt(K / I)."""
     trailer = tractor_semitrailer.units[1]
@@ -212,18 +200,6 @@ def test_every_shipped_vehicle_tips_within_the_measured_range(name: str) -> None
 def test_the_trailer_lifts_before_the_drive_axle(tractor_semitrailer: Vehicle) -> None:
     """All trailer axles lift before the drive axle; the threshold itself is in ``offtrack validate``."""
     assert static_rollover(tractor_semitrailer).lifted == ((False, False), (True, True, True))
-
-
-def test_stiffness_that_is_left_counts() -> None:
-    """A stiffer drive axle, a wider fifth wheel and a lower load raise the threshold."""
-    vehicle = load_vehicle("eu_tractor_semitrailer")
-    before = static_rollover(vehicle).threshold
-    for change in (
-        {"units.0.axles.1.suspension.roll_stiffness": 1.1e6},
-        {"units.1.coupling.plate_width": 1.2},
-        {"units.1.cg_height": 1.85},
-    ):
-        assert static_rollover(changed_vehicle(vehicle, change)).threshold > before
 
 
 def test_bodies_that_the_springs_do_not_carry_are_refused() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,15 +12,7 @@ from scipy.integrate import solve_ivp
 
 from tests.vehicle.chains import at_rest, outputs
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.functions import compiled_derivative
-from vehicle.combination.layout import (
-    Chain,
-    Input,
-    State,
-    parts,
-    state_sizes,
-    wheels,
-)
+from vehicle.combination.layout import Chain, Input, State, wheels
 from vehicle.combination.sprung import Ride, rides, settled, spring_rates
 
 
@@ -172,19 +163,3 @@ def test_a_bump_under_one_wheel_moves_no_weight_but_the_bodys(tractor_semitraile
     felt = [ride.felt.heave for ride in bodies(tractor_semitrailer, s, u)]
     inertia = sum(unit.mass * a for unit, a in zip(tractor_semitrailer.units, felt, strict=True))
     assert out.load.sum() == pytest.approx(tractor_semitrailer.mass * GRAVITY + inertia, rel=1e-9)
-
-
-def test_the_standing_vehicle_comes_to_rest_on_a_rough_road(short_form: Vehicle) -> None:
-    """Twenty seconds after being set down: heave and roll as the wheels lie, and no motion."""
-    rng = np.random.default_rng(5)
-    s, u = at_rest(short_form, road=rng.uniform(-0.02, 0.02, 10))
-    rate = compiled_derivative(short_form)
-    given_u = np.concatenate(u)
-    x = ca.MX.sym("x", rate.numel_in(0))
-    f = ca.integrator("f", "cvodes", {"x": x, "ode": rate(x, given_u)}, 0.0, 20.0)
-    end = State(*parts(np.array(f(x0=np.concatenate(s))["xf"]).ravel(), state_sizes(short_form)))
-    for ride in bodies(short_form, end, u):
-        assert ride.offset == pytest.approx(
-            (0.0, 0.0, 0.0), abs=1e-5
-        )  # [m, rad]: exp(-0.2 * 7.5 * 20) and the solver's
-        assert ride.rate == pytest.approx((0.0, 0.0, 0.0), abs=1e-5)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.functions import compiled_derivative
 from vehicle.combination.handling import understeer_gradient
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.sprung import settled
@@ -77,17 +74,3 @@ def test_roll_steer_makes_a_truck_weave_on_a_rough_road() -> None:
             state = plant.step(state, VehicleCommand(0.0, 0.0, ()), 20)
         yawing.append(float(np.std(rates[100:])))
     assert yawing[1] > 1.3 * yawing[0]
-
-
-def test_a_file_that_leaves_them_out_pays_nothing() -> None:
-    """They are structure: None has no operations at all."""
-    plain, steering = truck(), truck(roll_steer=0.05)
-    counts = [compiled_derivative(vehicle).n_instructions() for vehicle in (plain, steering)]
-    assert counts[0] < counts[1]
-
-
-@pytest.mark.parametrize(("key", "value"), [("roll_steer", 0.7), ("bump_steer", math.nan)])
-def test_impossible_ones_are_refused(key: str, value: float) -> None:
-    """With the limit's reason."""
-    with pytest.raises(ValueError, match=rf"plant\.units\.0\.axles\.1\.{key} = "):
-        truck(**{key: value})

@@ -99,11 +99,7 @@ def a_pipe(wrong: Path, source: Path) -> None:
     ],
 )
 def test_a_planted_file_is_not_loaded(
-    gcc: Compiler,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    plant: Callable[[Path, Path], None],
-    reason: str,
+    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, plant: Callable[[Path, Path], None], reason: str
 ) -> None:
     """One line says which file, why, and what to do; the code is compiled and computes."""
     library(SOURCE, ["ANSWER=5"], gcc)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from offtrack.studies.validation import mechanics
+from offtrack.studies.validation import equations
 from vehicle.clock import TICK
 from vehicle.combination.chain import relaxation
 from vehicle.combination.description import Vehicle
@@ -37,7 +37,7 @@ N = 50
 
 def random_states(vehicle: Vehicle) -> FloatArray:
     """Driving, standing, sliding and spinning, far from any trim, (N, n_state)."""
-    return mechanics.random_states(vehicle, np.random.default_rng(8), N).T
+    return equations.random_states(vehicle, np.random.default_rng(8), N).T
 
 
 def random_inputs(vehicle: Vehicle) -> FloatArray:

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from tests.hostile_files import HOSTILE
-from vehicle.foundation.parameter_file import read_toml
-from vehicle.foundation.user_file import MAX_NESTING, FileKind, full_path, read_bytes, read_text
+from vehicle.foundation.user_file import MAX_NESTING, FileKind, full_path, read_bytes, read_text, read_toml
 
 COMPLAINTS = {
     "pipe": "is a named pipe: a parameter file must be a regular file",

@@ -15,11 +15,7 @@ from vehicle.surface import PROFILE_WAVES, Beyond, MeasuredRoad, RoadRelief, Rou
 slopes = st.floats(-0.2, 0.2)
 positions = st.floats(-50.0, 50.0)
 surfaces = st.builds(
-    Surface,
-    friction=st.just(0.8),
-    cross_fall=slopes,
-    grade=slopes,
-    centre=st.none() | st.tuples(positions, positions),
+    Surface, friction=st.just(0.8), cross_fall=slopes, grade=slopes, centre=st.none() | st.tuples(positions, positions)
 )
 
 
@@ -63,12 +59,6 @@ def test_a_plane_falls_to_the_right_and_a_cone_away_from_its_centre() -> None:
     cone = Surface(friction=0.8, cross_fall=0.025, centre=(10.0, 5.0))
     assert cone.height(60.0, 5.0) < cone.height(30.0, 5.0) < cone.height(10.0, 5.0)
     assert cone.gradient(60.0, 5.0) == pytest.approx((-0.025, 0.0), abs=1e-4)  # tip rounded: (3 m / 50 m)^2 / 2
-
-
-def test_friction_has_the_common_shape_of_the_positions() -> None:
-    """One coefficient everywhere, for any number of wheels."""
-    surface = Surface(friction=0.3)
-    np.testing.assert_array_equal(surface.friction_at(np.zeros((4, 1)), np.zeros(3)), np.full((4, 3), 0.3))
 
 
 @pytest.mark.parametrize("wrong", [{"friction": 0.0}, {"friction": 2.0}, {"cross_fall": 2.5}, {"grade": -0.3}])

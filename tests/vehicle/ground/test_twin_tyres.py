@@ -10,7 +10,7 @@ import pytest
 from tests.vehicle.chains import linear_tyre, named, with_axles
 from vehicle.combination.chain_forces import RollingWheel, WheelMotion, wheel_motion
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import State, state_sizes, wheels
+from vehicle.combination.layout import State, wheels
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.multibody import Vector
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -76,11 +76,6 @@ def test_twins_that_go_straight_are_one_tyre(twins: Vehicle, tractor_semitrailer
         assert getattr(both, name) == pytest.approx(getattr(one, name), rel=1e-12)
     assert (both.force.x, both.force.y) == pytest.approx((one.force.x, one.force.y), rel=1e-12)
     assert both.relaxation.omega == pytest.approx(one.relaxation.omega, rel=1e-12)
-
-
-def test_single_tyres_have_no_second_patch(twins: Vehicle, tractor_semitrailer: Vehicle) -> None:
-    """A part that a file leaves out has no state."""
-    assert (state_sizes(tractor_semitrailer).twin_x, state_sizes(twins).twin_x) == (0, 2)
 
 
 def driven(vehicle: Vehicle, steer: float) -> State[FloatArray]:

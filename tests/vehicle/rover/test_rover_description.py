@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from vehicle.foundation.parameter_file import read_toml, sources
+from vehicle.foundation.user_file import read_toml, sources
 from vehicle.rover.description import Soil, load_rover, load_soil, rover_names, rover_sources, soil_names
 
 ROVERS = Path(__file__).parents[3] / "vehicle" / "rovers"
@@ -132,18 +132,6 @@ def test_wheels_off_the_origin_are_refused(tmp_path: Path) -> None:
         load_rover(changed)
 
 
-@pytest.mark.parametrize("count", [2, 8])
-def test_a_rover_has_four_or_six_wheels(tmp_path: Path, count: int) -> None:
-    wheels = ", ".join(
-        f'{{ name = "w{k}", x = {0.1 * (k // 2) - 0.05 * (count // 2 - 1)}, y = {0.3 - 0.6 * (k % 2)}, '
-        "driven = true, steered = true }"
-        for k in range(count)
-    )
-    changed = file_of("el_dorado_ii", tmp_path, ("wheelbase", ""), ("tread", ""), ("steered", f"wheels = [{wheels}]"))
-    with pytest.raises(ValueError, match="wheels"):
-        load_rover(changed)
-
-
 def test_wheels_stand_at_the_corners() -> None:
     """Front left, front right, rear left, rear right: half a wheelbase of 0.60 m and half a tread of 0.55 m away."""
     rover = load_rover("el_dorado_ii")
@@ -179,24 +167,6 @@ def test_every_number_of_a_soil_has_a_source(name: str) -> None:
         for key, source in sources(read_toml(Path(str(resources.files("vehicle"))) / "soils" / f"{name}.toml")).items()
         if source.strip()
     } == numbers
-
-
-@pytest.mark.parametrize("name", soil_names())
-def test_a_soil_has_the_name_of_its_file(name: str) -> None:
-    assert load_soil(name).name == name
-
-
-def test_a_misspelt_soil_is_pointed_to_the_nearest() -> None:
-    with pytest.raises(ValueError, match="did you mean 'toyoura_sand'"):
-        load_soil("toyora_sand")
-
-
-def test_a_soil_out_of_range_is_refused_with_value_and_unit(tmp_path: Path) -> None:
-    plain = load_soil("beach_sand").model_dump() | {"density": -3.0}
-    path = tmp_path / "odd.toml"
-    path.write_text("\n".join(f"{key} = {value!r}" for key, value in plain.items()), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"density = -3.0 kg/m3 must be above 0 and at most"):
-        load_soil(str(path))
 
 
 def test_a_soil_file_of_ones_own_is_read(tmp_path: Path) -> None:

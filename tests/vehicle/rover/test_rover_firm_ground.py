@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from tests.vehicle.rovers import GRAVITY, HOME, STILL, STRAIGHT, driven
+from tests.vehicle.rovers import GRAVITY, HOME, STILL, STRAIGHT, driven, slope_towards
 from vehicle.combination.layout import parts, slices
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.equations import RoverInput, RoverState, dynamics, input_sizes, state_sizes
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.terrain import Terrain, slope_towards
+from vehicle.rover.terrain import Terrain
 
 
 @pytest.fixture(scope="module")

@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vehicle.rovers import GRAVITY, HOME, driven, plant_on
-from vehicle.frames import FloatArray
+from tests.vehicle.rovers import GRAVITY, HOME, driven, plant_on, slope_towards
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
-from vehicle.rover.terrain import Terrain, slope_towards
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 
 SIX, FOUR = load_rover("six_wheel_rover"), load_rover("el_dorado_ii")
 OMEGA = 0.08 / SIX.radius  # of 8 cm/s [rad/s]
 STRAIGHT = (0.0,) * 6
 FORWARD = RoverCommand((OMEGA,) * 6, STRAIGHT)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("soil", [None, "beach_sand", "toyoura_sand"])
-def test_it_drives_straight_on_the_level(soil: str | None) -> None:
-    """Mirror symmetry keeps it on its line but for rounding; front, middle and rear wheels carry a sixth each."""
-    truth = driven(plant_on(soil, rover=SIX), FORWARD, 10.0)
-    assert 0.5 < truth.pose[0] < 0.81  # 8 cm/s, less slip
-    assert truth.pose[1:] == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert truth.loads[::2] == pytest.approx(truth.loads[1::2], rel=1e-9)
-    assert truth.loads.sum() == pytest.approx(SIX.mass * GRAVITY, rel=1e-9)
 
 
 @pytest.mark.parametrize("rover", [SIX, FOUR], ids=lambda rover: rover.name)
@@ -143,20 +130,3 @@ def test_the_order_of_the_wheels_does_not_matter() -> None:
     assert other.pose == pytest.approx(one.pose, abs=1e-10)
     np.testing.assert_allclose(other.X_WB, one.X_WB, atol=1e-10)
     assert other.loads == pytest.approx(one.loads[order], abs=1e-8)
-
-
-def test_the_body_leans_as_the_plane_nearest_to_its_wheels() -> None:
-    """On a plane slope all six wheels stand on it: the body's axes are the plane's."""
-    truth = driven(plant_on(None, Terrain(slope_x=0.1, slope_y=-0.05), SIX), RoverCommand(STRAIGHT, STRAIGHT), 1.0)
-    normal: FloatArray = np.array([-0.1, 0.05, 1.0]) / math.sqrt(1.0125)
-    assert truth.X_WB[:3, 2] == pytest.approx(normal, abs=1e-9)
-    assert truth.X_WB[:3, :3].T @ truth.X_WB[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
-
-
-def test_more_load_sinks_deeper() -> None:
-    """Uphill the rear wheels carry more than the middle ones, these more than the front ones, and sink in as much."""
-    terrain = Terrain(slope_x=math.tan(math.radians(8.0)))
-    truth = driven(plant_on("beach_sand", terrain, SIX), RoverCommand(STRAIGHT, STRAIGHT), 5.0)
-    front, middle, rear = truth.loads.reshape(3, 2).mean(axis=1)
-    assert front < middle < rear
-    assert all(one < other for one, other in pairwise(truth.sinkages.reshape(3, 2).mean(axis=1)))

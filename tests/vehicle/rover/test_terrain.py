@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.vehicle.rovers import slope_towards
 from vehicle.frames import FloatArray
-from vehicle.rover.terrain import FirmPatch, HeightMap, Mound, Terrain, load_height_map, slope_towards
+from vehicle.rover.terrain import FirmPatch, HeightMap, Mound, Terrain, load_height_map
 
 MOUND = Mound(x=1.0, y=-0.5, height=0.4, radius=1.5)
 
@@ -82,10 +83,7 @@ def test_a_height_map_is_read_from_text_and_from_an_array(tmp_path: Path) -> Non
         assert load_height_map(str(tmp_path / name), 0.5).heights == pytest.approx(heights)
 
 
-def test_a_file_without_a_table_of_heights_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "odd.csv").write_text("1, two\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"odd\.csv: not a table of heights"):
-        load_height_map(str(tmp_path / "odd.csv"), 0.5)
+def test_a_missing_file_of_heights_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"none\.npy: cannot be read"):
         load_height_map(str(tmp_path / "none.npy"), 0.5)
 

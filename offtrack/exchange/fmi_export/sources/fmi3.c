@@ -1,6 +1,5 @@
 /* FMI 3.0 for co-simulation; the functions that it does not need are written at export, as fmi3_unused.c. */
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "instance.h"
@@ -9,25 +8,15 @@
 
 #define DONE(failed) ((failed) ? fmi3Error : fmi3OK)
 
-typedef struct {
-  fmi3LogMessageCallback log;
-  fmi3Boolean logs;
-} Memory;
-
-static void to_importer(Model *model, Severity severity, const char *message) {
-  const Memory *memory = model->more;
-  if (severity == INFORMATION && !memory->logs) return;
-  if (memory->log)
-    memory->log(model->environment, severity == REFUSAL ? fmi3Error : fmi3OK,
-                severity == REFUSAL ? "logStatusError" : "logAll", message);
+static void to_importer(Model *model, const char *message) {
+  fmi3LogMessageCallback log = (fmi3LogMessageCallback)model->callback;
+  if (log) log(model->environment, fmi3Error, "logStatusError", message);
 }
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String categories[]) {
-  (void)n;
-  (void)categories;
-  ((Memory *)((Model *)c)->more)->logs = on;
+  (void)c, (void)on, (void)n, (void)categories; /* every message is the reason of a failure */
   return fmi3OK;
 }
 
@@ -36,27 +25,11 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          const fmi3ValueReference intermediate[], size_t n_intermediate,
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback update) {
-  Model *model = model_new(name, resources);
-  Memory *memory;
-  (void)visible, (void)event_mode, (void)early_return;
+  Model begin = {.log = to_importer, .name = (char *)name, .resources = (char *)resources, .environment = environment};
+  begin.callback = (void (*)(void))log;
+  (void)visible, (void)logs, (void)event_mode, (void)early_return;
   (void)intermediate, (void)n_intermediate, (void)update;
-  if (!model) return NULL;
-  memory = calloc(1, sizeof *memory);
-  if (!memory) {
-    model_free(model);
-    return NULL;
-  }
-  memory->log = log;
-  memory->logs = logs;
-  model->more = memory;
-  model->environment = environment;
-  model->log = to_importer;
-  if (!token || strcmp(token, TOKEN)) {
-    model_refuse(model, "the instantiation token is not that of this FMU, which is " TOKEN);
-    model_free(model);
-    return NULL;
-  }
-  return model;
+  return model_new(begin, token);
 }
 
 void fmi3FreeInstance(fmi3Instance c) { model_free(c); }
@@ -76,98 +49,48 @@ fmi3Status fmi3Reset(fmi3Instance c) {
   return fmi3OK;
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 value[],
-                          size_t n_values) {
-  if (n != n_values) {
-    model_refuse(c, "%lu values for %lu scalars", (unsigned long)n_values, (unsigned long)n);
-    return fmi3Error;
-  }
-  for (size_t i = 0; i < n; i++)
-    if (model_get(c, vr[i], value + i)) return fmi3Error;
-  return fmi3OK;
-}
-
-fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],
-                          size_t n_values) {
-  if (n != n_values) {
-    model_refuse(c, "%lu values for %lu scalars", (unsigned long)n_values, (unsigned long)n);
-    return fmi3Error;
-  }
-  for (size_t i = 0; i < n; i++)
-    if (model_set(c, vr[i], value[i])) return fmi3Error;
-  return fmi3OK;
-}
-
-fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3String value[], size_t n_values) {
-  if (n != n_values) {
-    model_refuse(c, "%lu values for %lu texts", (unsigned long)n_values, (unsigned long)n);
-    return fmi3Error;
-  }
-  for (size_t i = 0; i < n; i++)
-    if (model_get_text(c, vr[i], value + i)) return fmi3Error;
-  return fmi3OK;
-}
-
-fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3String value[],
-                         size_t n_values) {
-  if (n != n_values) {
-    model_refuse(c, "%lu values for %lu texts", (unsigned long)n_values, (unsigned long)n);
-    return fmi3Error;
-  }
-  for (size_t i = 0; i < n; i++)
-    if (model_set_text(c, vr[i], value[i])) return fmi3Error;
-  return fmi3OK;
-}
-
-/* true, with a message, if the model's state cannot be taken */
-static int keeps_none(Model *model) {
-  if (model_state_size()) return 0;
-  model_refuse(model, "the state of this FMU cannot be taken or set: it is in another process");
+static int differ(Model *model, size_t n, size_t n_values) {
+  if (n == n_values) return 0;
+  model_refuse(model, "%lu values for %lu scalars", (unsigned long)n_values, (unsigned long)n);
   return 1;
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
-  if (keeps_none(c)) return fmi3Error;
-  if (!*state) *state = malloc(model_state_size());
-  if (!*state) return fmi3Error;
-  memcpy(*state, ((Model *)c)->data, model_state_size());
-  return fmi3OK;
+fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 value[],
+                          size_t n_values) {
+  return DONE(differ(c, n, n_values) || model_get_all(c, vr, n, value));
 }
+fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],
+                          size_t n_values) {
+  return DONE(differ(c, n, n_values) || model_set_all(c, vr, n, value));
+}
+fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3String value[],
+                          size_t n_values) {
+  return DONE(differ(c, n, n_values) || model_get_texts(c, vr, n, value));
+}
+fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3String value[],
+                          size_t n_values) {
+  return DONE(differ(c, n, n_values) || model_set_texts(c, vr, n, value));
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) { return DONE(model_take(c, state)); }
 fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) {
-  if (keeps_none(c)) return fmi3Error;
   return DONE(model_restore(c, state, model_state_size()));
 }
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
   (void)c;
-  free(*state);
-  *state = NULL;
+  model_free_state(state);
   return fmi3OK;
 }
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size) {
-  (void)state;
+  (void)c, (void)state;
   *size = model_state_size();
-  return DONE(keeps_none(c));
+  return DONE(!*size);
 }
 fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-  if (keeps_none(c)) return fmi3Error;
-  if (!state || size < model_state_size()) {
-    model_refuse(c, "a state needs %lu bytes", (unsigned long)model_state_size());
-    return fmi3Error;
-  }
-  memcpy(bytes, state, model_state_size());
-  return fmi3OK;
+  return DONE(model_write_state(c, state, bytes, size));
 }
 fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
-  if (keeps_none(c)) return fmi3Error;
-  if (size != model_state_size()) {
-    model_refuse(c, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
-                 (unsigned long)model_state_size());
-    return fmi3Error;
-  }
-  if (!*state) *state = malloc(size);
-  if (!*state) return fmi3Error;
-  memcpy(*state, bytes, size);
-  return fmi3OK;
+  return DONE(model_read_state(c, bytes, size, state));
 }
 
 fmi3Status fmi3EnterStepMode(fmi3Instance c) {

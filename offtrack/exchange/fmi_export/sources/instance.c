@@ -1,4 +1,4 @@
-/* What every instance needs: its memory, log messages and the check of a communication step. */
+/* What every instance needs: its memory, log messages, values one by one, states and the check of a step. */
 
 #include "instance.h"
 
@@ -18,7 +18,7 @@ void model_refuse(Model *model, const char *format, ...) {
   va_start(arguments, format);
   vsnprintf(message, sizeof message, format, arguments);
   va_end(arguments);
-  if (model->log) model->log(model, REFUSAL, message);
+  if (model->log) model->log(model, message);
 }
 
 static char *copied(const char *text) {
@@ -28,12 +28,13 @@ static char *copied(const char *text) {
   return copy;
 }
 
-Model *model_new(const char *name, const char *resources) {
+Model *model_new(Model begin, const char *token) {
   Model *model = calloc(1, sizeof *model);
   if (!model) return NULL;
+  *model = begin;
   model->data = calloc(1, model_data_size());
-  model->name = copied(name);
-  model->resources = copied(resources);
+  model->name = copied(begin.name);
+  model->resources = copied(begin.resources);
   if (!model->data || !model->name || !model->resources) {
     free(model->data);
     free(model->name);
@@ -42,17 +43,68 @@ Model *model_new(const char *name, const char *resources) {
     return NULL;
   }
   model_reset(model);
-  return model;
+  if (token && !strcmp(token, TOKEN)) return model;
+  model_refuse(model, "the GUID or instantiation token is not that of this FMU, which is " TOKEN);
+  model_free(model);
+  return NULL;
 }
 
 void model_free(Model *model) {
   if (!model) return;
   model_release(model);
-  free(model->more);
   free(model->name);
   free(model->resources);
   free(model->data);
   free(model);
+}
+
+/* a function of all values, by that of one */
+#define ALL(name, value_type, one)                                                             \
+  int name(Model *model, const unsigned *references, size_t n, value_type values) {            \
+    for (size_t k = 0; k < n; k++)                                                             \
+      if (one) return 1;                                                                       \
+    return 0;                                                                                  \
+  }
+ALL(model_get_all, double *, model_get(model, references[k], values + k))
+ALL(model_set_all, const double *, model_set(model, references[k], values[k]))
+ALL(model_get_texts, const char **, model_get_text(model, references[k], values + k))
+ALL(model_set_texts, const char *const *, model_set_text(model, references[k], values[k]))
+
+int model_take(Model *model, void **state) {
+  size_t size = model_state_size();
+  if (!size) {
+    model_refuse(model, "the state of this FMU cannot be taken or set: it is in another process");
+    return 1;
+  }
+  if (!*state) *state = malloc(size);
+  if (!*state) return 1;
+  memcpy(*state, model->data, size);
+  return 0;
+}
+
+int model_write_state(Model *model, const void *state, void *bytes, size_t size) {
+  if (!state || size < model_state_size()) {
+    model_refuse(model, "a state needs %lu bytes", (unsigned long)model_state_size());
+    return 1;
+  }
+  memcpy(bytes, state, model_state_size());
+  return 0;
+}
+
+int model_read_state(Model *model, const void *bytes, size_t size, void **state) {
+  if (size != model_state_size()) {
+    model_refuse(model, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
+                 (unsigned long)model_state_size());
+    return 1;
+  }
+  if (model_take(model, state)) return 1;
+  memcpy(*state, bytes, size);
+  return 0;
+}
+
+void model_free_state(void **state) {
+  free(*state);
+  *state = NULL;
 }
 
 int model_check_step(Model *model, double now, double time, double step, long *ticks) {

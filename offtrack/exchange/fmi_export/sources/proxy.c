@@ -13,19 +13,10 @@
 #include "process.h"
 #include "proxy.h" /* sizes and start values of this model */
 
-#define MODULE "offtrack.exchange.fmi_proxy.server"
+#define MODULE "offtrack.exchange.fmi_proxy.proxy"
 #define VARIABLE "OFFTRACK_PYTHON"
-#ifdef _WIN32
-#define IS_WINDOWS 1
-#define DEFAULT_PYTHON "python"
-#define CURE \
-  "; offtrack runs on Linux only: on Windows this FMU has nothing that computes; use it in a tool on Linux, or an FMU of " \
-  "'offtrack fmu plant' here"
-#else
-#define IS_WINDOWS 0
 #define DEFAULT_PYTHON "python3"
 #define CURE "; the parameter 'python' or the variable " VARIABLE " names the Python of an environment with offtrack"
-#endif
 #define LONGEST_REASON 800
 #define LONGEST_ANSWER 1000000 /* of a text [bytes] */
 #define LARGEST 1e12           /* of an input or output, in any SI unit */
@@ -176,7 +167,7 @@ static int started(Model *model) {
   bad = ask(data->process, 'i', data->parameters, sizeof data->parameters, texts, size,
             data->parameters[START_TIMEOUT], data->outputs, 0, NULL, reason);
   free(texts);
-  return bad ? failed(model, "start", reason, IS_WINDOWS || strstr(reason, "No module") ? CURE : "") : 0;
+  return bad ? failed(model, "start", reason, strstr(reason, "No module") ? CURE : "") : 0;
 }
 
 int model_initialise(Model *model) {

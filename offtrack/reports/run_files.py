@@ -1,0 +1,433 @@
+"""Run directories: written with report and video, read back, and laid over each other in one page.
+
+A run directory holds ``scenario.toml`` (runs again identically), ``manifest.json`` (versions, seed, hashes),
+``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html``, a video, and after an exception
+``traceback.txt``.
+"""
+
+import base64
+import binascii
+import dataclasses
+import html
+import json
+import math
+import re
+import tomllib
+import traceback
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from offtrack.reports.film import write_film
+from offtrack.reports.page import (
+    Cell,
+    Column,
+    Page,
+    Player,
+    Preformatted,
+    Row,
+    Section,
+    Table,
+    outcome_verdict,
+    software_section,
+)
+from offtrack.reports.player.encoding import encoded
+from offtrack.reports.player.playback import Picture, Playback, rover_playback, trailer_playback
+from offtrack.reports.sections import changes, groups, number_table, scenario_facts
+from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
+from scenarios.assembly.rover_run import rover_path
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
+from scenarios.progress import Progress, no_progress
+from scenarios.results.log import Log, Signal, read_log, write_log
+from scenarios.results.rover_result import RoverResult
+from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
+from scenarios.results.run_inputs import write_inputs
+from scenarios.results.run_summary import Result, Timing, manifest, number_at, versions
+from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
+from sensors.sand.trace_rig import nominal_rig
+from vehicle.combination.description import Vehicle
+from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.rover.description import load_rover
+from vehicle.surface import Surface
+
+_SPACING: Final = 0.02  # of points on a rover's path [m]
+_RATE: Final = 10  # pictures of a video a second
+
+
+class Kind(NamedTuple):
+    """How runs of a kind of vehicle are reported; results and scenarios are those of this kind."""
+
+    page: str  # function of ``run_page``, whose matplotlib takes a second to import, and a run that fails needs none
+    playback: Callable[[Any], Playback]
+    rebuilt: Callable[[Any, Log, Mapping[str, Any]], Result]  # ValueError: the signals are not those of the scenario
+    pace: float  # seconds of the run in a second of its video
+
+
+def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -> RunResult:
+    """The result of a combination's run from its scenario, signals and summary."""
+    nominal = vehicle_of(scenario)
+    vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
+    units = outlines(vehicle)
+    _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
+    surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
+    return RunResult(
+        scenario=scenario.name,
+        scenario_toml=scenario.to_toml(),
+        seed=int(summary.get("seed", 0)),
+        outcome=str(summary["outcome"]),
+        log=log,
+        units=units,
+        trailers=_judged(vehicle, log),
+        road=course.centreline,
+        road_half_width=course.road_half_width,
+        friction=friction_picture(surface, course.centreline),
+        circle_centre=course.surface_centre,
+        arcs=course.arcs,
+        path_deviation=course.deviation,
+        timing=_timing(summary),
+        frames=(),
+        manifest={},
+    )
+
+
+def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
+    """The trailers with an off-tracking in the log; the last in any case."""
+    trailers = []
+    for k in range(min(1, len(vehicle.units) - 1), len(vehicle.units)):
+        unit = vehicle.led_unit(k)
+        if f"off_tracking_true_{unit.name}" not in log and k < len(vehicle.units) - 1:
+            continue
+        steered = sum(f"steer_trailer_{k}_command_{unit.name}" in log for k in range(1, len(unit.axles) + 1))
+        trailers.append(
+            JudgedTrailer(name=unit.name, follow_distance=-(unit.follow_x or 0.0), n_steered=steered, max_steer=None)
+        )
+    return tuple(trailers)
+
+
+def _check(log: Log, needed: list[str]) -> None:
+    missing = [name for name in needed if name not in log]
+    if missing or not len(log) or not np.isfinite(log["time"]).all():
+        what = f"has no signal {shown(missing[0])}" if missing else "has no rows"
+        raise ValueError(f"signals.parquet: {what}, so it is not of this scenario")
+
+
+def _timing(summary: Mapping[str, Any]) -> Timing:
+    numbers = summary.get("timing")
+    known = numbers if isinstance(numbers, Mapping) else {}
+    names = ("simulated_s", "wall_s", "physics_s", "render_s", "odometry_s")
+    return Timing(**{name: float(value) if (value := known.get(name)) is not None else math.nan for name in names})
+
+
+def _rover_rebuilt(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
+    """The result of a rover's run from its scenario, signals and summary."""
+    rover = load_rover(scenario.vehicle)
+    _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
+    return RoverResult(
+        scenario=scenario.name,
+        scenario_toml=scenario.to_toml(),
+        seed=int(summary.get("seed", 0)),
+        outcome=str(summary["outcome"]),
+        log=log,
+        rover=rover.name,
+        path=rover_path(scenario).points(_SPACING),
+        rig=nominal_rig(rover),
+        timing=_timing(summary),
+        frames=(),
+        manifest={},
+    )
+
+
+KINDS: Final[Mapping[str, Kind]] = {  # by a result's ``kind``
+    "trailer": Kind("report_html", trailer_playback, _trailer_rebuilt, 1.0),
+    "rover": Kind("rover_report_html", rover_playback, _rover_rebuilt, 2.0),  # it is slow
+}
+
+
+def write_run(result: Result, directory: Path, *, video: bool = True, progress: Progress = no_progress) -> Path:
+    """Write the run directory and return it; ``progress`` counts the frames of the video.
+
+    Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
+
+    Raises:
+        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or if the report or
+            the video can not be drawn: all other files are written then.
+        KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
+    """
+    numbers, kind = result.summary(), KINDS[result.kind]
+    with appearing_at_once(directory) as folder:
+        scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
+        (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
+        write_log(result.log, folder / "signals.parquet")
+        write_json(folder / "manifest.json", manifest(result))
+        write_json(folder / "summary.json", numbers)
+        if result.traceback:
+            (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
+        mark_interrupted(folder)  # until all is drawn
+    failures = list[str]()
+    with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
+        from offtrack.reports import run_page
+
+        (folder / "report.html").write_text(getattr(run_page, kind.page)(result, numbers), encoding="utf-8")
+    if video and len(result.log) > 1:
+        with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
+            times = np.arange(0.0, float(result.log["time"][-1]) + 1e-4, kind.pace / _RATE)
+            write_film(kind.playback(result), folder / "video", times, _RATE, progress=progress)
+    if result.outcome != "interrupted":
+        mark_complete(directory)
+    if failures:
+        what = " and ".join(failure.partition("\n")[0] for failure in failures)
+        tracebacks = "\n".join([result.traceback, *failures]).strip() + "\n"
+        with added_as_a_whole(directory) as folder:
+            (folder / "traceback.txt").write_text(tracebacks, encoding="utf-8", errors="replace")
+        raise ValueError(f"{what}; all else is in {directory}, and traceback.txt tells more")
+    return directory
+
+
+@contextmanager
+def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
+    """Note an exception, as a line and its traceback, and go on: a drawing is less than the run."""
+    try:
+        yield
+    except Exception as error:
+        line = " ".join(f"the {what} could not be drawn: {type(error).__name__}: {error}".split())
+        failures.append(f"{line}\n{traceback.format_exc()}")
+
+
+def write_results(
+    directory: Path,
+    name: str,
+    log: Log,
+    numbers: dict[str, Any],
+    texts: Mapping[str, str],
+    film: Callable[[Path], object] | None,
+) -> None:
+    """Write the directory of an estimation: its log, its other files by name, video and summary.
+
+    An interrupt while the video is drawn keeps all other results and the part of the video that is finished.
+
+    Raises:
+        ValueError: if the directory exists and is not empty.
+    """
+    with appearing_at_once(directory) as folder:
+        write_log(log, folder / f"{name}.parquet")
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        if film is not None:
+            try:
+                film(folder / "video")
+            except KeyboardInterrupt:
+                numbers["outcome"] = "interrupted"
+        write_json(folder / "summary.json", numbers)
+        if numbers["outcome"] == "interrupted":
+            mark_interrupted(folder)
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write a table as JSON."""
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def csv_text(log: Log, words: Mapping[float, str], formats: Mapping[str, str], other: str) -> str:
+    """A log as CSV: column names end in the unit, health is in words, missing values are empty.
+
+    ``formats`` are by the unit, ``other`` is that of all other units.
+    """
+
+    def cell(signal: Signal, value: float) -> str:
+        if signal.name.endswith("health"):
+            return words.get(value, "")
+        return format(value, formats.get(signal.unit, other)) if math.isfinite(value) else ""
+
+    names = [one.name + ("" if one.unit == "-" else f"_{one.unit.replace('/', '_')}") for one in log.signals]
+    rows = ([cell(*one) for one in zip(log.signals, row, strict=True)] for row in log.rows.tolist())
+    return "".join(",".join(row) + "\n" for row in (names, *rows))
+
+
+_ELEMENT: Final = re.compile(r'<(\w+)[^>]* id="playback-(table|numbers|pictures)">(.*?)</\1>', re.DOTALL)
+_MOST: Final = 200_000_000  # bytes of a page, or of its numbers, that are read
+
+
+def pictures_of_page(path: Path) -> tuple[Picture, ...]:
+    """The pictures with their strokes; none if the page is missing, or is not of this version."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_MOST)
+        parts = {match[2]: match[3] for match in _ELEMENT.finditer(text)}
+        table = json.loads(html.unescape(parts["table"]))["runs"][0]["pictures"]
+        data = zlib.decompressobj(wbits=31).decompress(base64.b64decode(parts["numbers"]), _MOST)
+        return _pictures(table, data, parts["pictures"].split("\n"))
+    except (OSError, KeyError, IndexError, TypeError, ValueError, binascii.Error, zlib.error):
+        return ()
+
+
+def _pictures(table: dict[str, Any], data: bytes, lines: list[str]) -> tuple[Picture, ...]:
+    place, counts = table["strokes"], table["counts"]
+    strokes = np.frombuffer(data, "<i2", place["count"], place["at"]).reshape(-1, 4).astype(np.float32) / 8.0 - 0.5
+    ends = np.cumsum([0, *counts])
+    pictures = []
+    for k, time in enumerate(table["times"]):
+        jpeg = base64.b64decode(lines[table["first"] + k], validate=True)
+        caption = table["captions"][k] if table["captions"] else ""
+        drawn = tuple(table["lines"][k]) if table["lines"] else ()
+        pictures.append(Picture(float(time), jpeg, strokes[ends[k] : ends[k + 1]], str(caption), drawn))
+    return tuple(pictures)
+
+
+_NEEDED = ("summary.json", "scenario.toml", "signals.parquet")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FinishedRun:
+    """A finished run as its directory tells it."""
+
+    name: str
+    directory: Path
+    summary: Mapping[str, Any]
+    result: Result
+    pictures: tuple[Picture, ...] = ()  # those of its page
+
+
+def finished_run(directory: Path, name: str) -> FinishedRun:
+    """The run of a directory.
+
+    Raises:
+        ValueError: one line, if it holds no finished run, or its files do not fit each other.
+    """
+    for file in _NEEDED:
+        if not (directory / file).is_file():
+            raise ValueError(f"{shown(str(directory))}: is no finished run: it has no {file}")
+    text = read_text(directory / "summary.json", FileKind.RECORD)
+    try:
+        summary = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
+    if not isinstance(summary, dict) or "outcome" not in summary:
+        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
+    scenario = load_any_scenario(str(directory / "scenario.toml"))
+    log = read_log(directory / "signals.parquet")
+    return FinishedRun(
+        name=name,
+        directory=directory,
+        summary=summary,
+        result=KINDS[scenario.vehicle_kind].rebuilt(scenario, log, summary),
+        pictures=pictures_of_page(directory / "report.html"),
+    )
+
+
+MOST_RUNS = 6  # as many as there are colours
+
+
+def view_page(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> str:
+    """The page as HTML; ``links`` are the addresses of the runs' own pages, empty where there is none.
+
+    Raises:
+        ValueError: one line, if there are too many runs, or both trailers' and rovers'.
+    """
+    playback = overlaid(runs, links)
+    title = " and ".join(run.name for run in runs) if len(runs) < 3 else f"{len(runs)} runs"
+    return Page(
+        title=title,
+        heading=title,
+        subtitle="laid over each other, at the same time or after the same distance" if len(runs) > 1 else "",
+        sections=[
+            Section("Playback", content=[Player(encoded(playback))]),
+            Section("Runs", content=[_facts(runs)]),
+            Section("Differences", _DIFFERENCES if len(runs) > 1 else "", [differences(runs)]),
+            software_section(versions()),
+        ],
+        wide=True,
+    ).html()
+
+
+_DIFFERENCES = "In brackets: the difference from the first run."
+
+
+def run_page(run: FinishedRun, values: int) -> str:
+    """The page of a run of a study, which has no page of its own: it is played, with about ``values`` values.
+
+    Raises:
+        ValueError: one line, if the files of the run do not fit each other.
+    """
+    scenario = tomllib.loads(run.result.scenario_toml)
+    return Page(
+        title=run.name,
+        heading=run.name,
+        subtitle=" · ".join(filter(None, (scenario["name"], scenario_facts(scenario), f"seed {run.result.seed}"))),
+        changes=changes(scenario),
+        verdict=outcome_verdict(run.result.outcome),
+        sections=[
+            Section("Playback", content=[Player(encoded(overlaid([run]), values=values))]),
+            Section("All numbers", content=[number_table(run.summary)]),
+            Section("Resolved scenario", content=[Preformatted(run.result.scenario_toml)], collapsed=True),
+        ],
+        wide=True,
+    ).html()
+
+
+def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback:
+    """One playback of all runs on the first one's ground.
+
+    Raises:
+        ValueError: one line, if there are too many runs, or both trailers' and rovers'.
+    """
+    if len(runs) > MOST_RUNS:
+        raise ValueError(f"{len(runs)} runs: a page shows at most {MOST_RUNS} at once; name fewer")
+    if len({run.result.kind for run in runs}) > 1:
+        raise ValueError("runs of trailers and of rovers can't be laid over each other")
+    playbacks = [KINDS[run.result.kind].playback(run.result) for run in runs]
+    most = max(playbacks, key=lambda playback: len(playback.charts))
+    links = [*links, *[""] * (len(runs) - len(links))]
+    played = [
+        dataclasses.replace(playback.runs[0], name=run.name, pictures=run.pictures, link=link)
+        for run, playback, link in zip(runs, playbacks, links, strict=True)
+    ]
+    played[1:] = [dataclasses.replace(run, lines=()) for run in played[1:]]  # the first one's ground
+    return dataclasses.replace(
+        playbacks[0],
+        title=", ".join(run.name for run in runs),
+        runs=tuple(played),
+        charts=most.charts,
+        readings=most.readings,
+    )
+
+
+def differences(runs: Sequence[FinishedRun]) -> Table:
+    """Every number of the summaries, and how far the runs differ from the first one."""
+    rows: list[Row] = []
+    for group, listed in groups().items():
+        lines = [_line(f"{group}.{name}", number, runs) for name, number in listed.numbers.items()]
+        if known := [line for line in lines if line]:
+            rows += [[listed.title], *known]
+    return Table((Column("name"), *(Column("number", run.name) for run in runs)), rows)
+
+
+def _line(path: str, number: Any, runs: Sequence[FinishedRun]) -> Row:
+    values = [number_at(run.summary, path) for run in runs]
+    if all(value is None for value in values):
+        return []
+    first = values[0]
+    cells: list[str | Cell] = [number.label, number.text(first)]
+    for value in values[1:]:
+        apart = None if value is None or first is None else number.factor * (value - first)
+        cells.append(number.text(value) + ("" if apart is None else f" ({apart:+z.{number.digits}f})"))
+    return cells
+
+
+def _facts(runs: Sequence[FinishedRun]) -> Table:
+    return Table(
+        (Column("name", "run"), Column("text", "outcome"), Column("text", "of"), Column("note", "changed keys")),
+        list(_fact_rows(runs)),
+    )
+
+
+def _fact_rows(runs: Sequence[FinishedRun]) -> Iterator[Row]:
+    for run in runs:
+        scenario = tomllib.loads(run.result.scenario_toml)
+        outcome = Cell(run.result.outcome, "good" if run.result.outcome == "completed" else "bad")
+        facts = f"{scenario['name']} · {scenario_facts(scenario)} · seed {run.result.seed}"
+        yield [run.name, outcome, facts, changes(scenario).removeprefix("Changed: ")]
