@@ -238,7 +238,7 @@ def test_sun_is_found_from_ruts_in_several_directions(sun: tuple[int, int]) -> N
     for direction in np.radians([0.0, 40.0, 100.0, 220.0]):
         directions = direction + np.radians([0.0, 6.0, 12.0])
         told = weighed(told, under, unit(likely(under, only, directions)), directions)
-    assert np.unravel_index(told.argmax(), told.shape) == sun
+    assert told[sun] == told.max()
     assert likely(under, only, np.zeros(3)) == pytest.approx(under[sun], abs=1e-6)  # the same azimuth as in the world
 
 
@@ -249,7 +249,8 @@ def test_the_ground_shows_how_far_it_moved() -> None:
     phase = rng.uniform(0.0, 6.0, (8, 25))
 
     def rut(moved: float) -> NDArray[np.float32]:
-        return np.sin(spread * (rows[:, None, None] - moved) + phase).sum(axis=1).astype(np.float32)
+        waves = np.sin(spread * (rows[:, None, None] - moved) + phase)
+        return np.asarray(waves.sum(axis=1), dtype=np.float32)
 
     assert tracker.shift(rut(0.0), rut(7.3), 8.0 * STEP) == pytest.approx(7.3 * STEP, abs=0.1 * STEP)
     other = rng.normal(size=(240, 25)).astype(np.float32)
