@@ -114,6 +114,7 @@ class Reckoned(NamedTuple):
     cross: FloatArray  # (p, 3) covariance of these with the pose
     distance: float  # [m]
     by_slip: FloatArray  # (3, 2) derivatives by slips that last: of the tractor's rear axle, and of braked wheels
+    by_signals: FloatArray  # (3, k) the same by errors of speed, articulations and yaw rates
     own_slip: float  # of the trailer's axles if the pose is right, mean [rad]; NaN at walking pace
 
     @property
@@ -401,8 +402,9 @@ class DeadReckoning:
         pose = np.array([yaw[-1], x[-1], y[-1]])
         known = np.outer(left[0], left[0]) * known + np.diag(np.sum(walk * left[1:] ** 2, axis=0))
         at_end = Parameters(self._mean + kept[-1] * (mean - self._mean), known)
-        lasting = G[:, :, [_VARYING, _BRAKING]].sum(axis=0)
-        return Reckoned(pose, covariance, at_end, cross, float(step.sum()), lasting, of.own_slip)
+        lasting = G.sum(axis=0)
+        by_slip, by_signals = lasting[:, [_VARYING, _BRAKING]], lasting[:, p:-3] / level
+        return Reckoned(pose, covariance, at_end, cross, float(step.sum()), by_slip, by_signals, of.own_slip)
 
 
 def _away_from_zero(speed: FloatArray) -> FloatArray:

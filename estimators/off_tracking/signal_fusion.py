@@ -183,6 +183,8 @@ _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
 _IMPOSSIBLE = 5.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
+# Errors of a signal at fault [m/s], [rad], [rad/s]: what depends on it is no evidence.
+_ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0
 _SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
 _ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
 _TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
@@ -230,6 +232,7 @@ class SignalFusion:
         """
         self._reckoning, self._unit = DeadReckoning(vehicle, unit), unit
         self._follow_distance, self._buffer = follow_distance, buffer
+        self._any_error = np.array([_ANY_SPEED, *[_ANY_ANGLE] * unit, *[_ANY_RATE] * (unit + 1)])
         self._monitor = SignalMonitor(vehicle, unit, tuple(-axle.x for axle in vehicle.units[unit].axles))
 
     def init(self) -> FusionMemory:
@@ -381,8 +384,6 @@ class SignalFusion:
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> Comparison | None:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
         assert memory.reference is not None
-        if memory.monitor is not None and self._monitor.misleads(memory.monitor):
-            return None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
         if reckoned is None or not agree(memory.history, self._unit):
@@ -390,6 +391,9 @@ class SignalFusion:
         yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
         innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose
         S = reckoned.covariance + motion.covariance[np.ix_(PLANAR, PLANAR)]
+        faulty = [] if memory.monitor is None else [k for k in memory.monitor.distrusted if k < len(self._any_error)]
+        by_faulty = reckoned.by_signals[:, faulty] * self._any_error[faulty]
+        S += by_faulty @ by_faulty.T
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
         expected = S + self._reckoning.noise_margin(memory.history, parameters, reckoned)
         expected += _ROCKING

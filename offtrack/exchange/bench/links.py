@@ -13,20 +13,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from offtrack.exchange.fmi_import.fmu_file import UNITS, Scale, fits
 from offtrack.exchange.fmi_import.fmu_parts import driver_inputs, driver_signals, law_signals
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
+from scenarios.assembly.trailer_run import Assembly
 from scenarios.extras import import_extra
 from scenarios.loop.bench import Demands, Link, Numbers, Sensed
 from sensors.messages import EgoState
 from vehicle.foundation.user_file import FileType, nearest, read_bytes, reason, shown
-
-if TYPE_CHECKING:
-    from scenarios.assembly.trailer_run import Assembly
-
 
 VERSION: Final = 1  # of the layout; the value of "offtrack" in every datagram
 _LARGEST: Final = 8_192  # datagram that is read [bytes]
@@ -152,7 +149,7 @@ class LinkedBench:
         self.links = tuple(links)
         self._station = 0.0  # of the guided point [m]
 
-    def prepare(self, parts: "Assembly", trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
+    def prepare(self, parts: Assembly, trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
         """Tell the links which signals there are and which demands are taken."""
         self._course, self._speed = parts.course, parts.scenario.speed
         signals = signals_of(trailers, len(parts.vehicle.units))

@@ -53,7 +53,7 @@ def model_description(model: Exported, version: int, token: str, sources: Sequen
     SubElement(root, "DefaultExperiment", startTime="0", stopTime=_number(model.stop), stepSize=_number(model.step))
     _variables(root, variables, version)
     _structure(root, variables, version)
-    return _text(root)
+    return xml_text(root)
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> bytes:
@@ -63,22 +63,27 @@ def build_description(identifier: str, sources: Sequence[str]) -> bytes:
     files = SubElement(configuration, "SourceFileSet", language="C99")
     for name in sources:
         SubElement(files, "SourceFile", name=name)
-    return _text(root)
+    return xml_text(root)
 
 
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({variable.signal.unit for variable in variables if variable.text is None} - {"-"}):
-        unit = SubElement(definitions, "Unit", name=name)
-        base = base_unit(name)
-        if base is not None:
-            exponents = {si: str(exponent) for si, exponent in base.exponents.items()}
-            of_unit = SubElement(unit, "BaseUnit", exponents)
-            if base.factor != 1.0:
-                of_unit.set("factor", _number(base.factor))
+        unit = unit_element(definitions, name)
         if name in DISPLAY:
             display, factor = DISPLAY[name]
             SubElement(unit, "DisplayUnit", name=display, factor=_number(factor))
+
+
+def unit_element(parent: Element, name: str, space: str = "") -> Element:
+    """A unit with its SI exponents, in a name space; one of FMI has none if they depend on another number."""
+    unit, base = SubElement(parent, f"{space}Unit", name=name), base_unit(name)
+    if base is not None or space:
+        exponents = {} if base is None else {si: str(exponent) for si, exponent in base.exponents.items()}
+        of_unit = SubElement(unit, f"{space}BaseUnit", exponents)
+        if base is not None and base.factor != 1.0:
+            of_unit.set("factor", _number(base.factor))
+    return unit
 
 
 def _variables(root: Element, variables: Sequence[Variable], version: int) -> None:
@@ -152,7 +157,8 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-def _text(root: Element) -> bytes:
+def xml_text(root: Element) -> bytes:
+    """The element as an XML file."""
     indent(root)
     content: bytes = tostring(root, encoding="utf-8")
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + content + b"\n"

@@ -7,7 +7,7 @@ import copy
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -31,17 +31,15 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     truth_signals,
     truth_values,
 )
+from scenarios.assembly.drivers_and_laws import DriverContext
+from scenarios.assembly.trailer_sensors import MountContext, OpenedSensor
+from scenarios.courses import Course
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK, Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import Pose2
 from vehicle.option import Option, Parameter, check_options
-
-if TYPE_CHECKING:
-    from scenarios.assembly.drivers_and_laws import DriverContext
-    from scenarios.assembly.trailer_sensors import MountContext, OpenedSensor
-    from scenarios.courses import Course
 
 
 class FmuPart:
@@ -177,7 +175,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
     """A driver that is an FMU; who keeps the set speed where it does not."""
 
     @classmethod
-    def of(cls, context: "DriverContext") -> "FmuDriver":
+    def of(cls, context: DriverContext) -> "FmuDriver":
         """Driver for the course of a run.
 
         Raises:
@@ -185,7 +183,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
         """
         return cls(context)
 
-    def __init__(self, context: "DriverContext") -> None:
+    def __init__(self, context: DriverContext) -> None:
         self._course, self._speed = context.course, context.speed
         self._pace = PreviewDriver(context.tractor, context.course.path, context.speed)
         self._start("driver.parameters", driver_signals(len(context.vehicle.units)), context.parameters)
@@ -233,7 +231,7 @@ class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
 
 
 def driver_inputs(
-    course: "Course", speed: float, near: float, tick: int, ego: EgoState
+    course: Course, speed: float, near: float, tick: int, ego: EgoState
 ) -> tuple[float, dict[str, float]]:
     """Station of the guided point, ``near`` the last one [m], and inputs [SI] of a driver but for the path ahead."""
     path, pose = course.path, Pose2(ego.x, ego.y, ego.psi)
@@ -273,10 +271,8 @@ class WholeMotion:
     sends: ClassVar = Truth
 
     @classmethod
-    def of(cls, context: "MountContext") -> "OpenedSensor":
+    def of(cls, context: MountContext) -> OpenedSensor:
         """The sensor, without latency: that of the estimates is the FMU's own."""
-        from scenarios.assembly.trailer_sensors import OpenedSensor
-
         return OpenedSensor(sensor=cls(), schedule=Schedule(period=_PERIOD))
 
     def sample(self, truth: Truth) -> Truth:

@@ -10,7 +10,7 @@ import copy
 import math
 from collections.abc import Container, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     motion_signals,
     numbered_values,
 )
+from scenarios.assembly.adapters import PlantContext
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import steering_actuators, turned_axles
@@ -32,9 +33,6 @@ from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
-
-if TYPE_CHECKING:
-    from scenarios.assembly.adapters import PlantContext
 
 
 class SteeringActuators:
@@ -121,7 +119,7 @@ class FmuPlant:
     fmu: ClassVar[FmuFile]
 
     @classmethod
-    def of(cls, context: "PlantContext") -> "FmuPlant":
+    def of(cls, context: PlantContext) -> "FmuPlant":
         """Plant of the scenario's vehicle on its surface.
 
         Raises:
@@ -129,7 +127,7 @@ class FmuPlant:
         """
         return cls(context)
 
-    def __init__(self, context: "PlantContext") -> None:
+    def __init__(self, context: PlantContext) -> None:
         self._vehicle, self._surface = context.vehicle, context.surface
         if self._surface.gust is not None:
             self._vehicle = self._vehicle.in_wind()

@@ -6,11 +6,11 @@ SSP: "System Structure and Parameterization", Modelica Association, version 1.0.
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
-from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
+from xml.etree.ElementTree import Element, SubElement, register_namespace
 
-from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, zipped
+from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes, unit_element, xml_text, zipped
 from offtrack.exchange.fmi_export.plant_kinds import combination_model
-from offtrack.exchange.fmi_export.plant_model import Exported, Variable, base_unit, exported_plant
+from offtrack.exchange.fmi_export.plant_model import Exported, Variable, exported_plant
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
     estimate_signals,
@@ -95,9 +95,7 @@ class FmuSystem:
             )
         _units(root, [one for exported in self.components.values() for one in exported.variables])
         SubElement(root, _ssd("DefaultExperiment"), startTime="0", stopTime=repr(self.stop))
-        indent(root)
-        content: bytes = tostring(root, encoding="utf-8")
-        return b'<?xml version="1.0" encoding="UTF-8"?>\n' + content + b"\n"
+        return xml_text(root)
 
     def _connected(self, name: str, variables: Iterable[Variable]) -> list[Variable]:
         """Inputs that something is connected to, and all outputs that are numbers; other inputs keep their starts."""
@@ -221,11 +219,7 @@ def _connectors(component: Element, variables: Iterable[Variable]) -> None:
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     units = SubElement(root, _ssd("Units"))
     for name in sorted({one.signal.unit for one in variables} - {"-"}):
-        unit, base = SubElement(units, f"{{{_SSC}}}Unit", name=name), base_unit(name)
-        exponents = {} if base is None else {si: str(exponent) for si, exponent in base.exponents.items()}
-        of_unit = SubElement(unit, f"{{{_SSC}}}BaseUnit", exponents)
-        if base is not None and base.factor != 1.0:
-            of_unit.set("factor", repr(base.factor))
+        unit_element(units, name, f"{{{_SSC}}}")
 
 
 def _ssd(name: str) -> str:
