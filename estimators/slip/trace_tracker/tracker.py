@@ -261,14 +261,14 @@ def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:
 
 _LAG: Final = 2.0  # of the delayed, more accurate estimate [s]
 # Ratio of the errors to the filter's standard deviation, which allows for fast slip changes and shadows at any time.
-_OF_FILTER: Final = 0.75
-# Ground 2 cm above or below the wheels' plane seems to move by so much less or more. A way that is wrong by a share
+_OF_FILTER: Final = 0.7
+# Ground 1.5 cm above or below the wheels' plane seems to move by so much more or less. A way that is wrong by a share
 # shifts the trace of a bend like a slip of that share of its turn from the wheel to the middle of the view.
-_UNEVEN: Final = 0.03
+_UNEVEN: Final = 0.02
 _MIDDLE: Final = 0.36  # [m]
 # Slip ratio changes by 1.0 per radian of pitch, slip angle by 0.9 per radian of roll (rovers on sand). Ground that is
-# uneven along the way, as slip ratios show, is so across it. A change of slip is known some 0.15 m later.
-_BY_UNEVENNESS: Final = 0.9 / 1.0 * 0.15 / _USUAL  # [rad]
+# uneven along the way, as slip ratios show, is so across it. A change of slip is known some 0.2 m later.
+_BY_UNEVENNESS: Final = 0.9 / 1.0 * 0.2 / _USUAL  # [rad]
 _CERTAIN: Final = (0.3, 0.7)  # rut score of sand without a trace, and of clear traces
 
 
