@@ -169,16 +169,18 @@ class Grip(NamedTuple):
     ratio: float  # slip ratio [-]
     variance: float
     usual: float  # slip ratio, mean over some decimetres [-]
-    uneven: float  # mean square of its difference from that, over the last metres
+    uneven: float  # mean square of its difference from that, beyond what a turn explains, over the last metres
 
-    def rolled(self, rolled: float) -> Grip:
-        """After ``rolled`` [m] by the rims."""
-        keep, usual, uneven = (math.exp(-rolled / length) for length in (_RATIO_LENGTH, _USUAL, _MEMORY))
+    def rolled(self, rolled: float, turned: float) -> Grip:
+        """After ``rolled`` [m] by the rims and a turn [rad]."""
+        keep, usual, uneven = (math.exp(-abs(rolled) / length) for length in (_RATIO_LENGTH, _USUAL, _MEMORY))
+        by_turn = _TURNING * _USUAL * turned / max(abs(rolled), 1e-6)
+        change = max((self.ratio - self.usual) ** 2 - by_turn**2, 0.0)
         return Grip(
             _RATIO + keep * (self.ratio - _RATIO),
             keep**2 * self.variance + (1.0 - keep**2) * _RATIO_STD**2,
             self.ratio + usual * (self.usual - self.ratio),
-            (self.ratio - self.usual) ** 2 + uneven * (self.uneven - (self.ratio - self.usual) ** 2),
+            change + uneven * (self.uneven - change),
         )
 
     def measured(self, ratio: float, std: float) -> Grip:
@@ -196,6 +198,7 @@ _RATIO_STD: Final = 0.07
 _RATIO_LENGTH: Final = 3.0  # correlation length, by the slopes of the ground, assumed [m]
 _USUAL: Final = 0.5  # [m]
 _MEMORY: Final = 1.5  # [m]
+_TURNING: Final = 0.1  # change of slip ratio by a turn on a plane slope of 6 deg [1/rad]
 _RUT: Final = 12  # half of the width that shows the ground of the rut [px]
 _LONGEST: Final = 0.04  # way between images beyond which one lug mark is mistaken for the next [m]
 _REACH: Final = 0.35  # largest difference of the way from the expected one, as a share
@@ -262,13 +265,13 @@ def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:
 _LAG: Final = 2.0  # of the delayed, more accurate estimate [s]
 # Ratio of the errors to the filter's standard deviation, which allows for fast slip changes and shadows at any time.
 _OF_FILTER: Final = 0.7
-# Ground 1.5 cm above or below the wheels' plane seems to move by so much more or less. A way that is wrong by a share
+# Ground 1 cm above or below the wheels' plane seems to move by so much more or less. A way that is wrong by a share
 # shifts the trace of a bend like a slip of that share of its turn from the wheel to the middle of the view.
-_UNEVEN: Final = 0.02
+_UNEVEN: Final = 0.015
 _MIDDLE: Final = 0.36  # [m]
 # Slip ratio changes by 1.0 per radian of pitch, slip angle by 0.9 per radian of roll (rovers on sand). Ground that is
-# uneven along the way, as slip ratios show, is so across it. A change of slip is known some 0.2 m later.
-_BY_UNEVENNESS: Final = 0.9 / 1.0 * 0.2 / _USUAL  # [rad]
+# uneven along the way, as slip ratios show, is so across it. A change of slip is known some 0.25 m later.
+_BY_UNEVENNESS: Final = 0.9 / 1.0 * 0.25 / _USUAL  # [rad]
 _CERTAIN: Final = (0.3, 0.7)  # rut score of sand without a trace, and of clear traces
 
 
@@ -412,7 +415,7 @@ class FTracePlus:
         return memory._replace(
             tick=view.tick,
             unused=memory.unused + length,
-            grip=memory.grip.rolled(abs(length)),
+            grip=memory.grip.rolled(length, seconds * rolling.yaw_rate),
             turned=memory.turned + seconds * rolling.yaw_rate,
             seconds=memory.seconds + seconds,
         )
