@@ -189,7 +189,9 @@ class Grip(NamedTuple):
         if innovation**2 > 16.0 * variance:
             return self
         share = self.variance / variance
-        return self._replace(ratio=self.ratio + share * innovation, variance=(1.0 - share) * self.variance)
+        ratio = self.ratio + share * innovation
+        usual = ratio if share > 0.5 else self.usual  # the first one tells of no change
+        return self._replace(ratio=ratio, variance=(1.0 - share) * self.variance, usual=usual)
 
 
 # Light rovers on level dry sand have 0.05 to 0.15, uphill more, downhill less; assumed.
@@ -264,7 +266,7 @@ def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:
 
 _LAG: Final = 2.0  # of the delayed, more accurate estimate [s]
 # Ratio of the errors to the filter's standard deviation, which allows for fast slip changes and shadows at any time.
-_OF_FILTER: Final = 0.7
+_OF_FILTER: Final = 0.75
 # Ground 1 cm above or below the wheels' plane seems to move by so much more or less. A way that is wrong by a share
 # shifts the trace of a bend like a slip of that share of its turn from the wheel to the middle of the view.
 _UNEVEN: Final = 0.015
