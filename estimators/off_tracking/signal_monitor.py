@@ -226,7 +226,8 @@ class SignalMonitor:
             memory = memory._replace(suspect=(-1, 0))
         of_hitch = abs(float(parity.values[self._unit - 1])) > _DETECTED  # the relation A of the trailer's own hitch
         unexplained = left > _DETECTED and memory.suspect[0] < 0 and not memory.distrusted
-        memory = self._doubted(memory, of_hitch and unexplained)
+        alive = bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
+        memory = self._doubted(memory, of_hitch and unexplained and alive)
         return memory if reference is None else self._measured(memory, parity, tick)
 
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
