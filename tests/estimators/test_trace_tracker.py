@@ -73,6 +73,15 @@ def test_slip_two_seconds_ago_is_known_better(trace: list[Labelled], estimates: 
     assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 1.0  # 0.7 over long sequences
 
 
+def test_slip_may_have_changed_while_no_image_came(trace: list[Labelled]) -> None:
+    """After 0.3 m without images the error lies within a sigma that is larger than before."""
+    seen = [*trace[:25], *trace[44:]]
+    estimates = run(RIG, [moment.view for moment in seen])
+    assert estimates[25].std > 1.2 * estimates[24].std
+    for estimate, moment in zip(estimates[25:], seen[25:], strict=True):
+        assert abs(estimate.value - moment.trace.slip_angle) < 2.5 * estimate.std
+
+
 @pytest.mark.slow
 def test_bare_sand_shows_no_trace() -> None:
     """On a crust the wheels leave nothing: stones, relief and the rover's shadow must not be taken for a rut."""
