@@ -259,9 +259,7 @@ def _smoothed(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
         return memory._replace(moments=started(motion.tick, memory.samples[0].X_OS, motion.uncertain, span))
     moments = updated(memory.moments, motion.tick, motion.uncertain, span, anchored=motion.anchor is not None)
     X_OS = {moment.measured.tick: moment.X_OS for moment in moments}
-    samples = tuple(
-        sample._replace(X_OS=X_OS[sample.tick]) if sample.tick in X_OS else sample for sample in memory.samples
-    )
+    samples = tuple(sample._replace(X_OS=X_OS.get(sample.tick, sample.X_OS)) for sample in memory.samples)
     X_PC = inverse(moments[-2].X_OS) @ moments[-1].X_OS
     return memory._replace(samples=samples, last=replace(motion, X_PC=X_PC), moments=moments)
 

@@ -326,20 +326,14 @@ class DeadReckoning:
         return carried
 
     def _summed(
-        self,
-        time: FloatArray,
-        of: _Rates,
-        moving: NDArray[np.bool_],
-        level: float,
-        kept: FloatArray,
-        parameters: Parameters,
+        self, time: FloatArray, of: _Rates, moving: NDArray[np.bool_], level: float, kept: FloatArray, start: Parameters
     ) -> Reckoned:
         """Pose and covariance at the end, by the trapezoidal rule.
 
-        ``kept`` (n, p) is the share of the error of the ``parameters`` at the first sample that is left at each one,
+        ``kept`` (n, p) is the share of the error of the parameters at the ``start`` that is left at each sample,
         ``level`` the noise of the signals over the assumed one.
         """
-        mean, known = parameters
+        mean, known = start
         p, dt = len(self._mean), np.diff(time)
         slow = np.abs(of.rates[:, 1]) < _PULLING
         rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]

@@ -47,18 +47,16 @@ class GroundView:
     descriptors: NDArray[np.float32]  # (n, 128), aligned with the ground
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GroundCamera:
+class GroundCamera(NamedTuple):
     """A pinhole over level ground."""
 
-    focal_length: float  # [px]
-    cx: float  # [px]
-    cy: float  # [px]
+    pinhole: StereoCalibration
     X_SC: FloatArray  # (4, 4)
 
     def on_ground(self, pixels: FloatArray) -> FloatArray:
         """Intersections (n, 2) of the rays through pixels (n, 2) with the ground z = 0, in S [m]."""
-        rays = np.column_stack([(pixels - (self.cx, self.cy)) / self.focal_length, np.ones(len(pixels))])
+        c = self.pinhole
+        rays = np.column_stack([(pixels - (c.cx, c.cy)) / c.focal_length, np.ones(len(pixels))])
         along = rays @ self.X_SC[:3, :3].T
         reach = -self.X_SC[2, 3] / along[:, 2]
         return np.asarray(self.X_SC[:2, 3] + reach[:, None] * along[:, :2], dtype=np.float64)
@@ -67,7 +65,8 @@ class GroundCamera:
         """Pixels (n, 2) of points (n, 2) on the ground."""
         rays = np.column_stack([positions, np.zeros(len(positions))]) - self.X_SC[:3, 3]
         along = rays @ self.X_SC[:3, :3]
-        return np.asarray(self.focal_length * along[:, :2] / along[:, 2:] + (self.cx, self.cy), dtype=np.float64)
+        c = self.pinhole
+        return np.asarray(c.focal_length * along[:, :2] / along[:, 2:] + (c.cx, c.cy), dtype=np.float64)
 
 
 def ground_cameras(calibration: StereoCalibration) -> tuple[GroundCamera, GroundCamera]:
@@ -82,12 +81,8 @@ def ground_cameras(calibration: StereoCalibration) -> tuple[GroundCamera, Ground
             f"cameras {height} m above the ground, {math.degrees(math.acos(down)):.0f} deg off the vertical: "
             "ground-watching needs cameras above the ground that look down within 20 deg"
         )
-    X_SCs = calibration.X_SC, calibration.X_SC @ calibration.X_ClCr
-    front, rear = (
-        GroundCamera(focal_length=calibration.focal_length, cx=calibration.cx, cy=calibration.cy, X_SC=X_SC)
-        for X_SC in X_SCs
-    )
-    return front, rear
+    X_SC = calibration.X_SC
+    return GroundCamera(calibration, X_SC), GroundCamera(calibration, X_SC @ calibration.X_ClCr)
 
 
 def viewed(camera: GroundCamera, image: GreyImage, heading: float) -> GroundView:

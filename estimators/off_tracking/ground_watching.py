@@ -199,14 +199,9 @@ def _advanced(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -
         return memory._replace(tick=tick, yaw=0.0)
     yaw = math.atan2(X_PC[1, 0], X_PC[0, 0])
     oldest = memory.buffer.samples[-1].tick if memory.buffer.samples else tick
-    passed = tuple(item for item in memory.passed if item[0] >= oldest)
+    passed = ((tick, views.front), *(item for item in memory.passed if item[0] >= oldest))
     return memory._replace(
-        tick=tick,
-        views=views,
-        passed=((tick, views.front), *passed),
-        heading=memory.heading + yaw,
-        yaw=yaw,
-        since=memory.since + distance,
+        tick=tick, views=views, passed=passed, heading=memory.heading + yaw, yaw=yaw, since=memory.since + distance
     )
 
 

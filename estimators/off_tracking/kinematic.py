@@ -103,10 +103,5 @@ class KinematicOffTracking:
         per_metre = _YAW_RATE / max(distance / dt, _SLOWEST)  # of yaw [rad/m]
         yaw = per_metre**2 * length * distance
         along, across = _SPEED_SCALE**2 * length * distance, _DIRECTION**2 * length * distance
-        return BodyMotion(
-            tick=tick,
-            previous_tick=since,
-            X_PC=moved.spatial(),
-            covariance=np.diag([0.0, 0.0, yaw, along, across, 0.0]),
-            health=Health.OK,
-        )
+        covariance = np.diag([0.0, 0.0, yaw, along, across, 0.0])
+        return BodyMotion(tick=tick, previous_tick=since, X_PC=moved.spatial(), covariance=covariance, health=Health.OK)

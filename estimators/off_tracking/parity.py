@@ -97,6 +97,7 @@ _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
 _BEND: Final = 0.3  # lateral acceleration up to which front tyres roll [m/s2]
 # In the place of a signal and the part of its fault: slip of the tractor's axles.
 _REAR_SLIP, _FRONT_SLIP = (-1, 0), (-1, 1)
+_PLOUGHING: Final = 0.2  # steer angle from which on front tyres may slide straight ahead [rad]
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
@@ -141,10 +142,7 @@ class ParityRelations:
         self._front = tractor.steered_axles[0].x if tractor.steered_axles else 0.0
         self._levers = vehicle.hitch_levers(unit)
         self._unit, self._axle_distance = unit, axle_distance
-        self._gyro, self._rate = (
-            FIRST + unit,
-            1 + unit,
-        )  # column and signal of the tractor's yaw rate
+        self._gyro, self._rate = FIRST + unit, 1 + unit  # column and signal of the tractor's yaw rate
 
     def parity(
         self, history: FloatArray, window: int, level: float, reference: MotionReference | None, until: int
@@ -163,7 +161,8 @@ class ParityRelations:
         if reference is not None:
             relations += self._to_reference(mean, reference, max(1.0, level / _NOISY))
             rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
-            if abs(float(mean[SPEED] * mean[self._gyro])) <= _BEND:
+            turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro])))
+            if reference.v_x * turning <= _BEND and abs(mean[STEER]) < _PLOUGHING:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
         values, own = np.array([value for value, _, _ in relations]), np.array([own for _, _, own in relations])
 
@@ -208,12 +207,10 @@ class ParityRelations:
 
     def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:
         """S, Y, D and T."""
-        v_x, v_y, own = self._at_hitch(mean, float(mean[SPEED]))
+        v_x, v_y, own = self._at_hitch(mean)
         turned = sum(mean[FIRST : self._gyro].tolist())
         # front wheels that slide to the side turn slower; rolling along their planes they tell how fast they travel
-        c, s = math.cos(mean[STEER]), math.sin(mean[STEER])
-        rolled = float(mean[SPEED] - self._front * mean[self._gyro] * s * c) / (c * c)  # speed of the rear axle
-        travelled = self._at_hitch(mean, rolled).v_x
+        travelled = self._at_hitch(mean, rolling=True).v_x
         v_x = min(max(reference.v_x, min(v_x, travelled)), max(v_x, travelled))
         limit = scale * (_S[0] + _S[1] * max(abs(v_x), abs(reference.v_x)))
         yield (v_x - reference.v_x) / limit, {(0, 0): math.cos(turned) / limit}, (-1.0 / limit, 0.0, 0.0)
@@ -234,8 +231,16 @@ class ParityRelations:
         wrong = (per_rate * reference.yaw_rate / reference.v_x, -per_rate, 1.0 / limit)
         yield (direction - math.atan(tangent)) / limit, {}, wrong
 
-    def _at_hitch(self, mean: FloatArray, speed: float) -> HitchMotion:
-        """Motion of the trailer's hitch for a speed of the tractor's rear axle [m/s]."""
+    def rolling_rate(self, row: FloatArray) -> float:
+        """Yaw rate [rad/s] of the trailer if its axles roll along their planes, by the other signals of a row."""
+        v_x, v_y, _ = self._at_hitch(row, rolling=True)
+        return (v_y - float(row[3]) * v_x) / self._axle_distance
+
+    def _at_hitch(self, mean: FloatArray, *, rolling: bool = False) -> HitchMotion:
+        """Motion of the trailer's hitch; ``rolling``: by front wheels that roll along their planes."""
+        speed, c, s = float(mean[SPEED]), math.cos(mean[STEER]), math.sin(mean[STEER])
+        if rolling:
+            speed = float(mean[SPEED] - self._front * mean[self._gyro] * s * c) / (c * c)
         gyros = mean[self._gyro : self._gyro + self._unit + 1].tolist()
         return hitch_motions(speed, 0.0, self._levers, gyros, mean[FIRST : self._gyro].tolist())[-1]
 

@@ -47,12 +47,9 @@ class ReferenceOffTracking:
         """Memory with the pose in it, and the off-tracking at its tick; None for the first pose."""
         if memory.previous is None:
             return ReferenceMemory(pose, memory.buffer), None
+        tick, X_PC = memory.previous.tick, inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP)
         motion = BodyMotion(
-            tick=pose.tick,
-            previous_tick=memory.previous.tick,
-            X_PC=inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP),
-            covariance=np.zeros((6, 6)),
-            health=Health.OK,
+            tick=pose.tick, previous_tick=tick, X_PC=X_PC, covariance=np.zeros((6, 6)), health=Health.OK
         )
         buffer, off_tracking = self._buffer.step(memory.buffer, motion)
         return ReferenceMemory(pose, buffer), off_tracking

@@ -41,6 +41,7 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, inverse
 
+Signals = tuple[CombinationSignals, ...]
 DIRECTION = "direction of the cameras"  # among the doubts of an estimate
 # What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
 _OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
@@ -105,15 +106,15 @@ def extended_history(history: FloatArray, arrived: Sequence[FloatArray], referen
     """
     oldest = max(tick - REMEMBERED, reference - _BEFORE)
     kept = history[np.searchsorted(history[:, 0], oldest) :]
-    new: list[FloatArray] = []
+    rows = list(history[-1:])
     repeats = np.any(np.diff(kept[-_LOOKED_AT:, 1:], axis=0) == 0.0, axis=0)
     may_repeat = bool(2 * np.sum(repeats) > len(repeats))  # most signals have measured the same twice lately
     for row in arrived:
-        last = new[-1] if new else history[-1] if len(history) else None
+        last = rows[-1] if rows else None
         later = last is None or (row[0] > last[0] and (may_repeat or not np.array_equal(row[1:], last[1:])))
         if later and np.all(np.isfinite(row)):
-            new.append(row)
-    return np.vstack([kept, *new]) if new else kept
+            rows.append(row)
+    return np.vstack([kept, *rows[len(history[-1:]) :]])
 
 
 # A correction of 0.1 m over this time moves the axles at 4 deg/s with a law of 0.77 rad/m. Longer would keep a known
@@ -206,11 +207,7 @@ class SignalFusion:
     """Path of one trailer from camera motions and the signals of the combination."""
 
     def __init__(self, vehicle: Vehicle, unit: int, follow_distance: float, buffer: OffTrackingBuffer) -> None:
-        """For the ``unit`` of a vehicle with its follow point ``follow_distance`` [m] behind its hitch.
-
-        Raises:
-            ValueError: if the unit is not towed.
-        """
+        """For the towed ``unit`` of a vehicle with its follow point ``follow_distance`` [m] behind its hitch."""
         self._reckoning, self._unit = DeadReckoning(vehicle, unit), unit
         self._follow_distance, self._buffer = follow_distance, buffer
         self._any_error = np.array([_ANY_SPEED, *[_ANY_ANGLE] * unit, *[_ANY_RATE] * (unit + 1)])
@@ -221,12 +218,7 @@ class SignalFusion:
         return FusionMemory(self._reckoning.no_history(), self._monitor.init(), Known(-1, self._reckoning.prior()))
 
     def step(
-        self,
-        memory: FusionMemory,
-        path: BufferMemory,
-        tick: int,
-        motion: BodyMotion | None,
-        signals: tuple[CombinationSignals, ...],
+        self, memory: FusionMemory, path: BufferMemory, tick: int, motion: BodyMotion | None, signals: Signals
     ) -> tuple[FusionMemory, BufferMemory, OffTracking | None]:
         """Memory, path and off-tracking at ``tick``, with the motion that arrived, if any, and the new signals.
 
@@ -265,8 +257,8 @@ class SignalFusion:
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(
-        self, memory: FusionMemory, motion: BodyMotion | None, signals: tuple[CombinationSignals, ...]
-    ) -> tuple[FusionMemory, tuple[CombinationSignals, ...]]:
+        self, memory: FusionMemory, motion: BodyMotion | None, signals: Signals
+    ) -> tuple[FusionMemory, Signals]:
         """Memory with the signals compared with the camera, and signals in which one at fault is corrected."""
         before = monitor = memory.monitor
         for message in signals:

@@ -73,9 +73,8 @@ class VisoOt(Generic[Memory]):
         self._buffer = OffTrackingBuffer(
             follow_distance, reversing_distance=given.reversing_distance, smoothing=given.smoothing
         )
-        self._fusion: SignalFusion | None = None
-        if given.fusion == "signals" and towed is not None:
-            self._fusion = SignalFusion(*towed, follow_distance, self._buffer)
+        fuses = towed if given.fusion == "signals" else None
+        self._fusion = None if fuses is None else SignalFusion(*fuses, follow_distance, self._buffer)
         self.fuses_signals = self._fusion is not None
 
     @classmethod
