@@ -140,6 +140,12 @@ def orthonormalised(R: FloatArray) -> FloatArray:
 R_BODY_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
+def quadrature(points: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights (points,) of the Gauss-Legendre rule on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
 def arc_length(points: FloatArray) -> FloatArray:
     """Distance along the polyline through points (n, 2) from the first point to each of them [m], shape (n,)."""
     chords = points[1:] - points[:-1]
