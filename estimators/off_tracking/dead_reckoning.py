@@ -177,8 +177,7 @@ class DeadReckoning:
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
         by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
-        margin: FloatArray = (noise_level(history, self._unit) ** 2 - 1.0) * 0.5 * (by_parameters + by_parameters.T)
-        return margin
+        return np.asarray((noise_level(history, self._unit) ** 2 - 1.0) * 0.5 * (by_parameters + by_parameters.T))
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
@@ -304,7 +303,8 @@ class DeadReckoning:
         D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(v_x) - aside)
         D[:, 1] = (D[:, 1] + (sliding - v_x * aside)[:, None] * by_slip) / along[:, None]
         D[:, 2] = slip[:, None] * D[:, 1] + v_x[:, None] * by_slip
-        for k, (v_x, v_y, R) in enumerate(self._carried(v_x, slip, gammas, gyros)):  # noqa: B020 - on purpose
+        carried = self._carried(v_x, slip, gammas, gyros)
+        for k, (v_x, v_y, R) in enumerate(carried):
             D[:, 2, of_gyro + k] += self._levers[k]
             D[:, 1:] = R @ D[:, 1:]
             D[:, 1, of_articulation + k], D[:, 2, of_articulation + k] = -v_y, v_x
