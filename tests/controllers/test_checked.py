@@ -45,7 +45,6 @@ class RoverDriver(Stub):
 
 
 def test_a_good_step_passes_through_unchanged() -> None:
-    """Memory and command of the part itself."""
     demand = DriverCommand(steer=0.1, acceleration=0.2)
     driver = CheckedDriver(Driver(demand, 12.0, 3.0), "driver = mine")
     assert driver.step(driver.init(), TICK, EGO) == (1, demand)

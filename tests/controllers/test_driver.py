@@ -52,7 +52,6 @@ def test_steering_round_a_circle_has_the_closed_form_angle(drive: Any) -> None:
 
 
 def test_steer_demand_stays_within_the_limit() -> None:
-    """A tractor that stands across its path asks for more than full lock."""
     driver = PreviewDriver(TRACTOR, PATH, 2.8)
     demands = [driver.step(driver.init(), 0, ego(psi=psi, v_x=2.8))[1].steer for psi in np.linspace(-1.5, 1.5, 31)]
     assert max(demands) == TRACTOR.max_steer
@@ -120,7 +119,6 @@ def test_the_set_speed_is_reached_and_held_against_a_resistance(start: float) ->
 
 @given(motions.map(lambda motion: motion | {"v_x": 0.0}))
 def test_standing_still_is_survived(motion: dict[str, float]) -> None:
-    """Nothing is divided by a speed that is not there."""
     driver = PreviewDriver(TRACTOR, PATH, 2.8)
     _, command = driver.step(driver.init(), 0, ego(**motion))
     assert math.isfinite(command.steer)
@@ -184,12 +182,10 @@ def test_a_row_of_gains_is_that_of_the_table_bit_for_bit(speed: float) -> None:
 # Recorded drives and speed profiles
 
 
-TIME = np.array([0.0, 1.0, 3.0])
-
-
 def test_steer_angles_are_those_recorded_and_stay_after_the_end() -> None:
-    """Linear between samples; the last one holds."""
-    driver = TraceDriver(DriverTrace(time=TIME, steer=np.array([0.0, 0.1, -0.1]), acceleration=np.ones(3)))
+    driver = TraceDriver(
+        DriverTrace(time=np.array([0.0, 1.0, 3.0]), steer=np.array([0.0, 0.1, -0.1]), acceleration=np.ones(3))
+    )
     memory, demands = driver.init(), []
     for tick in (0, 500, 1000, 2000, 9000):
         memory, command = driver.step(memory, tick, ego(tick, v_x=3.0))
@@ -220,18 +216,13 @@ def test_a_recorded_speed_is_held() -> None:
         ([1.0, 2.0], [1.0, 1.0], "start at 0 s"),
         ([0.0, 2.0, 2.0], [1.0, 1.0, 1.0], "increase"),
         ([0.0, 2.0], [1.0], "1 values for 2 times"),
+        ([0.0, 2.0], None, "speed or an acceleration"),
     ],
 )
-def test_what_is_no_trace_is_refused(time: list[float], values: list[float], complaint: str) -> None:
-    """One line that says why."""
+def test_what_is_no_trace_is_refused(time: list[float], values: list[float] | None, complaint: str) -> None:
+    speed = None if values is None else np.array(values)
     with pytest.raises(ValueError, match=complaint):
-        DriverTrace(time=np.array(time), steer=np.zeros(len(time)), speed=np.array(values))
-
-
-def test_a_trace_has_to_say_how_fast() -> None:
-    """Steer angles alone are no drive."""
-    with pytest.raises(ValueError, match="speed or an acceleration"):
-        DriverTrace(time=TIME, steer=np.zeros(3))
+        DriverTrace(time=np.array(time), steer=np.zeros(len(time)), speed=speed)
 
 
 def test_turns_are_taken_at_the_limit_and_approached_in_time() -> None:
@@ -243,13 +234,9 @@ def test_turns_are_taken_at_the_limit_and_approached_in_time() -> None:
     rises = np.diff(profile.speeds**2) / np.diff(profile.stations)
     assert np.abs(rises).max() <= 2.0 * 0.7 + 1e-9
     assert profile.duration > path.length / 10.0
-
-
-def test_a_straight_path_is_driven_at_set_speed() -> None:
-    """Nothing to slow down for; the time is way over speed."""
-    profile = SpeedProfile.of(Path(Pose2(0.0, 0.0, 0.0), (line(50.0),)), 5.0, 0.1, 0.7)
-    assert set(profile.speeds.tolist()) == {5.0}
-    assert profile.duration == pytest.approx(10.0)
+    plain = SpeedProfile.of(Path(Pose2(0.0, 0.0, 0.0), (line(50.0),)), 5.0, 0.1, 0.7)
+    assert set(plain.speeds.tolist()) == {5.0}
+    assert plain.duration == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,6 @@ def test_projection_stays_on_its_branch_where_the_path_crosses_itself() -> None:
 
 
 def test_the_path_goes_on_straight_beyond_both_ends() -> None:
-    """A driver looks ahead past the end, and a tractor starts before the beginning."""
     assert WINDING.curvature(-1.0) == WINDING.curvature(WINDING.length + 1.0) == 0.0
     end, beyond = WINDING.pose(WINDING.length), WINDING.pose(WINDING.length + 3.0)
     assert (beyond.x - end.x, beyond.y - end.y) == pytest.approx((3 * math.cos(end.psi), 3 * math.sin(end.psi)))
@@ -86,7 +85,6 @@ def test_the_path_goes_on_straight_beyond_both_ends() -> None:
 
 @given(stations)
 def test_mirror_symmetry(s: float) -> None:
-    """Swapping left and right flips y, heading and curvature."""
     segments = tuple(Segment(g.length, -g.start_curvature, -g.end_curvature) for g in WINDING.segments)
     mirrored = Path(Pose2(WINDING.start.x, -WINDING.start.y, -WINDING.start.psi), segments)
     pose, image = WINDING.pose(s), mirrored.pose(s)
@@ -95,7 +93,6 @@ def test_mirror_symmetry(s: float) -> None:
 
 
 def test_a_path_is_a_value() -> None:
-    """Equal by content, and it travels to other processes."""
     again = Path(WINDING.start, WINDING.segments)
     assert again == WINDING
     assert pickle.loads(pickle.dumps(WINDING)).pose(33.0) == WINDING.pose(33.0)
@@ -106,6 +103,5 @@ def test_a_path_is_a_value() -> None:
     [((), "segments"), ((line(0.0),), "length = 0.0 m"), ((arc(130.0, 0.1),), "turn = 13.000 rad")],
 )
 def test_a_malformed_path_is_refused(segments: tuple[Segment, ...], message: str) -> None:
-    """By name, value and unit."""
     with pytest.raises(ValueError, match=message):
         Path(ORIGIN, segments)

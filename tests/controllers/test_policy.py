@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -111,23 +110,20 @@ def test_rectified_layers_and_a_smooth_limit_are_kept(tmp_path: Path) -> None:
             load_network(tmp_path / name)
 
 
-def broken(**change: Any) -> Network:
-    """The linear network with something wrong."""
-    return LINEAR._replace(**change)
-
-
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (broken(weights=(np.zeros((2, 3)),)), r"W0 of shape \(2, 3\) must be \(2, 18\)"),
-        (broken(scale=np.zeros(len(NAMES))), "scale above 1e-09"),
-        (broken(biases=(np.array([np.nan, 0.0]),)), "not finite"),
-        (broken(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)), "is for"),
-        (broken(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
+        (LINEAR._replace(weights=(np.zeros((2, 3)),)), r"W0 of shape \(2, 3\) must be \(2, 18\)"),
+        (LINEAR._replace(scale=np.zeros(len(NAMES))), "scale above 1e-09"),
+        (LINEAR._replace(biases=(np.array([np.nan, 0.0]),)), "not finite"),
+        (
+            LINEAR._replace(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)),
+            "is for",
+        ),
+        (LINEAR._replace(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
     ],
 )
 def test_a_network_that_does_not_fit_is_refused_in_one_line(tmp_path: Path, wrong: Network, words: str) -> None:
-    """When the run is put together."""
     save_network(wrong, tmp_path / "wrong.npz")
     with pytest.raises(ValueError, match=words):
         Policy(
@@ -138,7 +134,6 @@ def test_a_network_that_does_not_fit_is_refused_in_one_line(tmp_path: Path, wron
 
 
 def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> None:
-    """One that is not there, and one of something else."""
     (tmp_path / "text.npz").write_text("not one")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     cases = ("none.npz", "cannot be read"), ("text.npz", "cannot be read"), ("other.npz", "has no mean")
@@ -166,7 +161,6 @@ def test_a_shipped_network_steers_where_it_has_not_been(name: str) -> None:
 
 
 def test_a_shipped_network_is_asked_for_by_its_name() -> None:
-    """It stays a name in the resolved scenario, where a file becomes a full path."""
     name = shipped_networks()[0]
     assert load_scenario("roundabout", [f"policy.path={name}"]).policy.path == name
     assert load_scenario("roundabout", ["policy.path=mine.npz"]).policy.path == str(Path("mine.npz").resolve())

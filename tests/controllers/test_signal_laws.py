@@ -90,7 +90,6 @@ def test_the_hitch_moves_as_a_lever_on_the_tractor() -> None:
 
 @pytest.mark.parametrize("length", [0.5, 40.0])
 def test_a_length_no_axle_could_emulate_is_refused(length: float) -> None:
-    """By name, value, limits and unit."""
     with pytest.raises(ValueError, match=rf"rigid_length = {length} m must be between 1.4 and 28 m"):
         CommandSteer(ALL_STEERED, combination=COMBINATION, parameters=CommandSteer.Parameters(rigid_length=length))
 

@@ -174,7 +174,6 @@ def test_long_darkness_ends(drive: Drive, name: str, odometry: Odometry[Any]) ->
 
 
 def test_starting_in_the_dark_recovers(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
-    """A first frame without texture must not stay the one that all others are compared with."""
     motions = drive.run(odometry, [drive.dark(drive.frames[0]), *drive.frames[1:4]])[1]
     assert states(name, motions) == ["lost", "found", "found"]
 

@@ -9,18 +9,14 @@ import numpy as np
 import pytest
 
 from estimators.rigid_motion import UncertainMotion, change_frame, composed, inverted, rotation_vector, stretched
-from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
+from tests.estimators.body_drive import disturbed
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 
 SMALL = 1e-6  # step of the numerical derivatives
 
 A_TO_B = transform(rotation_zyx(0.3, 0.02, -0.01), np.array([1.0, -0.4, 0.1]))
 B_TO_C = transform(rotation_zyx(-0.7, 0.1, 0.2), np.array([-2.0, 0.7, 0.3]))
 CAMERA = transform(rotation_zyx(math.pi, 0.1, 0.0), np.array([-14.0, 0.3, 3.0]))
-
-
-def disturbed(X: FloatArray, error: FloatArray) -> FloatArray:
-    """The motion with an error (rotation vector, translation) along the axes of its start."""
-    return transform(so3_exp(error[:3]) @ X[:3, :3], X[:3, 3] + error[3:])
 
 
 def difference(X: FloatArray, reference: FloatArray) -> FloatArray:

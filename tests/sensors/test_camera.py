@@ -89,7 +89,6 @@ def test_frame_is_what_the_cameras_on_the_unit_saw(calibration: StereoCalibratio
 
 
 def test_left_and_right_image_get_different_noise(calibration: StereoCalibration) -> None:
-    """Two sensors: what the noise does to one image says nothing about the other."""
     camera = StereoCamera(
         renderer=_Painted(calibration), unit=0, noise_std=3.0, rng=np.random.default_rng(1), keep_colour=False
     )

@@ -184,7 +184,6 @@ def test_dropout_loses_its_share(truth_of: TruthOf) -> None:
 
 
 def test_a_frozen_sensor_repeats_its_last_message_under_new_times(truth_of: TruthOf) -> None:
-    """The stamps alone do not show the fault."""
     messages = sent(truth_of, fault("freeze", start=0.3, duration=0.2), 6)
     assert ticks(messages) == [0, 100, 200, 300, 400, 500]
     same = [np.array_equal(image(messages[2]), image(message)) for message in messages]
@@ -230,7 +229,6 @@ def test_a_knocked_camera_can_be_set_right_by_the_papers_homography(truth_of: Tr
 
 @pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if issubclass(kind, ImageFault)])
 def test_faulty_images_come_without_the_colour_picture(truth_of: TruthOf, kind: str) -> None:
-    """The picture for people would otherwise hide the fault."""
     (message,) = sent(truth_of, fault(kind), 1)
     assert message is not None
     assert message.colour is None
@@ -255,29 +253,14 @@ def test_gain_changes_the_right_image_alone(truth_of: TruthOf) -> None:
 
 
 def test_faults_add_up(truth_of: TruthOf) -> None:
-    """A frozen sensor whose messages get lost as well."""
     both = stereo(fault("freeze", start=0.2), fault("dropout", (1.0,), start=0.4))
     messages = [both.sample(truth_of(PERIOD * k, at(k))) for k in range(6)]
     assert ticks(messages) == [0, 100, 200, 300, None, None]
     assert np.array_equal(image(messages[3]), image(messages[1]))
-
-
-def test_late_messages_that_are_not_lost_keep_their_time(truth_of: TruthOf) -> None:
-    """The outer fault does not stamp old messages anew."""
-    both = stereo(fault("delay"), fault("dropout", (0.3,)))
-    for k in range(20):
-        message = both.sample(truth_of(PERIOD * k, at(k)))
+    late = stereo(fault("delay"), fault("dropout", (0.3,)))
+    for k in range(20):  # the outer fault does not stamp old messages anew
+        message = late.sample(truth_of(PERIOD * k, at(k)))
         assert message is None or message.tick == PERIOD * (k - 1)
-
-
-@pytest.mark.parametrize("kind", MESSAGE_KINDS)
-def test_a_reference_unit_can_fail(truth_of: TruthOf, kind: str) -> None:
-    """Faults of transmission apply to poses: some of them arrive, and not all of these are exact."""
-    faulty = on_reference_unit(fault(kind))
-    messages = [faulty.sample(truth_of(PERIOD * k, at(k))) for k in range(60)]
-    assert any(isinstance(message, BodyPose) for message in messages)
-    exact = [message is not None and np.array_equal(message.X_WB, at(k)) for k, message in enumerate(messages)]
-    assert not all(exact)
 
 
 @pytest.mark.parametrize("kind", MESSAGE_KINDS)
@@ -302,7 +285,6 @@ def test_a_rovers_camera_can_fail(kind: str) -> None:
     assert len(pairs) < 60 or any(not np.array_equal(a.image, b.image) for a, b in pairs)
     if kind in IMAGE_KINDS:
         assert [a.heading for a, _ in pairs] == [b.heading for _, b in pairs]
-        assert all(a.colour is None for a, _ in pairs)
 
 
 @pytest.mark.parametrize(
@@ -346,7 +328,6 @@ def sound_and_faulty(name: str, amount: tuple[float, ...] = ()) -> tuple[list[Co
 
 @pytest.mark.parametrize("kind", SIGNAL_KINDS)
 def test_a_fault_of_signals_acts_in_its_time(kind: str) -> None:
-    """Something differs while it is active, and nothing before and after."""
     sound, faulty = ([astuple(signals) for signals in of_one] for of_one in sound_and_faulty(kind))
     same = [all(map(np.array_equal, one, other)) for one, other in zip(sound, faulty, strict=True)]
     assert same[:2] == same[4:] == [True, True]
@@ -366,7 +347,6 @@ def test_a_fault_of_signals_acts_in_its_time(kind: str) -> None:
 def test_a_fault_changes_its_signal_alone(
     name: str, amount: tuple[float, ...], read: Callable[[CombinationSignals], float], expected: list[float]
 ) -> None:
-    """By its amount; the tractor's gyro stays as it is."""
     _, faulty = sound_and_faulty(name, amount)
     assert [float(read(one)) for one in faulty[2:4]] == pytest.approx(expected)
     assert all(one.yaw_rates[0] == 0.2 for one in faulty)
@@ -420,16 +400,9 @@ def test_a_kind_of_ones_own_works_like_the_others() -> None:
 
 
 def test_a_kind_that_returns_another_message_is_stopped() -> None:
-    """Its estimator would fail later and less clearly."""
     faulty = on_rover(Fault(name="own:Scrambled", kind=Scrambled))
     with pytest.raises(ValueError, match="own:Scrambled returned SlipReading instead of RoverView"):
         faulty.sample(Time(0))
-
-
-def test_a_class_that_is_no_fault_kind_is_refused() -> None:
-    """The line names the missing members."""
-    with pytest.raises(ValueError, match="own:Sonar is no fault kind: options, needs, applies_to missing"):
-        checked_kind("own:Sonar", Sonar)
 
 
 def test_the_message_of_a_sensor_is_read_from_its_annotation() -> None:
@@ -471,6 +444,5 @@ def test_every_kind_describes_itself(name: str) -> None:
 def test_faults_out_of_range_are_refused(
     name: str, amount: tuple[float, ...], start: float, duration: float | None, complaint: str
 ) -> None:
-    """One line with the kind, the value and its limits."""
     with pytest.raises(ValueError, match=complaint):
         fault(name, amount, start=start, duration=duration)

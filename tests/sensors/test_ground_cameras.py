@@ -112,6 +112,5 @@ def test_ground_that_one_group_left_is_changed_again_by_the_next() -> None:
 
 
 def test_more_groups_than_can_be_told_apart_are_refused() -> None:
-    """Each needs ground of its own to show."""
     with pytest.raises(ValueError, match="3 groups of wheels: at most 2"):
         ReformedGround(PaintedGround(), FLAT, [WHEELS] * 3, width=1.0)

@@ -13,6 +13,7 @@ from sensors.messages import ColourImage
 from sensors.render import StereoRenderer
 from sensors.world.ground import Centreline, Landscape, condition_of, road_map
 from sensors.world.world import World
+from tests.sensors.test_render import points_seen
 from vehicle.frames import FloatArray
 from vehicle.surface import Friction, PatchedFriction, Potholes, Roughness, RoughProfile, SplitFriction, Surface, circle
 
@@ -34,11 +35,7 @@ def places(bare_world: World, calibration: StereoCalibration) -> FloatArray:
     renderer = StereoRenderer(bare_world, calibration)
     depth = renderer.render_depth_from(*renderer.cameras(POSE))[0]
     renderer.close()
-    v, u = np.mgrid[0 : calibration.height, 0 : calibration.width]
-    x, y = (u - calibration.cx) / calibration.focal_length, (v - calibration.cy) / calibration.focal_length
-    X_WC = POSE @ calibration.X_SC
-    points = np.stack([x, y, np.ones_like(x)], axis=-1) * np.minimum(depth, 1e4)[..., None] @ X_WC[:3, :3].T
-    return np.asarray(points[..., :2] + X_WC[:2, 3])
+    return points_seen(depth, calibration, POSE @ calibration.X_SC)[..., :2]
 
 
 def seen(world: World, calibration: StereoCalibration) -> ColourImage:

@@ -56,7 +56,6 @@ def test_rays_invert_pixels_in_all_of_the_image(distortion: Distortion) -> None:
 @example(-0.5622950595760463, 0.08940703984879111, 0.0360941664563547)
 @given(st.floats(-0.6, 0.3), st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
 def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: float) -> None:
-    """The constructor refuses every lens that folds the image over."""
     try:
         model = camera((k1, k2, 0.0, 0.0, k3))
     except ValueError:
@@ -76,7 +75,6 @@ def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: f
     ],
 )
 def test_cameras_that_can_not_be_are_refused(wrong: Callable[[CameraModel], CameraModel], complaint: str) -> None:
-    """One line that names what and the limit."""
     good = CameraModel(width=1344, height=391, fx=563.0, fy=560.0, cx=668.0, cy=197.0)
     with pytest.raises(ValueError, match=complaint):
         wrong(good)
@@ -91,7 +89,6 @@ def test_mount_rotation_is_the_papers() -> None:
 
 
 def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
-    """A calibration must not change by being written down."""
     written = rig(pose(mount_rotation(-0.0026, 0.0017, 1e-5), 0.5003, 1.0 / 3.0 * 1e-3))
     file = tmp_path / "rig.toml"
     file.write_text(written.to_toml(), encoding="utf-8")
@@ -113,7 +110,6 @@ def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
     ],
 )
 def test_a_broken_rig_file_is_one_clear_line(tmp_path: Path, was: str, instead: str, complaint: str) -> None:
-    """It names the file and what is wrong in it."""
     file = tmp_path / "rig.toml"
     file.write_text(rig(pose(np.eye(3), 0.5)).to_toml().replace(was, instead), encoding="utf-8")
     with pytest.raises(ValueError, match=complaint) as refused:

@@ -138,7 +138,6 @@ def test_nothing_is_in_the_way_of_the_cameras(renderer: StereoRenderer, calibrat
 
 
 def test_images_are_copies(renderer: StereoRenderer, pose: FloatArray) -> None:
-    """The next frame must not overwrite one that an estimator keeps."""
     first = renderer.render(pose)[0]
     kept = first.copy()
     renderer.render(np.eye(4))
@@ -202,6 +201,5 @@ def test_missing_opengl_is_one_clear_line(program: str, environment: dict[str, s
 
 
 def test_importing_the_renderer_does_not_load_opengl() -> None:
-    """A run without cameras must not need OpenGL, nor wait for it."""
     program = "import sys, sensors.render; print(sorted({'OpenGL', 'pyrender', 'trimesh'} & set(sys.modules)))"
     assert python(program).strip() == "[]"

@@ -141,12 +141,10 @@ def test_lug_marks_lie_across_the_heading_not_across_the_path(relief: Relief, sl
 
 
 def test_a_wheel_that_does_not_sink_leaves_nothing(relief: Relief) -> None:
-    """A crust carries the wheel."""
     assert not changed(relief, sinkage=0.0).any()
 
 
 def test_a_second_wheel_in_the_rut_makes_no_second_berm(relief: Relief) -> None:
-    """The rear wheel rolls in the front wheel's rut and displaces no more sand."""
     field = field_of(relief)
     before = field.height(AROUND)
     roll(field)
@@ -214,7 +212,6 @@ def test_a_wall_throws_a_shadow_of_its_height_over_the_tangent_of_the_sun(azimut
 
 
 def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
-    """Updates after each step give the same light as one update at the end."""
     stepwise, once = field_of(relief), field_of(relief)
     before = stepwise.light(AROUND)
     roll(stepwise, watched=True)

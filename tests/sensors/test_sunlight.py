@@ -16,7 +16,6 @@ from sensors.world.world import World
     ("compass", "towards"), [(0.0, (0.0, 1.0)), (90.0, (1.0, 0.0)), (180.0, (0.0, -1.0)), (270.0, (-1.0, 0.0))]
 )
 def test_azimuth_is_read_as_on_a_compass(compass: float, towards: tuple[float, float]) -> None:
-    """W's x is east and its y north."""
     light = daylight(1.0, azimuth=math.radians(compass), elevation=math.radians(30.0))
     np.testing.assert_allclose(light.direction[:2] / math.cos(math.radians(30.0)), towards, atol=1e-12)
     assert light.direction[2] == pytest.approx(0.5)
@@ -39,7 +38,6 @@ def test_clouds_leave_no_sun() -> None:
 
 @pytest.mark.parametrize("degrees", [2.9, 90.1, -10.0, math.nan])
 def test_a_sun_below_the_hills_is_refused(degrees: float) -> None:
-    """Its shadows would be endless."""
     with pytest.raises(ValueError, match="must be between 3 and 90"):
         daylight(0.0, elevation=math.radians(degrees))
 

@@ -186,19 +186,16 @@ def test_shutter_smears_along_the_motion(sand: SandWorld, rig: TraceRig, truths:
 
 
 def test_exposure_follows_the_light(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """The first image has the settled exposure."""
     image = camera_of(sand, rig, replace(Webcam(), jpeg_quality=None)).sample(truths[-1])
     assert image.mean() == pytest.approx(118.0, abs=3.0)  # the target of AutoExposure; nothing saturates
 
 
 def test_colour_is_that_of_sand(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """More red than green, more green than blue."""
     red, green, blue = camera_of(sand, rig).colour(truths[-1]).reshape(-1, 3).mean(axis=0)
     assert red > green > blue
 
 
 def test_camera_below_the_ground_is_refused(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """As on a rover that has fallen over."""
     over = transform(rotation_zyx(0.0, 0.0, math.pi), np.array([0.5, 0.0, 0.0]))
     with pytest.raises(ValueError, match="must look down"):
         camera_of(sand, rig).sample(replace(truths[-1], X_WB=over))

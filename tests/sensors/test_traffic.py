@@ -34,16 +34,16 @@ FOLLOW, HALF_WIDTH, SPEED = 14.0, 1.275, 4.0
 SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # that of conftest.py
 
 
-def traffic(kind: TrafficKind, seed: int = 1, gap: float = 5.0) -> Traffic:
-    """Traffic on the ground of conftest.py."""
-    return Traffic(
-        np.random.default_rng(seed),
-        kind=kind,
-        gap=gap,
-        follow_distance=FOLLOW,
-        half_width=HALF_WIDTH,
-        height=lambda xy: SURFACE.height(xy[:, 0], xy[:, 1]),
-    )
+def on_cone(xy: FloatArray) -> FloatArray:
+    return SURFACE.height(xy[:, 0], xy[:, 1])
+
+
+def traffic(
+    kind: TrafficKind, seed: int = 1, gap: float = 5.0, height: Callable[[FloatArray], FloatArray] = on_cone
+) -> Traffic:
+    """Traffic, by default on the ground of conftest.py."""
+    rng = np.random.default_rng(seed)
+    return Traffic(rng, kind=kind, gap=gap, follow_distance=FOLLOW, half_width=HALF_WIDTH, height=height)
 
 
 def truth(time: float, pose: tuple[float, float, float]) -> Truth:
@@ -140,14 +140,7 @@ def test_who_crosses_does_so_at_right_angles_behind() -> None:
 
 def test_vehicles_stand_on_sloping_ground() -> None:
     """A ramp of 5 % tilts them by as much, and their wheels touch it."""
-    on_ramp = Traffic(
-        np.random.default_rng(1),
-        kind="following",
-        gap=5.0,
-        follow_distance=FOLLOW,
-        half_width=HALF_WIDTH,
-        height=lambda xy: 0.05 * xy[:, 0],
-    )
+    on_ramp = traffic("following", height=lambda xy: 0.05 * xy[:, 0])
     for time in moments(5.0):
         (vehicle,) = on_ramp.at(straight(time))
     pose = vehicle.poses[0]
@@ -222,7 +215,6 @@ _DARK = np.zeros((2, 2), np.uint8)
 
 
 def test_vehicles_are_in_their_places_before_the_picture_is_taken() -> None:
-    """All three of mixed traffic."""
     paper = _Paper()
     assert InTraffic(paper, paper, traffic("mixed")).sample(straight(0.0)).tick == 0
     assert paper.asked == ["place 3", "sample"]

@@ -51,7 +51,6 @@ def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> N
 
 
 def test_things_stand_on_the_ground(world: World) -> None:
-    """Each foot is on the surface, within what the course's margin covers."""
     for stand in world.scenery:
         foot = stand.poses[:, :3, 3]
         near = _distance_from_way(foot) < 90.0
@@ -125,7 +124,6 @@ def test_road_map_holds_the_distance_from_the_edge(world: World) -> None:
 
 
 def test_a_crossing_centreline_is_near_to_both_arms() -> None:
-    """Two straight lines that cross: the distance is the smaller one."""
     cross = Centreline(np.array([[-20.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0], [0.0, -20.0]]))
     np.testing.assert_allclose(
         cross.distance(np.array([[3.0, -5.0], [-7.0, 2.0]])), [3.0, 2.0], atol=1e-3
@@ -167,6 +165,5 @@ def small_world() -> World:
     [("scenery_density", 2.1), ("scenery_density", -0.1), ("road_half_width", 0.0), ("clearance", 2.9)],
 )
 def test_arguments_out_of_range_are_named(argument: str, value: float) -> None:
-    """One line with the argument's name and value."""
     with pytest.raises(ValueError, match=f"{argument} = {value}"):
         _small(0, **{argument: value})

@@ -49,6 +49,11 @@ def with_axles(vehicle: Vehicle, *changes: dict[str, Any], tyre: dict[str, Any] 
     return vehicle.model_copy(update={"units": tuple(units)})
 
 
+def grouped(vehicle: Vehicle) -> Vehicle:
+    """The longer semi-trailer with one actuator for both steered axles, the second turned by half."""
+    return with_axles(vehicle, {}, {}, {}, {"steer_group": "rear"}, {"steer_group": "rear", "steer_ratio": 0.5})
+
+
 def linear_tyre(stiffness: float, axle_load: float, **changes: float) -> LinearTyre:
     """A tyre as textbooks have it: stiff in proportion to load, without rolling resistance and trail."""
     numbers = {

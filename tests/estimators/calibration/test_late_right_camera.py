@@ -87,7 +87,6 @@ def test_its_standard_deviation_is_that_of_the_rows(calibration: StereoCalibrati
 
 
 def test_points_that_share_no_epipolar_geometry_tell_nothing(calibration: StereoCalibration) -> None:
-    """Random matches, and too few of them."""
     rng = np.random.default_rng(3)
     r, q = rng.uniform(-0.3, 0.3, (2, 200, 2))
     assert fitted_to_rays(calibration, r, q, np.zeros(4), np.zeros(3)) is None
@@ -150,7 +149,6 @@ def test_speed_tells_a_delay_from_an_offset() -> None:
 
 
 def test_a_standing_camera_learns_nothing_of_a_delay() -> None:
-    """Nothing moves between the exposures."""
     state = initial()
     for _ in range(20):
         state = updated(state, fit(), SPEED._replace(velocity=np.zeros(3)))
@@ -188,7 +186,6 @@ def test_a_late_right_camera_is_noticed_and_compensated(late: Drive, kind: Any) 
 
 
 def test_an_odometry_that_cannot_compensate_is_lost(late: Drive) -> None:
-    """Better no motion than a wrong one."""
     viso2 = Viso2Odometry(late.calibration)
     motions = run(SelfCalibratedOdometry(late.calibration, viso2), late.frames[:4])
     assert all(motion.health is Health.LOST for motion in motions)

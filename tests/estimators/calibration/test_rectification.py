@@ -115,7 +115,6 @@ def test_a_pair_that_is_rectified_already_is_left_alone() -> None:
 
 
 def test_colour_for_people_is_rectified_with_the_left_image() -> None:
-    """Tracks are drawn on it."""
     raw = rig()
     left = spots(raw.left.project(points(1))[0], (391, 1344))
     frame = Rectifier(raw).step(
@@ -126,7 +125,6 @@ def test_colour_for_people_is_rectified_with_the_left_image() -> None:
 
 
 def test_images_of_another_size_are_refused() -> None:
-    """One line with both sizes."""
     image = np.zeros((400, 640), np.uint8)
     with pytest.raises(ValueError, match="the left image has 640x400 px, its camera was calibrated with 1344x391 px"):
         Rectifier(rig()).step(StereoFrame(tick=0, left=image, right=image))

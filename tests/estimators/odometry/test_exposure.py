@@ -44,7 +44,6 @@ def is_untouched(drive: Drive, frame: StereoFrame) -> bool:
 
 
 def test_equal_exposures_stay_as_they_are(drive: Drive) -> None:
-    """The very same images: runs without a change of exposure do not change by a bit."""
     assert all(is_untouched(drive, frame) for frame in drive.frames[::5])
     one, other = drive.frames[20:22]
     assert match_over_time(one, other)[0] is one
@@ -73,7 +72,6 @@ def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
 
 
 def test_blank_images_are_left_alone(drive: Drive) -> None:
-    """Dark, saturated, and too small to compare."""
     frame = drive.frames[0]
     for blank in (drive.dark(frame), replace(frame, right=np.full_like(frame.right, 255))):
         assert is_untouched(drive, blank)

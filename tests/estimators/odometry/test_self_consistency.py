@@ -76,7 +76,6 @@ def test_wrong_poses_of_old_keyframes_are_seen(calibration: StereoCalibration) -
 
 
 def test_unknown_differences_change_nothing() -> None:
-    """Without keyframes there is no difference between newest and older ones."""
     differences = np.ones((3, 6))
     differences[2] = np.nan
     consistency = updated(updated(SelfConsistency(), differences), differences)
@@ -155,6 +154,5 @@ def test_halves_of_odd_images_meet_at_the_edges(calibration: StereoCalibration) 
 
 
 def test_no_frames_say_nothing(calibration: StereoCalibration) -> None:
-    """And one frame neither."""
     found = agreement(calibration, [], resolve("odometry", "circular", ODOMETRY))
     assert np.isnan([found.halves, found.backwards]).all()

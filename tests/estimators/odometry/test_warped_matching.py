@@ -106,7 +106,6 @@ def test_plain_patches_are_finite_and_unlike() -> None:
 
 
 def test_nothing_to_find() -> None:
-    """No patches are no error."""
     none = np.zeros((0, 2), np.float32)
     image = np.zeros((50, 50), np.float32)
     assert len(matched(image, image, none, STRAIGHT, none).points) == 0

@@ -12,9 +12,10 @@ from offtrack.studies.standards.proving_ground import drive, point_path
 from offtrack.studies.validation.driver_checks import driver_modes, with_damping
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import corner
+from tests.vehicle.chains import with_axles
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
-from vehicle.combination.truth import Truth
 from vehicle.combination.variants import changed_vehicle
+from vehicle.frames import Pose2
 from vehicle.surface import Surface
 from vehicle.tyres.laws import TYRES
 
@@ -33,7 +34,6 @@ def test_a_wrong_data_sheet_does_not_destabilise(stiffness: float, mass: float) 
 
 @pytest.mark.parametrize("wheelbase", [2.5, 7.0])
 def test_other_wheelbases_are_stable_without_tuning(wheelbase: float) -> None:
-    """Gains follow from the data sheet."""
     truck = load_vehicle("rigid_truck")
     unit = truck.units[0]
     scale = wheelbase / unit.axles[0].x
@@ -71,7 +71,7 @@ def test_curves_are_driven_without_weaving_on_any_tyre(law: str, kmh: float, lat
         PreviewDriver(tractor_guided_at(vehicle, course.reference), course.path, speed),
         trailer_steering="none",
         speed=speed,
-        done=lambda truth: math.dist((truth.poses[0] + x * np.array([*heading(truth), 0.0]))[:2], end[:2]) < 1.0,
+        done=lambda truth: math.dist((Pose2(*truth.poses[0]) @ Pose2(x, 0.0, 0.0))[:2], end[:2]) < 1.0,
         patience=1.3 * course.length / speed,
     ).log
     station, offsets = 0.0, []
@@ -83,30 +83,14 @@ def test_curves_are_driven_without_weaving_on_any_tyre(law: str, kmh: float, lat
     assert np.abs(np.diff(last)).sum() - abs(last[-1] - last[0]) < math.radians(0.1)
 
 
-def heading(truth: Truth) -> tuple[float, float]:
-    return math.cos(truth.poses[0, 2]), math.sin(truth.poses[0, 2])
-
-
 def with_tyres(vehicle: Vehicle, law: str) -> Vehicle:
     """Undamped tyres of another law with the stiffness of the vehicle's own."""
-    units = []
-    for unit in vehicle.units:
-        axles = []
-        for axle in unit.axles:
-            stiffness, own = axle.tyre.nominal_stiffness, axle.tyre
-            shape = {"shape": 1.3, "curvature": -1.0} if law == "magic_formula" else {}
-            tyre = TYRES[law].model_validate(
-                {
-                    "model": law,
-                    **{name: getattr(own, name) for name in ("nominal_load", "relaxation_length", "pneumatic_trail")},
-                    "rolling_resistance": own.rolling_resistance,
-                    "damping": 0.0,
-                    "longitudinal_stiffness": float(stiffness.x),
-                    "cornering_stiffness": float(stiffness.y),
-                    "load_sensitivity": 0.1,
-                    **shape,
-                }
-            )
-            axles.append(axle.model_copy(update={"tyre": tyre}))
-        units.append(unit.model_copy(update={"axles": tuple(axles)}))
-    return vehicle.model_copy(update={"units": tuple(units)})
+    changes = []
+    for own in (axle.tyre for unit in vehicle.units for axle in unit.axles):
+        kept = ("nominal_load", "relaxation_length", "pneumatic_trail", "rolling_resistance")
+        numbers = {name: getattr(own, name) for name in kept} | {"damping": 0.0, "load_sensitivity": 0.1}
+        along, across = (float(stiffness) for stiffness in own.nominal_stiffness)
+        numbers |= {"longitudinal_stiffness": along, "cornering_stiffness": across}
+        shape = {"shape": 1.3, "curvature": -1.0} if law == "magic_formula" else {}
+        changes.append({"tyre": TYRES[law].model_validate({"model": law, **numbers, **shape})})
+    return with_axles(vehicle, *changes)

@@ -48,7 +48,6 @@ def written(tmp_path: Path, text: str) -> str:
 
 
 def test_ground_is_uniform_and_smooth_unless_asked_otherwise() -> None:
-    """The shipped roundabout looks nothing up."""
     assert surface("surface.friction=0.4").friction == 0.4
     assert surface().is_uniform
     assert surface().is_smooth
@@ -63,7 +62,6 @@ def test_one_side_of_the_road_may_be_named_alone() -> None:
 
 
 def test_patches_come_from_tables(tmp_path: Path) -> None:
-    """A circle, and a turned rectangle with a soft edge on top of it."""
     ground = surface(scenario=written(tmp_path, PATCHES))
     assert ground.friction_at(18.5, 0.0) == pytest.approx(0.15)
     assert ground.friction_at(20.0, 2.5) == pytest.approx(0.3)
@@ -124,14 +122,12 @@ def test_a_resolved_scenario_runs_again_from_anywhere(tmp_path: Path, monkeypatc
     ],
 )
 def test_a_wrong_patch_is_refused_in_one_line(tmp_path: Path, change: tuple[str, str], message: str) -> None:
-    """Which patch, which key, and what about it."""
     with pytest.raises(ValueError, match=r"surface\.patches") as refused:
         load_scenario(written(tmp_path, PATCHES.replace(*change)))
     assert message in str(refused.value)
 
 
 def test_an_image_that_is_none_is_refused_in_one_line(tmp_path: Path) -> None:
-    """A missing file, and a file of another kind."""
     with pytest.raises(ValueError, match=r"^surface.friction_image = .*nothing.png is missing$"):
         surface(f"surface.friction_image={tmp_path / 'nothing.png'}")
     (tmp_path / "text.png").write_text("no image")

@@ -17,6 +17,7 @@ from offtrack.exchange.recordings.writers import RoverRecordingWriter
 from scenarios.loop.channel import Kept, Stopwatch
 from scenarios.loop.image_observers import TracePictures
 from sensors.messages import RoverView
+from tests.vehicle.rovers import HOME, plant_on
 from vehicle.rover.truth import RoverTruth
 
 
@@ -113,24 +114,12 @@ class Views:
 
 def test_an_old_image_is_recorded_with_the_truth_at_its_capture() -> None:
     """A frozen image may be a minute old; of 1200 truths at most 600 are in memory. An image of no step is an error."""
-    none, views = np.zeros(4), Views()
-    truth = RoverTruth(
-        tick=0,
-        pose=np.zeros(3),
-        velocity=np.zeros(3),
-        X_WB=np.eye(4),
-        wheel_positions=np.zeros((4, 3)),
-        wheel_headings=none,
-        wheel_velocities=np.zeros((4, 2)),
-        wheel_speeds=none,
-        wheel_turns=none,
-        steer=none,
-        slip_ratios=none,
-        slip_angles=none,
-        sinkages=none,
-        loads=none,
+    views = Views()
+    plant = plant_on(None)
+    truth = plant.observe(plant.initial_state(HOME), 0)
+    view = RoverView(
+        tick=0, image=np.zeros((1, 1), dtype=np.uint8), heading=0.0, wheel_speeds=np.zeros(4), steer=np.zeros(4)
     )
-    view = RoverView(tick=0, image=np.zeros((1, 1), dtype=np.uint8), heading=0.0, wheel_speeds=none, steer=none)
     pictures = TracePictures(None, Stopwatch(), keep=False, recorder=cast("RoverRecordingWriter", views))
     for tick in range(0, 60_000, 50):
         pictures.follow(replace(truth, tick=tick, pose=np.array([1e-3 * tick, 0.0, 0.0])))

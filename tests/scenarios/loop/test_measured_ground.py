@@ -50,7 +50,6 @@ def laid(path: Path, *settings: str) -> tuple[Surface, Course]:
 
 @pytest.mark.parametrize("kind", ["LRFI", "LDFI", "KRBI", "KDBI"])
 def test_all_formats_are_read(tmp_path: Path, kind: str) -> None:
-    """Text and binary, single and double precision."""
     surface = read_crg(written(tmp_path / "hump.crg", kind=kind))
     np.testing.assert_allclose(surface.heights, BUMP, atol=1e-6)
     np.testing.assert_allclose(surface.v, V, atol=1e-6)
@@ -167,7 +166,6 @@ def _cut(path: Path, kind: str, end: int) -> None:
 
 @pytest.mark.parametrize("case", BAD)
 def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
-    """With the key, the file and what is wrong."""
     write, wanted = BAD[case]
     path = tmp_path / "bad.crg"
     write(path)

@@ -83,6 +83,7 @@ def test_the_paper_s_ground_truth_agrees_with_the_exact_slip() -> None:
     assert 0.1 < error < 1.0
     assert number_at(summary, "slip.valid_fraction") == 1.0
     assert number_at(summary, "slip.lagged_error_rms_deg") is None  # an exact slip is not estimated anew
+    assert "fallback" not in result.log  # without faults
 
 
 def test_errors_of_later_estimates_are_against_the_truth_at_their_tick() -> None:
@@ -95,22 +96,20 @@ def test_errors_of_later_estimates_are_against_the_truth_at_their_tick() -> None
     assert number_at(changed.summary(), "slip.lagged_error_rms_deg") == pytest.approx(1.0)
 
 
-def test_sinking_in_ends_the_run_as_entrapped(tmp_path: Path) -> None:
-    """A rover whose limit is below what this sand lets it sink in."""
+@pytest.mark.parametrize(
+    ("number", "outcome"),
+    [
+        ("sinkage_limit = 0.005", "entrapped"),  # below what this sand lets it sink in
+        ("stall_torque = 0.02", "timed out"),  # sand asks for more than 0.02 N m at the wheel: it comes to rest
+    ],
+)
+def test_a_rover_that_can_not_go_on_says_why(tmp_path: Path, number: str, outcome: str) -> None:
     source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
-    lines = ["sinkage_limit = 0.005" if line.startswith("sinkage_limit") else line for line in source.splitlines()]
-    (tmp_path / "heavy.toml").write_text("\n".join(lines))
-    result = driven("rover-slope", "slip_estimator=truth", f"vehicle={tmp_path / 'heavy.toml'}")
-    assert result.outcome == "entrapped"
-
-
-def test_a_rover_without_the_strength_to_move_times_out(tmp_path: Path) -> None:
-    """Drives of 0.02 N m at the wheel on sand that asks for more: it comes to rest and stays."""
-    source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
-    lines = ["stall_torque = 0.02" if line.startswith("stall_torque") else line for line in source.splitlines()]
-    (tmp_path / "weak.toml").write_text("\n".join(lines))
-    result = driven("rover-slope", "slip_estimator=truth", f"vehicle={tmp_path / 'weak.toml'}", "course.length=0.5")
-    assert result.outcome == "timed out"
+    name = number.partition(" ")[0]
+    lines = [number if line.startswith(name) else line for line in source.splitlines()]
+    (tmp_path / "own.toml").write_text("\n".join(lines))
+    settings = ("slip_estimator=truth", f"vehicle={tmp_path / 'own.toml'}", "course.length=0.5")
+    assert driven("rover-slope", *settings).outcome == outcome
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +151,6 @@ def test_a_recording_gives_the_estimates_of_the_run(recorded: tuple[Path, Path],
 
 
 def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_path: Path) -> None:
-    """The others are estimated from all the same."""
     copy = shutil.copytree(recorded[1], tmp_path / "copy")
     (copy / "images" / "000003.png").write_bytes(b"no image")
     arguments = ["estimate", "slip", str(copy), "--estimator", "ftrace", "--no-video", "--out", str(tmp_path / "out")]
@@ -180,7 +178,6 @@ def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_pat
 def test_a_recording_that_does_not_fit_is_one_line(
     recorded: tuple[Path, Path], tmp_path: Path, spoil: object, said: str
 ) -> None:
-    """Exit code 2 and what is wrong, and where."""
     copy = shutil.copytree(recorded[1], tmp_path / "copy")
     spoil(copy)  # type: ignore[operator]  # a function of the table above
     result = CliRunner().invoke(app, ["estimate", "slip", str(copy), "--out", str(tmp_path / "out")])
@@ -201,7 +198,6 @@ def test_a_recording_that_does_not_fit_is_one_line(
     ],
 )
 def test_what_can_not_be_run_is_one_line(settings: list[str], said: str, tmp_path: Path) -> None:
-    """Exit code 2, and nothing is written."""
     options = [part for setting in settings for part in ("--set", setting)]
     result = CliRunner().invoke(app, ["run", "rover-slope", *options, "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
@@ -228,7 +224,3 @@ def test_messages_that_do_not_come_are_noticed() -> None:
     time, fallback = log["time"], log["fallback"]
     assert 1.0 <= time[np.argmax(fallback)] - 4.0 <= 1.3  # the last reading came 0.2 s before that
     assert not fallback[time > 8.5].any()
-
-
-def test_a_run_without_faults_has_no_signal_of_a_fallback() -> None:
-    assert "fallback" not in driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none").log

@@ -36,7 +36,6 @@ def test_each_trailer_follows_its_own_hitch(double: RunResult) -> None:
 
 
 def test_the_summary_is_of_the_worst_trailer(double: RunResult) -> None:
-    """The one whose follow point runs farthest beside its path, and all of them by name."""
     numbers, of_each = double.summary(), trailer_summaries(double)
     worst = max(of_each.values(), key=lambda trailer: trailer["true_max_m"] or 0.0)
     assert isinstance(numbers["off_tracking"], dict)
@@ -45,7 +44,6 @@ def test_the_summary_is_of_the_worst_trailer(double: RunResult) -> None:
 
 
 def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(double: RunResult) -> None:
-    """Every signal ends with its trailer's name; the last trailer's have the short names, too."""
     lead, last = double.steer_signals("lead trailer"), double.steer_signals()
     assert last == tuple(f"steer_trailer_{k}_semitrailer" for k in (1, 2, 3))
     assert lead == tuple(f"steer_trailer_{k}_lead trailer" for k in (1, 2, 3))
@@ -123,7 +121,6 @@ def test_the_driver_slows_down_to_the_lateral_acceleration_allowed() -> None:
     ],
 )
 def test_errors_in_a_drivers_file_are_named(tmp_path: Path, text: str, complaint: str) -> None:
-    """One line: file, line, column."""
     file = tmp_path / "drive.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=complaint) as caught:
@@ -132,6 +129,5 @@ def test_errors_in_a_drivers_file_are_named(tmp_path: Path, text: str, complaint
 
 
 def test_a_drivers_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    """With the key that names it."""
     with pytest.raises(ValueError, match=r"^driver.trace: .*none.csv: cannot be read: No such file"):
         read_trace(tmp_path / "none.csv")

@@ -42,7 +42,6 @@ ROADS = {
 
 @pytest.mark.parametrize("command", REFUSED)
 def test_a_refusal_is_one_line_and_makes_nothing(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not even the folder runs."""
     monkeypatch.chdir(tmp_path)
     for side in ("image_0", "image_1"):
         (tmp_path / "images" / side).mkdir(parents=True)

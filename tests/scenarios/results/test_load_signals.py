@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -11,53 +9,24 @@ import offtrack
 from vehicle.combination.description import load_vehicle
 
 
-@pytest.fixture(scope="module")
-def circle() -> offtrack.Run:
-    settings = {
-        "vehicle": "eu_tractor_semitrailer",
-        "speed_kmh": 25.0,
-        "trailer_steering": "none",
-        "off_tracking": "truth",
-        "course.radius": 40.0,
-        "course.turn_deg": 200.0,
-    }
-    return offtrack.run("roundabout", settings=settings)
-
-
 @pytest.mark.slow
-def test_acceleration_of_a_steady_circle_is_that_of_the_centre_of_gravity(circle: offtrack.Run) -> None:
-    """v^2 / R of the point, along the unit's own y axis."""
-    vehicle = load_vehicle("eu_tractor_semitrailer")
-    row = int(0.7 * len(circle.log))
-    for unit in vehicle.units:
-        yaw_rate = circle[f"yaw_rate_{unit.name}"][row]
-        expected = circle[f"v_x_{unit.name}"][row] * yaw_rate
-        assert circle[f"lateral_acceleration_{unit.name}"][row] == pytest.approx(expected, abs=0.02)
-    assert circle["lateral_acceleration_tractor"][row] == pytest.approx((25 / 3.6) ** 2 / 38.0, rel=0.05)
-
-
-def test_load_transfer_balances_the_moment_of_the_whole_combination(circle: offtrack.Run) -> None:
-    """Sum of lateral force times height, over weight times half the track: within the roll of the bodies."""
-    vehicle = load_vehicle("eu_tractor_semitrailer")
-    row = int(0.7 * len(circle.log))
-    moment = sum(u.mass * u.cg_height * circle[f"lateral_acceleration_{u.name}"][row] for u in vehicle.units)
-    track = np.mean([axle.track for unit in vehicle.units for axle in unit.axles])
-    expected = moment / (0.5 * track * vehicle.mass * 9.81)
-    measured = np.mean([circle[f"load_transfer_{unit.name}"][row] for unit in vehicle.units])
-    assert measured == pytest.approx(expected, rel=0.25)
-    assert measured > 0.0  # a left turn loads the right side
-
-
-def test_articulation_is_the_difference_of_yaws(circle: offtrack.Run) -> None:
+def test_signals_of_a_steady_circle_have_their_closed_forms() -> None:
+    """Acceleration v r, its moment over weight times half the track within the roll, and friction v^2 / (R mu g)."""
+    settings = {"speed_kmh": 25.0, "course.radius": 40.0, "course.turn_deg": 200.0, "trailer_steering": "none"}
+    settings |= {"vehicle": "eu_tractor_semitrailer", "off_tracking": "truth"}
+    circle, vehicle = offtrack.run("roundabout", settings=settings), load_vehicle("eu_tractor_semitrailer")
     np.testing.assert_allclose(circle["articulation_1"], circle["psi_tractor"] - circle["psi_semitrailer"], atol=1e-12)
-
-
-def test_friction_of_an_axle_lies_between_those_of_its_wheels(circle: offtrack.Run) -> None:
-    """At v^2 / R = 1.27 m/s2 on friction 0.8 the steer axle needs about 1.27 / (0.8 g)."""
-    row = int(0.7 * len(circle.log))
-    names = [name for name in circle.log.names if name.startswith("friction_used_") and name[-1].isdigit()]
-    assert len(names) == 5
-    assert max(circle[name][row] for name in names) <= circle["friction_used_max"][row]
-    needed = circle["lateral_acceleration_tractor"][row] / (0.8 * 9.81)
-    assert circle["friction_used_tractor_1"][row] == pytest.approx(needed, rel=0.35)
-    assert math.isfinite(circle["friction_used_tractor_2"][row])
+    now = {name: circle[name][int(0.7 * len(circle.log))] for name in circle.log.names}
+    for unit in vehicle.units:
+        expected = now[f"v_x_{unit.name}"] * now[f"yaw_rate_{unit.name}"]
+        assert now[f"lateral_acceleration_{unit.name}"] == pytest.approx(expected, abs=0.02)
+    assert now["lateral_acceleration_tractor"] == pytest.approx((25 / 3.6) ** 2 / 38.0, rel=0.05)
+    moment = sum(u.mass * u.cg_height * now[f"lateral_acceleration_{u.name}"] for u in vehicle.units)
+    track = np.mean([axle.track for unit in vehicle.units for axle in unit.axles])
+    measured = np.mean([now[f"load_transfer_{unit.name}"] for unit in vehicle.units])  # a left turn loads the right
+    assert measured == pytest.approx(moment / (0.5 * track * vehicle.mass * 9.81), rel=0.25)
+    of_axles = [value for name, value in now.items() if name.startswith("friction_used_") and name[-1].isdigit()]
+    assert len(of_axles) == 5
+    assert max(of_axles) <= now["friction_used_max"]
+    needed = now["lateral_acceleration_tractor"] / (0.8 * 9.81)
+    assert now["friction_used_tractor_1"] == pytest.approx(needed, rel=0.35)

@@ -35,7 +35,6 @@ def test_missing_values_are_nulls_and_units_are_in_the_schema(tmp_path: Path) ->
 
 
 def test_an_empty_log_survives_the_disk(tmp_path: Path) -> None:
-    """A run interrupted before its first row still writes its directory."""
     write_log(Log(SIGNALS, np.empty((0, len(SIGNALS)))), tmp_path / "signals.parquet")
     assert read_log(tmp_path / "signals.parquet") == Log(SIGNALS, np.empty((0, len(SIGNALS))))
 
@@ -53,7 +52,6 @@ def test_signals_are_read_by_name_and_can_not_be_changed() -> None:
 
 
 def test_the_hash_sees_a_single_bit_and_a_unit() -> None:
-    """Runs are called equal by this hash alone."""
     rows = a_log().rows.copy()
     rows[2, 1] = np.nextafter(rows[2, 1], 1.0)
     other_unit = (*SIGNALS[:2], Signal("std", "mm", "its deviation"))
@@ -67,7 +65,6 @@ def test_every_nan_is_the_same_nan() -> None:
 
 
 def test_a_signal_can_be_added_after_the_run() -> None:
-    """The true off-tracking needs the whole path."""
     log = a_log().with_columns([(Signal("true", "m", "truth"), np.array([1.0, 2.0, 3.0]))])
     assert log.names == ("time", "e", "std", "true")
     assert log["true"].tolist() == [1.0, 2.0, 3.0]
@@ -76,7 +73,6 @@ def test_a_signal_can_be_added_after_the_run() -> None:
 
 
 def test_rows_that_do_not_fit_and_double_names_are_refused() -> None:
-    """Either would put values under the wrong name."""
     with pytest.raises(ValueError, match="do not fit 3 signals"):
         Log(SIGNALS, np.zeros((4, 2)))
     with pytest.raises(ValueError, match="must differ"):

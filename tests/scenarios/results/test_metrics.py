@@ -82,7 +82,6 @@ def test_only_the_newest_crossing_counts_where_the_path_crosses_itself() -> None
 
 
 def test_standing_still_changes_nothing() -> None:
-    """Samples on one spot add no path."""
     x, y, psi = circling(15.0, 4.0, 9.0)
     e = true_off_tracking(x, y, psi, 14.0)
     waiting = np.repeat(np.arange(len(x)), np.where(np.isin(np.arange(len(x)), (900, 1400)), 300, 1))
@@ -126,7 +125,6 @@ def test_searching_agrees_with_a_path_that_is_cut_sample_by_sample() -> None:
 
 
 def test_a_short_path_has_no_off_tracking() -> None:
-    """Before the path reaches back to the follow point there is nothing to compare with."""
     assert np.isnan(true_off_tracking(np.zeros(1), np.zeros(1), np.zeros(1), 14.0)).all()
     assert true_off_tracking(np.empty(0), np.empty(0), np.empty(0), 14.0).shape == (0,)
     with pytest.raises(ValueError, match="follow_distance"):
@@ -134,7 +132,6 @@ def test_a_short_path_has_no_off_tracking() -> None:
 
 
 def test_statistics_pass_over_what_is_missing() -> None:
-    """An estimate exists in every tenth row only."""
     values = np.array([np.nan, 3.0, np.nan, -4.0])
     assert metrics.rms(values) == pytest.approx(math.sqrt(12.5))
     assert metrics.peak(values) == 4.0

@@ -82,7 +82,6 @@ def test_a_body_whose_weight_is_beyond_its_outer_wheels_has_rolled_over(unit: in
 
 
 def test_a_body_on_gradients_rolls_over_after_half_a_second() -> None:
-    """It has no degree of freedom to fall with."""
     on_gradients = VEHICLE.model_copy(
         update={"units": tuple(unit.model_copy(update={"roll": None}) for unit in VEHICLE.units)}
     )
@@ -124,13 +123,9 @@ def test_the_road_is_left_with_the_first_wheel_of_the_tractor(y: float, yaw: flo
     assert judged(truth(tractor=(0.0, y, yaw), trailer_yaw=yaw)) == outcome
 
 
-def test_trailers_are_not_judged_by_the_road() -> None:
-    """A trailer at 80 degrees to the road reaches 9 m beside it."""
+def test_neither_a_trailer_nor_a_tractor_without_a_road_leaves_it() -> None:
+    """A trailer at 80 degrees to the road reaches 9 m beside it; on the proving ground anything goes."""
     assert judged(truth(trailer_yaw=math.radians(80.0))) is None
-
-
-def test_without_a_road_there_is_none_to_leave() -> None:
-    """On the proving ground a combination may go where it likes."""
     referee = Referee(VEHICLE)
     assert referee.step(referee.init(), truth(tractor=(0.0, 1e3, 0.0)))[1] is None
 

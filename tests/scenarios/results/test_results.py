@@ -82,7 +82,6 @@ def test_what_was_not_measured_is_null(blind_run: RunResult) -> None:
 
 
 def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run: RunResult, tmp_path: Path) -> None:
-    """Interrupted before the first or the second row."""
     for rows in (0, 1):
         log = Log(blind_run.log.signals, blind_run.log.rows[:rows])
         run = dataclasses.replace(blind_run, outcome="interrupted", log=log)
@@ -93,7 +92,6 @@ def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run:
 
 @pytest.mark.slow
 def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> None:
-    """Everything that is promised, and nothing of the writing left behind."""
     short = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, camera_run.log.rows[:900]))
     told: list[tuple[float, float]] = []
 
@@ -116,13 +114,7 @@ def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> N
     assert told[-1][0] == told[-1][1] > 0
 
 
-def test_without_video_there_is_none(blind_run: RunResult, tmp_path: Path) -> None:
-    """``--no-video``."""
-    assert len(list(write_run(blind_run, tmp_path / "a", video=False).iterdir())) == 5
-
-
 def test_a_directory_with_something_in_it_is_refused_and_left_alone(blind_run: RunResult, tmp_path: Path) -> None:
-    """Nobody's results may be written over."""
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "mine.txt").touch()
     with pytest.raises(ValueError, match="not empty"):
@@ -133,17 +125,12 @@ def test_a_directory_with_something_in_it_is_refused_and_left_alone(blind_run: R
 def test_what_can_not_become_a_run_directory_is_refused_beforehand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Known before a run of minutes, not after it."""
     (tmp_path / "file").touch()
-    with pytest.raises(ValueError, match="is a file"):
-        check_run_directory(tmp_path / "file")
-    with pytest.raises(ValueError, match="can not be made"):
-        check_run_directory(tmp_path / "file" / "a")
     (tmp_path / "circle").symlink_to("circle")
-    with pytest.raises(ValueError, match=r"circle is a file or a broken link: choose another name"):
-        check_run_directory(tmp_path / "circle")
-    with pytest.raises(ValueError, match=r"circle/a can not be made"):
-        check_run_directory(tmp_path / "circle" / "a")
+    refused = {"file": "is a file", "circle": "circle is a file or a broken link: choose another name"}
+    for name, words in (refused | {f"{name}/a": f"{name}/a can not be made" for name in refused}).items():
+        with pytest.raises(ValueError, match=words):
+            check_run_directory(tmp_path / name)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(ValueError, match="name a new folder inside it"):
@@ -155,7 +142,6 @@ def test_what_can_not_become_a_run_directory_is_refused_beforehand(
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
-    """A full disk in the middle: no half-written run, no litter."""
 
     def half_way() -> None:
         with appearing_at_once(tmp_path / "a") as folder:
@@ -168,7 +154,6 @@ def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
 
 
 def test_an_empty_directory_is_used(tmp_path: Path) -> None:
-    """``mktemp -d`` and ``--out`` go together."""
     (tmp_path / "a").mkdir()
     with appearing_at_once(tmp_path / "a") as folder:
         (folder / "x").touch()
@@ -177,7 +162,6 @@ def test_an_empty_directory_is_used(tmp_path: Path) -> None:
 
 
 def test_run_directories_are_numbered_beyond_those_there_are(tmp_path: Path) -> None:
-    """A gap is not filled: a later run has a higher number."""
     assert next_run_directory("roundabout", tmp_path) == tmp_path / "roundabout-1"
     for name in ("roundabout-1", "roundabout-9", "roundabout-right-30", "roundabout-x"):
         (tmp_path / name).mkdir()

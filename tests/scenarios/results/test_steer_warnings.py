@@ -81,7 +81,6 @@ def test_a_slalom_is_none() -> None:
 
 
 def test_a_roundabout_is_none() -> None:
-    """One swing in and one out."""
     course = roundabout(front_x=5.2, width=2.5)
     station = 4.0 * TIME
     tractor = np.array([course.path.pose(float(s))[:2] for s in station])
@@ -105,7 +104,6 @@ def test_a_rate_at_its_limit_for_seconds_is_named() -> None:
 
 
 def test_a_run_of_no_time_has_no_warnings() -> None:
-    """It ended before the vehicle moved."""
     columns = [(Signal("time", "s", "time"), TIME[:1]), (Signal(AXLE.signal, "rad", "angle"), TIME[:1])]
     assert steer_warnings(Log.of(columns), [AXLE], STRAIGHT, ON_STRAIGHT[:1]) == ()
 

@@ -320,7 +320,6 @@ REFUSED: Final = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_file_that_makes_no_road_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
-    """With the file's name and, where there is one, the line in it."""
     text, wanted = REFUSED[case]
     with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
         course(tmp_path, text)

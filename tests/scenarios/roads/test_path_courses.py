@@ -41,7 +41,6 @@ def bend(radius: float = RADIUS, turn: float = math.pi, noise: float = 0.0, spac
 
 
 def csv(points: FloatArray, names: str = "x,y") -> str:
-    """Points as CSV."""
     return "\n".join([names, *(",".join(f"{number:.9f}" for number in row) for row in points.tolist())])
 
 
@@ -55,13 +54,11 @@ def on_earth(points: FloatArray) -> FloatArray:
 
 
 def gpx(points: FloatArray) -> str:
-    """Points as a GPX track."""
     rows = (f'<trkpt lat="{lat:.10f}" lon="{lon:.10f}"/>' for lon, lat in on_earth(points).tolist())
     return f'<gpx xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>{"".join(rows)}</trkseg></trk></gpx>'
 
 
 def geojson(points: FloatArray) -> str:
-    """Points as a GeoJSON line."""
     return f'{{"type": "LineString", "coordinates": {on_earth(points).tolist()}}}'
 
 
@@ -230,7 +227,6 @@ def test_a_rover_follows_a_path_in_its_own_scale(tmp_path: Path) -> None:
 
 
 def test_a_study_notices_a_changed_path(tmp_path: Path) -> None:
-    """The content of the file is part of the run's identity."""
     file = tmp_path / "path.csv"
     file.write_text(csv(bend()), encoding="utf-8")
     scenario = load_scenario("roundabout", settings(file)).model_dump()
@@ -240,29 +236,24 @@ def test_a_study_notices_a_changed_path(tmp_path: Path) -> None:
 
 
 def test_poses_are_those_of_pose() -> None:
-    """One after the other and all at once, beyond both ends too."""
     path = DrivenPath(Pose2(1.0, 2.0, 0.3), (line(5.0), Segment(4.0, 0.0, 0.1), arc(20.0, 0.1)))
     stations = np.array([-3.0, 0.0, 4.9, 5.0, 7.0, 20.0, 29.0, 33.0])
     assert path.poses(stations) == pytest.approx(np.array([path.pose(s) for s in stations.tolist()]), abs=1e-12)
 
 
 def shifted(points: FloatArray) -> FloatArray:
-    """The points with a jump of 300 m in the middle."""
     return np.where(np.arange(len(points))[:, None] > 40, points + np.array([300.0, 0.0]), points)
 
 
 def climbing(points: FloatArray, rise: float) -> FloatArray:
-    """The points with heights that grow from each to the next."""
     return np.column_stack([points, rise * np.arange(len(points))])
 
 
 def with_column(*values: float) -> FloatArray:
-    """The points of a bend with further columns of these values."""
     return np.column_stack([bend(), np.tile(values, (len(bend()), 1))])
 
 
 def line_of(coordinates: str) -> str:
-    """A GeoJSON line with these coordinates."""
     return f'{{"type": "LineString", "coordinates": {coordinates}}}'
 
 
@@ -323,7 +314,6 @@ REFUSED = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_file_that_makes_no_course_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
-    """With the file's name and what is wrong; most of these are files that users bring by mistake."""
     name, text, wanted = REFUSED[case]
     with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
         course(tmp_path, text, name=name)

@@ -41,7 +41,6 @@ def test_axles_are_listed_where_they_stand_lifted_ones_too() -> None:
 
 
 def test_origins_follow_the_hitches() -> None:
-    """In the tractor's frame: 0.285 m ahead of it, then 10.4 and 4.55 m back."""
     assert origins(load_vehicle("a_double")) == pytest.approx((0.0, 0.285, -10.115, -14.665))
 
 

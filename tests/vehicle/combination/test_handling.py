@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
-import numpy as np
 import pytest
 
+from tests.vehicle.chains import with_axles
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.handling import (
     characteristic_speed,
@@ -14,7 +15,6 @@ from vehicle.combination.handling import (
     peak_rearward_amplification,
     rearward_amplification,
     static_rollover_threshold,
-    understeer_gradient,
     yaw_damping,
 )
 from vehicle.combination.linear import lateral_model
@@ -29,21 +29,13 @@ def alone(tractor_semitrailer: Vehicle) -> Vehicle:
     return with_tyres(tractor_semitrailer.model_copy(update={"units": tractor_semitrailer.units[:1]}), {})
 
 
-def with_tyres(vehicle: Vehicle, changes: dict[int, float]) -> Vehicle:
+def with_tyres(vehicle: Vehicle, factors: dict[int, float]) -> Vehicle:
     """The vehicle without drag and trail, the stiffness of its numbered axles times a factor."""
-    units, number = [], 0
-    for unit in vehicle.units:
-        axles = []
-        for axle in unit.axles:
-            assert isinstance(axle.tyre, StiffnessTyre)
-            stiffness = changes.get(number, 1.0) * axle.tyre.cornering_stiffness
-            tyre = axle.tyre.model_copy(
-                update={"rolling_resistance": 0.0, "pneumatic_trail": 0.0, "cornering_stiffness": stiffness}
-            )
-            axles.append(axle.model_copy(update={"tyre": tyre}))
-            number += 1
-        units.append(unit.model_copy(update={"axles": tuple(axles)}))
-    return vehicle.model_copy(update={"units": tuple(units)})
+    tyres: list[Any] = [axle.tyre for unit in vehicle.units for axle in unit.axles]
+    plain = {"rolling_resistance": 0.0, "pneumatic_trail": 0.0}
+    stiffnesses = [factors.get(k, 1.0) * tyre.cornering_stiffness for k, tyre in enumerate(tyres)]
+    changed = [t.model_copy(update=plain | {"cornering_stiffness": C}) for t, C in zip(tyres, stiffnesses, strict=True)]
+    return with_axles(vehicle, *({"tyre": tyre} for tyre in changed))
 
 
 def closed_form(alone: Vehicle) -> tuple[float, float]:
@@ -57,13 +49,6 @@ def stiffness(axle: Axle, load: float) -> float:
     tyre = axle.tyre
     assert isinstance(tyre, StiffnessTyre)
     return load * tyre.cornering_stiffness * (1.0 - tyre.load_sensitivity * (load / 2 / tyre.nominal_load - 1.0))
-
-
-@pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
-def test_understeer_gradient_is_that_of_loads_over_stiffnesses(alone: Vehicle, speed: float) -> None:
-    """K = (F_f / C_f - F_r / C_r) / g at any speed."""
-    # Differences of two gains keep nine digits; the magic formula's smoothing at zero slip takes 1e-7.
-    assert understeer_gradient(alone, speed) == pytest.approx(closed_form(alone)[1], rel=1e-6)
 
 
 def test_yaw_rate_gain_is_largest_at_the_characteristic_speed(alone: Vehicle) -> None:
@@ -87,7 +72,6 @@ def test_critical_speed_of_an_oversteering_tractor(alone: Vehicle) -> None:
 
 
 def test_understeering_combination_has_no_critical_speed(tractor_semitrailer: Vehicle) -> None:
-    """The laden combination is stable at any speed that it could reach."""
     assert critical_speed(tractor_semitrailer) is None
 
 
@@ -107,21 +91,21 @@ def test_tail_heavy_trailer_swings_beyond_a_speed(tractor_semitrailer: Vehicle) 
 
 
 def test_damping_is_one_where_nothing_swings(alone: Vehicle) -> None:
-    """At walking pace a tractor's motion decays without overshoot."""
     assert yaw_damping(alone, 1.0) == 1.0
 
 
-def test_amplification_is_one_for_slow_steering(tractor_semitrailer: Vehicle) -> None:
-    """Steered slowly, every unit goes through the same curve; the peak is above all of the curve's points."""
+def test_amplification_is_one_for_slow_steering_and_another_one_of_yaw_rate(tractor_semitrailer: Vehicle) -> None:
+    """Steered slowly, every unit goes through the same curve; its peak is held against published ones elsewhere."""
     assert rearward_amplification(tractor_semitrailer, 24.0, 1e-4) == pytest.approx(1.0, abs=1e-5)  # second order in f
-    peak = peak_rearward_amplification(tractor_semitrailer, 24.0)
-    curve = rearward_amplification(tractor_semitrailer, 24.0, np.linspace(0.05, 2.0, 500))
-    assert curve.shape == (500,)
-    assert curve.max() <= peak.gain
-    assert curve.max() == pytest.approx(peak.gain, rel=1e-4)  # a grid of 4 mHz on a peak 0.2 Hz wide
-    by_yaw_rate = peak_rearward_amplification(tractor_semitrailer, 24.0, "yaw_rate")
-    assert by_yaw_rate.gain > 1.0
-    assert by_yaw_rate.gain != pytest.approx(peak.gain, rel=1e-2)  # another quantity, another figure
+    peak, by_yaw_rate = (
+        found.gain
+        for found in (
+            peak_rearward_amplification(tractor_semitrailer, 24.0),
+            peak_rearward_amplification(tractor_semitrailer, 24.0, "yaw_rate"),
+        )
+    )
+    assert by_yaw_rate > 1.0
+    assert by_yaw_rate != pytest.approx(peak, rel=1e-2)
 
 
 def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(short_form: Vehicle) -> None:

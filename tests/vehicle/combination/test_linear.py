@@ -1,4 +1,4 @@
-"""The linearised lateral motion: against matrices derived by hand, python-control and the moving vehicle itself."""
+"""The linearised lateral motion: against kinematics, python-control and the moving vehicle itself."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from tests.vehicle.chains import linear_tyre, with_axles
+from tests.vehicle.chains import grouped, linear_tyre, with_axles
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.layout import Input, input_sizes, parts
 from vehicle.combination.linear import LateralModel, OutputKind, lateral_model, straight_running
@@ -17,59 +17,11 @@ from vehicle.surface import Surface
 STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different
 
 
-def ideal(vehicle: Vehicle, trail: float = 0.0) -> Vehicle:
+def ideal(vehicle: Vehicle) -> Vehicle:
     """The vehicle on tyres as textbooks have them: stiff in proportion to load, without rolling resistance."""
     loads = [load for of_unit in static_axle_loads(vehicle) for load in of_unit]
-    tyres = [linear_tyre(c, load, pneumatic_trail=trail) for c, load in zip(STIFFNESS, loads, strict=False)]
+    tyres = [linear_tyre(c, load) for c, load in zip(STIFFNESS, loads, strict=False)]
     return with_axles(vehicle, *({"tyre": tyre} for tyre in tyres))
-
-
-def by_hand(vehicle: Vehicle, V: float, trail: float) -> tuple[np.ndarray, np.ndarray]:
-    """A and B in (v_y of To, r_1, r_2, gamma): Newton-Euler, the hitch's force Y on the trailer a fifth unknown.
-
-    Lateral accelerations of the centres of gravity: v' + V r_1 + x_1 r_1' and v' + V r_1 + h r_1' + x_2 r_2'. Axle
-    forces C (delta - alpha), with alpha = (v + x r_1) / V and (v + h r_1 + x r_2) / V + gamma, act ``trail`` behind.
-    """
-    (tractor, trailer), h = vehicle.units, vehicle.units[0].rear_hitch[0]
-    x_1, x_2 = tractor.cg_x, trailer.cg_x
-    n_steered = len(tractor.steered_axles + trailer.steered_axles)
-    M, K, B = np.zeros((5, 5)), np.zeros((5, 4)), np.zeros((5, n_steered))
-    M[0] = [tractor.mass, tractor.mass * x_1, 0, 0, 1]
-    M[1] = [0, tractor.yaw_inertia, 0, 0, h - x_1]
-    M[2] = [trailer.mass, trailer.mass * h, trailer.mass * x_2, 0, -1]
-    M[3] = [0, 0, trailer.yaw_inertia, 0, x_2]
-    M[4, 3] = 1.0
-    K[0, 1], K[2, 1], K[4, 1], K[4, 2] = -tractor.mass * V, -trailer.mass * V, 1.0, -1.0
-    axles = [(0, axle, load) for axle, load in zip(tractor.axles, static_axle_loads(vehicle)[0], strict=True)]
-    axles += [(2, axle, load) for axle, load in zip(trailer.axles, static_axle_loads(vehicle)[1], strict=True)]
-    actuator = 0
-    for (row, axle, load), stiffness in zip(axles, STIFFNESS, strict=True):
-        C = stiffness * load
-        alpha = np.array([1, axle.x, 0, 0] if row == 0 else [1, h, axle.x, V]) / V
-        lever = axle.x - trail - (x_1 if row == 0 else x_2)
-        K[row] -= C * alpha
-        K[row + 1] -= lever * C * alpha
-        if axle.steered:
-            B[[row, row + 1], actuator] = [C, lever * C]
-            actuator += 1
-    solved = np.linalg.solve(M, np.column_stack([K, B]))[:4]
-    return solved[:, :4], solved[:, 4:]
-
-
-@pytest.mark.parametrize("trail", [0.0, 0.05])
-@pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
-@pytest.mark.parametrize("steered_trailer", [False, True])
-def test_matrices_are_those_of_the_single_track_model(
-    tractor_semitrailer: Vehicle, longer_semitrailer: Vehicle, steered_trailer: bool, speed: float, trail: float
-) -> None:
-    """With the assumptions of the textbooks the chain's linear motion is theirs, every entry of A and B."""
-    vehicle = ideal(longer_semitrailer if steered_trailer else tractor_semitrailer, trail)
-    model = lateral_model(vehicle, speed)
-    assert model.states == ("v_y", "yaw_rate_0", "yaw_rate_1", "articulation_1")
-    A, B = by_hand(vehicle, speed, trail)
-    # Rounding, relative to the largest entries: some are small differences of large ones.
-    np.testing.assert_allclose(model.A, A, rtol=1e-9, atol=1e-10 * np.abs(A).max())
-    np.testing.assert_allclose(model.B, B, rtol=1e-9, atol=1e-10 * np.abs(B).max())
 
 
 @pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
@@ -160,15 +112,7 @@ def test_friction_does_not_matter_to_freely_rolling_tyres(tractor_semitrailer: V
 
 def test_axles_steered_in_a_group_move_by_their_ratios(longer_semitrailer: Vehicle) -> None:
     """One actuator with ratios 1 and 0.5: its column of B is that of the first axle plus half that of the second."""
-    tractor, trailer = longer_semitrailer.units
-    fixed, first, second = trailer.axles
-    axles = (
-        fixed,
-        first.model_copy(update={"steer_group": "rear"}),
-        second.model_copy(update={"steer_group": "rear", "steer_ratio": 0.5}),
-    )
-    grouped = longer_semitrailer.model_copy(update={"units": (tractor, trailer.model_copy(update={"axles": axles}))})
-    single, group = lateral_model(longer_semitrailer, 20.0), lateral_model(grouped, 20.0)
+    single, group = lateral_model(longer_semitrailer, 20.0), lateral_model(grouped(longer_semitrailer), 20.0)
     assert group.inputs == ("steer", "trailer_steer_0")
     np.testing.assert_allclose(group.B[:, 1], single.B[:, 1] + 0.5 * single.B[:, 2], atol=1e-9)  # rounding
 
@@ -176,22 +120,16 @@ def test_axles_steered_in_a_group_move_by_their_ratios(longer_semitrailer: Vehic
 def test_a_linked_axle_of_the_tractor_turns_by_its_ratio_of_the_foremost_one() -> None:
     """The driver's demand is the first axle's angle; the linkage turns the second by r times that."""
     truck = load_vehicle("rigid_truck_8x4")
-    (unit,) = truck.units
-    ratio = unit.axles[1].steer_ratio
-    first, second = (lateral_model(with_steered(truck, axle), 20.0).B[:, 0] for axle in (0, 1))
+    own = {"steer_group": None, "steer_ratio": 1.0}
+    first, second = (
+        lateral_model(with_axles(truck, *({**own, "steered": k == steered} for k in range(4))), 20.0).B[:, 0]
+        for steered in (0, 1)
+    )
+    ratio = truck.units[0].axles[1].steer_ratio
     np.testing.assert_allclose(lateral_model(truck, 20.0).B[:, 0], first + ratio * second, atol=1e-9)  # rounding
 
 
-def with_steered(vehicle: Vehicle, steered: int) -> Vehicle:
-    """A vehicle of one unit on which one numbered axle alone is steered, by an actuator of its own."""
-    (unit,) = vehicle.units
-    own = {"steer_group": None, "steer_ratio": 1.0}
-    axles = tuple(axle.model_copy(update={**own, "steered": k == steered}) for k, axle in enumerate(unit.axles))
-    return vehicle.model_copy(update={"units": (unit.model_copy(update={"axles": axles}),)})
-
-
 def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: Vehicle) -> None:
-    """The steering response at a speed does not depend on the engine's power to hold it."""
     drive = tractor_semitrailer.drive.model_copy(update={"max_power": 1e4})  # [W], of some 50 kW that drag takes
     weak = tractor_semitrailer.model_copy(update={"drive": drive})
     np.testing.assert_array_equal(lateral_model(weak, 25.0).A, lateral_model(tractor_semitrailer, 25.0).A)
@@ -204,6 +142,5 @@ def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: V
 def test_unknown_outputs_are_refused(
     tractor_semitrailer: Vehicle, outputs: tuple[OutputKind, ...], complaint: str
 ) -> None:
-    """A misspelt output names the nearest one; a position needs a path."""
     with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):
         lateral_model(tractor_semitrailer, 20.0, outputs=outputs)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.vehicle.chains import named
+from tests.vehicle.chains import grouped, named
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
 from vehicle.combination.roll import roll_gradients
@@ -22,10 +22,6 @@ DRY = Surface(friction=0.8)
 CONE = Surface(friction=0.6, cross_fall=0.03, centre=(5.0, 9.0))
 SPLIT = Surface(friction=SplitFriction(left=0.1, right=0.8, line=np.array([[0.0, 0.0], [1.0, 0.0]])))
 CONTROL = 20  # [ticks]
-
-
-def steered_axles(vehicle: Vehicle) -> int:
-    return vehicle.n_by_law
 
 
 def drive(
@@ -54,12 +50,8 @@ def test_a_free_rolling_combination_coasts_down_by_rolling_resistance(
     """Deceleration 0.006 g of the mass with its turning wheels, and not the slightest yaw."""
     vehicle: Vehicle = request.getfixturevalue(name)
     plant = Plant(vehicle, DRY)
-    _, seen = drive(
-        plant,
-        plant.initial_state(Pose2(3.0, -2.0, 0.7), 10.0),
-        4.0,
-        VehicleCommand(0.0, 0.0, (0.0,) * steered_axles(vehicle)),
-    )
+    coasting = VehicleCommand(0.0, 0.0, (0.0,) * vehicle.n_by_law)
+    _, seen = drive(plant, plant.initial_state(Pose2(3.0, -2.0, 0.7), 10.0), 4.0, coasting)
     spin = sum(2 * axle.wheel_inertia / axle.wheel_radius**2 for unit in vehicle.units for axle in unit.axles)
     slowing = (seen[50].velocities[0, 0] - seen[-1].velocities[0, 0]) / (0.02 * (len(seen) - 1 - 50))
     assert slowing == pytest.approx(
@@ -68,16 +60,6 @@ def test_a_free_rolling_combination_coasts_down_by_rolling_resistance(
     np.testing.assert_allclose(seen[-1].poses[:, 2], 0.7, atol=1e-9)
     way = math.hypot(seen[-1].poses[0, 0] - 3.0, seen[-1].poses[0, 1] + 2.0)
     assert way == pytest.approx(10.0 * 3.98 - 0.5 * slowing * 3.98**2, abs=0.02)  # tyres wind up in the first 0.3 s
-
-
-def test_loads_are_settled_from_the_start_also_on_a_slope(tractor_semitrailer: Vehicle) -> None:
-    """The combination has stood on its cross-fall for long: loads do not move in the first second."""
-    plant = Plant(tractor_semitrailer, Surface(friction=0.8, cross_fall=0.05))
-    _, seen = drive(plant, plant.initial_state(Pose2(0.0, 0.0, 0.3), 5.0), 1.0, VehicleCommand(0.0, 0.06, ()))
-    first, last = seen[0].wheel_loads, seen[-1].wheel_loads
-    assert first.sum() == pytest.approx(tractor_semitrailer.mass * GRAVITY / math.hypot(1.0, 0.05), rel=1e-4)
-    np.testing.assert_allclose(first, last, rtol=0.05)  # tyres take up the cross-fall: some yaw acceleration
-    assert (first[1::2] > first[::2]).all()  # the ground falls to the right
 
 
 # --- brakes, drive and friction ---
@@ -240,14 +222,7 @@ def test_it_starts_rolling_with_its_brakes_against_the_motion(longer_semitrailer
 
 def test_axles_of_a_group_turn_by_what_they_ask_on_average(longer_semitrailer: Vehicle) -> None:
     """One actuator for two axles, the second turned by half: it takes the mean of what each asks of it."""
-    tractor, trailer = longer_semitrailer.units
-    ratios = iter((1.0, 0.5))
-    axles = [
-        axle.model_copy(update={"steer_group": "rear", "steer_ratio": next(ratios)}) if axle.steered else axle
-        for axle in trailer.axles
-    ]
-    grouped = trailer.model_copy(update={"axles": tuple(axles)})
-    plant = Plant(longer_semitrailer.model_copy(update={"units": (tractor, grouped)}), DRY)
+    plant = Plant(grouped(longer_semitrailer), DRY)
     state = plant.step(plant.initial_state(ORIGIN, 2.0), VehicleCommand(0.1, 0.0, (0.06, 0.05)), 3000)
     actuator = 0.5 * (0.06 / 1.0 + 0.05 / 0.5)
     steer = plant.observe(state, 3000).steer  # after 3 s: ten times the actuators' lag and more
@@ -272,7 +247,6 @@ def test_changing_ground_is_looked_up_on_the_way(tractor_semitrailer: Vehicle) -
 
 
 def test_a_step_leaves_its_argument_and_a_pickled_plant_goes_on_alike(longer_semitrailer: Vehicle) -> None:
-    """Snapshots can be resumed, here or in another process, to the bit."""
     plant = Plant(longer_semitrailer, Surface(friction=0.5, cross_fall=0.02, centre=(10.0, 12.0)))
     command = VehicleCommand(0.2, 0.5, (0.1, -0.1))
     start = plant.initial_state(ORIGIN, 5.0)
@@ -301,7 +275,6 @@ def test_friction_acts_where_the_wheels_are(tractor_semitrailer: Vehicle, headin
 def test_broken_physics_is_reported_with_state_and_input(
     tractor_semitrailer: Vehicle, surface: Surface, broken: float, part: str
 ) -> None:
-    """A state that is no number, or no vehicle's, does not travel on, wherever the ground is looked up."""
     plant = Plant(tractor_semitrailer, surface)
     state = plant.initial_state(ORIGIN, 5.0)
     getattr(named(tractor_semitrailer, state), part)[0] = broken
@@ -312,7 +285,6 @@ def test_broken_physics_is_reported_with_state_and_input(
 
 
 def test_commands_that_do_not_fit_are_refused(longer_semitrailer: Vehicle) -> None:
-    """The message names the vehicle and how many angles it takes."""
     plant = Plant(longer_semitrailer, DRY)
     state = plant.initial_state(ORIGIN, 5.0)
     with pytest.raises(ValueError, match="trailer_steer has 3 angles, uk_longer_semitrailer steers 2"):

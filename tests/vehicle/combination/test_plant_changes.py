@@ -3,53 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from tests.vehicle.chains import with_axles
+from tests.vehicle.ground.test_tyres import TYRES as EVERY_LAW
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.variants import NamedChanges, changed_vehicle, number_paths
 from vehicle.foundation.user_file import ParameterLibrary
-from vehicle.tyres import Planar, Tyre
-from vehicle.tyres.laws import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre
-
-_LINEAR: Any = {
-    "nominal_load": 30e3,
-    "relaxation_length": 0.5,
-    "damping": 0.01,
-    "rolling_resistance": 0.006,
-    "pneumatic_trail": 0.04,
-    "cornering_stiffness": 6.0,
-    "longitudinal_stiffness": 12.0,
-    "load_sensitivity": 0.2,
-}
+from vehicle.tyres import Planar
 
 
 @pytest.fixture(scope="module")
 def steered() -> Vehicle:
     return load_vehicle("b_double_steered")
-
-
-def tyres_of_every_law(steered: Vehicle) -> dict[str, Tyre]:
-    tyres: dict[str, Tyre] = {
-        "linear": LinearTyre(model="linear", **_LINEAR),
-        "brush": BrushTyre(model="brush", **_LINEAR),
-        "magic_formula": MagicFormulaTyre(model="magic_formula", shape=1.3, curvature=-1.0, **_LINEAR),
-        "tmeasy": steered.units[0].axles[0].tyre,
-    }
-    assert tyres.keys() == TYRES.keys()
-    return tyres
-
-
-def on_tyre(vehicle: Vehicle, tyre: Tyre) -> Vehicle:
-    """The vehicle on tyres of one kind."""
-    units = tuple(
-        unit.model_copy(update={"axles": tuple(axle.model_copy(update={"tyre": tyre}) for axle in unit.axles)})
-        for unit in vehicle.units
-    )
-    return vehicle.model_copy(update={"units": units})
 
 
 @pytest.mark.parametrize("name", vehicle_names())
@@ -86,11 +55,13 @@ def test_brakes_share_by_the_changed_loads(steered: Vehicle) -> None:
     assert sum(wheel.brake_share for wheel in after) == pytest.approx(1.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("law", TYRES)
+@pytest.mark.parametrize("law", EVERY_LAW)
 def test_initial_slope_scales_and_peak_friction_stays(steered: Vehicle, law: str) -> None:
     """All laws are functions of the slip's linear force; so at 1/0.8 of the slip the softer tyre gives the same."""
-    tyre = tyres_of_every_law(steered)[law]
-    softer = changed_vehicle(on_tyre(steered, tyre), {"cornering_stiffness_scale": 0.8}).units[0].axles[0].tyre
+    tyre = EVERY_LAW[law]
+    softer = (
+        changed_vehicle(with_axles(steered, {"tyre": tyre}), {"cornering_stiffness_scale": 0.8}).units[0].axles[0].tyre
+    )
     F_z = 25e3
     assert float(softer.stiffness(F_z).y) == pytest.approx(0.8 * float(tyre.stiffness(F_z).y), rel=1e-12)
     assert float(softer.stiffness(F_z).x) == float(tyre.stiffness(F_z).x)

@@ -43,7 +43,6 @@ REFUSED = [
 def test_what_no_vehicle_can_be_is_refused_with_the_reason(
     tractor_semitrailer: Vehicle, changes: dict[str, Any], says: str
 ) -> None:
-    """Key, value, limit, unit, and why there is one: a mistake of unit or decimal point."""
     with pytest.raises(ValueError, match=r"mine\.toml: [^\n]+$") as caught:
         changed(tractor_semitrailer, changes)
     assert says in str(caught.value)
@@ -79,7 +78,6 @@ def _parts(annotation: Any) -> Iterator[Any]:
 
 @pytest.mark.parametrize("model", [Vehicle, *TYRES.values()], ids=lambda model: model.__name__)
 def test_every_number_says_why_it_has_limits(model: type[BaseModel]) -> None:
-    """Also those of suspensions, brakes, drives and payloads."""
     silent = [place for place, note in numbers(model) if not note.get("why")]
     assert silent == []
     assert len(list(numbers(model))) > 4
@@ -121,7 +119,6 @@ WARNED = [
 
 @pytest.mark.parametrize(("changes", "says"), WARNED)
 def test_contradictions_are_warned_of_by_name(tractor_semitrailer: Vehicle, changes: dict[str, Any], says: str) -> None:
-    """Each number alone is within its limits; together they are no vehicle."""
     sheet = data_sheet(changed(tractor_semitrailer, changes))
     assert any(line.startswith(says) for line in sheet.warnings), sheet.warnings
     assert sheet.stands == all("must be above 0 kN" not in line for line in sheet.warnings)
@@ -147,7 +144,6 @@ def test_a_tandem_without_a_suspension_that_equalises_is_warned_of() -> None:
 def test_a_gradient_and_a_frequency_that_contradict_are_warned_of(
     short_form: Vehicle, changes: dict[str, Any], says: str
 ) -> None:
-    """Both follow from the same springs and the same body."""
     assert f"{TRAILER}: {says}" in " ".join(data_sheet(changed(short_form, changes)).warnings)
 
 

@@ -135,19 +135,10 @@ LIMITS = {"lag": 0.15, "limit": 0.5, "rate_limit": 0.35}
 
 
 @given(angles, angles)
-def test_steering_is_never_faster_than_its_rate_limit(angle: float, demand: float) -> None:
-    """The valve is open and no further."""
+def test_steering_keeps_to_its_limits(angle: float, demand: float) -> None:
+    """Of rate, and at the stop it turns inwards or not at all; below, a small error decays with the lag."""
     assert abs(float(steer_rate(angle, demand, **LIMITS))) <= LIMITS["rate_limit"]
-
-
-@given(st.floats(-0.5, 0.5), angles)
-def test_steering_does_not_leave_its_limit(angle: float, demand: float) -> None:
-    """At the stop the rate points inwards or is zero, whatever is demanded."""
     assert steer_rate(0.5, demand, **LIMITS) <= 0.0 <= steer_rate(-0.5, demand, **LIMITS)
-
-
-def test_small_errors_decay_with_the_lag() -> None:
-    """First order below the rate limit: 0.015 rad off, 0.15 s lag."""
     assert steer_rate(0.1, 0.115, **LIMITS) == pytest.approx(0.1)
 
 

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vehicle.chains import at_rest, named, outputs
+from tests.vehicle.chains import named
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import step_function
 from vehicle.combination.layout import state_sizes
-from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.roll import roll_gradients, settled_rolls, springs_of, static_rollover
 from vehicle.combination.variants import changed_vehicle, with_load
@@ -88,15 +87,6 @@ def test_fifth_wheel_separates_at_its_edge_and_catches_after_the_lash(tractor_se
     assert float(springs.hitch_moment(0.01, -5e3)) == 0.0  # a hitch that pulls up rests on no plate
 
 
-def test_frames_are_in_series_with_what_they_carry(tractor_semitrailer: Vehicle) -> None:
-    """1 / K = 1 / K_springs + 1 / K_frame, of the front axle of the tractor and of the trailer's fifth wheel."""
-    tractor, trailer = springs_of(tractor_semitrailer)
-    assert float(tractor.axles[0].suspension) == pytest.approx(1.0 / (1.0 / 330e3 + 1.0 / 600e3))
-    assert float(tractor.axles[1].suspension) == pytest.approx(750e3)
-    assert trailer.hitch is not None
-    assert float(trailer.hitch) == pytest.approx(1.0 / (1.0 / 3.55e6 + 1.0 / 3.0e6))
-
-
 def test_twin_tyres_carry_in_roll_by_their_own_places(tractor_semitrailer: Vehicle) -> None:
     """Sum of k y^2 over four tyres of half the wheel's stiffness."""
     axle = tractor_semitrailer.units[0].axles[1]
@@ -122,35 +112,6 @@ def test_it_settles_on_a_bank_as_it_starts(tractor_semitrailer: Vehicle) -> None
     end = plant.step(state, VehicleCommand(0.0, 0.0, ()), 10_000)
     now = named(tractor_semitrailer, end)
     np.testing.assert_allclose(now.roll, start.roll, rtol=5e-3)  # weight of cos(bank), and how the tyres share forces
-
-
-def test_wheels_carry_the_whole_moment(tractor_semitrailer: Vehicle) -> None:
-    """In the settled state, sum of (right - left) T / 2 is that of inertia and of the bodies' offset, axle roll too.
-
-    The offset of each axle's load from its roll centre, and of the centre of gravity from there, by the rolls.
-    """
-    a_y = 1.5
-    springs = springs_of(tractor_semitrailer)
-    rolls = [float(roll) for roll in settled_rolls(tractor_semitrailer, springs, [a_y, a_y])]
-    loads = static_axle_loads(tractor_semitrailer)
-    s, u = at_rest(tractor_semitrailer)
-    sides = np.concatenate(loads) * a_y / GRAVITY
-    damping = [float(springs[i].damping) * rolls[i] for i in range(2)]
-    s = s._replace(roll=np.array(rolls), roll_spring=np.array(damping), side_force=sides)
-    load = outputs(tractor_semitrailer, s, u).load
-    tracks = np.array([axle.track for unit in tractor_semitrailer.units for axle in unit.axles])
-    carried = float(np.sum(0.5 * tracks * (load[1::2] - load[::2])))
-    tractor, trailer = tractor_semitrailer.units
-    by_axles = sum(
-        W * (spring.height * angle + (unit.cg_height - spring.height) * roll)
-        for unit, of_unit, of_loads, roll in zip((tractor, trailer), springs, loads, rolls, strict=True)
-        for spring, W in zip(of_unit.axles, of_loads, strict=True)
-        for angle in [float(spring.track / spring.tyres * spring.transfer(roll, W * a_y / GRAVITY))]
-    )
-    kingpin, height = trailer.mass * GRAVITY - sum(loads[1]), tractor.rear_hitch[1]
-    by_hitch = kingpin * ((trailer.cg_height - height) * rolls[1] - (tractor.cg_height - height) * rolls[0])
-    inertia = a_y * (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height)
-    assert carried == pytest.approx(inertia + by_axles + by_hitch, rel=1e-9)  # rounding
 
 
 def test_dampers_are_given_or_follow_from_the_ratio(tractor_semitrailer: Vehicle) -> None:
@@ -203,7 +164,6 @@ def test_the_trailer_lifts_before_the_drive_axle(tractor_semitrailer: Vehicle) -
 
 
 def test_bodies_that_the_springs_do_not_carry_are_refused() -> None:
-    """Without stiffness a vehicle falls over where it stands: one line says so."""
     truck = load_vehicle("rigid_truck")
     soft = changed_vehicle(truck, {f"units.0.axles.{k}.suspension.roll_stiffness": 7e4 for k in range(2)})
     with pytest.raises(ValueError, match=r"^rigid_truck falls over where it stands"):

@@ -96,7 +96,6 @@ def test_the_expression_has_every_operation(everything: tuple[ca.Function, TapeP
 
 
 def test_numpy_knows_every_operation(everything: tuple[ca.Function, TapeProgram]) -> None:
-    """Many vehicles without a compiler."""
     function, program = everything
     at, none = states(N_LANES), np.zeros((N_LANES, 2))
     got = NumpyMany(program, np.empty(0), N_LANES)(at, none)
@@ -166,7 +165,6 @@ def test_any_number_of_vehicles_fits(oscillator: tuple[ca.Function, TapeProgram]
 
 
 def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, TapeProgram], gcc: Compiler) -> None:
-    """A step is a function: the state it starts from can be kept."""
     _, program = oscillator
     at, inputs = states(9), np.ones((9, 2))
     own = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
@@ -180,7 +178,6 @@ def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, TapeProgram],
 
 
 def test_what_no_back_end_knows_is_refused() -> None:
-    """An error function would otherwise come out as something else."""
     with pytest.raises(ValueError, match="operation"):
         program_of(ca.Function("f", [x, u, p], [ca.erf(a)]))
     with pytest.raises(ValueError, match="structural zeros"):

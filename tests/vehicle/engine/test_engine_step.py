@@ -106,7 +106,6 @@ def check_all_ways(of: Function, vehicle: Vehicle, engine: Engine, ticks: int) -
 
 @pytest.mark.parametrize("ticks", [1, 5])
 def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> None:
-    """From one unit to four, from states far from any trim."""
     check_all_ways(step_function, chain, "interpreted", ticks)
 
 
@@ -115,7 +114,6 @@ def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> No
 @pytest.mark.parametrize("ticks", [1, 5])
 @pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
 def test_compiled_steps_are_as_interpreted(name: str, ticks: int, request: pytest.FixtureRequest) -> None:
-    """The same source in three variants."""
     check_all_ways(step_function, request.getfixturevalue(name), "compiled", ticks)
 
 

@@ -74,7 +74,6 @@ def test_an_array_that_its_file_does_not_hold_is_refused(case: str, tmp_path: Pa
 
 
 def test_arrays_are_read_as_they_were_written(tmp_path: Path) -> None:
-    """Orders, types and words."""
     rng = np.random.default_rng(3)
     arrays = {
         "rows": rng.normal(size=(5, 3)),

@@ -36,7 +36,6 @@ def test_values_within_the_limits_are_accepted(option: Option, value: Parameter)
     ],
 )
 def test_other_values_are_refused_in_one_line(option: Option, value: Parameter, message: str) -> None:
-    """With name, value, limits and unit."""
     with pytest.raises(ValueError, match=message):
         option.check(value, option.name)
 

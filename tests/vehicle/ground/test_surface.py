@@ -21,7 +21,6 @@ surfaces = st.builds(
 
 @given(surfaces, positions, positions)
 def test_the_gradient_is_the_derivative_of_the_height(surface: Surface, x: float, y: float) -> None:
-    """Central differences of the height, on the plane and on the cone alike."""
     h = 1e-4
     along_x = (surface.height(x + h, y) - surface.height(x - h, y)) / (2 * h)
     along_y = (surface.height(x, y + h) - surface.height(x, y - h)) / (2 * h)
@@ -63,7 +62,6 @@ def test_a_plane_falls_to_the_right_and_a_cone_away_from_its_centre() -> None:
 
 @pytest.mark.parametrize("wrong", [{"friction": 0.0}, {"friction": 2.0}, {"cross_fall": 2.5}, {"grade": -0.3}])
 def test_impossible_ground_is_refused_by_name(wrong: dict[str, float]) -> None:
-    """A cross-fall of 2.5 is per cent mistaken for a slope."""
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Surface(**({"friction": 0.8} | wrong))  # type: ignore[arg-type]  # any of the fields, by name
 

@@ -123,6 +123,5 @@ def test_every_map_answers_for_any_shape(friction: float | SplitFriction | Patch
     ],
 )
 def test_impossible_friction_is_refused_by_name(make: object, named: str) -> None:
-    """One line with name, value and limit."""
     with pytest.raises(ValueError, match=named):
         make()  # type: ignore[operator]  # lambdas of different types

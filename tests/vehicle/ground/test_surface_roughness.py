@@ -114,7 +114,6 @@ def test_the_seed_decides_the_road() -> None:
 
 
 def test_a_smooth_surface_says_so_and_is_level() -> None:
-    """Ground that needs no lookup is recognised."""
     smooth = Surface(friction=0.8)
     assert smooth.is_smooth
     np.testing.assert_array_equal(smooth.roughness_at(np.zeros((3, 1)), np.zeros(4)), np.zeros((3, 4)))
@@ -170,13 +169,8 @@ def test_scattered_potholes_lie_on_the_road_at_the_density_asked_for() -> None:
     ("change", "named"), [({"diameter": 0.0}, "diameter = 0.0 m"), ({"depth": -0.1}, "depth = -0.1 m")]
 )
 def test_holes_without_a_size_are_refused(change: dict[str, float], named: str) -> None:
-    """One line with name and value."""
     size = {"diameter": 0.5, "depth": 0.05} | change
     with pytest.raises(ValueError, match=named):
         one(**size)
-
-
-def test_holes_need_all_four_numbers() -> None:
-    """Arrays of different lengths belong to different holes."""
     with pytest.raises(ValueError, match="equally long"):
         Potholes(np.zeros(2), np.zeros(2), np.ones(1), np.ones(2))

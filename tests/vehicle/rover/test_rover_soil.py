@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable
-from functools import lru_cache
+from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 
+from tests.vehicle.rover.test_terramechanics import compiled
 from tests.vehicle.rovers import HOME, STILL, STRAIGHT, driven, plant_on, slope_towards
 from vehicle.combination.plant import DivergedError
 from vehicle.engine.compiler import compiler
@@ -19,7 +18,6 @@ from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, soil_names
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import FirmPatch, Mound, Terrain
-from vehicle.rover.terramechanics import RimMotion, soil_force
 from vehicle.rover.truth import RoverTruth
 
 ROVER, SKID = load_rover("el_dorado_ii"), load_rover("el_dorado_ii_skid")
@@ -28,21 +26,11 @@ FORWARD = RoverCommand((OMEGA,) * 4, STRAIGHT)
 SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
 
 
-@lru_cache
-def force_in(soil: str) -> Callable[..., object]:
-    h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
-    force = soil_force(ROVER, load_soil(soil), h, RimMotion(along, across))
-    function: Callable[..., object] = ca.Function("force", [h, along, across], [ca.vertcat(*force)])
-    return function
-
-
 def forces(soil: str, truth: RoverTruth) -> FloatArray:
     """F_x, F_y, F_z of the wheels (4, 3) from their true motion, by integration of the stresses."""
-    force = force_in(soil)
+    force: Any = compiled(ROVER, load_soil(soil))
     rolling = truth.wheel_velocities / (ROVER.radius * truth.wheel_speeds[:, None])
-    return np.array(
-        [np.array(force(h, *map(float, v))).ravel()[:3] for h, v in zip(truth.sinkages, rolling, strict=True)]
-    )
+    return np.array([np.array(force(h, *v)).ravel()[:3] for h, v in zip(truth.sinkages, rolling, strict=True)])
 
 
 @pytest.mark.slow
@@ -166,12 +154,11 @@ def test_integration_steps_are_short_enough(soil: str | None) -> None:
 
 @pytest.mark.slow
 def test_compiled_and_interpreted_are_the_same() -> None:
-    """Equal but for rounding, which does not grow in 5 s of slipping."""
     if compiler() is None:
         pytest.skip("no C compiler here")
     soil = load_soil("toyoura_sand")
-    compiled, interpreted = (RoverPlant(ROVER, SIDE_SLOPE, soil, e) for e in ("compiled", "interpreted"))
-    one = compiled.step(compiled.initial_state(HOME), FORWARD, 5000)
+    native, interpreted = (RoverPlant(ROVER, SIDE_SLOPE, soil, e) for e in ("compiled", "interpreted"))
+    one = native.step(native.initial_state(HOME), FORWARD, 5000)
     other = interpreted.step(interpreted.initial_state(HOME), FORWARD, 5000)
     assert one == pytest.approx(other, rel=1e-9, abs=1e-12)
 
