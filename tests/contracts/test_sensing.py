@@ -197,7 +197,6 @@ def test_odometry_measures_the_step_between_frames(odometry: Odometry[Any], odom
 def test_off_tracking_is_deterministic_and_its_memory_travels(
     off_tracking: tuple[OffTrackingEstimator, list[Any]],
 ) -> None:
-    """The same messages give the same off-tracking to the bit, also through pickled memories."""
     estimator, messages = off_tracking
     assert any(estimate is not None for estimate in estimates(estimator, messages))
     assert_same(run(estimator, messages), run(estimator, messages, travelling=True))

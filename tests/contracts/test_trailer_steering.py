@@ -270,6 +270,5 @@ def test_lost_estimates_never_make_a_command_infinite(bare: TrailerSteering[Any]
 
 @pytest.mark.parametrize("speed", [0.0, 1e-9, -1.0])
 def test_standstill_and_reversing_are_survived(law: TrailerSteering[Any], speed: float) -> None:
-    """Divisions by the speed must not blow up where there is none."""
     still = {k: estimate(k - CAMERA, turn=0.08, speed=speed) for k in range(CAMERA, 2000, CAMERA)}
     assert_within_limits(drive(law, still, 2000, speed=speed))

@@ -19,8 +19,6 @@ POSE = RoverPose(tick=TICK, x=0.0, y=0.0, psi=0.0, drift=0.0, rolling=Rolling(0.
 
 
 class Stub(NamedTuple):
-    """A driver that returns what it was made with, or raises it."""
-
     command: object
     duration: float = 10.0
     start_speed: float | None = None
@@ -78,7 +76,6 @@ def test_a_tractor_driver_that_misbehaves_is_named(command: object, message: str
     ],
 )
 def test_a_rover_driver_that_misbehaves_is_named(command: object, message: str) -> None:
-    """Every wheel needs its number."""
     driver = CheckedRoverDriver(RoverDriver(command), "driver = mymod:Mine", 4)
     with pytest.raises(LawError, match=rf"^driver = mymod:Mine: at tick 1200 \(1\.2 s\) it .*{message}"):
         driver.step(0, POSE)

@@ -72,7 +72,6 @@ motions = st.fixed_dictionaries(
 
 @given(motions, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 def test_mirror_symmetry(motion: dict[str, float], steer: float, demand: float) -> None:
-    """Swapping left and right flips the steer demand and leaves the acceleration."""
     before = DriverMemory(tick=0, station=3.0, demand=demand, steer=steer, front_slip=0.01, speed_integral=0.1)
     image = before._replace(demand=-demand, steer=-steer, front_slip=-0.01)
     segments = tuple(Segment(s.length, -s.start_curvature, -s.end_curvature) for s in PATH.segments)

@@ -61,7 +61,6 @@ def yaw_damping(matrix: FloatArray) -> float:
 def signals(
     tick: int, *, speed: float = 24.0, steer: float = 0.0, yaw_rate: float = 0.0, articulation: float = 0.0
 ) -> CombinationSignals:
-    """All units at one yaw rate."""
     gamma, yaw_rates = np.array([articulation]), np.full(2, yaw_rate)
     return readings(tick, speed=speed, steer=steer, articulation=gamma, yaw_rates=yaw_rates)
 

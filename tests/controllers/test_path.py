@@ -22,18 +22,12 @@ WINDING = Path(
 stations = st.floats(0.0, WINDING.length)
 
 
-def test_a_full_circle_comes_back_to_its_start() -> None:
-    """An arc of 2 pi R closes; the integration rule is exact to rounding there."""
+def test_points_of_an_arc_lie_on_its_circle_which_closes() -> None:
+    """A left arc from the origin along x has its centre at (0, R); the integration rule is exact to rounding there."""
     path = Path(ORIGIN, (arc(math.tau * 12.5, 1.0 / 12.5),))
-    end = path.pose(path.length)
-    assert (end.x, end.y) == pytest.approx((0.0, 0.0), abs=1e-12)
-    assert end.psi == pytest.approx(math.tau, abs=1e-12)
-
-
-def test_points_of_an_arc_lie_on_its_circle() -> None:
-    """A left arc from the origin along x has its centre at (0, R)."""
-    points = Path(ORIGIN, (arc(60.0, 0.1),)).points(1.0)
-    assert np.hypot(points[:, 0], points[:, 1] - 10.0) == pytest.approx(10.0, abs=1e-12)
+    points = path.points(1.0)
+    assert np.hypot(points[:, 0], points[:, 1] - 12.5) == pytest.approx(12.5, abs=1e-12)
+    assert tuple(path.pose(path.length)) == pytest.approx((0.0, 0.0, math.tau), abs=1e-12)
 
 
 def test_a_clothoid_is_the_fresnel_integral() -> None:

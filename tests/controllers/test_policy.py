@@ -22,9 +22,9 @@ from controllers.trailer_steering.policy import (
 from offtrack.environments.training.evaluation import NetworkPilot, driven
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.trailer_run import assemble
-from scenarios.loop.trailer_session import TrailerSession
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.metrics import rms, true_off_tracking
+from scenarios.results.metrics import rms
 from vehicle.combination.description import load_vehicle
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
@@ -55,12 +55,8 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
     settings = [f"trailer_steering={LAW}", f"steering.path={file}", "off_tracking=truth", "course.turn_deg=120"]
     settings += ["course.entry=20", "course.exit=10"]
     scenario = load_scenario("roundabout", settings)
-    session = TrailerSession(assemble(scenario, 1))
-    while session.outcome is None:
-        session.advance()
-    session.close()
-    x, y, psi = np.array([row.truth.poses[1] for row in session.rows]).T
-    in_loop = true_off_tracking(x, y, psi, 14.0)
+    result = run(scenario, 1)
+    in_loop = result.log["off_tracking_true"]
     env = gymnasium.make("offtrack/TrailerSteering-v0", observation="truth", courses=(assemble(scenario, 1).course,))
     given = {"friction": 0.8, "cross_fall": 0.0, "speed": 10.0 / 3.6, "load": 1.0, "length": 1.0, "actuator_lag": 1.0}
     seen, _ = env.reset(seed=1, options={**given, "sensor_error": 0.0})
@@ -71,7 +67,7 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
         seen, _, terminated, truncated, info = env.step(action)
         told.append(info["off_tracking"])
         ended = terminated or truncated
-    assert session.outcome == info["outcome"] == "completed"
+    assert result.outcome == info["outcome"] == "completed"
     there = in_loop[2::2][: len(told)]
     of_both = np.isfinite(there)
     assert rms(there) > 0.1  # it is no trivial run

@@ -108,7 +108,6 @@ def test_it_finds_back_to_a_line_from_beside_it(chain: RollingChain) -> None:
 
 @CHAINS
 def test_it_goes_back_through_a_bend_on_its_own_way(chain: RollingChain) -> None:
-    """Also at the transition from a bend to a straight, where the articulation changes."""
     curvatures = np.concatenate([np.zeros(300), np.linspace(0.0, 0.06, 60), np.full(400, 0.06)])
     way, states = drawn_forwards(chain, curvatures)
     reference = ReverseReference.of(chain, way[::5])

@@ -82,7 +82,6 @@ def test_uncompensated_slip_keeps_the_rover_beside_its_path() -> None:
     ],
 )
 def test_compensated_slip_leaves_nothing(rover: RoverGeometry, compensation: Compensation) -> None:
-    """Against a slip that is known, wheels or body turn by as much, and the error goes to zero."""
     assert abs(lateral_errors(rover, compensation, slip=math.radians(8.0))[-1]) < 1e-4
 
 

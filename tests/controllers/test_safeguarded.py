@@ -33,8 +33,6 @@ COMMAND_STEER = Degradation(fallback="command_steer")  # the signals here are th
 
 
 class LawMemory(NamedTuple):
-    """What the law has been given."""
-
     ticks: tuple[int, ...] = ()  # of the good estimates
     actuation: Actuation | None = None
 
@@ -73,8 +71,6 @@ Actuators = Callable[[int, FloatArray, FloatArray], FloatArray]  # where they go
 
 
 class Drive(NamedTuple):
-    """Log of a drive."""
-
     ticks: FloatArray  # (n,)
     commands: FloatArray  # (n, axles) [rad]
     given: tuple[int, ...]  # ticks of the estimates that the law got
@@ -298,7 +294,6 @@ def test_sensors_that_fail_too_leave_straight_wheels(fallback: FallbackName) -> 
     st.floats(-1.2, 1.2),
 )
 def test_no_sequence_of_faults_exceeds_the_actuators_limits(faults: list[Faulty], articulation: float) -> None:
-    """Frame by frame, at any articulation: commands are finite, and within angle and rate."""
 
     def fault(seen: OffTracking) -> OffTracking | None:
         k = seen.tick // CAMERA
@@ -461,7 +456,6 @@ def test_a_law_that_misbehaves_is_named_with_tick_and_value(command: object, mes
 
 
 def test_a_good_command_passes_unchanged_and_the_law_is_closed() -> None:
-    """Also on a trailer without steered axles, whose law returns no angles."""
     stub, unsteered = Stub(angles(0.1, -0.2), []), replace(TRAILER, steered=(False,) * 3)
     law = Safeguarded(stub, "mine", TRAILER, COMBINATION, checks_only=True)
     memory, command = law.step(law.init(), 1200, None, signals(1200))

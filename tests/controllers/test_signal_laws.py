@@ -33,7 +33,6 @@ def turning(radius: float, articulation: float, speed: float = 3.0, tick: int = 
 
 
 def settled(law: CommandSteer, read: CombinationSignals) -> Any:
-    """The command once the rate limit no longer counts."""
     memory, command = law.init(), None
     for tick in range(0, 4000, 20):
         memory, command = law.step(memory, tick, None, replace(read, tick=tick))

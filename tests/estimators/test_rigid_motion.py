@@ -36,7 +36,6 @@ def some_covariance(seed: int) -> FloatArray:
 
 
 def test_composed_covariance_is_that_of_the_differences() -> None:
-    """Against numerical derivatives with respect to either motion."""
     first, second = some_covariance(1), some_covariance(2)
     J_1 = derivative(lambda error: disturbed(A_TO_B, error) @ B_TO_C)
     J_2 = derivative(lambda error: A_TO_B @ disturbed(B_TO_C, error))
@@ -69,7 +68,6 @@ def test_stretched_motion_stays_on_the_circle(ratio: float) -> None:
 
 
 def test_inverted_covariance_is_that_of_the_differences() -> None:
-    """Against numerical derivatives; inverted twice it is the motion itself."""
     motion = UncertainMotion(A_TO_B, some_covariance(4))
     J = derivative(lambda error: inverse(disturbed(A_TO_B, error)))
     back = inverted(motion)

@@ -43,7 +43,6 @@ def test_noise_of_any_two_images_is_uncorrelated() -> None:
 
 
 def test_noise_saturates_instead_of_wrapping() -> None:
-    """A white pixel with positive noise stays white; wrapped it would turn black."""
     rng = np.random.default_rng(5)
     bank = NoiseBank.draw(rng, 5.0, PIXELS)
     assert bank.added_to(np.full(SHAPE, 255, dtype=np.uint8), rng).min() > 200  # 255 - 11 deviations
@@ -86,12 +85,3 @@ def test_frame_is_what_the_cameras_on_the_unit_saw(calibration: StereoCalibratio
     assert (frame.right == 21).all()
     assert (frame.colour is not None) == keep_colour
     assert camera.calibration is calibration
-
-
-def test_left_and_right_image_get_different_noise(calibration: StereoCalibration) -> None:
-    camera = StereoCamera(
-        renderer=_Painted(calibration), unit=0, noise_std=3.0, rng=np.random.default_rng(1), keep_colour=False
-    )
-    frame = camera.sample(_truth(0))
-    correlation = np.corrcoef(frame.left.ravel(), frame.right.ravel())[0, 1]
-    assert abs(correlation) < 5.0 / math.sqrt(PIXELS)  # five standard errors

@@ -68,7 +68,6 @@ def fault(name: str, amount: tuple[float, ...] = (), *, start: float = 0.0, dura
 
 
 def scene() -> GreyImage:
-    """Soft blobs of all brightnesses."""
     white = np.random.default_rng(1).uniform(0.0, 255.0, (CALIBRATION.height, CALIBRATION.width))
     smooth = cv2.GaussianBlur(white, (0, 0), 6.0)
     return np.asarray(cv2.normalize(smooth, np.empty_like(smooth), 0, 255, cv2.NORM_MINMAX), dtype=np.uint8)
@@ -88,8 +87,6 @@ class Counting:
 
 @dataclass(frozen=True)
 class Time:
-    """All of the truth that the sensors of a rover need here."""
-
     tick: int
 
 
@@ -109,8 +106,6 @@ class CountingRover:
 
 @dataclass(frozen=True, kw_only=True)
 class Echo:
-    """The message of a user's own sensor."""
-
     tick: int
     distance: float
 
@@ -146,7 +141,6 @@ def on_reference_unit(*faults: Fault) -> Sensor[Truth, BodyPose]:
 
 
 def sent(truth_of: TruthOf, fault: Fault, captures: int, *, seed: int = 0) -> list[StereoFrame | None]:
-    """Messages that arrive of this many captures."""
     sensor = stereo(fault, seed=seed)
     return [sensor.sample(truth_of(PERIOD * k, at(k))) for k in range(captures)]
 
@@ -298,7 +292,6 @@ def test_a_rovers_camera_can_fail(kind: str) -> None:
 def test_faults_are_refused_for_sensors_that_cannot_have_them(
     kinds: list[str], made: Callable[[Fault], object], words: str
 ) -> None:
-    """One line that names the fault, what it needs and what there is."""
     for kind in kinds:
         with pytest.raises(ValueError, match=f"^faults: {kind} needs a {words}$"):
             made(fault(kind))
@@ -353,7 +346,6 @@ def test_a_fault_changes_its_signal_alone(
 
 
 def test_faults_of_a_scenario_act_on_the_signals_of_the_law() -> None:
-    """Same seed, same noise: only the faulty signals differ."""
     sound, ill = law_signals(), law_signals("faults=articulation_offset:10; wheel_speed_dropout")
     assert ill.articulation - sound.articulation == pytest.approx(math.radians(10.0))
     assert (ill.speed, ill.steer) == (0.0, sound.steer)
@@ -361,15 +353,12 @@ def test_faults_of_a_scenario_act_on_the_signals_of_the_law() -> None:
 
 
 def law_signals(*settings: str) -> CombinationSignals:
-    """The first signals that the law of the last trailer receives."""
     parts = assemble(load_scenario("roundabout", ("off_tracking=truth", *settings)), 1)
     truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, parts.start_speed), 0)
     return parts.trailers[-1].signals.sample(truth)
 
 
 class Flicker(ImageFault):
-    """Images are white at random: a user's own kind."""
-
     options: ClassVar[tuple[Option, ...]] = (Option("share", 0.5, "share of images", low=0.0, high=1.0),)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
@@ -380,8 +369,6 @@ class Flicker(ImageFault):
 
 
 class Scrambled(AnySensorFault):
-    """A faulty fault: it returns another sensor's message."""
-
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         pass
 
@@ -390,7 +377,6 @@ class Scrambled(AnySensorFault):
 
 
 def test_a_kind_of_ones_own_works_like_the_others() -> None:
-    """About half of the images are white, the others untouched."""
     faulty = on_rover(Fault(name="own:Flicker", kind=Flicker))
     images = [view.image for k in range(100) if (view := faulty.sample(Time(k))) is not None]
     white = [bool((image == 255).all()) for image in images]
@@ -406,7 +392,6 @@ def test_a_kind_that_returns_another_message_is_stopped() -> None:
 
 
 def test_the_message_of_a_sensor_is_read_from_its_annotation() -> None:
-    """Also from an optional one; a sensor without a stamped message is refused."""
 
     class Mute:
         def sample(self, truth: Stamped) -> None: ...

@@ -59,7 +59,6 @@ def test_both_cameras_look_straight_down_from_where_they_hang() -> None:
 
 
 def driven(ground: ReformedGround, way: float) -> tuple[ColourImage, ColourImage]:
-    """The last images of a straight drive along x."""
     for x in np.arange(0.0, way, 0.5):
         ground.render(body(x))
     return ground.render(body(way))
@@ -79,7 +78,6 @@ def test_only_what_wheels_have_rolled_on_looks_different() -> None:
 
 
 def test_reformed_ground_stays_where_it_is() -> None:
-    """Seen again from farther on it is the same picture: it is a property of the place."""
     ground = ReformedGround(PaintedGround(), FLAT, [WHEELS], width=2.2)
     _, before = driven(ground, 20.0)
     c = RIG

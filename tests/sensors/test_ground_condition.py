@@ -25,7 +25,6 @@ MIDDLE = (-37.0, 0.5)  # of what is there to be seen, 11 m from the cameras, whi
 
 @pytest.fixture(scope="module")
 def plain(bare_world: World, calibration: StereoCalibration) -> ColourImage:
-    """Left image of the dry, even ground."""
     return seen(bare_world, calibration)
 
 

@@ -101,7 +101,6 @@ def displacement(image: MatLike, other: MatLike, rows: tuple[float, float] = (15
 
 
 def next_pixel(image: NDArray[np.uint8]) -> float:
-    """The difference that one pixel of shift makes."""
     return difference(image[:, 1:], image[:, :-1])
 
 
@@ -243,7 +242,6 @@ def test_dirt_hides_its_share_of_each_lens_and_rests_there(pose: FloatArray, see
 
 
 def test_drops_show_the_scene_upside_down(sees: Sees) -> None:
-    """Within drops the image has changed, elsewhere it has not; each lens has drops of its own."""
     clear = sees()
     wet = sees(Imperfections(rain=0.1))
     changed = [np.abs(a.astype(int) - b) > 2 for a, b in ((wet.left, clear.left), (wet.right, clear.right))]
@@ -265,7 +263,6 @@ def test_glare_is_brightest_where_the_sun_is(pose: FloatArray, sees: Sees) -> No
 
 
 def test_frames_are_stamped_and_coloured_as_asked(sees: Sees) -> None:
-    """The colour picture is as bright as the grey image, and does not change it."""
     sent = sees(Imperfections(vignetting=0.3, read_noise=2.0), tick=30)
     shown = sees(Imperfections(vignetting=0.3, read_noise=2.0), keep_colour=True, tick=30)
     assert sent.tick == shown.tick == 30

@@ -30,7 +30,6 @@ def unit(seed: int) -> ReferenceUnit:
 
 @pytest.fixture(scope="module")
 def first_messages() -> list[GnssIns]:
-    """The first message of many units."""
     return [unit(seed).sample(truth()) for seed in range(UNITS)]
 
 
@@ -56,7 +55,6 @@ def test_position_is_good_to_20_mm_in_the_plane(first_messages: list[GnssIns]) -
 
 
 def autocorrelation(errors: FloatArray, lag: int) -> float:
-    """Of errors (n,) about zero."""
     return float(np.mean(errors[:-lag] * errors[lag:]) / np.mean(errors**2))
 
 

@@ -167,7 +167,6 @@ def test_rocks_leave_the_route_free() -> None:
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
-    """The sun is in the range of the kind, and there are rocks if the kind has any."""
     route = np.array([[0.0, 0.0], [4.0, 0.0]])
     world = SandWorld(name, rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)
     kind = KINDS[name]
@@ -177,7 +176,6 @@ def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
 
 
 def test_foreign_tracks_lie_in_view_all_along_the_path() -> None:
-    """Every metre of the left wheels' path has compacted ground of other tracks."""
     light, route = daylight(0.4), np.array([[0.0, 0.0], [4.0, 0.0]])
     relief = Relief.draw(np.random.default_rng(1), SandKind(stones=0.0), Terrain(), 0.0)
     tracks = foreign_tracks(np.random.default_rng(2), route, 0.275)

@@ -47,7 +47,6 @@ def traffic(
 
 
 def truth(time: float, pose: tuple[float, float, float]) -> Truth:
-    """A trailer alone."""
     body = np.eye(4)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     body[:2, :2], body[:2, 3] = [[c, -s], [s, c]], pose[:2]
@@ -151,7 +150,6 @@ def test_vehicles_stand_on_sloping_ground() -> None:
 
 
 def test_a_way_goes_on_straight_beyond_its_ends() -> None:
-    """Before its first point along the heading there, after its last along its last metre."""
     path = DrivenPath()
     for k in range(5):
         path.extend(100 * k, np.array([0.0, float(k)]), 0.5 * math.pi)

@@ -15,7 +15,6 @@ from vehicle.tyres.laws import LinearTyre
 
 
 def named(vehicle: Vehicle, state: FloatArray) -> State[Any]:
-    """The state by its parts."""
     return State(*parts(state, state_sizes(vehicle)))
 
 
@@ -27,12 +26,10 @@ def at_rest(vehicle: Vehicle, **changes: FloatArray) -> tuple[State[Any], Input[
 
 
 def rates(vehicle: Vehicle, s: State[Any], u: Input[Any]) -> State[Any]:
-    """Time derivative of the state."""
     return named(vehicle, np.array(compiled_derivative(vehicle)(np.concatenate(s), np.concatenate(u))).ravel())
 
 
 def outputs(vehicle: Vehicle, s: State[Any], u: Input[Any]) -> Output[Any]:
-    """Outputs of the chain."""
     y = np.array(compiled_output(vehicle)(np.concatenate(s), np.concatenate(u))).ravel()
     return Output(*parts(y, output_sizes(vehicle)))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,24 +17,9 @@ from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
 WIDTH, HEIGHT = 1280, 720
 BOARD = Checkerboard(columns=9, rows=6, square=0.08)
-LEFT = CameraModel(
-    width=WIDTH,
-    height=HEIGHT,
-    fx=565.0,
-    fy=563.0,
-    cx=636.0,
-    cy=362.0,
-    distortion=(-0.11, 0.015, 0.0006, -0.0004, -0.0008),
-)
-RIGHT = CameraModel(
-    width=WIDTH,
-    height=HEIGHT,
-    fx=563.0,
-    fy=562.0,
-    cx=643.0,
-    cy=357.0,
-    distortion=(-0.10, 0.014, -0.0003, 0.0005, -0.0008),
-)
+BARREL = (-0.11, 0.015, 0.0006, -0.0004, -0.0008)
+LEFT = CameraModel(width=WIDTH, height=HEIGHT, fx=565.0, fy=563.0, cx=636.0, cy=362.0, distortion=BARREL)
+RIGHT = replace(LEFT, fx=563.0, fy=562.0, cx=643.0, cy=357.0, distortion=(-0.10, 0.014, -0.0003, 0.0005, -0.0008))
 X_CLCR = transform(so3_exp(np.radians([0.4, -0.6, 0.3])), np.array([0.5, 0.003, -0.002]))
 NOISE = 0.035  # of a corner, as measured on rendered boards with 2 grey levels of noise, each coordinate [px]
 
@@ -73,7 +59,6 @@ def views(seed: int, count: int = 20, noise: float = NOISE) -> list[BoardView]:
 
 
 def pair_views(seed: int, count: int = 20) -> tuple[list[BoardView], list[BoardView]]:
-    """Views of both cameras of the same boards."""
     rng, held_at = np.random.default_rng(seed), poses(seed, count)
     left = [view(f"l{k}", LEFT, X, rng) for k, X in enumerate(held_at)]
     return left, [view(f"r{k}", RIGHT, inverse(X_CLCR) @ X, rng) for k, X in enumerate(held_at)]

@@ -46,7 +46,6 @@ def spots(pixels: FloatArray, shape: tuple[int, int]) -> GreyImage:
 
 
 def centre(image: GreyImage) -> FloatArray:
-    """Centre (u, v) of the one spot [px]."""
     weight = np.maximum(image.astype(np.float64) - 30.0, 0.0)
     v, u = np.indices(image.shape)
     middle: FloatArray = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
@@ -99,7 +98,6 @@ def test_the_rectified_image_shows_nothing_that_a_camera_does_not(
 
 
 def test_a_pair_that_is_rectified_already_is_left_alone() -> None:
-    """No resampling where none is needed: the images are the very same."""
     plain = CameraModel(width=640, height=400, fx=500.0, fy=500.0, cx=320.0, cy=200.0)
     raw = RawStereoRig(left=plain, right=plain, X_ClCr=transform(np.eye(3), np.array([0.5, 0, 0])), X_SC=rig().X_SC)
     rectifier = Rectifier(raw)

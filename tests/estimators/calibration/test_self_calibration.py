@@ -121,7 +121,6 @@ def test_too_few_points_tell_nothing(calibration: StereoCalibration) -> None:
 
 @pytest.fixture(scope="module")
 def turned_drive(drive: Drive) -> Drive:
-    """The drive as seen with the right camera turned."""
     return replace(drive, frames=[drive.knocked(frame, TURNED) for frame in drive.frames])
 
 
@@ -172,7 +171,6 @@ def test_motions_are_as_good_as_with_a_straight_camera(
 def test_covariance_covers_the_time_before_yaw_is_known(
     turned_drive: Drive, calibrated: list[SelfCalibratedMotion]
 ) -> None:
-    """The first motions are off by per cents, and say so."""
     assert np.mean(np.abs(turned_drive.normalised(calibrated)) < 2.5) > 0.95
     assert np.sqrt(calibrated[0].covariance[5, 5]) > 3.0 * np.sqrt(calibrated[-5].covariance[5, 5])
 

@@ -38,7 +38,6 @@ def level_map(before: GreyImage, between: GreyImage, after: GreyImage) -> tuple[
 
 
 def is_untouched(drive: Drive, frame: StereoFrame) -> bool:
-    """Test whether matching leaves the frame's images as they are."""
     matched = match_exposures(drive.calibration, frame)
     return matched.left is frame.left and matched.right is frame.right
 
@@ -64,7 +63,6 @@ def test_right_image_is_exposed_like_the_left_one(drive: Drive, gain: float, off
 
 
 def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
-    """A third of the right image is dark; the rest decides."""
     right = drive.frames[20].right.copy()
     right[:, 300:750] = 20
     dirty = replace(drive.frames[20], right=right)

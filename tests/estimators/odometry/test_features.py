@@ -8,7 +8,6 @@ from estimators.odometry.image_points import detect_corners
 
 
 def test_corners_of_a_square_are_found() -> None:
-    """A bright square on a dark ground has four corners, and nothing along its edges."""
     image = np.full((200, 300), 50, np.uint8)
     image[60:121, 80:181] = 180
     corners = detect_corners(image, per_bucket=4)
@@ -29,7 +28,6 @@ def test_no_bucket_holds_more_than_its_share() -> None:
 
 
 def test_strongest_corners_are_kept() -> None:
-    """Of a faint and a bright dot in one bucket, the bright one stays."""
     image = np.full((100, 100), 100, np.uint8)
     image[20:24, 20:24] = 130
     image[20:24, 36:40] = 255

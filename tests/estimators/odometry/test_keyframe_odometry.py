@@ -97,7 +97,6 @@ def noisy(image: GreyImage, rng: np.random.Generator) -> GreyImage:
 
 @pytest.mark.slow
 def test_reversing_is_driving_backwards(drive: Drive) -> None:
-    """The frames in the opposite order: every motion is the inverse of the true one."""
     backwards = [replace(frame, tick=100 * k) for k, frame in enumerate(drive.frames[12:40][::-1])]
     motions = drive.run(KeyframeOdometry(drive.calibration), backwards)[1]
     for k, motion in enumerate(motions):

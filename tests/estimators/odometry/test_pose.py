@@ -102,7 +102,6 @@ def test_slightly_wrong_matches_hardly_pull(calibration: StereoCalibration) -> N
 
 
 def test_a_moving_body_does_not_take_over(calibration: StereoCalibration) -> None:
-    """A third of the matches sit on a vehicle that moves by itself, consistently."""
     rng = np.random.default_rng(3)
     matches = matched(calibration, rng, 450, STD)
     points = np.column_stack([rng.uniform(-3, 3, 150), rng.uniform(-1, 2, 150), rng.uniform(8, 12, 150)])

@@ -43,8 +43,6 @@ SAND = np.random.default_rng(1).uniform(60.0, 200.0, (120, 160))
 
 
 class Counting(ReferenceSlip):
-    """An estimator that counts its views."""
-
     def init(self) -> int:  # type: ignore[override]
         return 0
 

@@ -146,7 +146,6 @@ def test_odometry_agrees_with_itself_within_its_standard_deviations(drive: Drive
 
 
 def test_halves_of_odd_images_meet_at_the_edges(calibration: StereoCalibration) -> None:
-    """A column in the middle belongs to neither half; points keep their rays."""
     odd = replace(calibration, width=1345, cx=672.0)
     left, right = (halved(odd, side) for side in (0, 1))
     assert (left.width, right.width) == (672, 672)

@@ -59,7 +59,6 @@ def test_black_and_saturated_images_have_no_features(grey: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.4, 0.7])
 def test_features_do_not_depend_on_brightness_and_contrast(drive: Drive, gain: float) -> None:
-    """A darker image of the same has the same features but for those at the edge of the noise."""
     image = drive.frames[20].left
     darker = np.rint(gain * image + 10.0).astype(np.uint8)
     points, found = (detect_features(one).points for one in (image, darker))
@@ -84,7 +83,6 @@ def test_resampled_noise_is_noise() -> None:
 
 
 def test_glare_does_not_hide_the_noise(drive: Drive) -> None:
-    """A third of the image saturated: the noise is that of the rest."""
     image = drive.frames[20].left.copy()
     image[:, :448] = 255
     whole = detect_features(drive.frames[20].left).points

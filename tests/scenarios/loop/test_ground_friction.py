@@ -35,7 +35,6 @@ edge = 0.5
 
 
 def surface(*settings: str, seed: int = 0, scenario: str = "roundabout") -> Surface:
-    """The ground of a scenario with these settings."""
     loaded = load_scenario(scenario, settings)
     return surface_of(loaded, course_of(loaded, load_vehicle(loaded.vehicle)), stream(seed, "surface"))
 
@@ -100,7 +99,6 @@ def test_the_seed_decides_roughness_and_potholes() -> None:
 
 
 def test_a_resolved_scenario_runs_again_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A written scenario reads back unchanged, with the image's full path."""
     monkeypatch.chdir(tmp_path)
     settings = ("surface.friction_left=0.2", "surface.roughness=B", "surface.friction_image=ice.png")
     scenario: Scenario = load_scenario(written(tmp_path, PATCHES), settings)

@@ -86,7 +86,6 @@ def test_arrays_come_back_bit_by_bit() -> None:
 
 
 def test_items_that_can_not_be_pickled_stay() -> None:
-    """A class of the user's own may hold anything."""
     functions = [partial(lambda k: k, k) for k in range(30)]
     assert [function() for function in Kept(4, functions)] == list(range(30))
 
@@ -103,8 +102,6 @@ def test_only_the_newest_are_in_memory() -> None:
 
 
 class Views:
-    """Stands for the writer of a recording."""
-
     def __init__(self) -> None:
         self.added: list[tuple[int, float]] = []
 

@@ -49,7 +49,6 @@ class Witness:
 
 
 def interrupted_after(calls: int) -> Progress:
-    """Progress that interrupts a run at its last call."""
     left = iter(range(calls - 1))
 
     def report(done: float, total: float, note: str = "", /) -> None:
@@ -192,8 +191,6 @@ def plain() -> RunResult:
 
 
 class Anchored:
-    """A driver who stops and never starts again."""
-
     def init(self) -> None:
         """Nothing to remember."""
 

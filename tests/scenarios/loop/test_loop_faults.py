@@ -82,7 +82,6 @@ def test_one_axle_is_faulty_alone() -> None:
 
 
 def test_axles_of_one_actuator_share_its_fault() -> None:
-    """A linkage turns both."""
     course = driven("actuator_stuck:2@0.01", [0.1, 0.2, 0.3], load_vehicle("uk_longer_semitrailer_grouped"))
     assert course[-1].tolist() == [0.1, 0.1]
 
@@ -120,8 +119,6 @@ def test_messages_are_lost_in_their_share() -> None:
 
 
 class Swapped(ActuatorFault):
-    """Axles that turn to the other side."""
-
     options: ClassVar = ()
 
     def demanded(self, tick: int, demand: FloatArray, angles: FloatArray, active: bool) -> FloatArray:
@@ -160,7 +157,6 @@ def test_faults_act_between_law_and_axles_of_a_run() -> None:
 
 
 def test_estimates_are_kept_from_the_law_alone() -> None:
-    """The log has what the estimator sent."""
     known = {}
     for faults in ("none", "estimate_loss:1", "estimate_delay:0.1"):
         trailer = SteeredTrailer(assembled("roundabout", f"faults={faults}").trailers[-1], InLine(), Stopwatch())

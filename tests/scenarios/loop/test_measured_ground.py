@@ -35,12 +35,10 @@ def written(path: Path, heights: FloatArray = BUMP, kind: str = "LDFI", **keys: 
 
 
 def scenario_on(path: Path, *settings: str) -> Scenario:
-    """A lane change on that surface."""
     return load_scenario("lane-change", (f"surface.crg={path}", "off_tracking=truth", *settings))
 
 
 def laid(path: Path, *settings: str) -> tuple[Surface, Course]:
-    """The ground and course of that lane change."""
     scenario = scenario_on(path, *settings)
     course = course_of(scenario, load_vehicle(scenario.vehicle))
     measured = measured_ground(scenario.surface, course)
@@ -98,7 +96,6 @@ def test_missing_heights_are_filled_from_beside_and_told(tmp_path: Path) -> None
 
 
 def test_it_begins_where_the_guided_point_starts(tmp_path: Path) -> None:
-    """Or as many metres later as the scenario says."""
     path = written(tmp_path / "hump.crg")
     for settings, begin in ((), 0.0), (("surface.crg_start=30",), 30.0):
         surface, course = laid(path, *settings)

@@ -79,7 +79,6 @@ def test_steer_groups_turn_axles_by_one_angle_or_each_by_its_own() -> None:
 
 
 def test_a_recorded_drive_is_repeated_to_its_end(tmp_path: Path) -> None:
-    """Steer angle and speed as in the file, wherever this leads; the run is as long as the record."""
     file = tmp_path / "drive.csv"
     file.write_text("time_s,steer_deg,speed_kmh\n0,0,9\n2,0,9\n4,6,12\n8,6,12\n", encoding="utf-8")
     settings = ("off_tracking=truth", "trailer_steering=none", f"driver.trace={file}")

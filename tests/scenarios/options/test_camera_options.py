@@ -13,15 +13,13 @@ import pytest
 
 from offtrack.exchange.recordings.writers import RecordingWriter
 from scenarios.assembly.adapters import rig_on, trailer_geometry
-from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
 from scenarios.assembly.trailer_sensors import BoardCalibration, Views
 from scenarios.loop.trailer_session import TrailerSession
-from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario, load_scenario
+from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.options.tables import RigOptions
 from sensors.camera.rig import RawStereoRig, load_raw_rig
 from sensors.camera.stereo_camera import RawStereoCamera, StereoCamera
-from sensors.messages import RoverView
 from vehicle.combination.description import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("worlds")
@@ -147,17 +145,6 @@ def test_a_run_with_lost_late_and_bent_images_is_recorded_as_it_was_seen(tmp_pat
     way = np.linalg.norm(poses[:, :, 3], axis=1)
     np.testing.assert_allclose(way, 5.0 * (np.array(times) - times[0]), atol=0.02)  # [m] 5 m/s; 0.1 s would be 0.5 m
     assert load_raw_rig(folder / "rig.toml").left.distortion == (-0.15, 0.02, 0.0, 0.0, 0.0)
-
-
-def test_faults_of_images_reach_a_rovers_estimator() -> None:
-    settings = ("course.length=1", "faults=blackout@0.4")
-    rover = load_any_scenario("rover-slope", settings)
-    assert isinstance(rover, RoverScenario)
-    parts = assemble_rover(rover, seed=1)
-    state = parts.plant.initial_state(parts.path.start, rover.speed)
-    views = [parts.sensing.sensor.sample(parts.plant.observe(state, tick)) for tick in (0, 1000)]
-    assert all(isinstance(view, RoverView) for view in views)
-    assert [bool(view.image.any()) for view in views if isinstance(view, RoverView)] == [True, False]
 
 
 def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch: pytest.MonkeyPatch) -> None:

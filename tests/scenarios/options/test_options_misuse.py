@@ -54,7 +54,6 @@ number = 5
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Working directory with modules of one's own."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))  # the catalogue adds the working directory
     (tmp_path / "wrong_parts.py").write_text(OWN, encoding="utf-8")
@@ -235,7 +234,6 @@ def test_import_paths_that_name_no_part_are_refused(path: str, says: str, here: 
     ],
 )
 def test_classes_without_the_methods_of_their_kind_are_refused(setting: str, says: str, here: Path) -> None:
-    """Before the run; whatever a class of one's own raises is one line, too."""
     others = [] if setting.startswith("off_tracking") else ["off_tracking=truth"]
     assert says in refused_settings(setting, *others)
 
@@ -267,7 +265,6 @@ def test_arguments_of_every_command_end_in_one_line(arguments: tuple[str, ...], 
 
 
 def test_names_with_brackets_are_printed_as_they_are(here: Path) -> None:
-    """Brackets in a path or a summary are no markup, and escape codes are not obeyed."""
     done = invoked("vehicle", "rigid_truck", "--out", "a[/b]c")
     assert done.exit_code == 0, done.output
     assert "a[/b]c/sheet.svg" in done.stdout.replace("\n", "")
@@ -279,7 +276,6 @@ def test_names_with_brackets_are_printed_as_they_are(here: Path) -> None:
 
 
 def truck(**changes: str) -> dict[str, object]:
-    """Contents of a combination's file with other names of its units, by their index."""
     library = ParameterLibrary("vehicle", "parameters")
     contents = without_sources(read_toml(library.file("b_double")))
     for index, name in changes.items():

@@ -58,7 +58,6 @@ def test_a_refusal_is_one_line_and_makes_nothing(command: str, tmp_path: Path, m
 
 
 def test_only_untouched_results_of_an_interrupted_command_are_replaced(tmp_path: Path) -> None:
-    """A note that the user put there, or a changed file, is a reason to refuse."""
 
     def written(text: str) -> None:
         with appearing_at_once(tmp_path / "out") as folder:

@@ -40,7 +40,6 @@ def test_an_empty_log_survives_the_disk(tmp_path: Path) -> None:
 
 
 def test_signals_are_read_by_name_and_can_not_be_changed() -> None:
-    """A log that anyone could write to would no longer be the record of the run."""
     source = np.zeros((4, 3), order="F")  # as it is kept
     log = Log(SIGNALS, source)
     source[:] = 1.0

@@ -41,14 +41,12 @@ def test_steady_circle_has_the_closed_form_off_tracking(radius: float, speed: fl
 @settings(max_examples=30)
 @given(st.floats(13.0, 60.0), st.floats(0.5, 20.0), st.floats(5.0, 10.0), st.floats(8.0, 12.9))
 def test_off_tracking_flips_in_the_mirror(radius: float, speed: float, axle: float, follow: float) -> None:
-    """Left and right swapped: the same distance on the other side, from the same sample on."""
     x, y, psi = circling(radius, speed, axle)
     e, mirrored = true_off_tracking(x, y, psi, follow), true_off_tracking(x, -y, -psi, follow)
     np.testing.assert_allclose(mirrored, -e, atol=1e-12)  # [m] rounding of sin and cos
 
 
 def test_off_tracking_does_not_depend_on_where_the_world_is() -> None:
-    """Turned and moved, the same; the whole turns in psi do not matter either."""
     x, y, psi = circling(15.0, 4.0, 9.0)
     e = true_off_tracking(x, y, psi, 14.0)
     c, s = math.cos(2.0), math.sin(2.0)

@@ -57,7 +57,6 @@ def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunRe
 
 
 def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
-    """Each number against what the synthetic run was made with."""
     numbers = json.loads(json.dumps(camera_run.summary(), allow_nan=False))
     log = camera_run.log
     assert numbers["off_tracking"]["true_max_m"] == pytest.approx(np.nanmax(np.abs(log["off_tracking_true"])), abs=1e-6)
@@ -72,7 +71,6 @@ def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
 
 
 def test_what_was_not_measured_is_null(blind_run: RunResult) -> None:
-    """Zero would be a lie: there was no camera."""
     numbers = blind_run.summary()
     assert numbers["odometry"] == dict.fromkeys(NAMES["odometry"])
     off_tracking = numbers["off_tracking"]
@@ -210,7 +208,6 @@ def test_the_run_is_written_before_its_video_is_drawn(
 
 
 def test_timing_adds_up() -> None:
-    """Wall time outside all stages is the rest; a run that took no time has no real-time factor."""
     timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
     assert timing.rest_s == pytest.approx(1.5)
     parallel = dataclasses.replace(timing, odometry_parallel_s=0.4)

@@ -63,12 +63,10 @@ def geojson(points: FloatArray) -> str:
 
 
 def settings(file: Path, *more: str) -> list[str]:
-    """Settings of a run along a file without steering of the trailer."""
     return ["off_tracking=truth", "trailer_steering=none", "course.kind=path", f"course.file={file}", *more]
 
 
 def course(folder: Path, text: str, *more: str, name: str = "path.csv") -> Course:
-    """The course of the default vehicle along a file of this text."""
     (folder / name).write_text(text, encoding="utf-8")
     scenario = load_scenario("roundabout", settings(folder / name, *more))
     return course_of(scenario, vehicle_of(scenario))
@@ -104,7 +102,6 @@ def test_the_curvature_of_a_fitted_path_has_no_jumps(tmp_path: Path) -> None:
 
 
 def test_a_line_with_points_only_at_its_ends_stays_straight(tmp_path: Path) -> None:
-    """Drawings have points on arcs only: the straights between them are straight, not bowed."""
     points = bend()
     sparse = np.concatenate([points[:1], points[30:70], points[-1:]])
     path = course(tmp_path, csv(sparse)).path

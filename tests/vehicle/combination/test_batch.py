@@ -35,7 +35,6 @@ def ground(centre: tuple[float, float] = (math.nan, math.nan), lanes: slice = sl
 
 
 def placed(vehicle: Vehicle, engine: Engine = "auto") -> PlantBatch:
-    """Equal vehicles on planes of their own."""
     batch = PlantBatch(vehicle, N, engine)
     batch.place(np.arange(N), np.tile(numbers(vehicle), (N, 1)), ground(), SPEEDS)
     return batch

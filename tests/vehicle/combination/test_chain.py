@@ -81,7 +81,6 @@ Named = TypeVar("Named", State[np.ndarray], Input[np.ndarray])
 
 
 def mirrored(vehicle: Vehicle, named: Named, signs: State[int] | Input[int]) -> Named:
-    """Left and right swapped."""
     swap = np.arange(vehicle.n_wheels).reshape(-1, 2)[:, ::-1].ravel()
     channels = brake_channels(vehicle)
     pressures = np.array([channel.mirrored for channel in channels], dtype=int)
@@ -105,7 +104,6 @@ def test_mirror_symmetry(chain: Vehicle, seed: int) -> None:
 @few
 @given(seeds, st.floats(-3.0, 3.0))
 def test_nothing_depends_on_where_north_is(chain: Vehicle, seed: int, turn: float) -> None:
-    """The world turned under the vehicle turns its velocity in W and nothing else."""
     s, u = random_state(chain, seed)
     c, si = math.cos(turn), math.sin(turn)
     ds = rates(chain, s, u)

@@ -136,7 +136,6 @@ def test_a_mistake_in_a_file_gives_one_clear_line(tmp_path: Path, right: str, wr
 
 
 def trailer_like(text: str, *changes: tuple[str, str]) -> str:
-    """The file with changes made in its trailer."""
     tractor, trailer = text.split('name = "semitrailer"')
     for right, wrong in changes:
         assert right in trailer

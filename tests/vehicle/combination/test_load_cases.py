@@ -35,7 +35,6 @@ def test_every_shipped_vehicle_stands_in_every_load_case(name: str) -> None:
 
 
 def test_the_payload_put_back_gives_the_laden_unit() -> None:
-    """Sum of two bodies about their common centre of gravity, computed from the empty one."""
     vehicle = load_vehicle("eu_tractor_semitrailer")
     laden, empty = vehicle.units[1], with_load(vehicle, "unladen").units[1]
     load = laden.payload

@@ -21,7 +21,6 @@ STIFFNESS, LAG, BUMP = 1.2e6, 3.0, 0.02  # [N/m], [s], [m]
 
 @pytest.fixture(scope="module")
 def shared(tractor_semitrailer: Vehicle) -> Vehicle:
-    """The combination with a tridem that equalises slowly."""
     tractor, trailer = tractor_semitrailer.units
     slow = trailer.model_copy(update={"load_sharing": LoadSharing(stiffness=STIFFNESS, lag=LAG)})
     return tractor_semitrailer.model_copy(update={"units": (tractor, slow)})

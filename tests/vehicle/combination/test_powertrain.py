@@ -89,7 +89,6 @@ def test_it_climbs_what_friction_allows(tractor_semitrailer: Vehicle) -> None:
 
 @pytest.fixture(scope="module")
 def retarded(tractor_semitrailer: Vehicle) -> Vehicle:
-    """The driver brakes with the endurance brake first."""
     assert tractor_semitrailer.powertrain is not None
     assert tractor_semitrailer.powertrain.retarder is not None
     first = tractor_semitrailer.powertrain.retarder.model_copy(update={"acts_first": True})

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vehicle.chains import named
+from tests.vehicle.chains import named, with_axles
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import step_function
 from vehicle.combination.layout import state_sizes
@@ -119,13 +119,9 @@ def test_dampers_are_given_or_follow_from_the_ratio(tractor_semitrailer: Vehicle
     trailer = tractor_semitrailer.units[1]
     given = springs_of(tractor_semitrailer)[1]
     assert float(given.damping * given.inertia) == pytest.approx(3 * 1.39e5)
-    axles = tuple(
-        axle.model_copy(update={"suspension": axle.suspension.model_copy(update={"roll_damping": None})})
-        for axle in trailer.axles
-        if axle.suspension
-    )
-    units = (tractor_semitrailer.units[0], trailer.model_copy(update={"axles": axles}))
-    by_ratio = springs_of(tractor_semitrailer.model_copy(update={"units": units}))[1]
+    changes = [axle.suspension.model_copy(update={"roll_damping": None}) for axle in trailer.axles if axle.suspension]
+    undamped = with_axles(tractor_semitrailer, {}, {}, *({"suspension": suspension} for suspension in changes))
+    by_ratio = springs_of(undamped)[1]
     w = math.sqrt(float(by_ratio.stiffness) / float(by_ratio.inertia))
     assert float(by_ratio.damping) == pytest.approx(2.0 * trailer.suspension_damping * w)
 

@@ -17,7 +17,6 @@ SPEED = 20.0  # [m/s]
 
 
 def truck(axle: int = 1, /, **numbers: float) -> Vehicle:
-    """The rigid truck with numbers of one axle."""
     return changed_vehicle(load_vehicle("rigid_truck"), {f"units.0.axles.{axle}.{k}": v for k, v in numbers.items()})
 
 

@@ -40,7 +40,6 @@ def kept(tmp_path: Path) -> list[Path]:
 
 
 def test_a_library_is_compiled_once(gcc: Compiler, tmp_path: Path) -> None:
-    """The second time nothing is written: the file is the same, and so is its age."""
     assert library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
     (made,) = kept(tmp_path)
     age = made.stat().st_mtime_ns

@@ -19,8 +19,6 @@ from vehicle.tyres.laws import BrushTyre
 
 
 class Derivation:
-    """A derivation that counts its calls."""
-
     def __init__(self, function: Any = None) -> None:
         x = ca.SX.sym("x", 2)
         self.function = ca.Function("square", [x, ca.SX(0, 1), ca.SX(0, 1)], [x**2]) if function is None else function
@@ -33,7 +31,6 @@ class Derivation:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache."""
     monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
     warn_once.cache_clear()
     return tmp_path / "cache"
@@ -133,7 +130,6 @@ def cut(path: Path) -> None:
 def test_a_damaged_file_is_made_anew(
     folder: Path, tractor_semitrailer: Vehicle, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
 ) -> None:
-    """One warning names the file; the function is derived and stored again."""
     derive, bare = Derivation(), topology(tractor_semitrailer)
     derived_once("step", (bare,), derive)
     (path,) = kept(folder)

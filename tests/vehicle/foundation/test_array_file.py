@@ -63,7 +63,6 @@ ARRAYS = {
 
 @pytest.mark.parametrize("case", ARRAYS)
 def test_an_array_that_its_file_does_not_hold_is_refused(case: str, tmp_path: Path) -> None:
-    """As the file of a height map and as the member of an archive."""
     content, words = ARRAYS[case]
     (tmp_path / "a.npy").write_bytes(content)
     with pytest.raises(ValueError, match=rf"^[^\n]*a\.npy[^\n]*{words}[^\n]*$"):

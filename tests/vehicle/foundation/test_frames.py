@@ -136,7 +136,6 @@ def test_samples_are_one_period_apart_from_the_offset_on(period: int, offset: in
 
 @given(st.lists(st.integers(0, 100), max_size=20), st.integers(0, 100))
 def test_a_pipe_delivers_what_is_due_in_order_and_once(delivery_ticks: list[int], now: int) -> None:
-    """Messages leave in the order they were put in, not before their tick, and do not come back."""
     pipe: Pipe[int] = Pipe()
     for k, tick in enumerate(delivery_ticks):
         pipe = pipe.put(tick, k)
@@ -159,7 +158,6 @@ def test_polylines_are_measured_by_their_chords() -> None:
 
 
 def test_dense_points_reach_from_end_to_end() -> None:
-    """About as far apart as asked for, all alike, and both ends are there."""
     points, spacing = dense(np.array([[0.0, 0.0], [0.0, 10.5]]), 2.0)
     assert spacing == pytest.approx(2.1)
     np.testing.assert_allclose(arc_length(points), spacing * np.arange(6), atol=1e-12)

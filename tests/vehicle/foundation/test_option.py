@@ -17,7 +17,6 @@ FLAG = Option(name="flag", default=False, meaning="switch")
     ("option", "value"), [(GAIN, 0.0), (GAIN, 2), (COUNT, 1), (MODE, "b"), (LENGTH, 4.0), (FLAG, True)]
 )
 def test_values_within_the_limits_are_accepted(option: Option, value: Parameter) -> None:
-    """Limits belong to the range; a float accepts an integer."""
     option.check(value, option.name)
 
 
@@ -41,7 +40,6 @@ def test_other_values_are_refused_in_one_line(option: Option, value: Parameter, 
 
 
 def test_values_are_completed_by_defaults_and_unknown_names_refused() -> None:
-    """An option without a default is left to the part."""
     assert option_values((GAIN, LENGTH), {}, "law") == {"gain": 0.5}
     assert option_values((GAIN, LENGTH), {"length": 1.0}, "law") == {"gain": 0.5, "length": 1.0}
     with pytest.raises(ValueError, match=r"^unknown key 'law\.gian'; did you mean 'gain'\?$"):

@@ -42,7 +42,6 @@ def test_a_body_stands_on_its_two_supports_with_its_heading(surface: Surface, x:
 
 @given(slopes, slopes, st.floats(-7.0, 7.0))
 def test_on_a_plane_a_body_stands_along_the_normal(cross_fall: float, grade: float, psi: float) -> None:
-    """With any supports: z axis normal to the ground, origin on it."""
     surface = Surface(friction=0.8, cross_fall=cross_fall, grade=grade)
     X_WB = surface.pose_on(3.0, -2.0, psi, (0.0, -9.3))
     slope_x, slope_y = surface.gradient(3.0, -2.0)
@@ -89,7 +88,6 @@ def test_a_banked_circle_is_a_cone() -> None:
 
 
 def test_the_gradient_is_the_difference_quotient_of_the_height() -> None:
-    """A winding, rolling road whose bank changes."""
     line = np.stack([S, 5.0 * np.sin(S / 15.0)], axis=1)
     relief = RoadRelief(line, 0.5 * np.sin(S / 12.0), 0.05 * np.cos(S / 20.0), reach=12.0)
     surface = Surface(friction=0.8, relief=relief, cross_fall=0.01, grade=0.02)
@@ -126,7 +124,6 @@ def _road(heights: FloatArray, beyond: Beyond = "level") -> MeasuredRoad:
 
 
 def _heights(road: MeasuredRoad, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Height of profile and roughness."""
     surface = Surface(friction=0.8, relief=road.relief, roughness=Roughness(measured=road))
     x, y = _places(START + u, v)
     return surface.height(x, y) + surface.roughness_at(x, y)
@@ -176,7 +173,6 @@ def test_the_road_is_level_before_and_after() -> None:
 
 
 def test_mirrored_it_has_no_seams() -> None:
-    """The same heights backwards after its end and before its start."""
     heights = np.random.default_rng(3).normal(0.0, 0.01, (len(U), len(V)))
     road, u, v = _road(heights, "mirrored"), np.linspace(0.5, 25.0, 100), np.linspace(-1.5, 1.5, 100)
     end = U[-1]

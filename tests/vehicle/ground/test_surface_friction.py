@@ -79,7 +79,6 @@ def test_an_image_lies_with_its_upper_edge_to_the_north() -> None:
 
 
 def test_maps_lie_on_top_of_one_another() -> None:
-    """A patch of ice on the wet lane of a split road, and the rest of it unchanged."""
     surface = Surface(friction=PatchedFriction(SplitFriction(0.5, 0.8, STRAIGHT), [circle(0.0, 3.0, 1.0, 0.1)]))
     np.testing.assert_array_equal(surface.friction_at([0.0, 0.0, 0.0], [3.0, 5.0, -3.0]), [0.1, 0.5, 0.8])
     assert not surface.is_uniform

@@ -128,7 +128,6 @@ LINE = np.linspace([0.0, 7.0], [180.0, 247.0], 601)  # a straight road of 300 m,
 
 
 def one(diameter: float, depth: float) -> Surface:
-    """A smooth road with one pothole in the origin."""
     at = np.zeros(1)
     return Surface(
         friction=0.8, roughness=Roughness(potholes=Potholes(at, at, np.array([diameter]), np.array([depth])))

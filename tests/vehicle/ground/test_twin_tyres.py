@@ -24,13 +24,14 @@ LOAD, SPEED, STIFFNESS = 50e3, 2.0, 15.0
 TYRE = linear_tyre(6.0, 2.0 * LOAD, damping=0.0)
 
 
+def spaced(vehicle: Vehicle, distance: float) -> Vehicle:
+    """The combination with twin tyres so far apart [m] on its driven axle."""
+    return with_axles(vehicle, {}, {"twin_spacing": distance}, {}, {}, {})
+
+
 @pytest.fixture(scope="module")
 def twins(tractor_semitrailer: Vehicle) -> Vehicle:
-    """The combination with twin tyres on its driven axle."""
-    tractor, trailer = tractor_semitrailer.units
-    front, rear = tractor.axles
-    axles = (front, rear.model_copy(update={"twin_spacing": SPACING}))
-    return tractor_semitrailer.model_copy(update={"units": (tractor.model_copy(update={"axles": axles}), trailer)})
+    return spaced(tractor_semitrailer, SPACING)
 
 
 def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: float) -> WheelMotion:
@@ -100,17 +101,12 @@ def test_scrub_damps_the_yaw_of_small_motions(twins: Vehicle) -> None:
     """
     v = 10.0
     vehicle = with_axles(twins, {"tyre": TYRE})
-    tractor, trailer = vehicle.units
-    narrow_axle = tractor.axles[1].model_copy(update={"twin_spacing": 0.1})
-    narrow = vehicle.model_copy(
-        update={"units": (tractor.model_copy(update={"axles": (tractor.axles[0], narrow_axle)}), trailer)}
-    )
-    wide_model, narrow_model = (lateral_model(one, v) for one in (vehicle, narrow))
+    wide_model, narrow_model = (lateral_model(one, v) for one in (vehicle, spaced(vehicle, 0.1)))
     change = wide_model.A - narrow_model.A
     load = 11.4e3 * 9.81  # of the driven axle [N]
     damper = load * STIFFNESS * (SPACING**2 - 0.1**2) / (4.0 * v)  # [N m s]
     # The moment acts on the tractor alone: acceleration of its yaw by the mass matrix of the coupled chain.
     k = wide_model.states.index("yaw_rate_0")
-    alone = damper / tractor.yaw_inertia
+    alone = damper / vehicle.units[0].yaw_inertia
     assert 0.3 * alone < -change[k, k] < alone  # the trailer's mass on the hitch adds to the inertia
     assert math.isclose(change[:, wide_model.states.index("v_y")].max(), 0.0, abs_tol=1e-6)

@@ -18,7 +18,6 @@ GRAVITY = 9.81
 
 
 def nose_heavy() -> Rover:
-    """A rover whose centre of gravity lies ahead of its middle."""
     return load_rover("el_dorado_ii").model_copy(update={"cg_x": 0.05})
 
 
@@ -76,7 +75,6 @@ def test_spinning_wheels_are_entrapped_in_drift_sand_alone() -> None:
 
 
 def test_soil_that_does_not_carry_the_rover_has_no_traction() -> None:
-    """A hundred times the mass sinks in to the axles."""
     rover = load_rover("el_dorado_ii")
     heavy = rover.model_copy(update={"mass": 100.0 * rover.mass})
     (traction,) = rover_sheet(heavy, [load_soil("drift_sand")]).traction

@@ -38,7 +38,6 @@ def long_form(folder: Path) -> str:
 
 
 def numbers(node: object, key: str = "") -> set[str]:
-    """Dotted names of all numbers of a rover."""
     if isinstance(node, float):
         return {key}
     children = dict(node) if isinstance(node, BaseModel) else dict(enumerate(node)) if isinstance(node, tuple) else {}

@@ -90,7 +90,6 @@ def test_a_crust_carries_the_wheels() -> None:
 
 
 def test_sand_turns_a_skid_steered_rover_less_than_a_floor() -> None:
-    """Wheels that bulldoze sand turn the rover less at the same speeds, but to the same side."""
     command = RoverCommand((0.6 * OMEGA, 1.4 * OMEGA) * 2, STRAIGHT)
     sandy = driven(RoverPlant(SKID, Terrain(), load_soil("beach_sand"), "interpreted"), command, 10.0)
     floor = driven(RoverPlant(SKID, Terrain(), None, "interpreted"), command, 10.0)
@@ -112,7 +111,6 @@ def test_the_world_has_no_preferred_direction() -> None:
 
 
 def test_it_drives_backward_as_forward() -> None:
-    """This rover is symmetric front to rear: backward it gets as far and sinks in as deep."""
     plant = plant_on("toyoura_sand")
     forth, back = (driven(plant, RoverCommand((sign * OMEGA,) * 4, STRAIGHT), 10.0) for sign in (1.0, -1.0))
     assert back.pose[0] == pytest.approx(-forth.pose[0], rel=1e-3)  # at rest the entry is assumed in front
