@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.vehicle.combination.test_loads import tonnes
 from vehicle.combination.data_sheet import DataSheet, data_sheet
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
-from vehicle.combination.loads import static_axle_loads
 
 FOOT = 0.3048  # [m]
 PARAMETERS = Path(__file__).parents[3] / "vehicle" / "parameters"
@@ -36,11 +36,6 @@ LEGAL = {
     "desaxe_field_combination": ((10.0, 11.5, 18.0), 36.0),
     "mobile_crane_5_axle": ((12.0, 12.0, 36.0), 60.0),  # 12 t an axle, under a permit
 }
-
-
-def tonnes(vehicle: Vehicle) -> list[list[float]]:
-    """Static load of each axle of each unit [t]."""
-    return [[load / GRAVITY / 1e3 for load in of_unit] for of_unit in static_axle_loads(vehicle)]
 
 
 def group_loads(vehicle: Vehicle) -> list[float]:
