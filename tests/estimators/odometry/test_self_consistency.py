@@ -42,8 +42,8 @@ def differences(calibration: StereoCalibration, seed: int, common: FloatArray, w
     before, after = project(calibration, points), project(calibration, points - AHEAD)
     z = after + STD * np.sqrt(VARIANCE) * rng.standard_normal(after.shape)
     z[after[:, 0] < calibration.cx] += common
-    for seen in (before, z):
-        seen[:, 2] -= wrong
+    for pixels in (before, z):
+        pixels[:, 2] -= wrong
     variance = np.broadcast_to(STD**2 * VARIANCE, z.shape)
     measured = triangulate(calibration, before)
     seen = Observations(measured, 1e-6 * point_covariance(calibration, measured, variance), z, variance)

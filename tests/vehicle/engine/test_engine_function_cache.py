@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -118,22 +117,14 @@ def test_what_is_not_in_the_hash_of_the_sources_is_not_cached(
     assert not folder.exists()
 
 
-def emptied(path: Path) -> None:
-    path.write_bytes(b"")
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-40])
-
-
-@pytest.mark.parametrize("damage", [emptied, cut])
+@pytest.mark.parametrize("end", [0, -40])
 def test_a_damaged_file_is_made_anew(
-    folder: Path, tractor_semitrailer: Vehicle, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
+    folder: Path, tractor_semitrailer: Vehicle, caplog: pytest.LogCaptureFixture, end: int
 ) -> None:
     derive, bare = Derivation(), topology(tractor_semitrailer)
     derived_once("step", (bare,), derive)
     (path,) = kept(folder)
-    damage(path)
+    path.write_bytes(path.read_bytes()[:end])
     for _ in range(2):
         function: Any = derived_once("step", (bare,), derive)
         assert function([1.0, 3.0], [], []).full().ravel().tolist() == [1.0, 9.0]
