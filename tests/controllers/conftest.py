@@ -139,5 +139,5 @@ def _drive(
         hitch = X_WT @ Pose2(HITCH_X, 0.0, 0.0)
         X_WS = Pose2(hitch.x, hitch.y, X_WS.psi + yaw_rate_S * dt)
         tick += STEP
-    station, hitch, *others = (np.array(column) for column in zip(*rows, strict=True))
-    return Run(station, true_off_tracking(*hitch.T, trailer.follow_distance), *others)
+    stations, hitch, *others = (np.array(column) for column in zip(*rows, strict=True))
+    return Run(stations, true_off_tracking(*hitch.T, trailer.follow_distance), *others)

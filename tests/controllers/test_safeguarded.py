@@ -373,7 +373,7 @@ def test_an_offset_is_subtracted_from_the_demand_as_long_as_it_lasts(end: int, l
     run = supervised(6000, lambda tick, demand, angles: demand + OFFSET * (1000 <= tick < end))
     assert run.known is not None
     assert run.angles[-1] == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
-    assert run.commands[-1] == pytest.approx([wanted(6000) - left] * 2, abs=math.radians(0.1) if left else 0.0)
+    assert run.commands[-1] == pytest.approx([wanted(6000) - left] * 2, rel=0.0, abs=math.radians(0.1) if left else 0.0)
     assert run.known.goal == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
     assert run.last.actuator_findings[-1].kind == kind
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import cv2
 import numpy as np
@@ -68,15 +67,17 @@ def sees(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> Sees:
         before: FloatArray | None = None,
         load_transfer: float = 0.0,
         rig: RawStereoRig | None = None,
-        **about: Any,
+        sun: FloatArray | None = None,
+        keep_colour: bool = False,
     ) -> StereoFrame:
         camera = RawStereoCamera(
             renderer=wide,
             imperfections=imperfections,
             unit=0,
             rig=rig or RIG.raw(),
+            sun=sun,
+            keep_colour=keep_colour,
             rng=np.random.default_rng(5),
-            **({"sun": None, "keep_colour": False} | about),
         )
         if before is not None:
             camera.sample(truth_of(0, before))

@@ -75,10 +75,15 @@ def test_a_damaged_or_exchanged_file_is_made_anew(
     assert re.match(rf"offtrack: cached code is not used.*{wrong} is damaged", warning)
 
 
+def a_pipe(wrong: Path) -> None:
+    wrong.unlink()
+    os.mkfifo(wrong)
+
+
 PLANTED: dict[str, Callable[[Path], object]] = {
     r"is open to other users \(mode 666\). Set OFFTRACK_CACHE .* or run: chmod": lambda wrong: wrong.chmod(0o666),
     "symbolic link": lambda wrong: wrong.symlink_to(wrong.rename(wrong.parents[1] / "elsewhere.so")),
-    "is no regular file": lambda wrong: (wrong.unlink(), os.mkfifo(wrong)),
+    "is no regular file": a_pipe,
 }
 
 
