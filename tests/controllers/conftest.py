@@ -45,15 +45,6 @@ class Run(NamedTuple):
         return float(np.nanmax(np.abs(self.off_tracking)))
 
 
-Drive = Callable[..., Run]
-
-
-@pytest.fixture(scope="session")
-def drive() -> Drive:
-    """Drives a course: ``drive(course, trailer, law, speed_kmh=10, latency=0.1, slip=...)``."""
-    return _drive
-
-
 def _tractor(course: Course) -> TractorGeometry:
     return TractorGeometry(
         wheelbase=WHEELBASE,
@@ -65,7 +56,13 @@ def _tractor(course: Course) -> TractorGeometry:
     )
 
 
-def _drive(
+@pytest.fixture(scope="session")
+def drive() -> Callable[..., Run]:
+    """Drives a course: ``drive(course, trailer, law, speed_kmh=10, latency=0.1, slip=...)``."""
+    return _driven
+
+
+def _driven(
     course: Course,
     trailer: TrailerGeometry,
     law: TrailerSteering[Any],
@@ -114,15 +111,8 @@ def _drive(
             guided = X_WT @ Pose2(*course.reference, 0.0)
             station = course.path.project(guided.x, guided.y, driving.station)
             on_path = course.path.pose(station)
-            rows.append(
-                (
-                    station,
-                    tuple(X_WS),
-                    math.hypot(guided.x - on_path.x, guided.y - on_path.y),
-                    delta,
-                    angles.copy(),
-                )
-            )
+            aside = math.hypot(guided.x - on_path.x, guided.y - on_path.y)
+            rows.append((station, tuple(X_WS), aside, delta, angles.copy()))
             if station >= course.length:
                 break
         dt = STEP * TICK

@@ -16,10 +16,9 @@ from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
 from sensors.world.ground import Centreline, line_map, road_map
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from vehicle.frames import FloatArray, inverse, transform
-from vehicle.surface import Surface
 
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py
 STRAIGHT = SURFACE.pose_on(-12.0, 0.0, 0.0, (0.0, -8.0))  # X_WB on the straight before the roundabout
 
 

@@ -26,13 +26,12 @@ from sensors.camera.stereo_camera import Imperfections, RawStereoCamera, pinhole
 from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 TruthOf = Callable[..., Truth]
 Sees = Callable[..., StereoFrame]
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py
 RIG = StereoRig(facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.0, z=3.0, baseline=0.5)
 BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)
 KNOCKED = mount_rotation(-0.0026, 0.0017, 0.001)  # the paper's roll and yaw, and some pitch [rad]

@@ -19,11 +19,9 @@ from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
 from sensors.world.things import Part, Thing, box
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from vehicle.frames import FloatArray, rotation_zyx, transform
-from vehicle.surface import Surface
 
-RADIUS = 10.0  # of the roundabout in conftest.py [m]
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
 WALL = Part(mesh=box((-30.0, -29.0), (-3.0, 5.0), (-1.0, 4.0), texture_size=1.0), texture="stone")
 
 

@@ -24,14 +24,13 @@ from sensors.world.traffic import (
     vehicle_textures,
 )
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from tests.trailers import truth as truth_at
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 FOLLOW, HALF_WIDTH, SPEED = 14.0, 1.275, 4.0
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # that of conftest.py
 
 
 def on_cone(xy: FloatArray) -> FloatArray:

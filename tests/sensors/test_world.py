@@ -13,12 +13,9 @@ from sensors.world.scenery import Instances
 from sensors.world.sky import HIGHEST, LOWEST, daylight, panorama
 from sensors.world.things import Mesh, blob, inside, massed
 from sensors.world.world import World, build_world
+from tests.sensors.conftest import CLEARANCE, RADIUS, ROAD_HALF_WIDTH, SURFACE
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
-
-# the numbers behind the fixtures in conftest.py
-HALF_WIDTH, CLEARANCE, RADIUS = 4.0, 8.0, 10.0  # [m]
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
 
 
 def _distance_from_way(points: FloatArray) -> FloatArray:
@@ -50,8 +47,8 @@ def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> N
     """The arms of a road that meets itself merge: a kerb stone on the asphalt would be an obstacle."""
     (kerb,) = (stand for stand in world.scenery if stand.thing.name == "kerb_stone")
     distance = _distance_from_way(_vertices(kerb)[:, :2])
-    assert distance.min() > HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
-    assert distance.max() < HALF_WIDTH + 0.2  # 125 mm wide
+    assert distance.min() > ROAD_HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
+    assert distance.max() < ROAD_HALF_WIDTH + 0.2  # 125 mm wide
     assert _vertices(kerb)[:, 2].max() < 0.15  # low enough for any body to pass over [m]
 
 
@@ -121,7 +118,7 @@ def test_road_map_holds_the_distance_from_the_edge(world: World) -> None:
     road = world.road
     rows, columns = road.edge_distance.shape
     x, y = road.origin[0] + road.cell * np.arange(columns), road.origin[1] + road.cell * np.arange(rows)
-    expected = _distance_from_way(np.stack(np.meshgrid(x, y), axis=-1)) - HALF_WIDTH
+    expected = _distance_from_way(np.stack(np.meshgrid(x, y), axis=-1)) - ROAD_HALF_WIDTH
     near = expected < 10.0
     error = np.abs(road.edge_distance - expected)[near & (expected > -3.5)]
     assert error.max() < 2e-3  # [m] points every 50 mm and a polygon of 400 corners: 0.3 mm each

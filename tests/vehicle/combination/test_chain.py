@@ -9,7 +9,6 @@ from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,7 +20,6 @@ from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, 
 from vehicle.combination.linear import SIGNS
 from vehicle.engine.integrator import exact_diagonal
 from vehicle.frames import Pose2
-from vehicle.tyres import ROLLING_SPEED_FLOOR
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=40)  # the first example of a chain compiles it
@@ -146,26 +144,3 @@ def test_the_relaxation_is_the_jacobians_diagonal(chain: Vehicle, seed: int) -> 
     calm = State(*(np.zeros(n) for n in state_sizes(chain)))._replace(v_x=s.v_x, omega=np.array(rolling))
     got, expected = (np.array(one).ravel()[spin] for one in both(np.concatenate(calm), np.concatenate(given)))
     np.testing.assert_allclose(got, expected, rtol=1e-3)  # the power limit of the engine, the rounding of no slip
-
-
-@few
-@given(seeds)
-def test_slip_angles_are_those_of_rigid_body_motion(chain: Vehicle, seed: int) -> None:
-    """alpha = atan2(v_y, |v_x|) - delta at every wheel of the last unit, whose velocity is built up by hand."""
-    s, u = random_state(chain, seed)
-    c, si = math.cos(s.psi[-1]), math.sin(s.psi[-1])
-    v = np.array(
-        [
-            math.cos(s.psi[0]) * s.v_x - math.sin(s.psi[0]) * s.v_y,
-            math.sin(s.psi[0]) * s.v_x + math.cos(s.psi[0]) * s.v_y,
-        ]
-    ).ravel()
-    for unit, psi, r in list(zip(chain.units, s.psi, s.yaw_rate, strict=True))[:-1]:
-        v = v + r * unit.rear_hitch[0] * np.array([-math.sin(psi), math.cos(psi)])
-    own = np.array([c * v[0] + si * v[1], -si * v[0] + c * v[1]])
-    last = len(chain.units) - 1
-    alphas = outputs(chain, s, u).slip_angle
-    for k, wheel in enumerate(wheels(chain)):
-        if wheel.unit == last and wheel.steer is None:
-            at = own + s.yaw_rate[-1] * np.array([-wheel.y, wheel.axle.x])
-            assert alphas[k] == pytest.approx(math.atan2(at[1], max(abs(at[0]), ROLLING_SPEED_FLOOR)), abs=1e-12)

@@ -64,6 +64,7 @@ def test_a_file_is_loaded_as_a_file_and_plain_numbers_do(tmp_path: Path) -> None
 
 
 MISTAKES = [
+    ("value = 34830.0", "value = 3.55", ["tyres.steer.nominal_load = 3.55 N must be between 300 and", "not kg"]),
     ("value = 32000.0", "value = -32000.0", ["units.1.mass = -32000.0 kg must be between 100 and 200000 kg"]),
     ("value = 0.25,", "value = 250,", ["drive.lag = 250 s must be above 0 and at most 5 s"]),
     ("value = 4.60,", "value = nan,", ["cornering_stiffness = nan 1/rad must be between 0.1 and 60 1/rad"]),
