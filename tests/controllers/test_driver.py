@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,15 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers import preview_law as design
-from controllers.driver import DriverMemory, DriverTrace, PreviewDriver, TraceDriver
+from controllers.checked import CheckedDriver, CheckedRoverDriver, LawError
+from controllers.driver import DriverCommand, DriverMemory, DriverTrace, PreviewDriver, TraceDriver
 from controllers.equations import FLOATS
 from controllers.path import Path, Segment, SpeedProfile, arc, line
 from controllers.tractor import STATES, TractorAxle, TractorDynamics, TractorGeometry, path_matrices, tractor_model
 from controllers.trailer_steering.signal_laws import Unsteered
+from estimators.slip.rover_odometry import Rolling, RoverPose
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
 from tests.trailers import TWO_OF_THREE as TRAILER
 from vehicle.frames import Pose2
+from vehicle.rover.command import RoverCommand
 
 TRACTOR = TractorGeometry(wheelbase=3.8, x_ref=5.2, y_ref=-1.275, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1)
 PATH = Path(Pose2(5.2, -1.275, 0.0), (line(10.0), arc(60.0, 0.08), line(10.0)))
@@ -259,3 +262,74 @@ def test_turns_are_taken_at_the_limit_and_approached_in_time() -> None:
 def test_what_can_not_be_is_refused_by_name_and_value(build: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         build()
+
+
+# Drivers that misbehave end with one line that names them, the tick and the value
+
+
+AT = 1200
+EGO_AT = EgoState(tick=AT, x=0.0, y=0.0, psi=0.0, v_x=2.0, v_y=0.0, yaw_rate=0.0)
+POSE = RoverPose(tick=AT, x=0.0, y=0.0, psi=0.0, drift=0.0, rolling=Rolling(0.0, 0.0, 0.0))
+
+
+class Stub(NamedTuple):
+    command: object
+    duration: float = 10.0
+    start_speed: float | None = None
+
+    def init(self) -> int:
+        return 0
+
+    def _result(self, memory: int) -> tuple[int, object]:
+        if isinstance(self.command, Exception):
+            raise self.command
+        return memory + 1, self.command
+
+
+class StubDriver(Stub):
+    def step(self, memory: int, tick: int, ego: EgoState, /) -> tuple[int, DriverCommand]:
+        return self._result(memory)  # type: ignore[return-value]  # as a user's driver may
+
+
+class StubRoverDriver(Stub):
+    def step(self, memory: int, pose: RoverPose, /) -> tuple[int, RoverCommand]:
+        return self._result(memory)  # type: ignore[return-value]
+
+
+def test_a_good_step_passes_through_unchanged() -> None:
+    demand = DriverCommand(steer=0.1, acceleration=0.2)
+    driver = CheckedDriver(StubDriver(demand, 12.0, 3.0), "driver = mine")
+    assert driver.step(driver.init(), AT, EGO_AT) == (1, demand)
+    wheels = RoverCommand(wheel_speed=(1.0,) * 4, steer=(0.0,) * 4)
+    rover = CheckedRoverDriver(StubRoverDriver(wheels), "driver = mine", 4)
+    assert rover.step(rover.init(), POSE) == (1, wheels)
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (DriverCommand(steer=math.nan, acceleration=0.0), r"returned steer = nan"),
+        (DriverCommand(steer=0.0, acceleration=-math.inf), r"returned acceleration = -inf"),
+        ((0.0, 0.0), r"not \(memory, DriverCommand\)"),
+        (KeyError("lane"), r"raised KeyError: 'lane'"),
+    ],
+)
+def test_a_tractor_driver_that_misbehaves_is_named(command: object, message: str) -> None:
+    """In one line, with the time in seconds."""
+    driver = CheckedDriver(StubDriver(command), "driver.kind = mymod:Mine")
+    with pytest.raises(LawError, match=rf"^driver\.kind = mymod:Mine: at tick 1200 \(1\.2 s\) it .*{message}"):
+        driver.step(0, AT, EGO_AT)
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (RoverCommand(wheel_speed=(1.0, 1.0, math.nan, 1.0), steer=(0.0,) * 4), r"returned wheel_speed\[2\] = nan"),
+        (RoverCommand._make(((1.0,) * 4, (0.0, 0.0))), r"returned steer = \(0\.0, 0\.0\), the rover has 4 wheels"),
+        (None, r"returned \(1, None\), not \(memory, RoverCommand\)"),
+    ],
+)
+def test_a_rover_driver_that_misbehaves_is_named(command: object, message: str) -> None:
+    driver = CheckedRoverDriver(StubRoverDriver(command), "driver = mymod:Mine", 4)
+    with pytest.raises(LawError, match=rf"^driver = mymod:Mine: at tick 1200 \(1\.2 s\) it .*{message}"):
+        driver.step(0, POSE)

@@ -53,7 +53,7 @@ def close(got: State[np.ndarray], expected: State[np.ndarray]) -> None:
 
 
 def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) -> None:
-    """Accelerations, and the hitch force a chain settles on, under its own tyre forces and gravity, body by body."""
+    """The hitch force a chain settles on, under its own tyre forces and gravity, body by body."""
     for seed in range(20):
         now, inputs = random_state(chain, seed)
         ground, rate = outputs(chain, now, inputs), rates(chain, now, inputs)
@@ -63,11 +63,7 @@ def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) ->
         gravity = weights[:, None] * np.column_stack([inputs.gravity_x, inputs.gravity_y])
         forces = np.column_stack([ground.force_x, ground.force_y]) @ R_WT.T + gravity
         motion = ChainMotion(now.psi, R_WT @ np.array([now.v_x[0], now.v_y[0]]), now.yaw_rate)
-        accelerations, hitches = newton_euler(chain, motion, forces, ground.moment)
-        np.testing.assert_allclose(rate.yaw_rate, accelerations.yaw, rtol=1e-9, atol=1e-9)  # forces of 1e6 N
-        turning = now.yaw_rate[0] * np.array([-now.v_y[0], now.v_x[0]])  # of the tractor's axes
-        origin = R_WT @ (np.array([rate.v_x[0], rate.v_y[0]]) + turning)
-        np.testing.assert_allclose(origin, accelerations.origin, rtol=1e-9, atol=1e-9)
+        _, hitches = newton_euler(chain, motion, forces, ground.moment)
         lag = np.array([unit.hitch_lag for unit in chain.units[1:]])
         # the state follows the force within that lag: rate = (force - state) / lag
         got = np.column_stack([now.hitch_x + lag * rate.hitch_x, now.hitch_y + lag * rate.hitch_y])

@@ -142,16 +142,8 @@ def test_a_wrong_unit_of_any_number_is_refused_or_warned_of(tractor_semitrailer:
     harmless = {
         *("lag", "rate_limit_deg", "limit_deg", "damping", "suspension_damping", "hitch_roll_share", "load_share"),
         *("load_sensitivity", "rolling_resistance", "pneumatic_trail", "curvature", "relaxation_length", "rear_x"),
-        *(
-            "steer_ratio",
-            "hitch_x",
-            "ackermann_x",
-            "lash_deg",
-            "max_acceleration",
-            "max_deceleration",
-            "roll_axis_height",
-        ),
-        "follow_x",
+        *("steer_ratio", "hitch_x", "ackermann_x", "lash_deg", "max_acceleration", "max_deceleration", "follow_x"),
+        "roll_axis_height",
     }
     silent = []
     for path, value in number_paths(tractor_semitrailer).items():
@@ -159,9 +151,8 @@ def test_a_wrong_unit_of_any_number_is_refused_or_warned_of(tractor_semitrailer:
         plain = path.split(".")[0] in ("units", "drive") and ".tyre." not in path and not path.startswith("units.t")
         if not (plain and isinstance(value, float) and value) or name in harmless or path.startswith("units.sem"):
             continue
-        if path.endswith("side_wind.x"):  # near the unit's origin as well
-            continue
-        if path.startswith("units.1.") and name in ("front_x", "x"):  # a short drawbar trailer has such places
+        # near the unit's origin as well, and places that a short drawbar trailer has
+        if path.endswith("side_wind.x") or (path.startswith("units.1.") and name in ("front_x", "x")):
             continue
         try:
             warnings = data_sheet(changed(tractor_semitrailer, {path: factor * value})).warnings

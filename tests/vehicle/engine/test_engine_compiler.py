@@ -213,11 +213,7 @@ def test_what_the_compiler_refuses_is_told(gcc: Compiler, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("wanted", "reason"),
-    [
-        ("none", "OFFTRACK_COMPILER is none"),
-        ("NONE", "OFFTRACK_COMPILER is none"),
-        ("a-compiler-that-nobody-has", "OFFTRACK_COMPILER = a-compiler-that-nobody-has is no C compiler"),
-    ],
+    [("NONE", "OFFTRACK_COMPILER is none"), ("nobody-has-it", "OFFTRACK_COMPILER = nobody-has-it is no C compiler")],
 )
 def test_no_compiler_is_none(
     wanted: str, reason: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
