@@ -74,32 +74,19 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
     assert rms(np.array(told)[: len(there)][of_both] - there[of_both]) < 0.03
 
 
-def test_a_network_is_read_as_it_was_written(tmp_path: Path) -> None:
-    """Every array, and what it makes of features; hidden layers with tanh between them by hand."""
+@pytest.mark.parametrize(("hidden", "limit"), [("tanh", "clip"), ("relu", "tanh")])
+def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit: str) -> None:
+    """Every array and function, and what it makes of features; functions that are unknown are refused."""
+    functions = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0), "clip": lambda x: np.clip(x, -1.0, 1.0)}
     rng, n = np.random.default_rng(1), len(NAMES)
-    deep = Network(
-        (rng.normal(size=(4, n)), rng.normal(size=(2, 4))),
-        (rng.normal(size=4), np.zeros(2)),
-        rng.normal(size=n),
-        np.ones(n),
-        NAMES,
-    )
+    weights, biases = (rng.normal(size=(4, n)), rng.normal(size=(2, 4))), (rng.normal(size=4), np.zeros(2))
+    deep = Network(weights, biases, rng.normal(size=n), np.ones(n), NAMES, hidden, limit)
     save_network(deep, tmp_path / "deep.npz")
     read, x = load_network(tmp_path / "deep.npz"), rng.normal(size=n)
-    hidden = np.tanh(deep.weights[0] @ (x - deep.mean) + deep.biases[0])
-    assert read(x) == pytest.approx(np.clip(deep.weights[1] @ hidden, -1.0, 1.0), rel=1e-12)
-
-
-def test_rectified_layers_and_a_smooth_limit_are_kept(tmp_path: Path) -> None:
-    """Functions other than the usual ones are in the file; unknown ones are refused."""
-    rng, n = np.random.default_rng(1), len(NAMES)
-    weights = (rng.normal(size=(4, n)), rng.normal(size=(2, 4)))
-    network = Network(weights, (np.zeros(4), np.zeros(2)), np.zeros(n), np.ones(n), NAMES, "relu", "tanh")
-    save_network(network, tmp_path / "relu.npz")
-    read, x = load_network(tmp_path / "relu.npz"), rng.normal(size=n)
-    assert read(x) == pytest.approx(np.tanh(weights[1] @ np.maximum(weights[0] @ x, 0.0)), rel=1e-12)
-    save_network(network._replace(hidden="sin"), tmp_path / "sin.npz")
-    arrays = dict(np.load(tmp_path / "relu.npz")) | {"functions": np.array(["relu", "tanh", "clip"])}
+    expected = functions[limit](weights[1] @ functions[hidden](weights[0] @ (x - deep.mean) + biases[0]))
+    assert read(x) == pytest.approx(expected, rel=1e-12)
+    save_network(deep._replace(hidden="sin"), tmp_path / "sin.npz")
+    arrays = dict(np.load(tmp_path / "deep.npz")) | {"functions": np.array([hidden, limit, "clip"])}
     np.savez(tmp_path / "three.npz", **arrays)
     for name in ("sin.npz", "three.npz"):
         with pytest.raises(ValueError, match="functions must be one of tanh, relu and one of clip, tanh"):

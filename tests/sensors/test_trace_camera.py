@@ -14,7 +14,7 @@ from sensors.sand.solids import Casters
 from sensors.sand.trace_camera import GroundView, TraceCamera, VisibleGround, Webcam
 from sensors.sand.trace_rig import TraceRig, nominal_rig
 from sensors.sand.world import SandWorld, Sun
-from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, transform
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
@@ -192,12 +192,3 @@ def test_camera_below_the_ground_is_refused(sand: SandWorld, rig: TraceRig, trut
     over = transform(rotation_zyx(0.0, 0.0, math.pi), np.array([0.5, 0.0, 0.0]))
     with pytest.raises(ValueError, match="must look down"):
         camera_of(sand, rig).sample(replace(truths[-1], X_WB=over))
-
-
-def test_line_of_the_trace_is_in_the_rover_frame(sand: SandWorld, rover: Rover, truths: list[RoverTruth]) -> None:
-    truth, trace = truths[-1], sand.trace_truth(truths[-1])
-    past = np.array([t.wheel_positions[2, :2] for t in truths])
-    x, y = Pose2(*truth.pose.tolist()).inverse().apply(past).T
-    expected = np.interp(trace.line[:, 0], x, y)
-    np.testing.assert_allclose(trace.line[:, 1], expected, atol=1e-6)
-    assert trace.wheel_slip == truth.slip_angles[2]

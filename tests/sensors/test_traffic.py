@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
 from sensors.world.things import Thing
 from sensors.world.traffic import (
-    DrivenPath,
-    InTraffic,
     Traffic,
     TrafficKind,
     car,
@@ -148,16 +145,6 @@ def test_vehicles_stand_on_sloping_ground() -> None:
         assert wheel[2] == pytest.approx(0.05 * wheel[0], abs=0.02)
 
 
-def test_a_way_goes_on_straight_beyond_its_ends() -> None:
-    path = DrivenPath()
-    for k in range(5):
-        path.extend(100 * k, np.array([0.0, float(k)]), 0.5 * math.pi)
-    assert path.at(-10.0) == pytest.approx([0.0, -10.0])
-    assert path.at(2.5) == pytest.approx([0.0, 2.5])
-    assert path.at(path.end + 3.0) == pytest.approx([0.0, 7.0])
-    assert path.station(250.0) == pytest.approx(2.5)
-
-
 @pytest.mark.parametrize("build", [lorry, car])
 def test_vehicles_are_closed_and_seen_from_outside(build: Callable[[np.random.Generator], Thing]) -> None:
     """Triangles wind the way their normals point, and every part's texture is there."""
@@ -192,26 +179,3 @@ def test_a_lorry_hides_a_fifth_of_the_picture_and_shades_the_ground(
         assert 0.02 < hidden_far.mean() < 0.1
         darker = pictures[2][eye].astype(int).sum(axis=2) < pictures[0][eye].astype(int).sum(axis=2) - 30
         assert np.count_nonzero(darker & ~hidden_far) > 500  # [px]
-
-
-class _Paper:
-    """A renderer and a camera that only remember what they were asked for, in its order."""
-
-    def __init__(self) -> None:
-        self.asked: list[str] = []
-
-    def place(self, vehicles: tuple[Instances, ...]) -> None:
-        self.asked.append(f"place {len(vehicles)}")
-
-    def sample(self, now: Truth) -> StereoFrame:
-        self.asked.append("sample")
-        return StereoFrame(tick=now.tick, left=_DARK, right=_DARK, colour=None)
-
-
-_DARK = np.zeros((2, 2), np.uint8)
-
-
-def test_vehicles_are_in_their_places_before_the_picture_is_taken() -> None:
-    paper = _Paper()
-    assert InTraffic(paper, paper, traffic("mixed")).sample(straight(0.0)).tick == 0
-    assert paper.asked == ["place 3", "sample"]
