@@ -12,8 +12,6 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.assembly.trailer_run import assemble
-from scenarios.options.scenario import load_scenario
 from sensors.camera.rig import CameraModel, StereoRig, mount_rotation
 from sensors.faults.fault import FAULTS, Fault, FaultContext, FaultKind, Pinhole, T, checked_kind, defaults, with_faults
 from sensors.faults.image_kinds import ImageFault
@@ -343,19 +341,6 @@ def test_a_fault_changes_its_signal_alone(
     _, faulty = sound_and_faulty(name, amount)
     assert [float(read(one)) for one in faulty[2:4]] == pytest.approx(expected)
     assert all(one.yaw_rates[0] == 0.2 for one in faulty)
-
-
-def test_faults_of_a_scenario_act_on_the_signals_of_the_law() -> None:
-    sound, ill = law_signals(), law_signals("faults=articulation_offset:10; wheel_speed_dropout")
-    assert ill.articulation - sound.articulation == pytest.approx(math.radians(10.0))
-    assert (ill.speed, ill.steer) == (0.0, sound.steer)
-    assert np.array_equal(ill.yaw_rates, sound.yaw_rates)
-
-
-def law_signals(*settings: str) -> CombinationSignals:
-    parts = assemble(load_scenario("roundabout", ("off_tracking=truth", *settings)), 1)
-    truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, parts.start_speed), 0)
-    return parts.trailers[-1].signals.sample(truth)
 
 
 class Flicker(ImageFault):

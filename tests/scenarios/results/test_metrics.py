@@ -97,31 +97,6 @@ def test_going_back_takes_the_path_up() -> None:
     np.testing.assert_allclose(e, there[order], atol=2e-5)  # [m] at the joins the cubic is no better than the chord
 
 
-def test_searching_agrees_with_a_path_that_is_cut_sample_by_sample() -> None:
-    """To and fro on wandering ways, against the plain definition: a stack of samples, and its newest crossing."""
-    rng = np.random.default_rng(2)
-    heading = np.cumsum(np.cumsum(rng.normal(0.0, 4e-4, 2600)))
-    speed = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], [900, 300, 100, 250, 1050])
-    path = np.cumsum(0.04 * speed * np.exp(1j * heading))
-    psi = heading - 0.3 * np.sin(np.arange(2600) / 200.0)
-    e = true_off_tracking(path.real, path.imag, psi, 8.0)
-    kept: list[int] = []
-    for k in range(2600):
-        while kept and ((path[k] - path[kept[-1]]) * np.exp(-1j * psi[kept[-1]])).real < 0.0:
-            kept.pop()
-        kept.append(k)
-        if k % 41:
-            continue
-        seen = (path[kept] - path[k]) * np.exp(-1j * psi[k])
-        behind = np.flatnonzero(seen.real <= -8.0)
-        if not behind.size:
-            assert np.isnan(e[k])
-            continue
-        a, b = seen[behind[-1]], seen[behind[-1] + 1]
-        chord = a.imag + (b.imag - a.imag) * (-8.0 - a.real) / (b.real - a.real)
-        assert e[k] == pytest.approx(chord, abs=2e-4 + 0.2 * abs(b.imag - a.imag))  # [m] a join is crossed by a cubic
-
-
 def test_a_short_path_has_no_off_tracking() -> None:
     assert np.isnan(true_off_tracking(np.zeros(1), np.zeros(1), np.zeros(1), 14.0)).all()
     assert true_off_tracking(np.empty(0), np.empty(0), np.empty(0), 14.0).shape == (0,)

@@ -35,8 +35,8 @@ def truth(
     return truth_at(tick, poses=poses, bodies=bodies, load_transfer=np.array(transfer), steer=np.zeros(1), **wheels)
 
 
-def judged(seen: Truth) -> Outcome | None:
-    referee = Referee(VEHICLE, ROAD, 4.5)
+def judged(seen: Truth, half_width: float | FloatArray = 4.5) -> Outcome | None:
+    referee = Referee(VEHICLE, ROAD, half_width)
     return referee.step(referee.init(), seen)[1]
 
 
@@ -121,6 +121,13 @@ def test_a_wheel_that_comes_back_in_time_is_no_roll_over() -> None:
 def test_the_road_is_left_with_the_first_wheel_of_the_tractor(y: float, yaw: float, outcome: Outcome | None) -> None:
     """The road is 4.5 m wide to either side of its centre line."""
     assert judged(truth(tractor=(0.0, y, yaw), trailer_yaw=yaw)) == outcome
+
+
+@pytest.mark.parametrize(("x", "y", "outcome"), [(-10.0, 3.3, None), (10.0, 3.3, "left the road"), (10.0, -3.3, None)])
+def test_a_road_of_changing_width_is_left_at_its_edge(x: float, y: float, outcome: Outcome | None) -> None:
+    """A wheel 4.3 m to the left of the line: the edge is 4.5 m away at first, and 4 m 5 m on from the origin."""
+    widths = np.stack([np.where(ROAD[:, 0] < 5.0, 4.5, 4.0), np.full(len(ROAD), 4.5)], axis=1)
+    assert judged(truth(tractor=(x, y, 0.0)), widths) == outcome
 
 
 def test_neither_a_trailer_nor_a_tractor_without_a_road_leaves_it() -> None:

@@ -154,11 +154,7 @@ def test_polylines_are_measured_by_their_chords() -> None:
     assert arc_length(CORNER[:1]).tolist() == [0.0]
     assert arc_length(CORNER[[0, 1, 1, 2]]).tolist() == [0.0, 5.0, 5.0, 11.0]
     np.testing.assert_allclose(resampled(CORNER, np.array([2.5, 8.0])), [[1.5, 2.0], [3.0, 7.0]], atol=1e-12)
-    assert rows_every(np.column_stack([np.arange(10.0), np.zeros(10)]), 3.0).tolist() == [0, 3, 6]
-
-
-def test_dense_points_reach_from_end_to_end() -> None:
     points, spacing = dense(np.array([[0.0, 0.0], [0.0, 10.5]]), 2.0)
-    assert spacing == pytest.approx(2.1)
+    assert (spacing, points[-1, 1]) == pytest.approx((2.1, 10.5))
     np.testing.assert_allclose(arc_length(points), spacing * np.arange(6), atol=1e-12)
-    assert math.isclose(points[-1, 1], 10.5)
+    assert rows_every(np.column_stack([np.arange(10.0), np.zeros(10)]), 3.0).tolist() == [0, 3, 6]

@@ -99,12 +99,6 @@ def test_the_gradient_is_the_difference_quotient_of_the_height() -> None:
     assert not surface.is_plane
 
 
-def test_a_road_steeper_than_a_surface_may_be_is_refused() -> None:
-    line = np.stack([S, 0.0 * S], axis=1)
-    with pytest.raises(ValueError, match=r"slope = 0\.300 at .* must be within 0\.2"):
-        RoadRelief(line, 0.3 * S, 0.0 * S, reach=10.0)
-
-
 RADIUS, START, STEP, SPREAD = 60.0, 30.0, 0.05, 0.05  # [m]
 U, V = np.arange(0.0, 120.0, STEP), np.arange(-2.0, 2.001, 0.05)
 STATIONS = np.arange(0.0, 200.0, 0.25)

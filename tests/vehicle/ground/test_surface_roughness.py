@@ -128,17 +128,6 @@ def test_the_seed_decides_the_road() -> None:
     assert not np.array_equal(one.height(x, 0.3 * x), other.height(x, 0.3 * x))
 
 
-def test_a_smooth_surface_says_so_and_is_level() -> None:
-    smooth = Surface(friction=0.8)
-    assert smooth.is_smooth
-    np.testing.assert_array_equal(smooth.roughness_at(np.zeros((3, 1)), np.zeros(4)), np.zeros((3, 4)))
-    rough = Surface(friction=0.8, roughness=Roughness(profile=RoughProfile(np.random.default_rng(0), "C")))
-    assert not rough.is_smooth
-    assert rough.roughness_at(np.zeros((3, 1)), np.zeros(4)).shape == (3, 4)
-    assert rough.roughness_at(0.0, 0.0).shape == ()
-    assert rough.height(5.0, 5.0) == 0.0
-
-
 LINE = np.linspace([0.0, 7.0], [180.0, 247.0], 601)  # a straight road of 300 m, rising to the left at 4 in 3
 
 

@@ -267,12 +267,6 @@ def test_a_height_map_is_read_from_text_and_from_an_array(tmp_path: Path) -> Non
         load_height_map(str(tmp_path / "none.npy"), 0.5)
 
 
-def test_patches_are_firm_ground() -> None:
-    terrain = Terrain(firm=(FirmPatch(x=1.0, y=0.0, radius=0.5), FirmPatch(x=3.0, y=0.0, radius=0.2)))
-    assert terrain.is_firm([0.0, 1.4, 3.1, 3.3], 0.0).tolist() == [0.0, 1.0, 1.0, 0.0]
-    assert not terrain.is_uniform
-
-
 @pytest.mark.parametrize(
     ("build", "complaint"),
     [
