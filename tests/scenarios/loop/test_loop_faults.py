@@ -19,7 +19,6 @@ from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import (
     ActuatorFault,
-    DemandLoss,
     LoopFault,
     LoopFaultContext,
     MessageFault,
@@ -217,7 +216,6 @@ def test_loss_draws_the_same_numbers_whether_active_or_not() -> None:
     """A fault's time changes no message outside of it."""
     late, always = ([len(one) for one in carried(f"demand_loss:0.5@{start}", 60)] for start in ("0.3", "0"))
     assert late[30:] == always[30:]
-    assert DemandLoss.carries == "demands"
 
 
 def test_what_has_no_such_part_has_no_fault_of_it() -> None:

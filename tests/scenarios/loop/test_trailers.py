@@ -139,9 +139,6 @@ def test_errors_in_a_drivers_file_are_named(tmp_path: Path, text: str, complaint
     with pytest.raises(ValueError, match=complaint) as caught:
         read_trace(file)
     assert str(file) in str(caught.value)
-
-
-def test_a_drivers_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^driver.trace: .*none.csv: cannot be read: No such file"):
         read_trace(tmp_path / "none.csv")
 
