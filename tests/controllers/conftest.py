@@ -129,5 +129,6 @@ def _driven(
         hitch = X_WT @ Pose2(HITCH_X, 0.0, 0.0)
         X_WS = Pose2(hitch.x, hitch.y, X_WS.psi + yaw_rate_S * dt)
         tick += STEP
-    stations, hitch, *others = (np.array(column) for column in zip(*rows, strict=True))
-    return Run(stations, true_off_tracking(*hitch.T, trailer.follow_distance), *others)
+    stations, hitches, *others = (np.array(column) for column in zip(*rows, strict=True))
+    x, y, psi = hitches.T
+    return Run(stations, true_off_tracking(x, y, psi, trailer.follow_distance), *others)

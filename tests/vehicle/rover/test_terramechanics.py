@@ -15,7 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Soil, load_soil, soil_names
-from vehicle.rover.terramechanics import POINTS, RimMotion, slip_ratio, soil_force
+from vehicle.rover.terramechanics import POINTS, RigidWheel, RimMotion, slip_ratio, soil_force
 
 
 class Disc(NamedTuple):
@@ -28,7 +28,7 @@ K10_MINI = Disc(0.058, 0.05)  # of Pavlov & Johnson
 REGOLITH = load_soil("lunar_regolith_simulant")
 
 
-def compiled(wheel: Disc, soil: Soil, points: int = POINTS) -> Any:
+def compiled(wheel: RigidWheel, soil: Soil, points: int = POINTS) -> Any:
     """Function (sinkage, along, across) -> F_x, F_y, F_z, torque."""
     h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
     force = soil_force(wheel, soil, h, RimMotion(along, across), points)
