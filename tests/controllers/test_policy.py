@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium
@@ -26,6 +27,7 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms
 from vehicle.combination.description import load_vehicle
+from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 NAMES = feature_names(2, [unit.name for unit in VEHICLE.units])
@@ -77,7 +79,11 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
 @pytest.mark.parametrize(("hidden", "limit"), [("tanh", "clip"), ("relu", "tanh")])
 def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit: str) -> None:
     """Every array and function, and what it makes of features; functions that are unknown are refused."""
-    functions = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0.0), "clip": lambda x: np.clip(x, -1.0, 1.0)}
+    functions: dict[str, Callable[[FloatArray], FloatArray]] = {
+        "tanh": np.tanh,
+        "relu": lambda x: np.maximum(x, 0.0),
+        "clip": lambda x: np.clip(x, -1.0, 1.0),
+    }
     rng, n = np.random.default_rng(1), len(NAMES)
     weights, biases = (rng.normal(size=(4, n)), rng.normal(size=(2, 4))), (rng.normal(size=4), np.zeros(2))
     deep = Network(weights, biases, rng.normal(size=n), np.ones(n), NAMES, hidden, limit)
