@@ -67,7 +67,7 @@ def test_several_faults_survive_being_written_down() -> None:
     [
         ("faults=dropuot:0.1", "faults: unknown fault 'dropuot'; did you mean 'dropout'"),
         ("faults=nowhere:Flicker:0.2@5", "faults.0: kind = nowhere:Flicker: no module nowhere"),
-        ("faults=sensors.messages:BodyPose", "BodyPose is no fault kind: options, needs, applies_to missing"),
+        ("faults=sensors.messages:BodyPose", "BodyPose is no fault kind: options, needs, applies_to, sample missing"),
         ("faults=dropout:much", "faults.0.amount.0 = 'much' must be a number"),
         ("faults=dropout@soon", "faults.0.start = 'soon' must be a number"),
         ('faults=[{kind = "dropout", amuont = 1}]', "unknown key 'faults.0.amuont'; did you mean 'faults.amount'"),
