@@ -390,15 +390,13 @@ def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
     first = np.searchsorted(ticks, ticks - _SWAY, side="right")
     count = np.arange(1, len(ticks) + 1) - first
     period = np.diff(ticks).mean() if len(ticks) > 1 else _SWAY
-    mean: FloatArray = (sums[1:] - sums[first]) / np.maximum(count, _SWAY / period)
-    return mean
+    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, _SWAY / period))
 
 
 def _running_mean(values: FloatArray) -> FloatArray:
     """Mean of the last samples up to each one, of fewer at the beginning."""
     sums = np.convolve(values, np.ones(_MEAN_OF))[: len(values)]
-    mean: FloatArray = sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF)
-    return mean
+    return np.asarray(sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF))
 
 
 def _are_covered(nodes: FloatArray, ticks: FloatArray) -> bool:

@@ -32,12 +32,10 @@ def trace() -> list[Labelled]:
 
 @pytest.fixture(scope="module")
 def estimates(trace: list[Labelled]) -> list[SlipAngle]:
-    """Estimates of the tracker."""
     return run(RIG, [moment.view for moment in trace])
 
 
 def run(rig: TraceRig, views: list[RoverView]) -> list[SlipAngle]:
-    """Estimates of all the views."""
     tracker = FTracePlus(rig)
     memory, got = tracker.init(), []
     for view in views:
