@@ -177,7 +177,8 @@ class DeadReckoning:
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
         by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
-        return np.asarray((noise_level(history, self._unit) ** 2 - 1.0) * 0.5 * (by_parameters + by_parameters.T))
+        excess = 0.5 * (noise_level(history, self._unit) ** 2 - 1.0)
+        return np.asarray(excess * (by_parameters + by_parameters.T), dtype=np.float64)
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
@@ -242,7 +243,7 @@ class DeadReckoning:
         """Share (n, p) of the parameters' deviation from their prior at the first sample that is kept at each one."""
         distance = _integral(np.diff(time), np.abs(speed))
         forgotten = np.outer(distance, self._per_metre) + np.outer(time - time[0], self._per_second)
-        return np.asarray(np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN)))
+        return np.asarray(np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN)), dtype=np.float64)
 
     def _rates(self, columns: FloatArray, kept: FloatArray, parameters: Parameters, by_trailer: bool) -> _Rates:
         """Yaw rate and velocity of the hitch in the trailer at every sample, with their derivatives.
@@ -390,13 +391,13 @@ def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
     first = np.searchsorted(ticks, ticks - _SWAY, side="right")
     count = np.arange(1, len(ticks) + 1) - first
     period = np.diff(ticks).mean() if len(ticks) > 1 else _SWAY
-    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, _SWAY / period))
+    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, _SWAY / period), dtype=np.float64)
 
 
 def _running_mean(values: FloatArray) -> FloatArray:
     """Mean of the last samples up to each one, of fewer at the beginning."""
     sums = np.convolve(values, np.ones(_MEAN_OF))[: len(values)]
-    return np.asarray(sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF))
+    return np.asarray(sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF), dtype=np.float64)
 
 
 def _are_covered(nodes: FloatArray, ticks: FloatArray) -> bool:

@@ -145,7 +145,7 @@ def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
 def positions_along(samples: Sequence[Sample], R_OS: FloatArray) -> FloatArray:
     """Hitch positions (n, 3) from the newest, along these axes of S, newest first."""
     p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
-    return np.asarray((p_OS - p_OS[0]) @ R_OS)
+    return np.asarray((p_OS - p_OS[0]) @ R_OS, dtype=np.float64)
 
 
 def levelled(samples: Sequence[Sample]) -> FloatArray:
