@@ -83,8 +83,8 @@ def agree(history: FloatArray, unit: int) -> bool:
 
 def _white_noise(columns: FloatArray) -> FloatArray:
     """Standard deviations (k,) of the white noise of columns (n, k), from second differences."""
-    noise: FloatArray = np.sqrt(np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0)  # 1 + 4 + 1
-    return noise
+    variance = np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0  # 1 + 4 + 1
+    return np.asarray(np.sqrt(variance), dtype=np.float64)
 
 
 # Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.

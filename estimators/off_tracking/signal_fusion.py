@@ -229,8 +229,7 @@ class SignalFusion:
         if start.tick < 0:
             start = start._replace(tick=tick if motion is None else motion.previous_tick)
         memory, signals = self._monitored(memory, motion, signals)
-        rows = [self._reckoning.row(message) for message in signals]
-        history = extended_history(memory.history, rows, start.tick, tick)
+        history = extended_history(memory.history, [self._reckoning.row(one) for one in signals], start.tick, tick)
         memory = memory._replace(history=history, reference=start)
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
