@@ -234,7 +234,7 @@ class DeadReckoning:
 
     def _spread(self, parameters: Parameters) -> FloatArray:
         """Standard deviations (p,) of the parameters in the long run; a slip that is large may change as much."""
-        spread = self._std.copy()
+        spread: FloatArray = self._std.copy()
         for place in (_VARYING, OWN):
             spread[place] = max(spread[place], abs(float(parameters.mean[place])))
         return spread
