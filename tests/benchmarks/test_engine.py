@@ -7,7 +7,6 @@ Processor time is measured, so that other programs on the machine do not count. 
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -80,24 +79,3 @@ def test_observation(benchmark: BenchmarkFixture, surface: Surface) -> None:
     state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0)
     benchmark(plant.observe, state, 0)
     judge(benchmark, 1, 60.0)  # half of what it took in numpy
-
-
-def resident() -> int:
-    """Memory of this process [bytes]."""
-    return 4096 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no /proc here")
-@pytest.mark.parametrize("engine", [pytest.param("compiled", marks=with_compiler), "interpreted"])
-def test_memory_stays_over_a_million_steps(benchmark: BenchmarkFixture, engine: Engine) -> None:
-    """Neither numpy's nor CasADi's memory grows: less than 1 MB more after a million ticks."""
-    plant = Plant(VEHICLE, DRY, engine)
-    state = plant.step(plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0), STEADY, 1000)
-    before = resident()
-
-    def a_million() -> None:
-        for _ in range(50_000):
-            plant.step(state, STEADY, FOLDED)
-
-    benchmark.pedantic(a_million, rounds=1)
-    assert resident() - before < 1 << 20

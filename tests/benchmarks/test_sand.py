@@ -7,7 +7,6 @@ Limit for the image: 50 ms for wheels, light and camera, a quarter of the period
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -64,29 +63,12 @@ def drives() -> list[list[RoverView]]:
     ]
 
 
-@pytest.fixture
-def one_core() -> Iterator[None]:
-    """Limit OpenCV to one core."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(threads)
-
-
-@pytest.mark.usefixtures("one_core")
-def test_ftrace(benchmark: BenchmarkFixture, drives: list[list[RoverView]]) -> None:
-    """A straight line from edges of one image."""
-    measured(benchmark, FTrace(nominal_rig(load_rover("el_dorado_ii"))), drives)
-
-
-@pytest.mark.usefixtures("one_core")
-def test_ftrace_plus(benchmark: BenchmarkFixture, drives: list[list[RoverView]]) -> None:
-    """The whole trace, followed or searched for."""
-    measured(benchmark, FTracePlus(nominal_rig(load_rover("el_dorado_ii"))), drives)
-
-
-def measured(benchmark: BenchmarkFixture, estimator: SlipEstimator, drives: Sequence[Sequence[RoverView]]) -> None:
-    """Measure the processor time of every frame; the drives must show traces."""
+@pytest.mark.parametrize("kind", [FTrace, FTracePlus])
+def test_slip_angle(
+    benchmark: BenchmarkFixture, kind: type[FTrace | FTracePlus], drives: list[list[RoverView]]
+) -> None:
+    """A straight line from edges of one image, or the whole trace, followed or searched for; the drives show traces."""
+    estimator: SlipEstimator = kind(nominal_rig(load_rover("el_dorado_ii")))
     spent: list[float] = []
 
     def estimated() -> int:
@@ -100,6 +82,9 @@ def measured(benchmark: BenchmarkFixture, estimator: SlipEstimator, drives: Sequ
                 estimates += estimate.health is Health.OK
         return estimates
 
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
     estimates = benchmark.pedantic(estimated, rounds=3, warmup_rounds=1)
+    cv2.setNumThreads(threads)
     assert estimates > VIEWS // 10
     benchmark.extra_info["median_ms"] = 1e3 * float(np.median(spent))

@@ -13,16 +13,12 @@ from gymnasium.utils.env_checker import check_env
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.camera_observations import CameraObservations
 from offtrack.environments.registry import vector
-from offtrack.environments.rewards import Domain, Variation
+from offtrack.environments.rewards import Domain
 from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
 from scenarios.options.scenario import load_scenario
 from sensors.world.world import World
-from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.plant import Plant, SurfaceLookup
-from vehicle.frames import Pose2
-from vehicle.surface import Surface
 
 TRAILER, ROVER = "offtrack/TrailerSteering-v0", "offtrack/RoverSteering-v0"
 VEHICLE = load_vehicle("uk_longer_semitrailer")
@@ -170,29 +166,6 @@ def test_an_episodes_seed_decides_its_world() -> None:
     exact = gymnasium.make(TRAILER, disable_env_checker=True, **options("truth"))
     true, _ = exact.reset(seed=101)
     assert seen["features"][-1] == true[-1]  # the trailer's length
-
-
-def test_a_vehicle_of_a_fleet_is_looked_at_as_a_plant_looks_at_its_own() -> None:
-    """On conical ground; so far back on a plane it is the same, so far back."""
-    surface = Surface(friction=0.8, cross_fall=0.04, centre=(10.0, 20.0))
-    plant = Plant(VEHICLE, surface)
-    expected = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 40)
-    domain = Domain(load=(1.0, 1.0), length=(1.0, 1.0), actuator_lag=(1.0, 1.0))
-    fleet, nominal = PlantBatch(VEHICLE, 2, "auto"), Variation(VEHICLE).numbers(domain.drawn(np.zeros((1, 7))))
-    look = LaneObserver(VEHICLE, fleet)
-    for centre, cross_fall in (((10.0, 20.0), 0.04), ((np.nan, np.nan), 0.03)):
-        ground = BatchGround(np.array([0.8]), np.array([cross_fall]), np.array([centre]))
-        fleet.place(np.array([1]), nominal, ground, np.array([3.0]))
-        if np.isfinite(centre).all():
-            there = look.truth(1, SurfaceLookup(surface, VEHICLE), 40)
-            assert there.tick == 40
-            for part in ("poses", "velocities", "bodies", "steer", "wheel_loads", "load_transfer"):
-                assert getattr(there, part) == pytest.approx(getattr(expected, part), rel=1e-9, abs=1e-9)
-    plane = SurfaceLookup(Surface(friction=0.8, cross_fall=0.03), VEHICLE)
-    here, back = look.truth(1, plane, 0), look.truth(1, plane, 0, back=5.0)
-    moved = here.bodies.copy()
-    moved[:, 0, 3] -= 5.0
-    assert back.bodies == pytest.approx(moved, abs=1e-12)
 
 
 @pytest.mark.slow

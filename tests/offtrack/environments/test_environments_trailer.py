@@ -19,7 +19,7 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import true_off_tracking
 from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import to_ticks
-from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
+from vehicle.combination.batch import BatchMotion
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.functions import numbers
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -84,29 +84,14 @@ def test_left_and_right_are_mirror_images() -> None:
     assert flipped == pytest.approx(seen[0], abs=1e-5)  # rounding of 32 bits
 
 
-def test_a_fleet_steps_every_vehicle_as_a_plant_of_its_own() -> None:
-    """Two vehicles of other numbers on other ground in one fleet, against a plant for each, over two seconds."""
-    variation, fleet = Variation(VEHICLE), PlantBatch(VEHICLE, 2, "auto")
-    loads, frictions = [1.0, 0.5], [0.8, 0.3]
-    both = [drawn(load=load) for load in loads]
-    rows = np.concatenate([variation.numbers(one) for one in both])
-    ground = BatchGround(np.array(frictions), np.array([0.0, 0.04]), np.full((2, 2), np.nan))
-    fleet.place(np.arange(2), rows, ground, np.array([3.0, 6.0]))
-    demand = (np.full(2, 0.2), np.full(2, 0.3), np.full((2, 2), -0.1))
-    for _ in range(100):
-        seen = fleet.step(*demand, STEP)
-    for k, (load, friction) in enumerate(zip(loads, frictions, strict=True)):
-        trailer = VEHICLE.units[1]
-        assert trailer.roll is not None
-        roll = trailer.roll.model_copy(update={"inertia": load * trailer.roll.inertia})
-        lighter = {"mass": load * trailer.mass, "yaw_inertia": load * trailer.yaw_inertia, "roll": roll}
-        own = VEHICLE.model_copy(update={"units": (VEHICLE.units[0], trailer.model_copy(update=lighter))})
-        assert rows[k] == pytest.approx(numbers(own), rel=1e-12)
-        plant = Plant(own, Surface(friction=friction, cross_fall=[0.0, 0.04][k]))
-        state = plant.initial_state(course_of(load_scenario("roundabout"), VEHICLE).start, [3.0, 6.0][k])
-        for _ in range(100):
-            state = plant.step(state, VehicleCommand(0.2, 0.3, (-0.1, -0.1)), STEP)
-        assert seen.poses[k] == pytest.approx(plant.observe(state, 0).poses, abs=1e-9)  # rounding over 2000 ticks
+def test_a_half_laden_vehicle_has_the_numbers_of_one_with_half_its_trailers_mass() -> None:
+    """What moves by them moves as a plant of its own (tests/vehicle/combination/test_batch.py)."""
+    trailer = VEHICLE.units[1]
+    assert trailer.roll is not None
+    roll = trailer.roll.model_copy(update={"inertia": 0.5 * trailer.roll.inertia})
+    lighter = {"mass": 0.5 * trailer.mass, "yaw_inertia": 0.5 * trailer.yaw_inertia, "roll": roll}
+    own = VEHICLE.model_copy(update={"units": (VEHICLE.units[0], trailer.model_copy(update=lighter))})
+    assert Variation(VEHICLE).numbers(drawn(load=0.5))[0] == pytest.approx(numbers(own), rel=1e-12)
 
 
 def test_encoders_err_throughout_an_episode_as_much_as_their_data_sheet_says() -> None:
