@@ -21,12 +21,9 @@ from scenarios.assembly.surrogate import (
     surrogate_toml,
 )
 from sensors.messages import BodyPose
+from tests.environments import PERFECT
 from vehicle.frames import FloatArray
 
-PERFECT = SurrogateParameters(
-    bias=0.0, drift=0.0, drift_time=2.0, noise=0.0, loss_rate=0.0, loss_duration=0.5, velocity_noise=0.0,
-    yaw_rate_noise=0.0,
-)  # fmt: skip
 N = 200
 
 

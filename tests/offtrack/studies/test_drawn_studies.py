@@ -151,19 +151,3 @@ def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
         low, high = Exceeding(0, count).interval()
         assert (high - low <= 0.05) == narrow
     assert [outcome.case for outcome in outcomes] == [cases[k] for k in sorted(asked)]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("runs_here")
-def test_a_study_that_stops_runs_what_it_needs(tmp_path: Path) -> None:
-    """Everything is beyond an impossible limit: six draws are enough for 25 %; repeated, nothing more is run."""
-    text = HEAD + SAMPLE.format(count=40, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
-    text += "[limits]\noff_tracking.true_max_m = -1\n[stop]\nhalf_width = 0.25\nbatch = 3\n"
-    study(tmp_path, text)
-    arguments = ["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1", "--json"]
-    for _ in range(2):
-        answer = CliRunner().invoke(app, arguments)
-        assert answer.exit_code == 0, answer.output
-        assert json.loads(answer.stdout)[0]["runs"] == 6
-        assert len(list((tmp_path / "out" / "cells").glob("*.json"))) == 6
-    assert "At most 40 draws" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
