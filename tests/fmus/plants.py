@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3Slave, fmi3IntermediateUpdateCallback
 
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import command_sizes
@@ -101,6 +101,18 @@ class Slave:
     @property
     def outputs(self) -> list[str]:
         return [one.name for one in self.description.modelVariables if one.causality == "output"]
+
+    def again(self, folder: Path, texts: Mapping[str, str] | None = None) -> None:
+        """Make, begin, step and free a further instance of an FMU of version 3 that is unpacked into a folder."""
+        token, resources = self.description.instantiationToken.encode(), f"{folder / 'resources'}/".encode()
+        rest = (False, False, False, False, None, 0, None, self._log, fmi3IntermediateUpdateCallback(0))
+        kept = self.fmu.component
+        self.fmu.component = self.fmu.fmi3InstantiateCoSimulation(b"x", token, resources, *rest)
+        assert self.fmu.component
+        self.begin({}, texts)
+        self.step()
+        self.fmu.fmi3FreeInstance(self.fmu.component)
+        self.fmu.component = kept
 
     def close(self) -> None:
         self.fmu.freeInstance()

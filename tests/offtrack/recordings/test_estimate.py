@@ -28,6 +28,7 @@ from scenarios.results.log import read_log
 from scenarios.results.metrics import true_off_tracking
 from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
+from tests import trailers
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 from vehicle.option import Option, option_values
 
@@ -144,13 +145,8 @@ class HeldValue:
             raise RuntimeError("no such off-tracking")
         if memory % 2 == 0:
             return memory + 1, None
-        motion: dict[str, Any] = {"v_x": 5.0, "v_y": 0.0, "yaw_rate": 0.0, "path_tangent": 0.0}
-        straight: dict[str, Any] = {"hitch_direction": 0.0, "hitch_direction_rate": 0.0}
         path = np.array([[0.0, 0.0], [-self.follow_distance, self.value]])
-        told = OffTracking(
-            tick=frame.tick, value=self.value, std=0.01, health=Health.OK, path=path, **straight, **motion
-        )
-        return memory + 1, told
+        return memory + 1, trailers.estimate(frame.tick, value=self.value, path=path)
 
 
 class OfPoses(HeldValue):

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -53,25 +54,15 @@ FIGURES = sorted(name for name in REPRODUCTIONS if name.startswith("desaxe2018")
 
 def made_up(case: Case, error: Callable[[FloatArray], FloatArray]) -> Drive:
     """A drive of 20 s at 4 m/s with an off-tracking that swings by 3 m, and estimates that are off by ``error``."""
-    time = 0.1 * np.arange(200.0)
-    true = 3.0 * np.sin(time)
-    lateral = np.gradient(error(time))
+    time, full = 0.1 * np.arange(200.0), partial(np.full, 200)
+    true, off = 3.0 * np.sin(time), error(time)
     track = Track(
-        off_tracking=true + error(time),
-        std=np.full(200, 0.01),
-        matches=np.full(200, 300.0),
-        inliers=np.full(200, 240.0),
-        lateral=lateral,
+        off_tracking=true + off, std=full(0.01), matches=full(300.0), inliers=full(240.0), lateral=np.gradient(off)
     )
     return Drive(
-        case=case,
-        time=time,
-        true=true,
-        reference=true,
-        lateral=np.zeros(200),
-        speed=np.full(200, 4.0),
+        case=case, time=time, true=true, reference=true, lateral=np.zeros(200), speed=full(4.0),
         tracks=dict.fromkeys(case.odometries, track),
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture
