@@ -150,17 +150,9 @@ def test_options_narrow_the_domain_and_seeds_and_numbers_decide() -> None:
 
 
 def moment(**values: Any) -> Moment:
-    fine = Moment(
-        off_tracking=np.zeros(1),
-        curvature=np.zeros(1),
-        steer_rate=np.zeros((1, 2)),
-        articulation=np.zeros((1, 1)),
-        load_transfer=np.zeros((1, 2)),
-        road_offset=np.zeros(1),
-        speed=np.ones(1),
-        finite=np.ones(1, dtype=bool),
-    )
-    return fine._replace(**values)
+    shapes = {"steer_rate": (1, 2), "articulation": (1, 1), "load_transfer": (1, 2)}
+    nothing = {name: np.zeros(shapes.get(name, (1,))) for name in Moment._fields}
+    return Moment(**nothing | {"speed": np.ones(1), "finite": np.ones(1, dtype=bool)} | values)
 
 
 def test_rewards_cost_nothing_at_best_and_have_their_units() -> None:
