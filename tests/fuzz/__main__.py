@@ -34,14 +34,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=int(time.time()) % 100_000, help="of the first round of cases")
     parser.add_argument("--children", type=int, default=2, help="processes that work on cases")
     parser.add_argument("--only", default="", help="kinds of cases whose name contains this text")
-    parser.add_argument("--verbose", action="store_true", help="print every case with its ending")
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder for the finds")
     arguments = parser.parse_args()
     out = arguments.out.resolve() / time.strftime("%Y%m%d-%H%M%S")
     print(f"seed {arguments.seed}; finds go to {out}; making valid files of every kind ...", flush=True)
     reads = [read for read in FILES if arguments.only in f"file: {read.name}"]
     make(out / "specimens", {read.specimen for read in reads} - {""})
-    tally = Tally(time.monotonic(), verbose=arguments.verbose)
+    tally = Tally(time.monotonic())
     until, seed = tally.begin + 60.0 * arguments.minutes, arguments.seed
     try:
         while time.monotonic() < until:
@@ -73,8 +72,8 @@ def _round(seed: int, reads: Iterable[Read], specimens: Path) -> list[Case]:
 class Tally:
     """What was tried, by kind and ending, and the finds."""
 
-    def __init__(self, begin: float, *, verbose: bool) -> None:
-        self.begin, self._verbose, self._shown = begin, verbose, begin
+    def __init__(self, begin: float) -> None:
+        self.begin, self._shown = begin, begin
         self.finds: list[Tried] = []
         self._endings: dict[str, Counter[str]] = defaultdict(Counter)
         self._seconds: Counter[str] = Counter()
@@ -86,9 +85,6 @@ class Tally:
         self._seconds[kind] += result.seconds  # type: ignore[assignment]  # a counter of floats
         self._largest = max(self._largest, result.memory)
         self._slowest = max(self._slowest, result.seconds if result.refused else 0.0)
-        if self._verbose:
-            said = result.err.strip().partition("\n")[0]
-            print(f"{result.seconds:6.2f} s  {result.ending:12s} {tried.case.title()}  {said}", flush=True)
         if tried.wrong is not None:
             self.finds.append(tried)
             _save(tried)

@@ -26,7 +26,7 @@ from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_pr
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
 from scenarios.options.scenario import load_scenario
-from tests.fmus.hosts import host_here
+from tests.fmus.hosts import compiled_by_fmpy, host_here
 from tests.fmus.plants import Slave
 from tests.fmus.proxies import alive, stand_in
 from tests.fmus.systems import off_tracking, run_in_order
@@ -125,10 +125,7 @@ def test_the_process_ends_when_its_host_is_killed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> None:
     file = law(tmp_path, version, platforms=())
-    done = subprocess.run(
-        [sys.executable, "-m", "fmpy", "compile", str(file)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    compiled_by_fmpy(file)
     assert validate_fmu(str(file)) == []
     slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
     slave.step()
