@@ -64,18 +64,10 @@ def test_tick_of_many_vehicles(benchmark: BenchmarkFixture, engine: Engine, bar:
 
 
 @pytest.mark.parametrize("surface", [DRY, CONE], ids=["plane", "cone"])
-def test_call_of_one_tick(benchmark: BenchmarkFixture, surface: Surface) -> None:
-    """Overhead of a call, including the ground lookup where the ground changes with position."""
+@pytest.mark.parametrize(("call", "bar"), [("step", 40.0), ("observe", 60.0)])
+def test_call_for_one_tick(benchmark: BenchmarkFixture, call: str, bar: float, surface: Surface) -> None:
+    """Overhead of a step, with the ground lookup where the ground changes with position; full ground truth."""
     plant = Plant(VEHICLE, surface)
     state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0)
-    benchmark(plant.step, state, STEADY, 1)
-    judge(benchmark, 1, 40.0)  # a third of what it took to convert arguments
-
-
-@pytest.mark.parametrize("surface", [DRY, CONE], ids=["plane", "cone"])
-def test_observation(benchmark: BenchmarkFixture, surface: Surface) -> None:
-    """Full ground truth of one vehicle."""
-    plant = Plant(VEHICLE, surface)
-    state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0)
-    benchmark(plant.observe, state, 0)
-    judge(benchmark, 1, 60.0)  # half of what it took in numpy
+    benchmark(getattr(plant, call), state, *((STEADY, 1) if call == "step" else (0,)))
+    judge(benchmark, 1, bar)

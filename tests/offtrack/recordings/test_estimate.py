@@ -8,6 +8,7 @@ import json
 import math
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from estimators.context import TrailerContext
-from estimators.estimates import Health, Motion, OffTracking
+from estimators.estimates import Health, Motion, OffTracking, lost_motion
 from offtrack.commands.estimate import app
 from offtrack.exchange.recordings import stereo_sequence
 from offtrack.exchange.recordings.writers import RecordingWriter
@@ -100,18 +101,16 @@ class Oracle:
             return k, None
         X_PC = inverse(trailer_pose(memory) @ self._X_SC) @ trailer_pose(k) @ self._X_SC
         X_PC[:3, 3] *= 1.0 - self.short
-        lost, tracks = k in self.lost, 240 + k % 40  # most of them in images 39 and 79
-        motion = Motion(
-            tick=frame.tick,
-            previous_tick=100 * memory,
-            X_PC=np.eye(4) if lost else X_PC,
-            covariance=np.diag(np.full(6, np.inf)) if lost else np.diag([1e-10] * 3 + [1e-6] * 3),
-            matches=0 if lost else 300,
-            inliers=0 if lost else tracks,
-            health=Health.LOST if lost else Health.OK,
-            tracks=np.full((tracks, 4), 30.0, np.float32),
-        )
-        return k, motion
+        lost, inliers = lost_motion(frame.tick, 100 * memory), 240 + k % 40  # most of them in images 39 and 79
+        tracks, covariance = np.full((inliers, 4), 30.0, np.float32), np.diag([1e-10] * 3 + [1e-6] * 3)
+        known: dict[str, Any] = {
+            "X_PC": X_PC,
+            "covariance": covariance,
+            "tracks": tracks,
+            "matches": 300,
+            "inliers": inliers,
+        }
+        return k, lost if k in self.lost else replace(lost, **known, health=Health.OK)
 
 
 class ShortOracle(Oracle):
