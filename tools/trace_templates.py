@@ -1,7 +1,8 @@
 """Training of the trace tracker's templates: ``python tools/trace_templates.py FILE``, some minutes.
 
 A rover crosses simulated sand with a wheel slip that sweeps from one side to the other, with the sun in many directions
-at two heights; two passes are in shade. The seeds differ from those of all evaluation sequences.
+and at heights that cast shadows of three lengths into ruts of two depths; four passes are in shade. The seeds differ
+from those of all evaluation sequences.
 """
 
 import math
@@ -14,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from estimators.slip.trace_tracker.templates import (
-    ELEVATIONS,
+    SHADOWS,
     SLIPS,
     GroundPatch,
     Lesson,
@@ -34,8 +35,9 @@ from vehicle.rover.truth import RoverTruth
 
 _SEED: Final = 900
 _KINDS: Final = ("uniform", "pebbles", "ripples")
-_AZIMUTHS: Final = np.radians(np.arange(0.0, 181.0, 30.0))  # mirrored images cover the other side
+_AZIMUTHS: Final = np.radians(np.arange(0.0, 181.0, 15.0))  # mirrored images cover the other side
 _SHADES: Final = (("uniform", Sun(azimuth=1.0, elevation=0.6)), ("pebbles", Sun(azimuth=2.0, elevation=0.8)))
+_SINKAGES: Final = (0.016, 0.011)  # of El Dorado II on beach sand by the simulated soil, and of a lighter one [m]
 _FRAMES: Final = 300  # per pass: 4.8 m
 _LEAD: Final = 45  # frames before the first image, in which the trace fills the view
 _EVERY: Final = 4  # frames between images: 6 cm, so that each shows new sand
@@ -44,27 +46,32 @@ _EVERY: Final = 4  # frames between images: 6 cm, so that each shows new sand
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sweep(RoverPass):
     def slip_angles(self, rng: np.random.Generator) -> FloatArray:
-        """Slip angles from the largest of the templates to the smallest [rad]."""
-        swept: FloatArray = SLIPS[-1] * np.cos(np.linspace(0.0, math.pi, self.frames))
+        """Slip angles from the largest of the templates to the smallest [rad], each for the same time."""
+        swept: FloatArray = SLIPS[-1] * np.linspace(1.0, -1.0, self.frames)
         return swept
 
 
 def train_templates(rover: Rover) -> Templates:
     """Templates for the wheels and the camera of a rover."""
-    suns = [Sun(azimuth=float(a), elevation=float(e)) for e in ELEVATIONS for a in _AZIMUTHS]
+    suns = [(float(azimuth), float(shadow)) for shadow in SHADOWS for azimuth in _AZIMUTHS]
     lessons: list[Lesson] = []
-    for k, sun in enumerate(suns):
-        lessons += _lessons(rover, _KINDS[k % len(_KINDS)], sun, _SEED + k)
+    for k, (azimuth, shadow) in enumerate(suns):
+        sinkage = _SINKAGES[k % 2]
+        sun = Sun(azimuth=azimuth, elevation=math.atan2(sinkage, shadow))
+        lessons += _lessons(rover, _KINDS[k % len(_KINDS)], sun, _SEED + k, sinkage, shadow)
     for k, (kind, sun) in enumerate(_SHADES):
-        shaded = _lessons(rover, kind, sun, _SEED + 50 + k, overcast=True)
-        lessons += [one._replace(shaded=np.ones(len(one.slips), dtype=bool)) for one in shaded]
+        for sinkage in _SINKAGES:
+            shaded = _lessons(rover, kind, sun, _SEED + 50 + k, sinkage, 0.0, overcast=True)
+            lessons += [one._replace(shaded=np.ones(len(one.slips), dtype=bool)) for one in shaded]
     return learned(lessons)
 
 
-def _lessons(rover: Rover, kind: str, sun: Sun, seed: int, *, overcast: bool = False) -> Iterator[Lesson]:
+def _lessons(
+    rover: Rover, kind: str, sun: Sun, seed: int, sinkage: float, shadow: float, *, overcast: bool = False
+) -> Iterator[Lesson]:
     """Lessons from one pass."""
     path_rng, world_rng, camera_rng = np.random.default_rng([seed, 99]).spawn(3)
-    truths = _Sweep(frames=_FRAMES, profile="fast").truths(rover, Terrain(), path_rng)
+    truths = _Sweep(frames=_FRAMES, profile="fast", sinkage=sinkage).truths(rover, Terrain(), path_rng)
     route = route_of(truths)
     world = SandWorld(kind, rng=world_rng, rover=rover, terrain=Terrain(), route=route, sun=sun, overcast=overcast)
     rig = nominal_rig(rover)
@@ -76,7 +83,7 @@ def _lessons(rover: Rover, kind: str, sun: Sun, seed: int, *, overcast: bool = F
         if (k - _LEAD) % _EVERY == 0:
             image, line = camera.sample(truths[k]), world.trace_truth(truths[k]).line
             azimuth = sun.azimuth - float(truths[k].pose[2])
-            yield lesson(patch, image, line, _front_rut(truths[: k + 1]), azimuth, sun.elevation)
+            yield lesson(patch, image, line, _front_rut(truths[: k + 1]), azimuth, shadow)
 
 
 def _front_rut(truths: Sequence[RoverTruth]) -> FloatArray:

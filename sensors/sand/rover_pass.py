@@ -25,7 +25,7 @@ SlipProfile = Literal["none", "slow", "fast"]
 
 FRAME_TICKS: Final = 200  # between images: 5 Hz (Reina 2008)
 SPEED: Final = 0.08  # (Reina 2008) [m/s]
-_SINKAGE: Final = 0.011  # mean and standard deviation: between light and loaded El Dorado II on beach sand, assumed [m]
+_SINKAGE: Final = 0.011  # mean and standard deviation of a light El Dorado II on beach sand, assumed [m]
 _SINKAGE_STD: Final = 0.001  # [m]
 _EDGE: Final = 0.03  # length of the transition between sand and crust [m]
 _SHAKE: Final = (math.radians(0.22), 0.5)  # roll and pitch over relief: standard deviation [rad] and time [s], assumed
@@ -46,6 +46,7 @@ class RoverPass:
     frames: int
     profile: SlipProfile
     onset: float = 20.0  # of the slip, from the start [s]
+    sinkage: float = _SINKAGE  # mean [m]
     bare: Sequence[tuple[float, float]] = ()  # stretches of x with a crust that takes no imprint [m]
 
     def __post_init__(self) -> None:
@@ -63,7 +64,7 @@ class RoverPass:
         speed = SPEED * (1.0 + _wandering(rng, self.frames, dt, 0.03, 4.0))
         spin = 0.10 + _wandering(rng, self.frames, dt, 0.03, 6.0)  # slip ratio of the wheels
         shake = np.stack([_wandering(rng, self.frames, dt, *_SHAKE) for _ in range(2)], axis=-1)
-        sinkage = _SINKAGE + _wandering(rng, self.frames, dt, _SINKAGE_STD, 3.0)
+        sinkage = self.sinkage + _wandering(rng, self.frames, dt, _SINKAGE_STD, 3.0)
         course = psi + slip
         steps = dt * speed[:-1, None] * _directions(0.5 * (course[:-1] + course[1:]))
         places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])

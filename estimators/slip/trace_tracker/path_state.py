@@ -47,8 +47,8 @@ _OFFSET_PRIOR: Final = 0.005  # error of sinkage, templates and calibration [m]
 _OFFSET_WALK: Final = 0.002  # per sqrt(m): template errors of millimetres, different for each slip and sun [m]
 _SAND_STD: Final = 0.002  # lateral error of a rut by crumbs and slumping [m]
 _SAND_LENGTH: Final = 0.04  # correlation length of that error: a band of the image [m]
-# The edge of a shadow that moves with the rover stays in the same bands and shifts them by 5 to 10 mm.
-_SHADE_STD: Final = 0.004  # [m]
+# The edge of a shadow that moves with the rover stays in the same bands and shifts them by some millimetres.
+_SHADE_STD: Final = 0.003  # [m]
 _SHADE_LENGTH: Final = 3.0  # correlation length of that shift, by the rover's turns against the sun, assumed [m]
 _RATE_PRIOR: Final = math.radians(0.6)  # error of the encoders' yaw rate by scrubbing and slip, assumed [rad/s]
 _RATE_TIME: Final = 2.0  # correlation time of that error, assumed [s]
@@ -63,7 +63,7 @@ class PathState(NamedTuple):
     lengths: FloatArray  # (PIECES,) of the pieces, newest first [m]
     steer: FloatArray  # (PIECES,) steered direction on each piece, relative to the body [rad]
     ticks: FloatArray  # (PIECES,) of each piece's newer end
-    fronts: FloatArray  # (PIECES,) see ``path_line.with_fronts``; NaN: not known yet [rad]
+    fronts: FloatArray  # (PIECES,) see ``path_state.with_fronts``; NaN: not known yet [rad]
     steered: float  # current steered direction [rad]
     pace: _Pace
 
@@ -306,8 +306,8 @@ def _past_poses(state: PathState) -> _PastPoses:
     return _PastPoses(directions, turned, back, lateral)
 
 
-_FORGETTING: Final = 0.98  # per image: slip that was steady for ten seconds may change
-_LEAST: Final = -4.0  # least log weight of a pace relative to the best, so that it can recover
+_FORGETTING: Final = 0.99  # per image: slip that was steady for twenty seconds may change
+_LEAST: Final = -5.0  # least log weight of a pace relative to the best, so that it can recover
 
 
 class Histories(NamedTuple):

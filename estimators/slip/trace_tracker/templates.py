@@ -65,12 +65,23 @@ class GroundPatch:
     @property
     def bands(self) -> FloatArray:
         """Centres of the bands behind the wheel [m]."""
-        middles: FloatArray = self.behind.reshape(-1, _ROWS).mean(axis=1)
-        return middles
+        return banded(self.behind)
 
     def rectified(self, image: GreyImage) -> NDArray[np.uint8]:
         """Image rectified to a map of the ground."""
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+    def along(self, curve: Curve, image: GreyImage, half: int) -> NDArray[np.uint8]:
+        """Image (rows, 2 half + 1) of the ground beside a curve: rows lie square to it, columns go to the left."""
+        patch = self.rectified(image)
+        across = STEP * np.arange(-half, half + 1.0)
+        v = (curve.behind[:, None] - across * curve.left[:, None] - self.behind[0]) / STEP
+        u = (curve.lateral[:, None] + across * curve.back[:, None]) / STEP + self.columns // 2
+        return np.asarray(
+            cv2.remap(
+                patch, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+        )
 
     def _pixels(self, behind: FloatArray, lateral: FloatArray) -> FloatArray:
         """Pixels in the distorted image of points behind and beside the wheel; level ground, no sinkage."""
@@ -91,6 +102,37 @@ class GroundPatch:
         inside = (at >= 0.0).all(axis=1) & (at[:, 0] < self.rig.camera.width) & (at[:, 1] < self.rig.camera.height)
         visible = s[beyond & inside]
         return (visible[0] + _MARGIN, visible[-1] - _MARGIN) if len(visible) else (0.0, 0.0)
+
+
+class Curve(NamedTuple):
+    """Places along a curve on the ground, ``STEP`` apart along it, the nearest to the wheel first."""
+
+    behind: FloatArray  # (rows,) the wheel [m]
+    lateral: FloatArray  # (rows,) from the wheel, + left [m]
+    back: FloatArray  # (rows,) backward and
+    left: FloatArray  # (rows,) leftward part of the unit tangent
+
+    @classmethod
+    def through(cls, behind: FloatArray, lateral: FloatArray) -> Curve:
+        """Curve through places ``STEP`` apart in the first coordinate."""
+        along = STEP * np.arange(len(behind))
+        arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(behind), np.diff(lateral)))])
+        x, y = np.interp(along, arc, behind), np.interp(along, arc, lateral)
+        back, left = np.gradient(x, STEP), np.gradient(y, STEP)
+        size = np.hypot(back, left)
+        return cls(x, y, back / size, left / size)
+
+    @property
+    def directions(self) -> FloatArray:
+        """Directions (bands,) in which the wheel travelled, relative to the rover's x axis, + left [rad]."""
+        back, left = banded(self.back), banded(self.left)
+        return np.arctan2(-left, back)
+
+
+def banded(values: FloatArray) -> FloatArray:
+    """Means (bands, ...) over the rows of each band."""
+    means: FloatArray = values.reshape(-1, _ROWS, *values.shape[1:]).mean(axis=1)
+    return means
 
 
 CHANNELS: Final = 3
@@ -149,27 +191,20 @@ Profiles = NDArray[np.float32]  # (..., CHANNELS, length across)
 
 HALF: Final = round(0.086 / STEP)  # of a template: half the rut, its berm, and the shadow of the wall [px]
 WIDTH: Final = 2 * HALF + 1
-AZIMUTHS: Final = 12  # of the sun relative to the direction of the trace; the first is straight ahead
-ELEVATIONS: Final = np.radians([32.0, 46.0])  # of the sun above the horizon
-SLIPS: Final = np.radians(np.linspace(-15.0, 15.0, 13))  # of the front wheel's rut, see ``path_line.with_fronts``
+AZIMUTHS: Final = 24  # of the sun relative to the direction of the trace; the first is straight ahead
+# A wall casts a shadow whose length depends on the sun's elevation and the rut's depth alike.
+SHADOWS: Final = np.array([0.012, 0.020, 0.032])  # length of a shadow across its wall, with the sun square to it [m]
+SLIPS: Final = np.radians(np.linspace(-15.0, 15.0, 13))  # of the front wheel's rut, see ``path_state.with_fronts``
 FILE: Final = "templates.npz"
 _PARTS: Final = ("profiles", "shaded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Templates:
-    """Mean cross profiles of the rut, each channel with mean 0."""
+    """Mean cross profiles of the rut, each channel with mean 0, in use with norm 1."""
 
-    profiles: Profiles  # (AZIMUTHS, elevations, slips, CHANNELS, WIDTH) in the sun
+    profiles: Profiles  # (AZIMUTHS, shadows, slips, CHANNELS, WIDTH) in the sun
     shaded: Profiles  # (slips, CHANNELS, WIDTH) in shade
-
-    def under(self, azimuths: FloatArray) -> Profiles:
-        """Profiles (n, elevations, slips, CHANNELS, WIDTH) for the sun at azimuths (n,) relative to the trace [rad]."""
-        at = np.mod(azimuths / (2.0 * math.pi) * AZIMUTHS, AZIMUTHS)
-        low = np.minimum(at.astype(int), AZIMUTHS - 1)
-        share = (at - low).astype(np.float32)[:, None, None, None, None]
-        under: Profiles = (1.0 - share) * self.profiles[low] + share * self.profiles[(low + 1) % AZIMUTHS]
-        return under
 
 
 def at_slips(profiles: Profiles, slips: FloatArray) -> Profiles:
@@ -196,15 +231,15 @@ def save(templates: Templates, path: Path) -> None:
 def shipped_templates() -> Templates:
     """Templates that are part of this package."""
     with files(__package__).joinpath(FILE).open("rb") as stream, np.load(stream) as kept:
-        parts = {name: kept[name].astype(np.float32) * kept[f"{name}_scale"][..., None] for name in _PARTS}
+        parts = {name: unit(kept[name].astype(np.float32) * kept[f"{name}_scale"][..., None]) for name in _PARTS}
     return Templates(**parts)
 
 
-_COURSES: Final = 24  # number of azimuths in the world that are compared
 _WORTH: Final = 4.0  # log likelihood per unit of correlation, by band of one image
 _FORGETTING: Final = 0.99  # per image: the sun moves, and clouds appear
 _NEGLIGIBLE: Final = 8.0  # difference of log likelihood to the best that is ignored
 SEARCH: Final = round(0.034 / STEP)  # largest lateral distance of the trace from its prediction [px]
+SIDE: Final = HALF + SEARCH + 30  # of an image along a trace, with the window of the contrast [px]
 _FLAT: Final = 1e-6  # norm of a profile without any marks
 
 
@@ -212,9 +247,11 @@ def straightened(image: FloatImage, lateral: FloatArray, margin: int = SEARCH) -
     """Profiles (bands, CHANNELS, WIDTH + 2 margin) along a line at ``lateral`` (rows,) from the middle [m]."""
     rows, columns = image.shape[:2]
     reach = np.arange(-HALF - margin, HALF + margin + 1)
-    u = (lateral[:, None] / STEP + columns // 2 + reach).astype(np.float32)
-    v = np.repeat(np.arange(rows, dtype=np.float32)[:, None], len(reach), axis=1)
-    straight = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    straight = image[:, columns // 2 + reach[0] : columns // 2 + reach[-1] + 1]
+    if lateral.any():
+        u = (lateral[:, None] / STEP + columns // 2 + reach).astype(np.float32)
+        v = np.repeat(np.arange(rows, dtype=np.float32)[:, None], len(reach), axis=1)
+        straight = np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
     profiles: Profiles = straight.reshape(-1, _ROWS, len(reach), CHANNELS).mean(axis=1).transpose(0, 2, 1)
     return profiles
 
@@ -248,10 +285,20 @@ def _sums(values: Profiles) -> FloatArray:
 
 
 def correlation(cut: Profiles, templates: Profiles) -> FloatArray:
-    """Mean over the channels (bands, shifts) of unit windows (bands, shifts, ...) and unit templates (bands, ...)."""
-    bands, shifts = cut.shape[:2]
-    flat = cut.reshape(bands, shifts, -1) @ templates.reshape(bands, -1, 1)
-    return np.asarray(flat[..., 0] / CHANNELS, dtype=np.float64)
+    """Correlation (bands, CHANNELS, shifts) of unit windows (bands, shifts, ...) and unit templates (bands, ...)."""
+    return np.asarray((np.swapaxes(cut, 1, 2) @ templates[..., None])[..., 0], dtype=np.float64)
+
+
+def place(correlations: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Offset (bands,) [m] of the best match by correlations (bands, CHANNELS, shifts), and their mean there.
+
+    Where a wall breaks off, brightness shows where the sand lies, and not where the wheel was: it finds no places. A
+    stone beside one band is not beside its neighbours.
+    """
+    by_wheel = cv2.blur(correlations[:, MARKS:].mean(axis=1), (1, 3), borderType=cv2.BORDER_REPLICATE)
+    off, _ = peaks(np.asarray(by_wheel), std)
+    at = np.rint(off / STEP).astype(int) + correlations.shape[-1] // 2
+    return off, correlations.mean(axis=1)[np.arange(len(off)), at]
 
 
 def rut_score(scores: ArrayLike, marks: ArrayLike) -> FloatArray:
@@ -279,39 +326,56 @@ def peaks(scores: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def unknown_sun() -> FloatArray:
-    """Uniform log likelihood (courses, elevations)."""
-    return np.zeros((_COURSES, len(ELEVATIONS)))
+    """Uniform log likelihood (AZIMUTHS, shadows) of the sun's azimuth in the world, and of its shadows."""
+    return np.zeros((AZIMUTHS, len(SHADOWS)))
 
 
-def lit(templates: Templates, direction: float) -> Profiles:
-    """Profiles (courses, elevations, slips, ...) of a trace in a world direction [rad], for all suns."""
-    azimuths = np.asarray(2.0 * math.pi / _COURSES * np.arange(_COURSES) - direction, dtype=np.float64)
-    return templates.under(azimuths)
-
-
-def probable(sun: FloatArray) -> FloatArray:
-    """Mask (courses, elevations) of suns that are not improbable."""
-    worth: FloatArray = sun > sun.max() - _NEGLIGIBLE
+def probable(sun: FloatArray) -> NDArray[np.bool_]:
+    """Mask (AZIMUTHS, shadows) of suns that are not improbable."""
+    worth: NDArray[np.bool_] = sun > sun.max() - _NEGLIGIBLE
     return worth
 
 
-def expected(profiles: Profiles, sun: FloatArray) -> Profiles:
-    """Expected profiles (slips, ...), weighted with the probability of each sun."""
-    share = np.exp(sun - sun.max())
-    mixed: Profiles = np.tensordot((share / share.sum()).astype(np.float32), profiles, axes=2)
+def lit(profiles: Profiles, direction: float) -> Profiles:
+    """Profiles (AZIMUTHS, shadows, ...) of a trace in a world direction [rad], by the sun's azimuth in the world."""
+    turn, share = _turned(np.array([direction]))
+    at, part = np.arange(AZIMUTHS) + turn, np.float32(share[0])
+    between: Profiles = (1 - part) * profiles[at % AZIMUTHS] + part * profiles[(at + 1) % AZIMUTHS]
+    return between
+
+
+def likely(profiles: Profiles, sun: FloatArray, directions: FloatArray) -> Profiles:
+    """Expected profiles (n, CHANNELS, WIDTH) from those of all suns (AZIMUTHS, shadows, n, CHANNELS, WIDTH).
+
+    Each sun counts with its probability; ``directions`` (n,) are those of the trace in the world [rad].
+    """
+    belief = np.exp(sun - sun.max())
+    turn, share = _turned(directions)
+    at = (np.arange(AZIMUTHS)[:, None] - turn) % AZIMUTHS
+    weights = (1.0 - share) * np.moveaxis(belief[at], 2, 0) + share * np.moveaxis(belief[at - 1], 2, 0)
+    mixed: Profiles = np.einsum("ean,aencw->ncw", (weights / belief.sum()).astype(np.float32), profiles, optimize=True)
     return mixed
 
 
-def weighed(sun: FloatArray, profiles: Profiles, observed: Profiles, slips: FloatArray) -> FloatArray:
-    """Log likelihood after observed rut profiles (n, CHANNELS, WIDTH) at slips (n,)."""
-    predicted = unit(at_slips(profiles, slips))
-    scores = np.einsum("asncw,ncw->as", predicted, observed, optimize=True) / CHANNELS
-    belief: FloatArray = _FORGETTING * sun + _WORTH * scores
+def weighed(sun: FloatArray, profiles: Profiles, observed: Profiles, directions: FloatArray) -> FloatArray:
+    """Log likelihood of suns after observed rut profiles (n, CHANNELS, WIDTH); the others as in ``likely``."""
+    scores = np.einsum("aencw,ncw->ean", profiles, observed, optimize=True) / CHANNELS
+    turn, share = _turned(directions)
+    at, band = (np.arange(AZIMUTHS)[:, None] + turn) % AZIMUTHS, np.arange(len(directions))
+    by_sun = (1.0 - share) * scores[:, at, band] + share * scores[:, (at + 1) % AZIMUTHS, band]
+    belief: FloatArray = _FORGETTING * sun + _WORTH * by_sun.sum(axis=-1).T
     belief -= belief.max()
     return belief
 
 
-_AZIMUTH_KERNEL: Final = math.radians(12.0)  # width of the kernel over the sun's azimuth
+def _turned(directions: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Steps (n,) of the azimuth in the world to that relative to a trace, as a whole number and the rest."""
+    turn = -directions * AZIMUTHS / (2.0 * math.pi)
+    whole = np.floor(turn)
+    return whole.astype(np.intp), turn - whole
+
+
+_AZIMUTH_KERNEL: Final = math.radians(6.0)  # width of the kernel over the sun's azimuth
 _SLIP_KERNEL: Final = math.radians(1.25)  # the same over slip
 _SHADED: Final = 0.68  # largest grey level of a band in shadow, relative to the brightest sand
 
@@ -320,14 +384,14 @@ class Lesson(NamedTuple):
     """Profiles of one image, straightened along the true trace."""
 
     profiles: Profiles  # (n, CHANNELS, WIDTH)
-    slips: FloatArray  # (n,) of the front wheel's rut, see ``path_line.with_fronts`` [rad]
+    slips: FloatArray  # (n,) of the front wheel's rut, see ``path_state.with_fronts`` [rad]
     azimuths: FloatArray  # (n,) of the sun relative to the trace, + left [rad]
-    elevation: float  # of the sun [rad]
+    shadow: float  # length of the shadow across a wall, see ``SHADOWS`` [m]
     shaded: NDArray[np.bool_]  # (n,) True: in shadow
 
 
 def lesson(
-    patch: GroundPatch, image: GreyImage, line: FloatArray, front: FloatArray, azimuth: float, elevation: float
+    patch: GroundPatch, image: GreyImage, line: FloatArray, front: FloatArray, azimuth: float, shadow: float
 ) -> Lesson:
     """Training sample from an image with the rear wheel's rut along ``line`` and the front one's along ``front``.
 
@@ -336,27 +400,27 @@ def lesson(
     """
     x, y = patch.rig.wheel
     behind = x - line[:, 0]
-    use = (patch.bands > behind[0] + 0.5 * BAND) & (patch.bands < behind[-1] - 0.5 * BAND)
-    lateral = np.interp(patch.behind, behind, line[:, 1] - y)
-    rectified = patch.rectified(image)
-    directions = np.arctan(-np.gradient(lateral, STEP)).reshape(-1, _ROWS).mean(axis=1)
-    offset = np.interp(patch.bands, behind, line[:, 1]) - np.interp(patch.bands, x - front[:, 0], front[:, 1])
+    curve = Curve.through(patch.behind, np.interp(patch.behind, behind, line[:, 1] - y))
+    bands = banded(curve.behind)
+    use = (bands > behind[0] + 0.5 * BAND) & (bands < behind[-1] - 0.5 * BAND)
+    seen = patch.along(curve, image, SIDE)
+    offset = np.interp(bands, behind, line[:, 1]) - np.interp(bands, x - front[:, 0], front[:, 1])
     return Lesson(
-        profiles=straightened(channels(rectified), lateral, margin=0)[use],
-        slips=np.arctan2(offset * np.cos(directions), patch.rig.wheelbase)[use],
-        azimuths=(azimuth - directions)[use],
-        elevation=elevation,
-        shaded=_shaded(rectified, lateral)[use],
+        profiles=straightened(channels(seen), np.zeros(len(seen)), margin=0)[use],
+        slips=np.arctan2(offset * np.cos(curve.directions), patch.rig.wheelbase)[use],
+        azimuths=(azimuth - curve.directions)[use],
+        shadow=shadow,
+        shaded=_shaded(seen)[use],
     )
 
 
 def learned(lessons: Sequence[Lesson]) -> Templates:
     """Templates from lessons; each is used twice, also mirrored."""
-    shape = (AZIMUTHS, len(ELEVATIONS), len(SLIPS))
+    shape = (AZIMUTHS, len(SHADOWS), len(SLIPS))
     sunny, in_sun = np.zeros((*shape, CHANNELS, WIDTH)), np.zeros(shape)
     dark, in_shade = np.zeros((len(SLIPS), CHANNELS, WIDTH)), np.zeros(len(SLIPS))
     for one in lessons:
-        level = int(np.argmin(np.abs(ELEVATIONS - one.elevation)))
+        level = int(np.argmin(np.abs(SHADOWS - one.shadow)))
         for sign in (1, -1):
             profiles = one.profiles[..., ::sign]
             profiles = profiles - profiles.mean(axis=-1, keepdims=True)
@@ -370,15 +434,10 @@ def learned(lessons: Sequence[Lesson]) -> Templates:
     return Templates(profiles=_mean(sunny, in_sun), shaded=_mean(dark, in_shade))
 
 
-def _shaded(rectified: NDArray[np.uint8], lateral: FloatArray) -> NDArray[np.bool_]:
-    """Mask (n,) of bands of a trace in shadow."""
-    columns = np.clip(
-        np.rint(lateral[:, None] / STEP).astype(int) + rectified.shape[1] // 2 + np.arange(-HALF, HALF + 1),
-        0,
-        rectified.shape[1] - 1,
-    )
-    levels = np.take_along_axis(rectified, columns, axis=1).reshape(-1, _ROWS * WIDTH)
-    dark: NDArray[np.bool_] = np.median(levels, axis=1) < _SHADED * np.percentile(rectified, 95)
+def _shaded(seen: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Mask (bands,) of bands of a trace, in the middle of an image, in shadow."""
+    middle = seen[:, seen.shape[1] // 2 - HALF : seen.shape[1] // 2 + HALF + 1].reshape(-1, _ROWS * WIDTH)
+    dark: NDArray[np.bool_] = np.median(middle, axis=1) < _SHADED * np.percentile(seen, 95)
     return dark
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Final, NamedTuple, Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,24 +22,27 @@ from estimators.context import RoverContext, wheel_places
 from estimators.estimates import Health, SlipAngle, lost_slip
 from estimators.slip.rover_odometry import wheel_motion
 from estimators.slip.trace_tracker import path_state
-from estimators.slip.trace_tracker.path_state import SHORTEST, Histories, moved, with_compass
+from estimators.slip.trace_tracker.path_state import SHORTEST, Histories, PathState, moved, with_compass
 from estimators.slip.trace_tracker.templates import (
     BAND,
     CHANNELS,
     HALF,
     MARKS,
     SEARCH,
+    SIDE,
     STEP,
+    Curve,
     FloatImage,
     GroundPatch,
     Profiles,
     Templates,
     at_slips,
+    banded,
     channels,
     correlation,
-    expected,
+    likely,
     lit,
-    peaks,
+    place,
     probable,
     rut_score,
     shipped_templates,
@@ -48,7 +52,7 @@ from estimators.slip.trace_tracker.templates import (
     weighed,
     windows,
 )
-from sensors.messages import RoverView
+from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -59,11 +63,20 @@ _SPARE: Final = 0.004  # [m]
 _LOOKS: Final = 2  # iterations; the second is along the corrected line, where templates fit better
 # Measurement error of one band in one image, without that of the sand: peaks jump among lug marks and pebbles. In total
 # it is about 1.1 mm at a correlation of 0.9, 1.7 at 0.8, 2.6 at 0.7, over 4 at 0.5 (simulated).
-_BAND_NOISE: Final = 0.0028  # at a correlation of 0.6 [m]
+_BAND_NOISE: Final = 0.002  # at a correlation of 0.6 [m]
 _BY_CORRELATION: Final = 3  # exponent of its decrease with correlation
 # Common error of all bands of one image, from roll, pitch and yaw of the rover on the sand.
 _SWAY: Final = 0.0007  # [m]
 _TWIST: Final = math.radians(0.05)  # [rad]
+
+
+class Sight(NamedTuple):
+    """What the trace should look like in the bands of an image."""
+
+    directions: FloatArray  # (bands,) of the trace in the world [rad]
+    under: Profiles  # (AZIMUTHS, shadows, bands, CHANNELS, WIDTH) under all suns
+    sunny: Profiles  # (bands, CHANNELS, WIDTH) unit profiles under the likely suns
+    shaded: Profiles  # (bands, CHANNELS, WIDTH) unit profiles in shade
 
 
 class Look(NamedTuple):
@@ -75,7 +88,7 @@ class Look(NamedTuple):
     accepted: NDArray[np.bool_]  # (bands,) True: the match shows the trace
     sunny: NDArray[np.bool_]  # (bands,) True: more similar to a trace in the sun than in shade
     profiles: Profiles  # (bands, CHANNELS, WIDTH) unit windows at the matches
-    slips: FloatArray  # (bands,) of the front wheel's rut, see ``path_line.with_fronts`` [rad]
+    sight: Sight
 
     @property
     def rut_score(self) -> float:
@@ -84,43 +97,53 @@ class Look(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """One rectified image of the ground with the positions of its rows and bands."""
+    """Ground along the expected trace."""
 
     rig: TraceRig
+    line: PathState  # the expected trace
+    curve: Curve  # the same on the ground
     image: FloatImage  # (rows, columns, CHANNELS)
-    behind: FloatArray  # (rows,) the wheel [m]
-    bands: FloatArray  # (bands,) [m]
+
+    @property
+    def bands(self) -> FloatArray:
+        """Distances (bands,) behind the wheel [m]."""
+        return banded(self.curve.behind)
 
 
-def matched(ground: Ground, path: Histories, profiles: tuple[Profiles, Profiles]) -> Look:
-    """Match the trace in an image; ``profiles`` (slips, ...) are those in the sun and in shade."""
-    look = _match(ground, path, path, profiles)
+def matched(ground: Ground, path: Histories, templates: Templates, sun: FloatArray) -> Look:
+    """Match the trace in an image; ``sun`` is the log likelihood of the sun's direction."""
+    slips = path_state.fronts_at(ground.line, ground.rig, ground.bands)
+    directions, under = float(ground.line.headings[0]) + ground.curve.directions, at_slips(templates.profiles, slips)
+    sunny, shaded = unit(likely(under, sun, directions)), unit(at_slips(templates.shaded, slips))
+    sight = Sight(directions, under, sunny, shaded)
+    look = _match(ground, path, ground.line, sight)
     for _ in range(_LOOKS - 1):
-        look = _match(ground, path, look.path, profiles)
+        look = _match(ground, path, look.path.together, sight)
     return look
 
 
-def _match(ground: Ground, prior: Histories, path: Histories, profiles: tuple[Profiles, Profiles]) -> Look:
-    """One step of an iterated Kalman filter from ``prior``, with the measurement taken along ``path``."""
-    line, rig = path.together, ground.rig
-    expected, gradient = path_state.predicted(line, rig, ground.bands)
-    slips = path_state.fronts_at(line, rig, ground.bands)
-    cut = windows(straightened(ground.image, path_state.trace(line, rig, ground.behind)))
+def _match(ground: Ground, prior: Histories, line: PathState, sight: Sight) -> Look:
+    """One step of an iterated Kalman filter from ``prior``, with the measurement taken along ``line``."""
+    rig, curve, bands, corrected = ground.rig, ground.curve, ground.bands, prior
+    expected, gradient = path_state.predicted(line, rig, bands)
+    aside = np.zeros(len(curve.behind))  # of the line, square to the curve [m]
+    if line is not ground.line:
+        aside = (path_state.trace(line, rig, curve.behind) - curve.lateral) * curve.back
+    cut = windows(straightened(ground.image, aside))
     std = np.sqrt(np.sum((gradient @ line.covariance) * gradient, axis=1) + _SWAY**2)
-    sunny, shaded = (unit(at_slips(templates, slips)) for templates in profiles)
-    in_sun, in_shade = correlation(cut, sunny), correlation(cut, shaded)
-    off, scores = peaks(np.maximum(in_sun, in_shade), std)
-    positions = path_state.trace(line, rig, ground.bands) + off
+    in_sun, in_shade = correlation(cut, sight.sunny), correlation(cut, sight.shaded)
+    off, scores = place(np.maximum(in_sun, in_shade), std)
+    positions = banded(curve.lateral) + (banded(aside) + off) / banded(curve.back)
     accepted = (scores > _MATCHED) & (np.abs(positions - expected) < _FARTHEST * std + _SPARE)
-    corrected = path
     if accepted.any():
-        noise = _noise(scores[accepted], ground.bands[accepted])
-        corrected = path_state.with_trace(prior, rig, ground.bands, positions, accepted, noise)
+        noise = _noise(scores[accepted], bands[accepted])
+        corrected = path_state.with_trace(prior, rig, bands, positions, accepted, noise)
     at = np.rint(off / STEP).astype(int) + SEARCH
     band = np.arange(len(at))
-    best, lit = cut[band, at], (in_sun > in_shade)[band, at]
-    marks = np.where(lit[:, None], sunny[:, MARKS], shaded[:, MARKS])
-    return Look(corrected, scores, np.einsum("bw,bw->b", best[:, MARKS], marks), accepted, lit, best, slips)
+    best, by_sun = cut[band, at], (in_sun.mean(axis=1) > in_shade.mean(axis=1))[band, at]
+    marks = np.where(by_sun[:, None], sight.sunny[:, MARKS], sight.shaded[:, MARKS])
+    correlations = np.einsum("bw,bw->b", best[:, MARKS], marks)
+    return Look(corrected, scores, correlations, accepted, by_sun, best, sight)
 
 
 def _noise(scores: FloatArray, bands: FloatArray) -> FloatArray:
@@ -130,25 +153,96 @@ def _noise(scores: FloatArray, bands: FloatArray) -> FloatArray:
     return noise
 
 
-_ANGLES: Final = np.radians(np.arange(-18.0, 18.1, 2.0))  # of the wheel's travel relative to the body
+_ANGLES: Final = np.radians(np.arange(-18.0, 18.1, 2.0))  # of the wheel's travel without slip to that with slip
 _BANDS: Final = 8  # nearest to the wheel, used for the search
 _LATERAL: Final = 3  # largest lateral offset of the trace at the wheel [px]
 _HALVES: Final = 2  # parts of a band: in each a slanting trace counts as straight
 _ROWS: Final = round(BAND / STEP) // _HALVES
 
 
+class Grip(NamedTuple):
+    """Longitudinal slip of the wheels, from how far the marks in the rut have moved from image to image.
+
+    Without it the shape of a bend is not known: the same turn over a longer way lies further aside.
+    """
+
+    ratio: float  # slip ratio [-]
+    variance: float
+    usual: float  # slip ratio, mean over some decimetres [-]
+    uneven: float  # mean square of its difference from that, beyond what a turn explains, over the last metres
+
+    def rolled(self, rolled: float, turned: float) -> Grip:
+        """After ``rolled`` [m] by the rims and a turn [rad]."""
+        keep, usual, uneven = (math.exp(-abs(rolled) / length) for length in (_RATIO_LENGTH, _USUAL, _MEMORY))
+        by_turn = _TURNING * _USUAL * turned / max(abs(rolled), 1e-6)
+        change = max((self.ratio - self.usual) ** 2 - by_turn**2, 0.0)
+        return Grip(
+            _RATIO + keep * (self.ratio - _RATIO),
+            keep**2 * self.variance + (1.0 - keep**2) * _RATIO_STD**2,
+            self.ratio + usual * (self.usual - self.ratio),
+            change + uneven * (self.uneven - change),
+        )
+
+    def measured(self, ratio: float, std: float) -> Grip:
+        """Corrected by a measured slip ratio, unless that is out of the question."""
+        innovation, variance = ratio - self.ratio, self.variance + std**2
+        if innovation**2 > 16.0 * variance:
+            return self
+        share = self.variance / variance
+        ratio = self.ratio + share * innovation
+        usual = ratio if share > 0.5 else self.usual  # the first one tells of no change
+        return self._replace(ratio=ratio, variance=(1.0 - share) * self.variance, usual=usual)
+
+
+# Light rovers on level dry sand have 0.05 to 0.15, uphill more, downhill less; assumed.
+_RATIO: Final = 0.1  # mean [-]
+_RATIO_STD: Final = 0.07
+_RATIO_LENGTH: Final = 3.0  # correlation length, by the slopes of the ground, assumed [m]
+_USUAL: Final = 0.5  # [m]
+_MEMORY: Final = 1.5  # [m]
+_TURNING: Final = 0.1  # change of slip ratio by a turn on a plane slope of 6 deg [1/rad]
+_RUT: Final = 12  # half of the width that shows the ground of the rut [px]
+_LONGEST: Final = 0.04  # way between images beyond which one lug mark is mistaken for the next [m]
+_REACH: Final = 0.35  # largest difference of the way from the expected one, as a share
+_ALIKE: Final = 0.3  # least correlation of the same ground in two images
+_SHIFT_NOISE: Final = 0.0004  # of a way between two images [m]
+
+
+def shift(before: FloatImage, now: FloatImage, expected: float) -> float | None:
+    """Way of the ground backwards between two images of the rut (rows, columns) [m]; None if it can not be seen."""
+    middle, reach = expected / STEP, math.ceil(_REACH * expected / STEP) + 1
+    first = max(round(middle) - reach, 0)
+    rows = len(before) - first - 2 * reach
+    seen = cv2.matchTemplate(now[first : first + rows + 2 * reach], before[:rows], cv2.TM_CCOEFF_NORMED)[:, 0]
+    best = int(seen.argmax())
+    if not 0 < best < len(seen) - 1 or seen[best] < _ALIKE:
+        return None
+    left, top, right = (float(score) for score in seen[best - 1 : best + 2])
+    return STEP * (first + best + 0.5 * (left - right) / min(left - 2.0 * top + right, -1e-9))
+
+
+def way_of_centre(rig: TraceRig, way: float, yaw: float, slip: float) -> float:
+    """Way of R's origin [m] from that of the wheel [m], the turn [rad] and the slip angle of the centre [rad]."""
+    x, y = rig.wheel
+    aside = yaw * (x * math.sin(slip) - y * math.cos(slip))
+    return math.sqrt(max(aside**2 - yaw**2 * (x**2 + y**2) + way**2, 0.0)) - aside
+
+
 class Find(NamedTuple):
     """Best straight trace in an image."""
 
-    slip: float  # of the wheel's travel relative to the body [rad]
+    slip: float  # angle of the wheel's travel to the image's columns [rad]
     score: float  # see ``matching.rut_score``
     marks: float  # correlation of the lug marks alone
 
 
-def best_straight(image: FloatImage, behind: FloatArray, profiles: Profiles) -> Find:
-    """Straight line through the wheel with the best rut score, over the template ``profiles`` (n, slips, ...)."""
+def best_straight(image: FloatImage, behind: FloatArray, profiles: Profiles, front: float = 0.0) -> Find:
+    """Straight line through the wheel with the best rut score, over the template ``profiles`` (n, slips, ...).
+
+    ``front`` is the front wheel's rut without slip, see ``path_state.with_fronts`` [rad].
+    """
     windows_at = np.moveaxis(_slanting(image, behind), 2, 1)  # (angles, CHANNELS, shifts, WIDTH)
-    templates = unit(at_slips(profiles, _ANGLES)).transpose(1, 2, 3, 0)  # (angles, CHANNELS, WIDTH, n)
+    templates = unit(at_slips(profiles, front + _ANGLES)).transpose(1, 2, 3, 0)  # (angles, CHANNELS, WIDTH, n)
     each = windows_at @ templates
     marks = each[:, MARKS]
     scores = rut_score(each.mean(axis=1), marks)
@@ -172,11 +266,18 @@ def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:
 
 _LAG: Final = 2.0  # of the delayed, more accurate estimate [s]
 # Ratio of the errors to the filter's standard deviation, which allows for fast slip changes and shadows at any time.
-_OF_FILTER: Final = 0.85
+_OF_FILTER: Final = 0.75
+# Ground 1 cm above or below the wheels' plane seems to move by so much more or less. A way that is wrong by a share
+# shifts the trace of a bend like a slip of that share of its turn from the wheel to the middle of the view.
+_UNEVEN: Final = 0.015
+_MIDDLE: Final = 0.36  # [m]
+# Slip ratio changes by 1.0 per radian of pitch, slip angle by 0.9 per radian of roll (rovers on sand). Ground that is
+# uneven along the way, as slip ratios show, is so across it. A change of slip is known some 0.25 m later.
+_BY_UNEVENNESS: Final = 0.9 / 1.0 * 0.25 / _USUAL  # [rad]
 _CERTAIN: Final = (0.3, 0.7)  # rut score of sand without a trace, and of clear traces
 
 
-def slip_angle(rig: TraceRig, histories: Histories, steer: float, tick: int, score: float) -> SlipAngle:
+def slip_angle(rig: TraceRig, histories: Histories, grip: Grip, steer: float, tick: int, score: float) -> SlipAngle:
     """Slip angle message for a trace with the rut score ``score`` behind a wheel at the angle ``steer`` [rad]."""
     path = histories.together
     before = path.ticks <= tick - _LAG / TICK
@@ -184,18 +285,19 @@ def slip_angle(rig: TraceRig, histories: Histories, steer: float, tick: int, sco
     known = bool(before[piece])
     slip, variance = path_state.slip_at(path, 0)
     lagged, lagged_variance = path_state.slip_at(path, piece)
-    value = slip + path.steered
+    value, rate = slip + path.steered, path_state.bend(path, 0)
+    added = (rate * _MIDDLE) ** 2 * (grip.variance + _UNEVEN**2) + _BY_UNEVENNESS**2 * grip.uneven
     return SlipAngle(
         tick=tick,
         value=value,
-        std=_OF_FILTER * math.sqrt(variance),
+        std=math.sqrt(_OF_FILTER**2 * variance + added),
         health=Health.OK,
-        wheel_slip=wheel_direction(rig, value, path_state.bend(path, 0)) - steer,
+        wheel_slip=wheel_direction(rig, value, rate) - steer,
         trace_offset=path.offset,
         confidence=float(np.interp(score, _CERTAIN, (0.0, 1.0))),
         lagged_tick=int(path.ticks[piece]) if known else None,
         lagged_value=lagged + float(path.steer[[max(piece - 1, 0), piece]].mean()) if known else 0.0,
-        lagged_std=_OF_FILTER * math.sqrt(lagged_variance) if known else math.inf,
+        lagged_std=math.sqrt(_OF_FILTER**2 * lagged_variance + added) if known else math.inf,
     )
 
 
@@ -216,10 +318,6 @@ _KEEPING: Final = 0.8  # weight of the old mean correlation of marks in the upda
 _IMAGES_TO_LOSE: Final = 5  # consecutive
 _FOUND: Final = 0.36  # least score of a new trace: sand under moving shadows reaches it once in a hundred images
 _IMAGES_TO_FIND: Final = 2  # consecutive
-_YOUNG: Final = 20  # pieces near the wheel whose mean slip gives the trace's direction
-# Longitudinal slip; it scales the length of the predicted trace. Light rovers on level dry sand have 0.05 to 0.15;
-# assumed, as no instrument on board measures it.
-_SLIP_RATIO: Final = 0.1
 _FOUND_STD: Final = math.radians(4.0)  # of the slip of a new trace
 
 
@@ -246,13 +344,15 @@ class TraceMemory(NamedTuple):
     """State of the tracker after a view."""
 
     tick: int | None  # of the last view
-    unused: float  # distance since the start of the newest piece [m]
+    unused: float  # distance since the start of the newest piece, by the wheels' rims [m]
     turned: float  # yaw over that distance, by the encoders [rad]
     seconds: float  # duration of that distance [s]
+    grip: Grip
+    rut: FloatImage | None  # (rows, columns) brightness of the rut in the last image; None: no trace was tracked
     path: Histories | None
     pursuit: Pursuit | None  # state of tracking; None: no trace is tracked
     hints: int  # consecutive images that show a trace
-    sun: FloatArray  # (courses, elevations) log likelihood of the sun's direction
+    sun: FloatArray  # (AZIMUTHS, shadows) log likelihood of the sun's azimuth in the world, and of its shadows
     estimate: SlipAngle | None  # the last one
 
 
@@ -274,7 +374,9 @@ class FTracePlus:
 
     def init(self) -> TraceMemory:
         """Before the first view."""
-        return TraceMemory(None, 0.0, 0.0, 0.0, None, None, 0, unknown_sun(), None)
+        return TraceMemory(
+            None, 0.0, 0.0, 0.0, Grip(_RATIO, _RATIO_STD**2, _RATIO, 0.0), None, None, None, 0, unknown_sun(), None
+        )
 
     def step(self, memory: TraceMemory, view: RoverView) -> tuple[TraceMemory, SlipAngle]:
         """Memory and slip angle; the last estimate is repeated until the rover has moved by a piece."""
@@ -282,24 +384,24 @@ class FTracePlus:
         if memory.estimate is not None and 0.0 <= memory.unused < SHORTEST:
             return memory, memory.estimate
         path = self._path(memory, view)
-        memory = memory._replace(unused=0.0, turned=0.0, seconds=0.0)
-        ground = Ground(self._rig, channels(self._patch.rectified(view.image)), self._patch.behind, self._patch.bands)
-        line = path.together
-        known = lit(self._templates, float(line.headings[0]) + float(line.body_slips[:_YOUNG].mean()))
+        moved_by, memory = memory, memory._replace(unused=0.0, turned=0.0, seconds=0.0)
         if memory.pursuit is None:
-            memory, path = self._searched(memory, path, ground, known)
+            memory, path = self._searched(memory, path, view.image)
         estimate, pursuit = lost_slip(view.tick), memory.pursuit
         if pursuit is not None:
-            look = matched(ground, path, (expected(known, memory.sun), self._templates.shaded))
+            ground = self._ground(path.together, view.image, SIDE)
+            memory = self._gripped(memory, moved_by, ground)
+            look = matched(ground, path, self._templates, memory.sun)
             path, pursuit = look.path, judged(pursuit, look.rut_score, float(look.marks.mean()))
             if pursuit.visible:
-                use = look.accepted & look.sunny
+                use, sight = look.accepted & look.sunny, look.sight
                 if use.any():
-                    sun = weighed(memory.sun, known, look.profiles[use], look.slips[use])
+                    sun = weighed(memory.sun, sight.under[:, :, use], look.profiles[use], sight.directions[use])
                     memory = memory._replace(sun=sun)
-                estimate = slip_angle(self._rig, path, float(view.steer[self._rig.watched]), view.tick, look.rut_score)
+                steer = float(view.steer[self._rig.watched])
+                estimate = slip_angle(self._rig, path, memory.grip, steer, view.tick, look.rut_score)
             if pursuit.lost:
-                pursuit = None
+                pursuit, memory = None, memory._replace(rut=None)
         path = path.each(lambda one: path_state.with_fronts(one, self._rig))
         return memory._replace(path=path, pursuit=pursuit, estimate=estimate), estimate
 
@@ -308,37 +410,57 @@ class FTracePlus:
         if memory.tick is None:
             return memory._replace(tick=view.tick)
         seconds = (view.tick - memory.tick) * TICK
-        distance = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
-        length = (1.0 - _SLIP_RATIO) * distance
+        length = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
         rolling = wheel_motion(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer)  # without slip
         if memory.unused + length < -SHORTEST:
             return self.init()._replace(tick=view.tick, sun=memory.sun)
         return memory._replace(
             tick=view.tick,
             unused=memory.unused + length,
-            turned=memory.turned + (1.0 - _SLIP_RATIO) * seconds * rolling.yaw_rate,
+            grip=memory.grip.rolled(length, seconds * rolling.yaw_rate),
+            turned=memory.turned + seconds * rolling.yaw_rate,
             seconds=memory.seconds + seconds,
         )
 
-    def _searched(
-        self, memory: TraceMemory, path: Histories, ground: Ground, known: Profiles
-    ) -> tuple[TraceMemory, Histories]:
-        """Memory and path after a search for a new trace."""
-        profiles = np.concatenate([known[probable(memory.sun)], self._templates.shaded[None]])
-        find = best_straight(ground.image, ground.behind, profiles)
+    def _gripped(self, memory: TraceMemory, before: TraceMemory, ground: Ground) -> TraceMemory:
+        """Memory with the longitudinal slip since the last image, which ended at ``before``."""
+        rolled, rut = before.unused, np.ascontiguousarray(ground.image[:, SIDE - _RUT : SIDE + _RUT + 1, 0])
+        if before.rut is None or not 0.0 < rolled < _LONGEST:
+            return memory._replace(rut=rut)
+        yaw, slip = (1.0 - before.grip.ratio) * before.turned, float(ground.line.body_slips[0])
+        expected = (1.0 - before.grip.ratio) * rolled - self._rig.wheel[1] * yaw
+        way = shift(before.rut, rut, max(expected, 0.0))
+        if way is None:
+            return memory._replace(rut=rut)
+        ratio = 1.0 - way_of_centre(self._rig, way, yaw, slip) / rolled
+        return memory._replace(rut=rut, grip=memory.grip.measured(ratio, _SHIFT_NOISE / rolled))
+
+    def _ground(self, line: PathState, image: GreyImage, half: int) -> Ground:
+        """Ground along the line of the trace, ``half`` pixels to either side."""
+        curve = Curve.through(self._patch.behind, path_state.trace(line, self._rig, self._patch.behind))
+        return Ground(self._rig, line, curve, channels(self._patch.along(curve, image, half)))
+
+    def _searched(self, memory: TraceMemory, path: Histories, image: GreyImage) -> tuple[TraceMemory, Histories]:
+        """Memory and path after a search for a new trace, which slants to that of a rover without slip."""
+        line = path_state.with_slip(path.together, 0.0, _FOUND_STD)
+        ground = self._ground(line, image, self._patch.columns // 2)
+        direction = float(line.headings[0] + ground.curve.directions[:_BANDS].mean())
+        profiles = lit(self._templates.profiles, direction)[probable(memory.sun)]
+        front = float(path_state.fronts_at(line, self._rig, ground.bands[:_BANDS]).mean())
+        behind = self._patch.behind[0] + STEP * np.arange(len(ground.image))  # along the curve
+        find = best_straight(ground.image, behind, np.concatenate([profiles, self._templates.shaded[None]]), front)
         hints = memory.hints + 1 if find.score > _FOUND and find.marks > _MARKED else 0
         if hints < _IMAGES_TO_FIND:
             return memory._replace(hints=hints), path
-        line = path.together
-        slip = find.slip - line.steered - path_state.bend(line, 0) * self._rig.wheel[0]
-        return memory._replace(hints=0, pursuit=begun(find)), path_state.with_new_trace(path, slip, _FOUND_STD)
+        return memory._replace(hints=0, pursuit=begun(find)), path_state.with_new_trace(path, find.slip, _FOUND_STD)
 
     def _path(self, memory: TraceMemory, view: RoverView) -> Histories:
         """Path states up to the view, by encoders and compass."""
         steer = math.atan(float(np.tan(view.steer).mean()))  # direction of the centre's travel without sideslip [rad]
         if memory.path is None:
             return path_state.begun_histories(view.heading, steer, view.tick, len(self._patch.bands))
-        distance, yaw, seconds = memory.unused, memory.turned, memory.seconds
+        share = 1.0 - memory.grip.ratio
+        distance, yaw, seconds = share * memory.unused, share * memory.turned, memory.seconds
         return memory.path.each(
             lambda path: with_compass(moved(path, distance, yaw, seconds, steer, view.tick), view.heading)
         )

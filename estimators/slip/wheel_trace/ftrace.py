@@ -7,7 +7,7 @@ One straight line represents the visible trace. So the slip is a mean over its l
 and the curved trace of a turning rover is misread as slip. The slip of a steered wheel is the trace's direction
 relative to the wheel's mean steer angle while it made the trace: eq. 2 with means over one distance. Roll and pitch of
 the rover are not used. The paper does not state when a lost trace is given up, nor a standard deviation: the one given
-here is the accuracy that the paper claims.
+here is the accuracy that the paper claims, and in a bend half of the turn along the view, by which a line misreads it.
 
 Reina 2008 models the trace by its centre line and does not state how it is derived from edges. An edge lies half a rut
 beside it. So a candidate here is the midline of two lines of the Hough transform that are about parallel on the ground
@@ -341,7 +341,7 @@ _LINES: Final = 60  # edges that are paired: on pebbles 30 often do not include 
 _LEAST_VOTES: Final = 80
 _LEAST_CONFIDENCE: Final = 0.5  # below "medium" the line is not a trace
 _PATIENCE: Final = 15  # images without a trace after which its last pose is dropped: 3 s; assumed
-_STD: Final = math.radians(1.4)  # "an accuracy of 1.4 deg" (Reina 2008, section IV)
+_STD: Final = math.radians(1.4)  # on a straight: "an accuracy of 1.4 deg" (Reina 2008, section IV)
 
 
 class _Candidates(NamedTuple):
@@ -418,10 +418,12 @@ class FTrace:
         reference = TraceReference((rho, phi), (d, theta))
         steer = self._mean_steer(memory)
         speed = self._rig.wheel_radius * float(np.mean(view.wheel_speeds * np.cos(view.steer)))  # without slip [m/s]
+        rate = rate_of_turn(headings)
+        misread = 0.5 * rate * self._visible / max(speed, _STANDING)
         estimate = SlipAngle(
             tick=view.tick,
-            value=body_slip(theta - steer, steer, speed, rate_of_turn(headings), -self._rig.wheel[0]),
-            std=_STD,
+            value=body_slip(theta - steer, steer, speed, rate, -self._rig.wheel[0]),
+            std=math.hypot(_STD, misread),
             health=Health.OK,
             wheel_slip=theta - steer,
             trace_offset=offset,

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Final
 import tomli_w
 from pydantic import Field
 
-from offtrack.studies.campaigns.fault_entry import NONE, Bisect, FaultEntry
+from offtrack.studies.campaigns.fault_entry import NONE, Bisect, FaultEntry, Pairs
 from offtrack.studies.campaigns.verdict import Judgement, Requirements, read_requirements, verdict_on
 from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.draws import read_draws
@@ -127,7 +127,8 @@ class _File(StudyFile):
     description: str = ""
     reference: bool = True
     requirements: dict[str, Any]
-    fault: tuple[FaultEntry, ...] = Field(min_length=1)
+    fault: tuple[FaultEntry, ...] = ()
+    pairs: Pairs | None = None
     bisect: tuple[Bisect, ...] = ()
     accept: Accept | None = None
 
@@ -146,7 +147,7 @@ def campaign_path(name: str) -> Path | None:
     if name in campaign_names():
         return Path(str(_data() / f"{name}.toml"))
     path = Path(name)
-    is_campaign = name.endswith(".toml") and path.is_file() and "fault" in read_toml(path, STUDY_FILE)
+    is_campaign = name.endswith(".toml") and path.is_file() and {"fault", "pairs"} & set(read_toml(path, STUDY_FILE))
     return path if is_campaign else None
 
 
@@ -161,9 +162,12 @@ def load_campaign(path: Path) -> Campaign:
     """
     place = f"campaign {path}"
     table = checked(_File, read_toml(path, STUDY_FILE), place)
-    of_text = by_text(place, table.fault)
+    entries = (*table.fault, *(table.pairs.entries() if table.pairs else ()))
+    if not entries:
+        raise ValueError(f"{place}: a table [[fault]] or [pairs] is missing")
+    of_text = by_text(place, entries)
     axes = {FAULTS: (*((NONE,) if table.reference else ()), *of_text), **table.axes(place, taken=FAULTS)}
-    drawn = [pair for entry in table.fault for pair in entry.drawn()]
+    drawn = [pair for entry in entries for pair in entry.drawn()]
     draws = read_draws(str(path), table.sample, [*drawn, *dotted(table.draw)])
     if table.stop and not draws:
         raise ValueError(f"{place}: [stop] is for drawn values: a table [sample] is missing")
@@ -174,7 +178,7 @@ def load_campaign(path: Path) -> Campaign:
         seeds=table.seeds,
         draws=draws,
         stop=table.stop,
-        entries=table.fault,
+        entries=entries,
         of_text=of_text,
         reference=table.reference,
         requirements=read_requirements(place, dotted(table.requirements)),
@@ -182,7 +186,7 @@ def load_campaign(path: Path) -> Campaign:
         bisections=table.bisect,
         description=table.description,
     )
-    chosen: list[Choice] = [*table.fault, *table.bisect, *([table.accept] if table.accept else [])]
+    chosen: list[Choice] = [*entries, *table.bisect, *([table.accept] if table.accept else [])]
     for one in chosen:
         _check_choice(place, one, campaign)
     _check_bisections(place, campaign)

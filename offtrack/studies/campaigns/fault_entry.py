@@ -34,6 +34,7 @@ class FaultEntry(Frozen):
     amounts: Any = ()  # numbers, or lists of numbers for kinds that have several; empty: the kind's defaults
     onsets: Any = (0.0,)  # [s]
     durations: Any = (END,)  # [s]
+    also: str = ""  # kind and amount of a second fault at the same time, as "gyro_drift:2"; empty: none
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = ()  # empty: all of the campaign
     only: dict[str, Any] = Field(default_factory=dict)  # values of the axes with which it runs; others: all
 
@@ -61,8 +62,10 @@ class FaultEntry(Frozen):
         Raises:
             ValueError: one line, for a value that the kind does not take.
         """
-        parts = itertools.product(self._amounts(), self._times("onset"), self._times("duration"))
-        texts = tuple(f"{self.kind}{':' if a else ''}{a}@{onset}{d and f'+{d}'}" for a, onset, d in parts)
+        texts = tuple(
+            "; ".join(f"{fault}@{onset}{d and f'+{d}'}" for fault in (self.kind + (a and f":{a}"), self.also) if fault)
+            for a, onset, d in itertools.product(self._amounts(), self._times("onset"), self._times("duration"))
+        )
         for text in texts:
             if "{" not in text:
                 fault_options(text)
@@ -107,6 +110,29 @@ class FaultEntry(Frozen):
         if isinstance(values, Mapping):
             return [f"{{{self.title}.{key}:.3f}}"]
         return ["" if value == END else _number(value) for value in values] or ["0"]
+
+
+class Pairs(Frozen):
+    """The table ``[pairs]``: every pair of these faults, both at the same time."""
+
+    faults: tuple[str, ...] = Field(min_length=2)  # kinds with their amount, if any, as "gyro_drift:2"
+    onsets: Any = (0.0,)  # [s]
+    durations: Any = (END,)  # [s]
+
+    def entries(self) -> tuple[FaultEntry, ...]:
+        """An entry for every pair, named after both kinds."""
+        return tuple(self._entry(*pair) for pair in itertools.combinations(self.faults, 2))
+
+    def _entry(self, one: str, other: str) -> FaultEntry:
+        kind, _, amount = one.partition(":")
+        return FaultEntry(
+            kind=kind,
+            name=f"{kind}-{other.partition(':')[0]}",
+            amounts=(tuple(amount.split(",")),) if amount else (),
+            onsets=self.onsets,
+            durations=self.durations,
+            also=other,
+        )
 
 
 def _number(value: Any) -> str:

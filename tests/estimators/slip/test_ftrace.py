@@ -98,6 +98,13 @@ def test_rut_that_does_not_come_from_the_wheel_is_no_trace() -> None:
     assert last([view(rut(0.0, beside=0.25))]).health is Health.LOST
 
 
+def test_sigma_knows_that_a_line_misreads_a_bend() -> None:
+    """On a radius of 2 m the chord of 0.6 m of trace is off by half of 0.3 rad; on a straight 1.4 deg hold."""
+    turning = last([view(rut(0.0), k, heading=0.2 * SPEED / 2.0 * k) for k in range(15)])
+    assert turning.std == pytest.approx(0.5 * 0.6 / 2.0, rel=0.1)
+    assert last([view(rut(0.0), k) for k in range(15)]).std == pytest.approx(math.radians(1.4), rel=1e-6)
+
+
 def test_steer_angle_is_taken_off_the_trace() -> None:
     """A wheel that points along its own way does not slip, the body goes aslant all the same."""
     got = last([view(rut(math.radians(6.0)), k, steer=math.radians(6.0)) for k in range(2)])

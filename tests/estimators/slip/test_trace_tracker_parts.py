@@ -8,29 +8,35 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from estimators.slip.trace_tracker import path_state, tracker
 from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, QUICK, PathState
 from estimators.slip.trace_tracker.templates import (
     AZIMUTHS,
     CHANNELS,
-    ELEVATIONS,
     SEARCH,
+    SHADOWS,
     STEP,
     WIDTH,
+    Curve,
     GroundPatch,
     Lesson,
     Profiles,
+    at_slips,
     channels,
     correlation,
     learned,
-    peaks,
+    likely,
+    place,
     rut_score,
     shipped_templates,
     unit,
+    unknown_sun,
+    weighed,
     windows,
 )
-from estimators.slip.trace_tracker.tracker import Find, Pursuit, begun
+from estimators.slip.trace_tracker.tracker import Find, Grip, Pursuit, begun
 from estimators.slip.trace_tracker.tracker import judged as pursuit_after
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.frames import FloatArray, inverse
@@ -185,6 +191,26 @@ def test_camera_that_looks_elsewhere_is_refused() -> None:
         GroundPatch(rig=replace(RIG, X_RC=X_RC))
 
 
+def test_a_circle_on_the_ground_is_straight_in_the_image_along_it() -> None:
+    """And its rows lie square to it, as far apart as on the ground: spokes of the circle are rows of the image."""
+    patch, radius = GroundPatch(rig=RIG), 1.5
+    (x, y), at = RIG.wheel, -radius  # the centre lies to the right of the wheel
+    vv, uu = np.mgrid[0:480, 0:640]
+    rays = RIG.camera.rays(np.stack([uu, vv], axis=-1).astype(float))
+    seen = np.concatenate([rays, np.ones((480, 640, 1))], axis=-1) @ RIG.X_RC[:3, :3].T
+    ground = RIG.X_RC[:3, 3] + seen * (-RIG.X_RC[2, 3] / seen[..., 2:])
+    behind, lateral = x - ground[..., 0], ground[..., 1] - y
+    around, off = radius * np.arctan2(behind, lateral - at), np.hypot(behind, lateral - at) - radius
+    image = np.where(np.abs(off) < 0.01, 220, np.where(around % 0.1 < 0.05, 60, 120)).astype(np.uint8)
+    curve = Curve.through(patch.behind, np.sqrt(radius**2 - patch.behind**2) + at)
+    got = patch.along(curve, image, 40).astype(float)
+    middle = np.where(got > 180.0, np.arange(81.0), np.nan)
+    assert np.nanmean(middle, axis=1) == pytest.approx(np.full(len(got), 40.0), abs=0.6)
+    edges = np.flatnonzero(np.diff((got[:, [10, 70]] > 90.0).astype(int), axis=0).any(axis=1))
+    turns = np.diff(edges)[np.diff(edges) > 5] * STEP
+    assert turns == pytest.approx(np.full(len(turns), 0.05), abs=0.005)
+
+
 def test_matching_finds_a_shift_to_a_tenth_of_a_cell() -> None:
     """Smooth profiles shifted by 3.4 cells; a parabola through three correlations is good to some hundredths."""
     rng = np.random.default_rng(3)
@@ -196,9 +222,64 @@ def test_matching_finds_a_shift_to_a_tenth_of_a_cell() -> None:
         return np.asarray(np.sum(waves, axis=0), dtype=np.float32)
 
     template = profiles(t)[..., SEARCH : SEARCH + WIDTH]
-    off, score = peaks(correlation(windows(profiles(t - 3.4)), unit(template)), np.full(2, 0.1))
+    off, score = place(correlation(windows(profiles(t - 3.4)), unit(template)), np.full(2, 0.1))
     assert off == pytest.approx(3.4 * STEP, abs=0.1 * STEP)
     assert (score > 0.95).all()
+
+
+@pytest.mark.parametrize("sun", [(3, 0), (17, 2)])
+def test_sun_is_found_from_ruts_in_several_directions(sun: tuple[int, int]) -> None:
+    """Ruts as that sun shows them, in bends and straights: it becomes the likeliest, and its profiles are expected."""
+    templates, told = shipped_templates(), unknown_sun()
+    only = np.full_like(told, -50.0)
+    only[sun] = 0.0
+    slips = np.radians([-4.0, 0.0, 5.0])
+    under = at_slips(templates.profiles, slips)
+    for direction in np.radians([0.0, 40.0, 100.0, 220.0]):
+        directions = direction + np.radians([0.0, 6.0, 12.0])
+        told = weighed(told, under, unit(likely(under, only, directions)), directions)
+    assert told[sun] == told.max()
+    assert likely(under, only, np.zeros(3)) == pytest.approx(under[sun], abs=1e-6)  # the same azimuth as in the world
+
+
+def test_the_ground_shows_how_far_it_moved() -> None:
+    """A texture moved on by 7.3 rows; that of other ground tells nothing."""
+    rng = np.random.default_rng(4)
+    rows, spread = np.arange(240.0), rng.uniform(0.1, 0.9, (8, 25))
+    phase = rng.uniform(0.0, 6.0, (8, 25))
+
+    def rut(moved: float) -> NDArray[np.float32]:
+        waves = np.sin(spread * (rows[:, None, None] - moved) + phase)
+        return np.asarray(waves.sum(axis=1), dtype=np.float32)
+
+    assert tracker.shift(rut(0.0), rut(7.3), 8.0 * STEP) == pytest.approx(7.3 * STEP, abs=0.1 * STEP)
+    other = rng.normal(size=(240, 25)).astype(np.float32)
+    assert tracker.shift(rut(0.0), other, 8.0 * STEP) is None
+
+
+@pytest.mark.parametrize("radius", [2.0, -1.5])
+def test_way_of_the_centre_follows_from_that_of_a_wheel(radius: float) -> None:
+    """Both go round one centre of rotation, which a slip angle moves forward or back."""
+    slip, yaw = 0.06, 0.008 * math.copysign(1.0, radius)
+    centre = radius * np.array([-math.sin(slip), math.cos(slip)])
+    way = abs(yaw) * math.dist(centre, RIG.wheel)
+    assert tracker.way_of_centre(RIG, way, yaw, slip) == pytest.approx(abs(yaw * radius), rel=1e-9)
+
+
+def test_slip_ratio_is_drawn_to_what_the_ground_shows() -> None:
+    """Readings of 0.0 +- 0.02 win within some images, an impossible one does not; unseen it is forgotten.
+
+    On the way the ratio has changed, as on uneven ground. A turn on a slope explains that as well.
+    """
+    straight = turning = Grip(0.0, 0.07**2, 0.0, 0.0).measured(0.1, 0.02)
+    for _ in range(20):
+        straight = straight.rolled(0.016, 0.0).measured(0.0, 0.02)
+        turning = turning.rolled(0.016, 0.05).measured(0.0, 0.02)
+    assert straight.ratio == turning.ratio == pytest.approx(0.0, abs=0.01)
+    assert straight.measured(0.4, 0.02) == straight
+    assert straight.rolled(20.0, 0.0).variance == pytest.approx(0.07**2, rel=0.01)
+    assert straight.uneven > 0.01**2
+    assert turning.uneven == 0.0
 
 
 def test_templates_are_the_same_in_a_mirror() -> None:
@@ -209,7 +290,7 @@ def test_templates_are_the_same_in_a_mirror() -> None:
         profiles=rng.normal(size=(n, CHANNELS, WIDTH)).astype(np.float32),
         slips=rng.uniform(-0.25, 0.25, n),
         azimuths=rng.uniform(0, 6.3, n),
-        elevation=float(ELEVATIONS[0]),
+        shadow=float(SHADOWS[0]),
         shaded=rng.random(n) < 0.3,
     )
     for templates in (learned([one]), shipped_templates()):

@@ -95,6 +95,23 @@ def test_errors_of_later_estimates_are_against_the_truth_at_their_tick() -> None
     assert number_at(changed.summary(), "slip.lagged_error_rms_deg") == pytest.approx(1.0)
 
 
+@pytest.mark.slow
+def test_a_bend_is_not_taken_for_slip(tmp_path: Path) -> None:
+    """On 2 m radius, down a slope on which wheels slip less than on the level: error and sigma as on a straight."""
+    turn = np.arange(0.0, 1.6, 0.05)
+    arc = 2.0 * np.column_stack([np.sin(turn), np.cos(turn) - 1.0])
+    points = np.concatenate([[(-0.5, 0.0), (-0.25, 0.0)], arc])
+    (tmp_path / "arc.csv").write_text("\n".join(["x,y", *(f"{x:.6f},{y:.6f}" for x, y in points)]))
+    course = ("course.kind=path", f"course.file={tmp_path / 'arc.csv'}")
+    log = driven("rover-figure-of-eight", *course, "surface.cross_fall=0.07", seed=2).log
+    seen = np.isfinite(log["health"]) & (log["time"] > 8.0)
+    assert (log["health"][seen] == 0.0).mean() > 0.97
+    error = (log["slip_angle_estimate"] - log["slip_angle_true"])[seen]
+    within = np.abs(error) < 2.5 * log["slip_angle_std"][seen]
+    assert np.degrees(np.sqrt(np.nanmean(error**2))) < 1.0
+    assert within[np.isfinite(error)].mean() > 0.97
+
+
 def test_sinking_in_ends_the_run_as_entrapped(tmp_path: Path) -> None:
     """A rover whose limit is below what this sand lets it sink in."""
     source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
