@@ -8,6 +8,7 @@ import random
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from tests.kills.campaign import COMMANDS, PATIENCE, RECORDING, SIGNALS, STUDY, killed, start
@@ -33,12 +34,18 @@ def main() -> int:
             if command not in durations:
                 durations[command] = _finish(COMMANDS[command], _folder(root, f"whole-{command}"))
             share, seconds = rng.random(), durations[command]
-            found, problems = killed(command, number, _folder(root, f"{k}"), share * seconds)
+            code, kept, problems = killed(command, number, _folder(root, f"{k}"), _after(share * seconds))
             wrong += bool(problems)
             verdict = "; ".join(problems) or "ok"
-            print(f"{k + 1:3} at {100 * share:3.0f} % of {seconds:4.1f} s  {found}  {verdict}", flush=True)
+            found = f"{command:13} {number.name:8} exit {code:4}  kept {kept:3}  {verdict}"
+            print(f"{k + 1:3} at {100 * share:3.0f} % of {seconds:4.1f} s  {found}", flush=True)
     print(f"{options.moments} moments with seed {options.seed}: {wrong} with problems")
     return 1 if wrong else 0
+
+
+def _after(seconds: float) -> Callable[[], bool]:
+    until = time.monotonic() + seconds
+    return lambda: time.monotonic() >= until
 
 
 def _folder(root: Path, name: str) -> Path:

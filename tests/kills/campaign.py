@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -69,11 +69,17 @@ def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     )
 
 
-def killed(command: str, number: signal.Signals, folder: Path, moment: float) -> tuple[str, list[str]]:
-    """Kill a command after ``moment`` [s], start it again; returns what became of it, and what is wrong."""
+def killed(
+    command: str, number: signal.Signals, folder: Path, is_due: Callable[[], bool]
+) -> tuple[int, int, list[str]]:
+    """Kill a command when it is time, and start it again.
+
+    Returns its exit code, the units that it had finished, and what is wrong.
+    """
     main = start(COMMANDS[command], folder)
-    with suppress(subprocess.TimeoutExpired):
-        main.wait(moment)
+    deadline = time.monotonic() + PATIENCE
+    while main.poll() is None and not is_due() and time.monotonic() < deadline:
+        time.sleep(0.01)
     main.send_signal(number)
     problems = []
     try:
@@ -103,7 +109,7 @@ def killed(command: str, number: signal.Signals, folder: Path, moment: float) ->
         problems += [f"{name} is lost or was repeated" for name, saved in units.items() if after.get(name) != saved]
         problems += damaged(folder)
         problems += [f"{path.name} is left over" for path in folder.rglob(".*.unfinished")]
-    return f"{command:13} {number.name:8} exit {main.returncode:4}  kept {len(units):3}", problems
+    return main.returncode, len(units), problems
 
 
 def _processes(group: int) -> Iterator[int]:

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from tests.kills.campaign import PATIENCE, ROOT, start
 
@@ -46,15 +46,12 @@ class Counted(Unsteered):
 _SWEEP: Final = ["sweep", "study.toml", "--out", "out"]
 
 
-class Disturbed(NamedTuple):
-    """A study on one of the engines, while it is made."""
-
-    is_made: Callable[[], bool]
-    kill: Callable[[random.Random], bool]  # one process, which is started again; False if there was none to kill
+# Whether the study is made, and a function that kills one process, which is started again; False: none to kill.
+Engine = tuple[Callable[[], bool], Callable[[random.Random], bool]]
 
 
 @contextmanager
-def _pool(folder: Path) -> Iterator[Disturbed]:
+def _pool(folder: Path) -> Iterator[Engine]:
     sweep = [*_SWEEP, "--jobs", "2"]
     running = [start(sweep, folder)]
 
@@ -73,11 +70,11 @@ def _pool(folder: Path) -> Iterator[Disturbed]:
             os.kill(rng.choice(workers), signal.SIGKILL)
         return bool(workers)
 
-    yield Disturbed(is_made, kill)
+    yield is_made, kill
 
 
 @contextmanager
-def _dask(folder: Path) -> Iterator[Disturbed]:
+def _dask(folder: Path) -> Iterator[Engine]:
     scheduler_file = folder / "scheduler.json"
     words = ["--scheduler-file", str(scheduler_file), "--host", "127.0.0.1"]
     scheduler = _dask_process(folder, "scheduler", *words, "--port", "0", "--no-dashboard")
@@ -99,7 +96,7 @@ def _dask(folder: Path) -> Iterator[Disturbed]:
             add()
             return True
 
-        yield Disturbed(lambda: command.poll() is not None, kill)
+        yield (lambda: command.poll() is not None), kill
         said = command.communicate(timeout=PATIENCE)[1]
         if command.returncode != 0:
             raise RuntimeError(f"the command ended with {command.returncode}: {said.strip()[-500:]}")
@@ -114,12 +111,12 @@ ENGINES: Final = {"pool": _pool, "dask": _dask}
 def disturbed(engine: str, folder: Path, pauses: tuple[float, float], rng: random.Random) -> tuple[int, float]:
     """Make the study in a folder with kills after pauses of this range [s]; returns their number and the time [s]."""
     begin, kills = time.monotonic(), 0
-    with ENGINES[engine](folder) as study:
+    with ENGINES[engine](folder) as (is_made, kill):
         due = begin + rng.uniform(*pauses)
-        while not study.is_made():
+        while not is_made():
             time.sleep(0.05)
             if time.monotonic() > due:
-                kills += study.kill(rng)
+                kills += kill(rng)
                 due = time.monotonic() + rng.uniform(*pauses)
             if time.monotonic() - begin > 3.0 * PATIENCE:
                 raise RuntimeError(f"not made after {3.0 * PATIENCE:g} s")

@@ -224,7 +224,9 @@ def test_a_copy_continues_the_episode_bitwise(name: str, options: dict[str, Any]
     endings = {"endings": {"off path": off_path}} if name == STEERING else {}
     for env in (single(name, **options), many_of(name, 3, **options, **endings)):
         steps = 160 if endings and env.action_space.shape != (2,) else 25
-        actions = np.random.default_rng(1).uniform(-0.3, 0.5, (steps, *env.action_space.shape)).astype(np.float32)
+        actions = (
+            np.random.default_rng(1).uniform(-0.3, 0.5, (steps, *(env.action_space.shape or ()))).astype(np.float32)
+        )
         env.reset(seed=3)
         for action in actions[:6]:
             env.step(action)

@@ -41,7 +41,7 @@ def test_backing_into_a_bay_completes_once_the_trailer_stands_there() -> None:
         )
         speed = float(seen[5])
         assert not truncated
-    assert (info["outcome"], reward > 90.0) == ("completed", True)
+    assert (info["outcome"], float(reward) > 90.0) == ("completed", True)
     assert info["distance_m"] < 0.3
 
 

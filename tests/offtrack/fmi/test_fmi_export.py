@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-import threading
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -128,25 +128,19 @@ def test_a_restored_state_goes_on_as_before(fmus: dict[int, Path], version: int)
 
 
 def test_two_instances_in_two_threads_are_independent(fmus: dict[int, Path]) -> None:
-    def end(steer: float, into: dict[float, list[float]]) -> None:
+    def end(steer: float) -> list[float]:
         slave = slave_of(fmus, 3, START)
         slave.set({"steer": steer})
         for _ in range(50):
             slave.step()
-        into[steer] = slave.get(slave.outputs)
+        ended = slave.get(slave.outputs)
         slave.fmu.fmi3FreeInstance(slave.fmu.component)
+        return ended
 
-    alone: dict[float, list[float]] = {}
-    together: dict[float, list[float]] = {}
-    for steer in (0.1, -0.2):
-        end(steer, alone)
-    threads = [threading.Thread(target=end, args=(steer, together)) for steer in (0.1, -0.2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert alone == together
-    assert alone[0.1] != alone[-0.2]
+    alone = [end(steer) for steer in (0.1, -0.2)]
+    with ThreadPoolExecutor(2) as pool:
+        assert [*pool.map(end, (0.1, -0.2))] == alone
+    assert alone[0] != alone[1]
 
 
 def test_a_thousand_instances_leave_nothing(fmus: dict[int, Path]) -> None:

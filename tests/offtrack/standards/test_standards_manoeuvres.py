@@ -40,7 +40,6 @@ from offtrack.studies.standards.proving_ground import (
     KINDS,
     STANDARD,
     Conditions,
-    Manoeuvre,
     amplification,
     damping,
     lateral_acceleration,
@@ -312,11 +311,6 @@ def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) ->
         assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03
 
 
-@pytest.fixture(scope="module")
-def driven() -> Manoeuvre:
-    return lane_change(load_vehicle("eu_tractor_semitrailer"), "none")
-
-
 def test_the_prescribed_motion_is_the_standards() -> None:
     """0.15 g over 2 pi (0.4 Hz)^2 is 1.4637 m; the path is the acceleration's second integral at 88 km/h."""
     assert pytest.approx(1.4637, abs=5e-5) == CHANGE_OFFSET
@@ -332,11 +326,15 @@ def test_the_prescribed_motion_is_the_standards() -> None:
     assert path[-1] == pytest.approx(CHANGE_OFFSET)
 
 
-def test_the_robot_does_what_is_prescribed(driven: Manoeuvre) -> None:
+@pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck"])
+def test_the_robot_does_what_is_prescribed(name: str) -> None:
     """Front axle within 1 % of 0.15 g and within 20 mm of its path, a 70th of the offset."""
-    assert driven.outcome == "completed"
-    assert driven.figures["front_peak_acceleration_m_s2"] == pytest.approx(CHANGE_PEAK, rel=0.01)
-    assert driven.figures["front_path_error_m"] < 0.020
+    done = lane_change(load_vehicle(name), "none")
+    assert done.outcome == "completed"
+    assert done.figures["front_peak_acceleration_m_s2"] == pytest.approx(CHANGE_PEAK, rel=0.01)
+    assert done.figures["front_path_error_m"] < 0.020
+    assert math.isfinite(done.figures["transient_off_tracking_m"])
+    assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0) or name != "rigid_truck"
 
 
 def test_linear_theory_gives_the_reference_figures_of_the_audited_set() -> None:
@@ -345,10 +343,3 @@ def test_linear_theory_gives_the_reference_figures_of_the_audited_set() -> None:
     assert figures["rearward_amplification"] == pytest.approx(1.122, abs=1e-3)
     assert figures["rearward_amplification_yaw"] == pytest.approx(1.082, abs=1e-3)
     assert figures["transient_off_tracking_m"] == pytest.approx(0.336, abs=1e-3)
-
-
-def test_a_rigid_truck_is_driven_too() -> None:
-    done = lane_change(load_vehicle("rigid_truck"), "none")
-    assert done.outcome == "completed"
-    assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0)
-    assert math.isfinite(done.figures["transient_off_tracking_m"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -253,7 +254,10 @@ def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tm
     def outcome(case: Case, fails: bool) -> Outcome:
         return dataclasses.replace(made(campaign, tmp_path, 2, off=0.9 if fails else 0.1), case=case)
 
+    def outcomes(fails: bool, cases: Sequence[Case]) -> list[Outcome]:
+        return [outcome(case, fails) for case in cases]
+
     runs = [campaign.judge(outcome(case, "gyro_bias:5" in dict(case.axes)["faults"])) for case in campaign.cases()]
     for fails, finding, exceptions in ((False, "never fails", (5.0,)), (True, "always fails", (1.0,))):
-        searches = bisected(campaign, runs, lambda cases, fails=fails: [outcome(case, fails) for case in cases])
+        searches = bisected(campaign, runs, partial(outcomes, fails))
         assert [(search.finding, search.exceptions) for search in searches] == [(finding, exceptions)] * 2
