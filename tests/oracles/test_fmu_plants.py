@@ -226,14 +226,12 @@ def test_a_rover_winds_as_the_plant_here(name: str, soil_name: str | None, versi
 
 def rover_values(truth: RoverTruth) -> dict[str, float]:
     """Outputs that the truth says, by name."""
-    single = dict(zip(("x", "y", "psi"), truth.pose, strict=True))
-    single |= dict(zip(("v_x", "v_y", "yaw_rate"), truth.velocity, strict=True))
-    single |= dict(zip(("body_x", "body_y", "body_z"), truth.X_WB[:3, 3], strict=True))
+    names = ("x", "y", "psi", "v_x", "v_y", "yaw_rate", "body_x", "body_y", "body_z")
+    single = dict(zip(names, (*truth.pose, *truth.velocity, *truth.X_WB[:3, 3]), strict=True))
     by_wheel: dict[str, FloatArray] = {
         **{f"wheel_{axis}": truth.wheel_positions[:, k] for k, axis in enumerate("xyz")},
+        **{f"wheel_v_{way}": truth.wheel_velocities[:, k] for k, way in enumerate(("along", "across"))},
         "wheel_heading": truth.wheel_headings,
-        "wheel_v_along": truth.wheel_velocities[:, 0],
-        "wheel_v_across": truth.wheel_velocities[:, 1],
         "wheel_speed": truth.wheel_speeds,
         "wheel_turn": truth.wheel_turns,
         "steer_angle": truth.steer,

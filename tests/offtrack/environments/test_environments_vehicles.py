@@ -46,17 +46,8 @@ def test_backing_into_a_bay_completes_once_the_trailer_stands_there() -> None:
 
 
 def gentle() -> Circumstances:
-    return (
-        Domain()
-        .drawn(np.full((1, N_DRAWN), 0.5))
-        ._replace(
-            friction=np.array([0.8]),
-            cross_fall=np.zeros(1),
-            load=np.ones(1),
-            length=np.ones(1),
-            actuator_lag=np.ones(1),
-        )
-    )
+    middle, ones = Domain().drawn(np.full((1, N_DRAWN), 0.5)), np.ones(1)
+    return middle._replace(friction=0.8 * ones, cross_fall=0.0 * ones, load=ones, length=ones, actuator_lag=ones)
 
 
 def moved(mover: SlippingTyreFleet, acceleration: float, seconds: float) -> FloatArray:
