@@ -130,7 +130,7 @@ def test_the_shipped_campaigns_have_what_they_say() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (HEAD, r"key 'fault' is missing"),
+        (HEAD, r"a table \[\[fault\]\] or \[pairs\] is missing"),
         ("[[faults]]\n" + HEAD, r"unknown key 'faults'; did you mean 'fault'\?"),
         (HEAD + BIAS.replace("gyro_bias", "gyro_bais"), r"unknown fault 'gyro_bais'; did you mean 'gyro_bias'"),
         (HEAD + BIAS.replace("[1, 5]", "[1, 5000]"), r"gyro_bias:5000@6\+2: .*bias = 5000"),
