@@ -107,6 +107,7 @@ _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
 _BEND: Final = 0.3  # lateral acceleration up to which front tyres roll [m/s2]
 # In the place of a signal and the part of its fault: slip of the tractor's axles.
 _REAR_SLIP, _FRONT_SLIP = (-1, 0), (-1, 1)
+_PLOUGHING: Final = 0.2  # steer angle from which on front tyres may slide straight ahead [rad]
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
@@ -166,7 +167,8 @@ class ParityRelations:
         if reference is not None:
             relations += self._to_reference(mean, reference, max(1.0, level / _NOISY))
             rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
-            if abs(float(mean[SPEED] * mean[self._gyro(0)])) <= _BEND:
+            turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro(0)])))
+            if reference.v_x * turning <= _BEND and abs(mean[STEER]) < _PLOUGHING:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
         n_signals = 2 * self._unit + 3
         values, own = np.array([value for value, _, _ in relations]), np.array([own for _, _, own in relations])
@@ -236,6 +238,11 @@ class ParityRelations:
         per_rate = self._axle_distance / (reference.v_x * (1.0 + tangent**2) * limit)
         wrong = (per_rate * reference.yaw_rate / reference.v_x, -per_rate, 1.0 / limit)
         yield (direction - math.atan(tangent)) / limit, {}, wrong
+
+    def rolling_rate(self, row: FloatArray) -> float:
+        """Yaw rate [rad/s] of the trailer if its axles roll along their planes, by the other signals of a row."""
+        v_x, v_y, _ = self._at_hitch(row, self._rolled(row))
+        return (v_y - float(row[3]) * v_x) / self._axle_distance
 
     def _rolled(self, mean: FloatArray) -> float:
         """Speed of the rear axle [m/s], by front wheels that roll along their planes."""

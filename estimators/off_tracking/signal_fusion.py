@@ -189,6 +189,7 @@ _SUDDEN = 30  # motions in a row that are refused since all axles contradict the
 _ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
 _TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
 _TURNED_FOR_LONG = 0.6  # share of the limit that the mean may have
+_SHORTEST_LOOK = 0.1  # motion whose direction counts [m]
 _STILL_TURNED = 0.02  # angle below which the doubt is over [rad]
 # Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
 # alike from motion to motion, those of the camera mostly not.
@@ -374,6 +375,8 @@ class SignalFusion:
     def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
         """Memory after a motion over a distance [m], with the angle by which the camera may be turned."""
         assert memory.reference is not None
+        if distance < _SHORTEST_LOOK:
+            return memory  # at walking pace directions of travel are noise
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
         alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
         size = max(abs(now), abs(alike))

@@ -5,6 +5,9 @@ trailer's motion tell which one contradicts the others. A reading that cannot be
 itself exactly while others are noisy, is further evidence. A signal that is found at fault is corrected by the size of
 its fault, which goes on being measured, and is trusted again when that is small. Without evidence against a single
 signal none is distrusted: the reference then is the one to doubt.
+
+Without a reference a hitch angle and the gyro behind it may contradict each other, and nothing tells which one is at
+fault. Both are then replaced by those of a trailer whose axles roll, towed as the tractor's signals say.
 """
 
 from __future__ import annotations
@@ -106,6 +109,8 @@ class MonitorMemory(NamedTuple):
     suspect: tuple[int, int]  # signal that explains the last contradictions, and their number in a row
     small: tuple[int, ...]  # comparisons in a row at which the fault of each signal was small
     compared_at: int  # tick of the last comparison with a reference
+    towed: tuple[float, float]  # last articulation [rad] and yaw rate [rad/s] of a trailer whose axles roll
+    contradicted: bool  # True: nothing tells which of the measured ones is at fault
     findings: tuple[Finding, ...]
 
     @property
@@ -143,6 +148,8 @@ class SignalMonitor:
             suspect=(-1, 0),
             small=(0,) * n,
             compared_at=0,
+            towed=(0.0, 0.0),
+            contradicted=False,
             findings=(),
         )
 
@@ -159,7 +166,7 @@ class SignalMonitor:
         if len(history) >= _LEAST:
             memory = memory._replace(jumped=self._jumped(memory, row))
         kept = history[np.searchsorted(history[:, 0], row[0] - _KEPT) :]
-        memory = memory._replace(history=np.vstack([kept, row]))
+        memory = memory._replace(history=np.vstack([kept, row]), towed=self._towed(memory, row))
         if signals.tick - memory.compared_at > _ALONE and signals.tick % 100 == 0:
             return self._compared(memory, None, signals.tick)
         return memory
@@ -176,6 +183,10 @@ class SignalMonitor:
 
     def corrected(self, memory: MonitorMemory, signals: CombinationSignals) -> CombinationSignals:
         """The message with corrected values of signals at fault; the same object if there are none."""
+        if memory.contradicted:
+            articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
+            articulation[self._unit - 1], yaw_rates[self._unit] = memory.towed
+            return replace(signals, articulation=articulation, yaw_rates=yaw_rates)
         if not memory.distrusted:
             return signals
         n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
@@ -196,7 +207,7 @@ class SignalMonitor:
 
     def misleads(self, memory: MonitorMemory) -> bool:
         """True if motion that is reckoned from the signals is not evidence: one at fault is not the steer angle."""
-        return any(k != len(self.names) - 1 for k in memory.distrusted)
+        return memory.contradicted or any(k != len(self.names) - 1 for k in memory.distrusted)
 
     def steer_at_fault(self, memory: MonitorMemory) -> bool:
         """True if the steer angle is one of the signals at fault."""
@@ -213,6 +224,10 @@ class SignalMonitor:
             memory = self._suspected(memory, parity, left, is_alone=reference is None)
         else:
             memory = memory._replace(suspect=(-1, 0))
+        of_hitch = abs(float(parity.values[self._unit - 1])) > _DETECTED  # the relation A of the trailer's own hitch
+        unexplained = left > _DETECTED and memory.suspect[0] < 0 and not memory.distrusted
+        alive = bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
+        memory = self._doubted(memory, of_hitch and unexplained and alive)
         return memory if reference is None else self._measured(memory, parity, tick)
 
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
@@ -234,6 +249,25 @@ class SignalMonitor:
         count = 1 + (memory.suspect[1] if memory.suspect[0] == signal else 0)
         memory = memory._replace(suspect=(signal, count))
         return self._distrusted(memory, signal) if count >= _PERSISTENT else memory
+
+    def _doubted(self, memory: MonitorMemory, contradicted: bool) -> MonitorMemory:
+        """Memory with the contradiction between the hitch angle and the gyro of the trailer, or without."""
+        if contradicted == memory.contradicted:
+            return memory
+        name = f"{self.names[self._unit]} or its gyro"
+        finding = Finding(int(memory.history[-1, 0]), name, contradicted)
+        return memory._replace(contradicted=contradicted, findings=(*memory.findings, finding))
+
+    def _towed(self, memory: MonitorMemory, row: FloatArray) -> tuple[float, float]:
+        """Articulation and yaw rate of a trailer whose axles roll, from the last or, if sound, those measured."""
+        angle = FIRST + self._unit - 1
+        gamma = float(row[angle])
+        if memory.contradicted:
+            elapsed = float(row[0] - memory.history[-1, 0]) * TICK
+            gamma = memory.towed[0] + (float(row[self._columns[self._unit + self._unit]]) - memory.towed[1]) * elapsed
+        reckoned = row.copy()
+        reckoned[angle] = gamma
+        return gamma, self._relations.rolling_rate(reckoned)
 
     def _distrusted(self, memory: MonitorMemory, signal: int) -> MonitorMemory:
         errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])

@@ -171,13 +171,11 @@ def test_every_relative_link_and_picture_resolves(document: Path) -> None:
 
 
 def test_every_page_of_the_documentation_is_linked_from_the_readme() -> None:
-    """A page that nothing links to is not found."""
     linked = set(LINK.findall(text_of(ROOT / "README.md")))
     assert {f"docs/{page.name}" for page in ROOT.glob("docs/*.md")} <= linked
 
 
 def test_the_readme_is_short() -> None:
-    """Longer, it is not read."""
     assert len(text_of(ROOT / "README.md").split()) <= MOST_WORDS
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -70,3 +71,25 @@ def test_a_broken_contract_is_noticed(house: Path, module: str, line: str, contr
     assert result.returncode == 1, result.stdout
     broken = [row for row in result.stdout.splitlines() if "BROKEN" in row]
     assert any(contract in row for row in broken), result.stdout
+
+
+# The wheel
+
+
+def test_every_data_file_reaches_the_wheel(tmp_path: Path) -> None:
+    """Whatever lies in the packages beside modules: parameters, scenarios, the surrogate, networks, shaders."""
+    reason = "hatchling is not installed: pip install 'offtrack[dev]'"
+    builder = pytest.importorskip("hatchling.builders.wheel", reason=reason).WheelBuilder(str(ROOT))
+    (built,) = builder.build(directory=str(tmp_path), versions=["standard"])
+    with zipfile.ZipFile(built) as wheel:
+        there = set(wheel.namelist())
+    kept = {
+        str(file.relative_to(ROOT))
+        for package in PACKAGES
+        for file in (ROOT / package).rglob("*")
+        if file.is_file() and "__pycache__" not in file.parts and not file.name.startswith(".")
+    }
+    assert "scenarios/assembly/surrogate.toml" in kept
+    assert {"offtrack/reports/templates/page.html.j2", "offtrack/reports/numbers.toml"} <= kept
+    assert "controllers/trailer_steering/networks/trailer_steering_v0.npz" in kept
+    assert kept - there == set()

@@ -20,6 +20,7 @@ from scenarios.catalogue import TRAILER_STEERING, resolve
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION
 from tests.trailers import TWO_OF_THREE as TRAILER
+from tests.trailers import estimate as some_estimate
 from tests.trailers import signals as readings
 from vehicle.frames import FloatArray
 from vehicle.option import Option, Parameter, arguments, declared_options
@@ -31,14 +32,13 @@ CAMERA = 100  # between two estimates, and their latency [ticks]
 def estimate(tick: int, *, turn: float, health: Health = Health.OK, speed: float = 2.8) -> OffTracking:
     """An estimate as on a circle of curvature ``turn`` [1/m], the rear 0.3 m inside of the hitch's path."""
     s = np.linspace(0.0, 16.0, 60)
-    path = np.column_stack([-s, -0.5 * turn * s**2])
-    lost = health is Health.LOST
-    return OffTracking(
-        tick=tick,
-        value=0.0 if lost else -0.3 * float(np.sign(turn)),
-        std=np.inf if lost else 0.01,
+    value, std = (0.0, np.inf) if health is Health.LOST else (-0.3 * float(np.sign(turn)), 0.01)
+    return some_estimate(
+        tick,
+        value=value,
+        std=std,
         health=health,
-        path=path,
+        path=np.column_stack([-s, -0.5 * turn * s**2]),
         hitch_direction=7.0 * turn,
         hitch_direction_rate=0.1 * turn,
         path_tangent=-7.0 * turn,
@@ -165,7 +165,6 @@ def test_parameters_are_declared_and_kept_within_their_limits(name: str) -> None
 
 
 def test_a_law_without_declarations_can_be_used() -> None:
-    """Its parameters are those of its constructor, of any type."""
     law = trailer_law(f"{__name__}:Plain", TRAILER, COMBINATION, {"gain": 2.5, "mode": "fast"})
     own: Any = law.law
     assert own.given == (2.5, "fast", "")
@@ -179,6 +178,7 @@ def test_a_law_without_declarations_can_be_used() -> None:
         ("path_preview", {"gain": 3.0}, r"^steering\.gain = 3\.0 rad/m must be between 0 and 2 rad/m$"),
         ("combined", {"low_speed": "path_preveiw"}, r"path_preveiw.*path_preview"),
         ("mpc", {"tolerance": "small"}, r"^steering\.tolerance = 'small' must be a number between 0\.001 and 1 m$"),
+        ("lqr", {"from_speed_kmh": 60.0, "full_speed_kmh": 50.0}, r"full_speed_kmh = 50.0 km/h must exceed"),
         (f"{__name__}:Declared", {"gain": 3.0}, r"^steering\.gain = 3\.0 rad/m must be between 0 and 2 rad/m$"),
         (f"{__name__}:Plain", {"gian": 1.0}, r"^unknown key 'steering\.gian'; did you mean 'gain'\?$"),
         ("policy", {}, r"^key 'steering\.path' is missing$"),
@@ -192,11 +192,15 @@ def test_wrong_parameters_are_refused_in_one_line(name: str, parameters: dict[st
 TURN = {k: estimate(k - CAMERA, turn=0.08) for k in range(CAMERA, 4000, CAMERA)}
 
 
+def assert_within_limits(commands: FloatArray) -> None:
+    assert np.isfinite(commands).all()
+    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12
+
+
 def test_commands_stay_finite_and_within_the_actuators_limits(law: TrailerSteering[Any]) -> None:
     """A demand beyond what the axles can do would hide in the actuators; rates get a rounding's allowance."""
     commands = drive(law, TURN, 4000)
-    assert np.isfinite(commands).all()
-    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12
+    assert_within_limits(commands)
     assert np.abs(np.diff(commands, axis=0)).max() <= TRAILER.max_steer_rate * PERIOD * 1e-3 + 1e-9
 
 
@@ -236,24 +240,15 @@ def test_swapping_left_and_right_flips_the_commands(law: TrailerSteering[Any]) -
     np.testing.assert_allclose(drive(law, TURN, 4000, side=-1.0), -drive(law, TURN, 4000), atol=1e-9)
 
 
-def test_a_step_is_pure(law: TrailerSteering[Any]) -> None:
-    """The same memory and estimate give the same command, and the memory given is not changed."""
-    memory = law.init()
-    for tick in range(0, 1000, PERIOD):
-        memory, _ = law.step(memory, tick, TURN.get(tick), signals(tick, np.zeros(2), turn=0.08))
-    before = pickle.dumps(memory)
-    first = law.step(memory, 1000, TURN[1000], signals(1000, np.zeros(2), turn=0.08))[1]
-    again = law.step(memory, 1000, TURN[1000], signals(1000, np.zeros(2), turn=0.08))[1]
-    np.testing.assert_array_equal(first.angles, again.angles)
-    assert pickle.dumps(memory) == before
-
-
-def test_law_and_memory_can_be_pickled(law: TrailerSteering[Any]) -> None:
-    """Runs move to other processes and are snapshotted: the copies go on as the originals, to the last bit."""
+def test_a_step_is_pure_and_law_and_memory_travel(law: TrailerSteering[Any]) -> None:
+    """Copies go on as the originals, to the last bit; the memory given is not changed, and gives the same again."""
     memory = law.init()
     for tick in range(0, 2000, PERIOD):
         memory, _ = law.step(memory, tick, TURN.get(tick), signals(tick, np.zeros(2), turn=0.08))
-    copy, copied = pickle.loads(pickle.dumps((law, memory)))
+    before = pickle.dumps((law, memory))
+    copy, copied = pickle.loads(before)
+    law.step(memory, 2000, TURN[2000], signals(2000, np.zeros(2), turn=0.08))
+    assert pickle.dumps((law, memory)) == before
     for tick in range(2000, 2400, PERIOD):
         reading = signals(tick, np.zeros(2), turn=0.06)
         memory, command = law.step(memory, tick, TURN.get(tick), reading)
@@ -270,15 +265,10 @@ def test_lost_estimates_never_make_a_command_infinite(bare: TrailerSteering[Any]
         for k, seen in TURN.items()
         if k < 500 or 2000 <= k < 3000
     }
-    commands = drive(bare, TURN | lost, 4000)
-    assert np.isfinite(commands).all()
-    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12
+    assert_within_limits(drive(bare, TURN | lost, 4000))
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-9, -1.0])
 def test_standstill_and_reversing_are_survived(law: TrailerSteering[Any], speed: float) -> None:
-    """Divisions by the speed must not blow up where there is none."""
     still = {k: estimate(k - CAMERA, turn=0.08, speed=speed) for k in range(CAMERA, 2000, CAMERA)}
-    commands = drive(law, still, 2000, speed=speed)
-    assert np.isfinite(commands).all()
-    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12
+    assert_within_limits(drive(law, still, 2000, speed=speed))

@@ -16,6 +16,7 @@ from controllers.trailer import TrailerGeometry, TrailerSteering
 from estimators.estimates import OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.courses import Course
+from scenarios.results.metrics import true_off_tracking
 from sensors.messages import BodyPose, EgoState
 from tests.trailers import signals as readings
 from vehicle.clock import TICK
@@ -30,7 +31,7 @@ class Run(NamedTuple):
     """Log of a drive, at every step of the controllers."""
 
     station: FloatArray  # of the guided point [m]
-    off_tracking: FloatArray  # true, every 0.1 s, else nan; nan until the hitch path reaches the follow point [m]
+    off_tracking: FloatArray  # true; nan until the hitch path reaches the follow point [m]
     guided: FloatArray  # distance of the guided point from its path [m]
     tractor_steer: FloatArray  # [rad]
     steer: FloatArray  # (n, n_steered) of the trailer [rad]
@@ -44,15 +45,6 @@ class Run(NamedTuple):
         return float(np.nanmax(np.abs(self.off_tracking)))
 
 
-Drive = Callable[..., Run]
-
-
-@pytest.fixture(scope="session")
-def drive() -> Drive:
-    """Drives a course: ``drive(course, trailer, law, speed_kmh=10, latency=0.1, slip=...)``."""
-    return _drive
-
-
 def _tractor(course: Course) -> TractorGeometry:
     return TractorGeometry(
         wheelbase=WHEELBASE,
@@ -64,7 +56,13 @@ def _tractor(course: Course) -> TractorGeometry:
     )
 
 
-def _drive(
+@pytest.fixture(scope="session")
+def drive() -> Callable[..., Run]:
+    """Drives a course: ``drive(course, trailer, law, speed_kmh=10, latency=0.1, slip=...)``."""
+    return _driven
+
+
+def _driven(
     course: Course,
     trailer: TrailerGeometry,
     law: TrailerSteering[Any],
@@ -85,7 +83,6 @@ def _drive(
     angles = demand = np.zeros(len(steered))
     newest: OffTracking | None = None
     in_flight: list[tuple[int, OffTracking]] = []
-    hitch_way: list[tuple[float, float]] = []
     rows: list[tuple[Any, ...]] = []
     tick = 0
     while tick * TICK < until:
@@ -97,7 +94,6 @@ def _drive(
         while in_flight and in_flight[0][0] <= tick:
             newest = in_flight.pop(0)[1]
         if tick % CONTROL == 0:
-            hitch_way.append((X_WS.x, X_WS.y))
             ego = EgoState(tick=tick, x=X_WT.x, y=X_WT.y, psi=X_WT.psi, v_x=v, v_y=0.0, yaw_rate=yaw_rate_T)
             driving, command = driver.step(driving, tick, ego)
             delta_demand = command.steer
@@ -115,16 +111,8 @@ def _drive(
             guided = X_WT @ Pose2(*course.reference, 0.0)
             station = course.path.project(guided.x, guided.y, driving.station)
             on_path = course.path.pose(station)
-            judged = tick % CAMERA == 0 or station >= course.length
-            rows.append(
-                (
-                    station,
-                    _off_tracking(hitch_way, X_WS, trailer.follow_distance, v) if judged else math.nan,
-                    math.hypot(guided.x - on_path.x, guided.y - on_path.y),
-                    delta,
-                    angles.copy(),
-                )
-            )
+            aside = math.hypot(guided.x - on_path.x, guided.y - on_path.y)
+            rows.append((station, tuple(X_WS), aside, delta, angles.copy()))
             if station >= course.length:
                 break
         dt = STEP * TICK
@@ -141,16 +129,6 @@ def _drive(
         hitch = X_WT @ Pose2(HITCH_X, 0.0, 0.0)
         X_WS = Pose2(hitch.x, hitch.y, X_WS.psi + yaw_rate_S * dt)
         tick += STEP
-    columns = zip(*rows, strict=True)
-    return Run(*(np.array(column) for column in columns))
-
-
-def _off_tracking(hitch_way: list[tuple[float, float]], X_WS: Pose2, follow_distance: float, v: float) -> float:
-    """Lateral distance of the true hitch path from the follow point; points lie 6 cm apart, so 0.05 mm to the chord."""
-    recent = np.array(hitch_way[-round(1.9 * follow_distance / (v * CONTROL * TICK)) :])[::-1]
-    path = X_WS.inverse().apply(recent)
-    beyond = np.flatnonzero(path[:, 0] <= -follow_distance)
-    if len(beyond) == 0:
-        return math.nan
-    k = int(beyond[0])
-    return float(np.interp(-follow_distance, path[[k, k - 1], 0], path[[k, k - 1], 1]))
+    stations, hitches, *others = (np.array(column) for column in zip(*rows, strict=True))
+    x, y, psi = hitches.T
+    return Run(stations, true_off_tracking(x, y, psi, trailer.follow_distance), *others)

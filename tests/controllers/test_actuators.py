@@ -62,37 +62,31 @@ def monitored(
     return memory
 
 
-def stuck(angles: FloatArray, demand: FloatArray, t: float) -> FloatArray:
-    return angles
-
-
-def dead(angles: FloatArray, demand: FloatArray, t: float) -> FloatArray:
-    return angles - np.clip(angles, -math.radians(5.0) * PERIOD * 1e-3, math.radians(5.0) * PERIOD * 1e-3)
-
-
-def slow(angles: FloatArray, demand: FloatArray, t: float) -> FloatArray:
-    return settle(angles, demand, PERIOD * 1e-3, lag=LAG, max_rate=0.25 * RATE)
-
-
 def offset(angles: FloatArray, demand: FloatArray, t: float) -> FloatArray:
     return sound(angles, demand + math.radians(4.0), t)
 
 
-def late(angles: FloatArray, demand: FloatArray, t: float) -> FloatArray:
-    return sound(angles, np.full(2, weave(t - 0.4)), t)
+HOME = math.radians(5.0) * PERIOD * 1e-3  # way of a dead actuator in a period [rad]
+FAULTS: dict[str, Moved] = {
+    "stuck": lambda angles, demand, t: angles,
+    "dead": lambda angles, demand, t: angles - np.clip(angles, -HOME, HOME),
+    "slow": lambda angles, demand, t: settle(angles, demand, PERIOD * 1e-3, lag=LAG, max_rate=0.25 * RATE),
+    "offset": offset,
+    "late": lambda angles, demand, t: sound(angles, np.full(2, weave(t - 0.4)), t),
+}
 
 
-@pytest.mark.parametrize("faulty", [stuck, dead, slow, offset, late], ids=lambda moved: moved.__name__)
-def test_a_fault_is_found_named_and_over(faulty: Moved) -> None:
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_found_named_and_over(name: str) -> None:
     """The kind is that of the fault, the axle is axle 2 of the trailer, and the alarm ends with the fault.
 
     At 11 deg/s a stuck axle is 3 deg off after 0.3 s; a slow or late one takes longer. It is over a quarter of a second
     after its actuator is back at its demand, which takes a second from 20 deg at 20 deg/s.
     """
-    findings = monitored(faulty).findings
+    findings = monitored(FAULTS[name]).findings
     assert {finding.axles for finding in findings} == {(2,)}
     assert ONSET < findings[0].tick < ONSET + 1000
-    assert findings[-2].kind == faulty.__name__
+    assert findings[-2].kind == name
     assert findings[-1].kind == "sound"
     assert END < findings[-1].tick < END + 1500
 

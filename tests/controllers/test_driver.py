@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,15 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers import preview_law as design
-from controllers.driver import DriverMemory, DriverTrace, PreviewDriver, TraceDriver
+from controllers.checked import CheckedDriver, CheckedRoverDriver, LawError
+from controllers.driver import DriverCommand, DriverMemory, DriverTrace, PreviewDriver, TraceDriver
 from controllers.equations import FLOATS
 from controllers.path import Path, Segment, SpeedProfile, arc, line
 from controllers.tractor import STATES, TractorAxle, TractorDynamics, TractorGeometry, path_matrices, tractor_model
 from controllers.trailer_steering.signal_laws import Unsteered
+from estimators.slip.rover_odometry import Rolling, RoverPose
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
 from tests.trailers import TWO_OF_THREE as TRAILER
 from vehicle.frames import Pose2
+from vehicle.rover.command import RoverCommand
 
 TRACTOR = TractorGeometry(wheelbase=3.8, x_ref=5.2, y_ref=-1.275, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1)
 PATH = Path(Pose2(5.2, -1.275, 0.0), (line(10.0), arc(60.0, 0.08), line(10.0)))
@@ -52,7 +55,6 @@ def test_steering_round_a_circle_has_the_closed_form_angle(drive: Any) -> None:
 
 
 def test_steer_demand_stays_within_the_limit() -> None:
-    """A tractor that stands across its path asks for more than full lock."""
     driver = PreviewDriver(TRACTOR, PATH, 2.8)
     demands = [driver.step(driver.init(), 0, ego(psi=psi, v_x=2.8))[1].steer for psi in np.linspace(-1.5, 1.5, 31)]
     assert max(demands) == TRACTOR.max_steer
@@ -73,7 +75,6 @@ motions = st.fixed_dictionaries(
 
 @given(motions, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 def test_mirror_symmetry(motion: dict[str, float], steer: float, demand: float) -> None:
-    """Swapping left and right flips the steer demand and leaves the acceleration."""
     before = DriverMemory(tick=0, station=3.0, demand=demand, steer=steer, front_slip=0.01, speed_integral=0.1)
     image = before._replace(demand=-demand, steer=-steer, front_slip=-0.01)
     segments = tuple(Segment(s.length, -s.start_curvature, -s.end_curvature) for s in PATH.segments)
@@ -120,7 +121,6 @@ def test_the_set_speed_is_reached_and_held_against_a_resistance(start: float) ->
 
 @given(motions.map(lambda motion: motion | {"v_x": 0.0}))
 def test_standing_still_is_survived(motion: dict[str, float]) -> None:
-    """Nothing is divided by a speed that is not there."""
     driver = PreviewDriver(TRACTOR, PATH, 2.8)
     _, command = driver.step(driver.init(), 0, ego(**motion))
     assert math.isfinite(command.steer)
@@ -184,12 +184,10 @@ def test_a_row_of_gains_is_that_of_the_table_bit_for_bit(speed: float) -> None:
 # Recorded drives and speed profiles
 
 
-TIME = np.array([0.0, 1.0, 3.0])
-
-
 def test_steer_angles_are_those_recorded_and_stay_after_the_end() -> None:
-    """Linear between samples; the last one holds."""
-    driver = TraceDriver(DriverTrace(time=TIME, steer=np.array([0.0, 0.1, -0.1]), acceleration=np.ones(3)))
+    driver = TraceDriver(
+        DriverTrace(time=np.array([0.0, 1.0, 3.0]), steer=np.array([0.0, 0.1, -0.1]), acceleration=np.ones(3))
+    )
     memory, demands = driver.init(), []
     for tick in (0, 500, 1000, 2000, 9000):
         memory, command = driver.step(memory, tick, ego(tick, v_x=3.0))
@@ -220,18 +218,13 @@ def test_a_recorded_speed_is_held() -> None:
         ([1.0, 2.0], [1.0, 1.0], "start at 0 s"),
         ([0.0, 2.0, 2.0], [1.0, 1.0, 1.0], "increase"),
         ([0.0, 2.0], [1.0], "1 values for 2 times"),
+        ([0.0, 2.0], None, "speed or an acceleration"),
     ],
 )
-def test_what_is_no_trace_is_refused(time: list[float], values: list[float], complaint: str) -> None:
-    """One line that says why."""
+def test_what_is_no_trace_is_refused(time: list[float], values: list[float] | None, complaint: str) -> None:
+    speed = None if values is None else np.array(values)
     with pytest.raises(ValueError, match=complaint):
-        DriverTrace(time=np.array(time), steer=np.zeros(len(time)), speed=np.array(values))
-
-
-def test_a_trace_has_to_say_how_fast() -> None:
-    """Steer angles alone are no drive."""
-    with pytest.raises(ValueError, match="speed or an acceleration"):
-        DriverTrace(time=TIME, steer=np.zeros(3))
+        DriverTrace(time=np.array(time), steer=np.zeros(len(time)), speed=speed)
 
 
 def test_turns_are_taken_at_the_limit_and_approached_in_time() -> None:
@@ -243,13 +236,9 @@ def test_turns_are_taken_at_the_limit_and_approached_in_time() -> None:
     rises = np.diff(profile.speeds**2) / np.diff(profile.stations)
     assert np.abs(rises).max() <= 2.0 * 0.7 + 1e-9
     assert profile.duration > path.length / 10.0
-
-
-def test_a_straight_path_is_driven_at_set_speed() -> None:
-    """Nothing to slow down for; the time is way over speed."""
-    profile = SpeedProfile.of(Path(Pose2(0.0, 0.0, 0.0), (line(50.0),)), 5.0, 0.1, 0.7)
-    assert set(profile.speeds.tolist()) == {5.0}
-    assert profile.duration == pytest.approx(10.0)
+    plain = SpeedProfile.of(Path(Pose2(0.0, 0.0, 0.0), (line(50.0),)), 5.0, 0.1, 0.7)
+    assert set(plain.speeds.tolist()) == {5.0}
+    assert plain.duration == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize(
@@ -273,3 +262,74 @@ def test_a_straight_path_is_driven_at_set_speed() -> None:
 def test_what_can_not_be_is_refused_by_name_and_value(build: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         build()
+
+
+# Drivers that misbehave end with one line that names them, the tick and the value
+
+
+AT = 1200
+EGO_AT = EgoState(tick=AT, x=0.0, y=0.0, psi=0.0, v_x=2.0, v_y=0.0, yaw_rate=0.0)
+POSE = RoverPose(tick=AT, x=0.0, y=0.0, psi=0.0, drift=0.0, rolling=Rolling(0.0, 0.0, 0.0))
+
+
+class Stub(NamedTuple):
+    command: object
+    duration: float = 10.0
+    start_speed: float | None = None
+
+    def init(self) -> int:
+        return 0
+
+    def _result(self, memory: int) -> tuple[int, object]:
+        if isinstance(self.command, Exception):
+            raise self.command
+        return memory + 1, self.command
+
+
+class StubDriver(Stub):
+    def step(self, memory: int, tick: int, ego: EgoState, /) -> tuple[int, DriverCommand]:
+        return self._result(memory)  # type: ignore[return-value]  # as a user's driver may
+
+
+class StubRoverDriver(Stub):
+    def step(self, memory: int, pose: RoverPose, /) -> tuple[int, RoverCommand]:
+        return self._result(memory)  # type: ignore[return-value]
+
+
+def test_a_good_step_passes_through_unchanged() -> None:
+    demand = DriverCommand(steer=0.1, acceleration=0.2)
+    driver = CheckedDriver(StubDriver(demand, 12.0, 3.0), "driver = mine")
+    assert driver.step(driver.init(), AT, EGO_AT) == (1, demand)
+    wheels = RoverCommand(wheel_speed=(1.0,) * 4, steer=(0.0,) * 4)
+    rover = CheckedRoverDriver(StubRoverDriver(wheels), "driver = mine", 4)
+    assert rover.step(rover.init(), POSE) == (1, wheels)
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (DriverCommand(steer=math.nan, acceleration=0.0), r"returned steer = nan"),
+        (DriverCommand(steer=0.0, acceleration=-math.inf), r"returned acceleration = -inf"),
+        ((0.0, 0.0), r"not \(memory, DriverCommand\)"),
+        (KeyError("lane"), r"raised KeyError: 'lane'"),
+    ],
+)
+def test_a_tractor_driver_that_misbehaves_is_named(command: object, message: str) -> None:
+    """In one line, with the time in seconds."""
+    driver = CheckedDriver(StubDriver(command), "driver.kind = mymod:Mine")
+    with pytest.raises(LawError, match=rf"^driver\.kind = mymod:Mine: at tick 1200 \(1\.2 s\) it .*{message}"):
+        driver.step(0, AT, EGO_AT)
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (RoverCommand(wheel_speed=(1.0, 1.0, math.nan, 1.0), steer=(0.0,) * 4), r"returned wheel_speed\[2\] = nan"),
+        (RoverCommand._make(((1.0,) * 4, (0.0, 0.0))), r"returned steer = \(0\.0, 0\.0\), the rover has 4 wheels"),
+        (None, r"returned \(1, None\), not \(memory, RoverCommand\)"),
+    ],
+)
+def test_a_rover_driver_that_misbehaves_is_named(command: object, message: str) -> None:
+    driver = CheckedRoverDriver(StubRoverDriver(command), "driver = mymod:Mine", 4)
+    with pytest.raises(LawError, match=rf"^driver = mymod:Mine: at tick 1200 \(1\.2 s\) it .*{message}"):
+        driver.step(0, POSE)

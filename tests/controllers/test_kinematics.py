@@ -35,15 +35,6 @@ directions = st.floats(-0.8, 0.8)
 slips = st.floats(-0.05, 0.05)
 
 
-@given(st.floats(10.0, 1000.0))
-def test_path_following_round_a_circle_has_the_closed_form_angles(radius: float) -> None:
-    """Hitch and follow point on R: the axis is a chord, and tan(delta) = -(x - Lf/2)/sqrt(R^2 - Lf^2/4)."""
-    half_angle = math.asin(14.0 / (2.0 * radius))
-    angles = ALL_STEERED.steer_angles(half_angle, -half_angle, 0.0)
-    expected = -(ALL_STEERED.steered - 7.0) / math.sqrt(radius**2 - 49.0)
-    assert np.tan(angles) == pytest.approx(expected, abs=1e-12)
-
-
 @given(directions, directions)
 def test_all_axle_lines_meet_in_one_centre(lead: float, follow: float) -> None:
     """No scrub: the normals of all wheels pass through the point where those of hitch and follow point meet."""
@@ -58,7 +49,6 @@ def test_all_axle_lines_meet_in_one_centre(lead: float, follow: float) -> None:
 
 @given(directions, slips, st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(0.5, 10.0))
 def test_yaw_follows_from_slip_as_slip_does_from_yaw(lead: float, slip: float, a: float, b: float, v: float) -> None:
-    """The two directions of the moment balance are each other's inverse."""
     angles = np.array([a, b])
     yaw_rate = v * TWO_STEERED.yaw_per_metre(lead, float(TWO_STEERED.steer_moment(angles)), slip)
     measured = TWO_STEERED.mean_slip(v * math.cos(lead), v * math.sin(lead), yaw_rate, angles)
@@ -244,7 +234,6 @@ def test_it_solves_the_lag_under_the_rate_limit(angle: float, demand: float, dur
 
 @given(angle, angle, times, times)
 def test_two_waits_are_one_long_wait(angle: float, demand: float, first: float, second: float) -> None:
-    """A held demand has no memory but the angle."""
     kind = {"lag": 0.15, "max_rate": 0.35}
     halfway = settle(angle, demand, first, **kind)
     assert settle(halfway, demand, second, **kind) == pytest.approx(

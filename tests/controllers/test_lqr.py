@@ -61,15 +61,14 @@ def yaw_damping(matrix: FloatArray) -> float:
 def signals(
     tick: int, *, speed: float = 24.0, steer: float = 0.0, yaw_rate: float = 0.0, articulation: float = 0.0
 ) -> CombinationSignals:
-    """All units at one yaw rate."""
     gamma, yaw_rates = np.array([articulation]), np.full(2, yaw_rate)
     return readings(tick, speed=speed, steer=steer, articulation=gamma, yaw_rates=yaw_rates)
 
 
-def beside(tick: int, offset: float, health: Health = Health.OK) -> OffTracking:
-    """Straight travel along a path that runs to the hitch from ``offset`` [m] beside the follow point."""
+def beside(tick: int, offset: float, **changes: Any) -> OffTracking:
+    """Travel along a path that runs to the hitch from ``offset`` [m] beside the follow point."""
     x = -np.linspace(0.0, 16.0, 40)
-    return estimate(tick, value=offset, health=health, path=np.column_stack([x, -offset * x / 14.0]), v_x=24.0)
+    return estimate(tick, value=offset, path=np.column_stack([x, -offset * x / 14.0]), **({"v_x": 24.0} | changes))
 
 
 @pytest.mark.parametrize("kmh", [50.0, 70.0, 88.0, 110.0])
@@ -82,7 +81,6 @@ def test_the_closed_loop_is_stable_and_better_damped(kmh: float) -> None:
 
 
 def test_a_second_trailer_has_the_column_of_its_own_actuators() -> None:
-    """Axles of the trailer ahead are steered by another law."""
     vehicle, speed = load_vehicle("b_double_steered"), 20.0
     model, own = lateral_model(vehicle, speed), len(vehicle.units[2].actuators)
     p = plant(Combination(vehicle, 2), trailer_geometry(vehicle, 2), speed)
@@ -140,19 +138,17 @@ def test_the_drivers_steer_is_answered_before_the_trailer_moves() -> None:
 
 
 def test_a_path_to_the_left_turns_the_rear_to_the_left_and_a_lost_one_does_nothing() -> None:
-    """An estimate half a second back takes the place of the reckoned path."""
     law = Lqr(TRAILER, combination=COMBINATION)
     memory = law.init()
     for tick in range(0, 600, 20):
         memory, _ = law.step(memory, tick, None, signals(tick))
     _, left = law.step(memory, 600, beside(500, 0.3), signals(600))
-    _, lost = law.step(memory, 600, beside(500, 0.3, Health.LOST), signals(600))
+    _, lost = law.step(memory, 600, beside(500, 0.3, health=Health.LOST), signals(600))
     assert (left.angles > 0.0).all()
     assert not lost.angles.any()
 
 
 def test_linked_axles_turn_in_their_ratio() -> None:
-    """One demand for the actuator, its axles by their ratios."""
     grouped = load_vehicle("uk_longer_semitrailer_grouped")
     trailer = trailer_geometry(grouped, 1)
     law = Lqr(trailer, combination=Combination(grouped, 1))
@@ -162,12 +158,6 @@ def test_linked_axles_turn_in_their_ratio() -> None:
     ratios = np.array(trailer.steer_ratios)
     np.testing.assert_allclose(command.angles / ratios, command.angles[0] / ratios[0], rtol=1e-12)
     assert command.angles.any()
-
-
-def test_the_law_fades_in_over_a_band_of_speeds() -> None:
-    """From a lower speed to a higher one."""
-    with pytest.raises(ValueError, match=r"full_speed_kmh = 50.0 km/h must exceed"):
-        Lqr.Parameters.of({"from_speed_kmh": 60.0, "full_speed_kmh": 50.0})
 
 
 # One law for all speeds
@@ -182,18 +172,10 @@ ALONE: dict[str, Callable[[], TrailerSteering[Any]]] = {
 
 
 def swerve(tick: int, speed: float) -> CombinationSignals:
-    """A swerve."""
     wave = np.sin(0.004 * tick)
     return readings(
         tick, speed=speed, steer=0.02 * wave, articulation=np.array([0.02 * wave]), yaw_rates=np.full(2, 0.05 * wave)
     )
-
-
-def inclined(tick: int, speed: float) -> OffTracking:
-    """The path 0.2 m to the left of the follow point, and inclined."""
-    x = -np.linspace(0.0, 16.0, 40)
-    path = np.column_stack([x, -0.2 * x / TRAILER.follow_distance])
-    return estimate(tick, value=0.2, path=path, hitch_direction=0.01, path_tangent=0.01, v_x=speed)
 
 
 def commands(law: TrailerSteering[Any], speeds: FloatArray, *, estimates: bool = False) -> FloatArray:
@@ -201,14 +183,15 @@ def commands(law: TrailerSteering[Any], speeds: FloatArray, *, estimates: bool =
     memory, angles = law.init(), []
     for k, speed in enumerate(speeds.tolist()):
         tick = 20 * k
-        newest = inclined(100 * (tick // 100 - 1), speed) if estimates and tick >= 100 else None
+        seen = 100 * (tick // 100 - 1)
+        leaning = beside(seen, 0.2, hitch_direction=0.01, path_tangent=0.01, v_x=speed)
+        newest = leaning if estimates and tick >= 100 else None
         memory, command = law.step(memory, tick, newest, swerve(tick, speed))
         angles.append(command.angles)
     return np.array(angles)
 
 
 def test_at_speed_it_is_the_lqr() -> None:
-    """The low-speed law has no part in it."""
     speeds = np.full(100, 24.0)
     combined = commands(Combined(TRAILER, combination=COMBINATION), speeds, estimates=True)
     assert combined.any()
@@ -216,7 +199,7 @@ def test_at_speed_it_is_the_lqr() -> None:
     np.testing.assert_array_equal(combined, expected)
 
 
-@pytest.mark.parametrize("low_speed", ALONE)
+@pytest.mark.parametrize("low_speed", Combined.Parameters.option("low_speed").choices)
 def test_at_walking_pace_it_is_the_low_speed_law(low_speed: str) -> None:
     """The LQR is silent there; the sum is the low-speed law's command, to the last bit."""
     speeds = np.full(100, 3.0)
@@ -224,11 +207,6 @@ def test_at_walking_pace_it_is_the_low_speed_law(low_speed: str) -> None:
     combined = commands(law, speeds, estimates=True)
     assert np.abs(combined).max() > 1e-3  # every law steers here
     np.testing.assert_array_equal(combined, commands(ALONE[low_speed](), speeds, estimates=True))
-
-
-def test_every_low_speed_law_is_compared() -> None:
-    """The choices that the law declares."""
-    assert set(Combined.Parameters.option("low_speed").choices) == set(ALONE)
 
 
 def test_speeding_up_and_slowing_down_is_seamless() -> None:

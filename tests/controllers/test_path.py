@@ -22,18 +22,12 @@ WINDING = Path(
 stations = st.floats(0.0, WINDING.length)
 
 
-def test_a_full_circle_comes_back_to_its_start() -> None:
-    """An arc of 2 pi R closes; the integration rule is exact to rounding there."""
+def test_points_of_an_arc_lie_on_its_circle_which_closes() -> None:
+    """A left arc from the origin along x has its centre at (0, R); the integration rule is exact to rounding there."""
     path = Path(ORIGIN, (arc(math.tau * 12.5, 1.0 / 12.5),))
-    end = path.pose(path.length)
-    assert (end.x, end.y) == pytest.approx((0.0, 0.0), abs=1e-12)
-    assert end.psi == pytest.approx(math.tau, abs=1e-12)
-
-
-def test_points_of_an_arc_lie_on_its_circle() -> None:
-    """A left arc from the origin along x has its centre at (0, R)."""
-    points = Path(ORIGIN, (arc(60.0, 0.1),)).points(1.0)
-    assert np.hypot(points[:, 0], points[:, 1] - 10.0) == pytest.approx(10.0, abs=1e-12)
+    points = path.points(1.0)
+    assert np.hypot(points[:, 0], points[:, 1] - 12.5) == pytest.approx(12.5, abs=1e-12)
+    assert tuple(path.pose(path.length)) == pytest.approx((0.0, 0.0, math.tau), abs=1e-12)
 
 
 def test_a_clothoid_is_the_fresnel_integral() -> None:
@@ -77,7 +71,6 @@ def test_projection_stays_on_its_branch_where_the_path_crosses_itself() -> None:
 
 
 def test_the_path_goes_on_straight_beyond_both_ends() -> None:
-    """A driver looks ahead past the end, and a tractor starts before the beginning."""
     assert WINDING.curvature(-1.0) == WINDING.curvature(WINDING.length + 1.0) == 0.0
     end, beyond = WINDING.pose(WINDING.length), WINDING.pose(WINDING.length + 3.0)
     assert (beyond.x - end.x, beyond.y - end.y) == pytest.approx((3 * math.cos(end.psi), 3 * math.sin(end.psi)))
@@ -86,7 +79,6 @@ def test_the_path_goes_on_straight_beyond_both_ends() -> None:
 
 @given(stations)
 def test_mirror_symmetry(s: float) -> None:
-    """Swapping left and right flips y, heading and curvature."""
     segments = tuple(Segment(g.length, -g.start_curvature, -g.end_curvature) for g in WINDING.segments)
     mirrored = Path(Pose2(WINDING.start.x, -WINDING.start.y, -WINDING.start.psi), segments)
     pose, image = WINDING.pose(s), mirrored.pose(s)
@@ -95,7 +87,6 @@ def test_mirror_symmetry(s: float) -> None:
 
 
 def test_a_path_is_a_value() -> None:
-    """Equal by content, and it travels to other processes."""
     again = Path(WINDING.start, WINDING.segments)
     assert again == WINDING
     assert pickle.loads(pickle.dumps(WINDING)).pose(33.0) == WINDING.pose(33.0)
@@ -106,6 +97,5 @@ def test_a_path_is_a_value() -> None:
     [((), "segments"), ((line(0.0),), "length = 0.0 m"), ((arc(130.0, 0.1),), "turn = 13.000 rad")],
 )
 def test_a_malformed_path_is_refused(segments: tuple[Segment, ...], message: str) -> None:
-    """By name, value and unit."""
     with pytest.raises(ValueError, match=message):
         Path(ORIGIN, segments)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -23,10 +23,11 @@ from controllers.trailer_steering.policy import (
 from offtrack.environments.training.evaluation import NetworkPilot, driven
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.trailer_run import assemble
-from scenarios.loop.trailer_session import TrailerSession
+from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.metrics import rms, true_off_tracking
+from scenarios.results.metrics import rms
 from vehicle.combination.description import load_vehicle
+from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 NAMES = feature_names(2, [unit.name for unit in VEHICLE.units])
@@ -56,12 +57,8 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
     settings = [f"trailer_steering={LAW}", f"steering.path={file}", "off_tracking=truth", "course.turn_deg=120"]
     settings += ["course.entry=20", "course.exit=10"]
     scenario = load_scenario("roundabout", settings)
-    session = TrailerSession(assemble(scenario, 1))
-    while session.outcome is None:
-        session.advance()
-    session.close()
-    x, y, psi = np.array([row.truth.poses[1] for row in session.rows]).T
-    in_loop = true_off_tracking(x, y, psi, 14.0)
+    result = run(scenario, 1)
+    in_loop = result.log["off_tracking_true"]
     env = gymnasium.make("offtrack/TrailerSteering-v0", observation="truth", courses=(assemble(scenario, 1).course,))
     given = {"friction": 0.8, "cross_fall": 0.0, "speed": 10.0 / 3.6, "load": 1.0, "length": 1.0, "actuator_lag": 1.0}
     seen, _ = env.reset(seed=1, options={**given, "sensor_error": 0.0})
@@ -72,62 +69,50 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
         seen, _, terminated, truncated, info = env.step(action)
         told.append(info["off_tracking"])
         ended = terminated or truncated
-    assert session.outcome == info["outcome"] == "completed"
+    assert result.outcome == info["outcome"] == "completed"
     there = in_loop[2::2][: len(told)]
     of_both = np.isfinite(there)
     assert rms(there) > 0.1  # it is no trivial run
     assert rms(np.array(told)[: len(there)][of_both] - there[of_both]) < 0.03
 
 
-def test_a_network_is_read_as_it_was_written(tmp_path: Path) -> None:
-    """Every array, and what it makes of features; hidden layers with tanh between them by hand."""
+@pytest.mark.parametrize(("hidden", "limit"), [("tanh", "clip"), ("relu", "tanh")])
+def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit: str) -> None:
+    """Every array and function, and what it makes of features; functions that are unknown are refused."""
+    functions: dict[str, Callable[[FloatArray], FloatArray]] = {
+        "tanh": np.tanh,
+        "relu": lambda x: np.maximum(x, 0.0),
+        "clip": lambda x: np.clip(x, -1.0, 1.0),
+    }
     rng, n = np.random.default_rng(1), len(NAMES)
-    deep = Network(
-        (rng.normal(size=(4, n)), rng.normal(size=(2, 4))),
-        (rng.normal(size=4), np.zeros(2)),
-        rng.normal(size=n),
-        np.ones(n),
-        NAMES,
-    )
+    weights, biases = (rng.normal(size=(4, n)), rng.normal(size=(2, 4))), (rng.normal(size=4), np.zeros(2))
+    deep = Network(weights, biases, rng.normal(size=n), np.ones(n), NAMES, hidden, limit)
     save_network(deep, tmp_path / "deep.npz")
     read, x = load_network(tmp_path / "deep.npz"), rng.normal(size=n)
-    hidden = np.tanh(deep.weights[0] @ (x - deep.mean) + deep.biases[0])
-    assert read(x) == pytest.approx(np.clip(deep.weights[1] @ hidden, -1.0, 1.0), rel=1e-12)
-
-
-def test_rectified_layers_and_a_smooth_limit_are_kept(tmp_path: Path) -> None:
-    """Functions other than the usual ones are in the file; unknown ones are refused."""
-    rng, n = np.random.default_rng(1), len(NAMES)
-    weights = (rng.normal(size=(4, n)), rng.normal(size=(2, 4)))
-    network = Network(weights, (np.zeros(4), np.zeros(2)), np.zeros(n), np.ones(n), NAMES, "relu", "tanh")
-    save_network(network, tmp_path / "relu.npz")
-    read, x = load_network(tmp_path / "relu.npz"), rng.normal(size=n)
-    assert read(x) == pytest.approx(np.tanh(weights[1] @ np.maximum(weights[0] @ x, 0.0)), rel=1e-12)
-    save_network(network._replace(hidden="sin"), tmp_path / "sin.npz")
-    arrays = dict(np.load(tmp_path / "relu.npz")) | {"functions": np.array(["relu", "tanh", "clip"])}
+    expected = functions[limit](weights[1] @ functions[hidden](weights[0] @ (x - deep.mean) + biases[0]))
+    assert read(x) == pytest.approx(expected, rel=1e-12)
+    save_network(deep._replace(hidden="sin"), tmp_path / "sin.npz")
+    arrays = dict(np.load(tmp_path / "deep.npz")) | {"functions": np.array([hidden, limit, "clip"])}
     np.savez(tmp_path / "three.npz", **arrays)
     for name in ("sin.npz", "three.npz"):
         with pytest.raises(ValueError, match="functions must be one of tanh, relu and one of clip, tanh"):
             load_network(tmp_path / name)
 
 
-def broken(**change: Any) -> Network:
-    """The linear network with something wrong."""
-    return LINEAR._replace(**change)
-
-
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (broken(weights=(np.zeros((2, 3)),)), r"W0 of shape \(2, 3\) must be \(2, 18\)"),
-        (broken(scale=np.zeros(len(NAMES))), "scale above 1e-09"),
-        (broken(biases=(np.array([np.nan, 0.0]),)), "not finite"),
-        (broken(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)), "is for"),
-        (broken(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
+        (LINEAR._replace(weights=(np.zeros((2, 3)),)), r"W0 of shape \(2, 3\) must be \(2, 18\)"),
+        (LINEAR._replace(scale=np.zeros(len(NAMES))), "scale above 1e-09"),
+        (LINEAR._replace(biases=(np.array([np.nan, 0.0]),)), "not finite"),
+        (
+            LINEAR._replace(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)),
+            "is for",
+        ),
+        (LINEAR._replace(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
     ],
 )
 def test_a_network_that_does_not_fit_is_refused_in_one_line(tmp_path: Path, wrong: Network, words: str) -> None:
-    """When the run is put together."""
     save_network(wrong, tmp_path / "wrong.npz")
     with pytest.raises(ValueError, match=words):
         Policy(
@@ -138,7 +123,6 @@ def test_a_network_that_does_not_fit_is_refused_in_one_line(tmp_path: Path, wron
 
 
 def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> None:
-    """One that is not there, and one of something else."""
     (tmp_path / "text.npz").write_text("not one")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     cases = ("none.npz", "cannot be read"), ("text.npz", "cannot be read"), ("other.npz", "has no mean")
@@ -166,7 +150,6 @@ def test_a_shipped_network_steers_where_it_has_not_been(name: str) -> None:
 
 
 def test_a_shipped_network_is_asked_for_by_its_name() -> None:
-    """It stays a name in the resolved scenario, where a file becomes a full path."""
     name = shipped_networks()[0]
     assert load_scenario("roundabout", [f"policy.path={name}"]).policy.path == name
     assert load_scenario("roundabout", ["policy.path=mine.npz"]).policy.path == str(Path("mine.npz").resolve())

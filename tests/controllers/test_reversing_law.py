@@ -65,7 +65,6 @@ def pushed_back(
 @CHAINS
 @pytest.mark.parametrize("curvature", [0.06, -0.03])
 def test_a_steady_turn_keeps_its_articulation(chain: RollingChain, curvature: float) -> None:
-    """All units then turn at the same rate, and the last axle on the curvature asked for."""
     articulation, of_tractor = chain.steady(curvature)
     speeds, yaw_rates = chain.rates(articulation, of_tractor)
     np.testing.assert_allclose(yaw_rates, of_tractor, rtol=1e-12)  # a closed form, to rounding
@@ -109,7 +108,6 @@ def test_it_finds_back_to_a_line_from_beside_it(chain: RollingChain) -> None:
 
 @CHAINS
 def test_it_goes_back_through_a_bend_on_its_own_way(chain: RollingChain) -> None:
-    """Also at the transition from a bend to a straight, where the articulation changes."""
     curvatures = np.concatenate([np.zeros(300), np.linspace(0.0, 0.06, 60), np.full(400, 0.06)])
     way, states = drawn_forwards(chain, curvatures)
     reference = ReverseReference.of(chain, way[::5])
@@ -127,12 +125,9 @@ def test_without_feedback_the_same_push_folds() -> None:
     assert abs(state[2] - state[3]) > 0.5 * math.pi
 
 
-def test_a_way_needs_a_metre() -> None:
+def test_what_can_not_be_pushed_is_refused() -> None:
     with pytest.raises(ValueError, match=r"points span 0\.50 m: reversing needs 1 m at least"):
         ReverseReference.of(ONE, np.array([[0.0, 0.0], [0.5, 0.0]]))
-
-
-def test_a_tractor_alone_pushes_nothing() -> None:
     with pytest.raises(ValueError, match="must be a tractor with steering that tows a trailer"):
         RollingChain.of(load_vehicle("rigid_truck"))
 
@@ -188,16 +183,10 @@ def driven(stops: list[Stop], speed: float = 3.0, until: float = 120.0) -> Drive
 
 
 def standing(seen: Driven) -> list[tuple[float, float]]:
-    """Station [m] and duration [s] of every standstill."""
-    still, found, k = np.abs(seen.speed) < 0.03, [], 0
-    while k < len(still):
-        end = k
-        while end < len(still) and still[end]:
-            end += 1
-        if end - k > 25:
-            found.append((float(seen.station[k]), 0.02 * (end - k)))
-        k = end + 1
-    return found
+    """Station [m] and duration [s] of every standstill of more than half a second."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[0], np.abs(seen.speed) < 0.03, [0]])))
+    spans = zip(changes[::2].tolist(), changes[1::2].tolist(), strict=True)
+    return [(float(seen.station[begin]), 0.02 * (end - begin)) for begin, end in spans if end - begin > 25]
 
 
 def test_he_stands_where_and_as_long_as_he_is_told_to() -> None:
@@ -213,8 +202,11 @@ def test_he_stands_where_and_as_long_as_he_is_told_to() -> None:
 
 
 def test_he_goes_back_as_far_as_he_is_told_to_and_on_again() -> None:
-    """20 m back from the bend: he stands there, too, and finishes the path."""
+    """20 m back from the bend: he stands there, too, and finishes the path; the gear is changed at standstills."""
     seen = driven([Stop(40.0, 1.0, back=20.0)])
+    changes = np.flatnonzero(np.diff(seen.gear))
+    assert len(changes) == 2
+    assert np.abs(seen.speed[changes]).max() < 0.03
     (there, _), (back, took) = standing(seen)
     assert there == pytest.approx(40.0, abs=0.15)
     # The trailer's axle goes 20 m back; in the bend the guided point's way is up to 1.2 times as long.
@@ -222,13 +214,6 @@ def test_he_goes_back_as_far_as_he_is_told_to_and_on_again() -> None:
     assert took >= 1.0
     assert seen.speed.min() == pytest.approx(-1.2, abs=0.25)  # walking pace, and a little over it when setting off
     assert seen.station[-1] >= PATH.length
-
-
-def test_the_gear_is_changed_at_a_standstill_only() -> None:
-    seen = driven([Stop(40.0, 1.0, back=10.0), Stop(45.0, 1.0)])
-    changes = np.flatnonzero(np.diff(seen.gear))
-    assert len(changes) == 2
-    assert np.abs(seen.speed[changes]).max() < 0.03
 
 
 def test_while_he_waits_he_holds_the_brakes_and_the_wheel() -> None:

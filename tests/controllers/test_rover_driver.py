@@ -82,12 +82,10 @@ def test_uncompensated_slip_keeps_the_rover_beside_its_path() -> None:
     ],
 )
 def test_compensated_slip_leaves_nothing(rover: RoverGeometry, compensation: Compensation) -> None:
-    """Against a slip that is known, wheels or body turn by as much, and the error goes to zero."""
     assert abs(lateral_errors(rover, compensation, slip=math.radians(8.0))[-1]) < 1e-4
 
 
 def test_swapping_left_and_right_flips_the_way() -> None:
-    """Mirror symmetry of the law and of the wheels."""
     path = Path(Pose2(0.0, 0.0, 0.0), (line(1.0), arc(2.0, 0.4)))
     mirrored = Path(Pose2(0.0, 0.0, 0.0), (line(1.0), arc(2.0, -0.4)))
     left = lateral_errors(STEERED, "crab", slip=0.1, path=path, y=0.05)
@@ -131,6 +129,5 @@ def test_wheels_stay_within_their_limits() -> None:
     [("crab", 0.08, "needs steered wheels"), ("sideways", 0.08, "must be one of"), ("none", 9.0, "speed = 9 m/s")],
 )
 def test_what_can_not_be_is_refused(compensation: str, speed: float, said: str) -> None:
-    """One line each."""
     with pytest.raises(ValueError, match=said):
         RoverDriver(SKID, STRAIGHT, speed, compensation=compensation)  # type: ignore[arg-type]  # it is the claim

@@ -32,20 +32,28 @@ WANTED = 0.2  # angle of the law by any estimate that it gets [rad]
 COMMAND_STEER = Degradation(fallback="command_steer")  # the signals here are those of no real motion
 
 
+class LawMemory(NamedTuple):
+    ticks: tuple[int, ...] = ()  # of the good estimates
+    actuation: Actuation | None = None
+
+
 class Law(NamedTuple):
-    """A law by a function of tick and estimate; its memory has the ticks of the good estimates that it has got."""
+    """A law by a function of tick and estimate."""
 
     angles: Callable[[int, OffTracking | None], float]  # of both axles [rad]
 
-    def init(self) -> tuple[int, ...]:
-        return ()
+    def init(self) -> LawMemory:
+        return LawMemory()
+
+    def actuated(self, memory: LawMemory, actuation: Actuation) -> LawMemory:
+        return memory._replace(actuation=actuation)
 
     def step(
-        self, memory: tuple[int, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[tuple[int, ...], SteerCommand]:
+        self, memory: LawMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[LawMemory, SteerCommand]:
         good = None if off_tracking is None or off_tracking.health is Health.LOST else off_tracking
         given = () if good is None else (good.tick,)
-        return (*memory, *given), SteerCommand(angles=np.full(2, self.angles(tick, good)))
+        return memory._replace(ticks=memory.ticks + given), SteerCommand(angles=np.full(2, self.angles(tick, good)))
 
 
 def to_the_path(tick: int, good: OffTracking | None) -> float:
@@ -59,15 +67,16 @@ def trembling(tick: int, good: OffTracking | None) -> float:
 
 
 Faulty = Callable[[OffTracking], OffTracking | None]  # None: it does not arrive
+Actuators = Callable[[int, FloatArray, FloatArray], FloatArray]  # where they go, by tick, demand and angles
 
 
 class Drive(NamedTuple):
-    """Log of a drive."""
-
     ticks: FloatArray  # (n,)
     commands: FloatArray  # (n, axles) [rad]
     given: tuple[int, ...]  # ticks of the estimates that the law got
     last: SafeguardedCommand
+    angles: FloatArray  # (n, axles) [rad]
+    known: Actuation | None  # as the law has received it last
 
 
 def drive(
@@ -78,24 +87,25 @@ def drive(
     articulation: float = 0.0,
     speed: Callable[[int], float] = lambda tick: SPEED,  # of the wheels [m/s]
     law: Callable[[int, OffTracking | None], float] = to_the_path,
+    actuators: Actuators = lambda tick, demand, angles: demand,
 ) -> Drive:
-    """A drive on a line with sound actuators, and an estimate of 0.1 s ago every 0.1 s.
-
-    The path lies 0.1 m to the left.
-    """
+    """A drive on a line, with an estimate of 0.1 s ago every 0.1 s: the path lies 0.1 m to the left."""
     safeguarded = Safeguarded(Law(law), "mine", TRAILER, COMBINATION, degradation)
     angle = articulation if math.isfinite(articulation) else 0.0
     motion = {"v_x": speed(0) * math.cos(angle), "v_y": speed(0) * math.sin(angle)}  # of the hitch
-    memory, newest, commands, angles = safeguarded.init(), None, [], np.zeros(2)
+    memory, newest, commands, angles, course = safeguarded.init(), None, [], np.zeros(2), []
     ticks = np.arange(0, until, PERIOD)
     for tick in ticks.tolist():
         if tick % CAMERA == 0 and tick:
             newest = faulty(estimate(tick - CAMERA, value=0.1, **motion)) or newest
         read = signals(tick, articulation=np.array([articulation]), speed=speed(tick), angles=angles)
         memory, command = safeguarded.step(memory, tick, newest, read)
-        angles = settle(angles, command.angles, PERIOD * 1e-3, lag=TRAILER.actuator_lag, max_rate=RATE)
+        course.append(angles)
+        goal = actuators(tick, command.angles, angles)
+        angles = settle(angles, goal, PERIOD * 1e-3, lag=TRAILER.actuator_lag, max_rate=RATE)
         commands.append(command.angles)
-    return Drive(ticks.astype(np.float64), np.array(commands), memory.law, command)
+    given, known = memory.law
+    return Drive(ticks.astype(np.float64), np.array(commands), given, command, np.array(course), known)
 
 
 def within(start: int, end: int, change: Faulty) -> Faulty:
@@ -114,9 +124,11 @@ FAULTS: dict[str, Faulty] = {
 }
 
 
+LOST_FOR_GOOD = within(3000, 99999, FAULTS["lost"])
+
+
 def test_good_estimates_leave_the_law_alone() -> None:
-    """Without faults the guard adds nothing but the actuators' limits."""
-    ticks, commands, given_estimates, last = drive(lambda seen: seen, 3000)
+    ticks, commands, given_estimates, last, *_ = drive(lambda seen: seen, 3000)
     assert given_estimates[:3] == (0,) * 3
     assert (commands[ticks >= 800] == WANTED).all()  # 0.2 rad at 20 deg/s take 0.57 s from the first estimate on
     assert not last.by_fallback
@@ -130,7 +142,7 @@ def test_a_fault_is_bridged_and_then_ends_with_straight_wheels_at_a_slow_rate(fa
 
     Straight ahead the fallback has nothing to steer. Its rate begins at 0.05 rad/s and grows by that in a second.
     """
-    ticks, commands, given_estimates, last = drive(within(3000, 99999, fault), 9000)
+    ticks, commands, given_estimates, last, *_ = drive(within(3000, 99999, fault), 9000)
     held = (ticks > 1000) & (ticks <= 4000)
     assert (commands[held] == WANTED).all()  # the last good one arrived at 3.0 s
     assert max(given_estimates) < 3000
@@ -145,7 +157,7 @@ def test_a_fault_is_bridged_and_then_ends_with_straight_wheels_at_a_slow_rate(fa
 @pytest.mark.parametrize("fault", [FAULTS[name] for name in FAULTS if name != "frozen"])  # that one: see below
 def test_the_law_takes_over_again_without_a_jerk(fault: Faulty) -> None:
     """Half a second of good estimates, then from where the axles are at the slow rate; all is as before in the end."""
-    ticks, commands, _, last = drive(within(3000, 8000, fault), 14000)
+    ticks, commands, _, last, *_ = drive(within(3000, 8000, fault), 14000)
     assert (commands[(ticks > 7000) & (ticks < 8500)] == 0.0).all()
     rates = np.diff(commands[:, 0])[ticks[1:] > 8000] / 0.02
     assert rates[rates > 0.0][0] == pytest.approx(0.05, rel=0.03)  # it grows by a fiftieth in a step
@@ -160,7 +172,7 @@ def test_a_freeze_leaves_a_gap_in_the_path_that_has_to_be_passed() -> None:
 
     d = 14 (1 - exp(-5.6/14)) = 4.6 m, and 14 ln(4.6/1.4) = 16.7 m until then.
     """
-    ticks, commands, given_estimates, _ = drive(within(3000, 5000, FAULTS["frozen"]), 16000)
+    ticks, commands, given_estimates, *_ = drive(within(3000, 5000, FAULTS["frozen"]), 16000)
     missing = 14.0 * (1.0 - math.exp(-5.6 / 14.0))
     passed = 5000 + 1000.0 * 14.0 * math.log(missing / 1.4) / SPEED
     taken = [tick for tick in given_estimates if tick >= 5000]
@@ -174,7 +186,7 @@ def test_a_wheel_speed_that_fails_does_not_cost_a_sound_estimate() -> None:
 
     The axles stay straight, as the signals are those of a straight drive.
     """
-    _, _, given_estimates, last = drive(
+    _, _, given_estimates, last, *_ = drive(
         lambda seen: seen,
         8000,
         Degradation(),
@@ -187,18 +199,20 @@ def test_a_wheel_speed_that_fails_does_not_cost_a_sound_estimate() -> None:
     assert [finding.signal for finding in last.signal_findings] == ["wheel speed"]
 
 
+def jumping(seen: OffTracking) -> OffTracking:
+    """An estimate a metre off, of the other sign, which would throw the axles about."""
+    return replace(seen, value=-0.9)
+
+
 def test_an_implausible_jump_is_ignored() -> None:
-    """One estimate a metre off, of the other sign, would throw the axles about."""
-    jump = within(3000, 3100, lambda seen: replace(seen, value=-0.9))
-    ticks, commands, given_estimates, _ = drive(jump, 6000)
+    ticks, commands, given_estimates, *_ = drive(within(3000, 3100, jumping), 6000)
     assert 3000 not in given_estimates
     assert (commands[ticks > 1000] == WANTED).all()
 
 
 def test_a_jump_that_stays_is_believed_after_a_while() -> None:
     """It is the old path that was wrong, then; the axles go over to the new one at the slow rate."""
-    jump = within(3000, 99999, lambda seen: replace(seen, value=-0.9))
-    ticks, commands, given_estimates, _ = drive(jump, 10000)
+    ticks, commands, given_estimates, *_ = drive(within(3000, 99999, jumping), 10000)
     assert min(tick for tick in given_estimates if tick >= 3000) == pytest.approx(3000 + 600, abs=100)
     assert np.abs(np.diff(commands[:, 0]))[ticks[1:] > 3000].max() / 0.02 <= 0.25
     assert (commands[-10:] == -WANTED).all()
@@ -216,7 +230,7 @@ def test_a_slow_change_is_no_jump() -> None:
 
 def test_in_a_turn_the_axles_go_over_to_command_steer() -> None:
     """With an articulation of 20 deg straight wheels cut in by metres; the sensors of the combination know."""
-    commands = drive(within(3000, 99999, FAULTS["lost"]), 12000, articulation=math.radians(20.0)).commands
+    commands = drive(LOST_FOR_GOOD, 12000, articulation=math.radians(20.0)).commands
     alone = CommandSteer(TRAILER, combination=COMBINATION)
     memory = alone.init()
     for tick in range(0, 12000, PERIOD):
@@ -229,8 +243,7 @@ def test_in_a_turn_the_axles_go_over_to_command_steer() -> None:
 
 def test_at_speed_the_fallback_is_straight_and_comes_earlier() -> None:
     """Two frames may be missing, 0.3 s; command steer would make a lively trailer livelier."""
-    fault = within(3000, 99999, FAULTS["lost"])
-    ticks, commands, _, _ = drive(fault, 9000, articulation=0.1, speed=lambda tick: 25.0)
+    ticks, commands, *_ = drive(LOST_FOR_GOOD, 9000, articulation=0.1, speed=lambda tick: 25.0)
     assert (commands[(ticks > 1000) & (ticks <= 3300)] == WANTED).all()
     assert (commands[(ticks > 3340) & (ticks < 3500)] < WANTED).all()
     assert not commands[-1].any()
@@ -238,7 +251,7 @@ def test_at_speed_the_fallback_is_straight_and_comes_earlier() -> None:
 
 def test_a_first_estimate_that_does_not_come_is_not_waited_for() -> None:
     """The path is long enough after 14 m, 5 s; a hold and a gap later command steer has the axles."""
-    ticks, commands, _, last = drive(FAULTS["lost"], 12000, articulation=math.radians(20.0))
+    ticks, commands, _, last, *_ = drive(FAULTS["lost"], 12000, articulation=math.radians(20.0))
     assert last.by_fallback
     assert not commands[ticks < 6300].any()
     assert np.abs(commands[-1]).max() > math.radians(5.0)
@@ -260,18 +273,14 @@ def test_the_laws_moves_after_a_handover_are_followed_in_full() -> None:
     "change", [{"fallback": "straight"}, {"fallback": "dead_reckoning"}, {"hold": 0.2}, {"fade_rate": 0.5}]
 )
 def test_a_users_setting_takes_effect(change: dict[str, Any]) -> None:
-    """Each of them changes the end of a long fault in a turn."""
-    fault = within(3000, 99999, FAULTS["lost"])
-    plain = drive(fault, 7000, articulation=0.3).commands
-    changed = drive(fault, 7000, COMMAND_STEER.model_copy(update=change), articulation=0.3).commands
+    plain = drive(LOST_FOR_GOOD, 7000, articulation=0.3).commands
+    changed = drive(LOST_FOR_GOOD, 7000, COMMAND_STEER.model_copy(update=change), articulation=0.3).commands
     assert np.abs(plain - changed).max() > 0.01
 
 
 @pytest.mark.parametrize("fallback", ["command_steer", "dead_reckoning"])
 def test_sensors_that_fail_too_leave_straight_wheels(fallback: FallbackName) -> None:
-    """Neither estimate nor articulation: there is nothing to steer by."""
-    lost = within(3000, 99999, FAULTS["lost"])
-    commands = drive(lost, 12000, Degradation(fallback=fallback), articulation=math.nan).commands
+    commands = drive(LOST_FOR_GOOD, 12000, Degradation(fallback=fallback), articulation=math.nan).commands
     assert np.isfinite(commands).all()
     assert not commands[-1].any()
 
@@ -285,7 +294,6 @@ def test_sensors_that_fail_too_leave_straight_wheels(fallback: FallbackName) -> 
     st.floats(-1.2, 1.2),
 )
 def test_no_sequence_of_faults_exceeds_the_actuators_limits(faults: list[Faulty], articulation: float) -> None:
-    """Frame by frame, at any articulation: commands are finite, and within angle and rate."""
 
     def fault(seen: OffTracking) -> OffTracking | None:
         k = seen.tick // CAMERA
@@ -308,11 +316,10 @@ def stepped(speeds: list[float]) -> tuple[int, FloatArray]:
         memory, command = law.step(memory, 20 * k, estimate(20 * k), signals(20 * k, speed=speed, angles=angles))
         angles = settle(angles, command.angles, 0.02, lag=TRAILER.actuator_lag, max_rate=RATE)
         commands.append(command.angles)
-    return len(memory.law), np.array(commands)
+    return len(memory.law.ticks), np.array(commands)
 
 
 def test_forwards_and_at_a_standstill_the_law_steers() -> None:
-    """Noise of wheel speeds at a standstill, and a stopped combination that rocks, are no reversing."""
     steps, angles = stepped([2.0] * 5 + [0.0, 0.02, -0.02, -0.1] * 5)
     assert steps == 25
     np.testing.assert_array_equal(angles, math.radians(10.0))
@@ -335,94 +342,68 @@ SLOPE = math.radians(3.0)  # rate of the law's angles [rad/s]
 OFFSET = math.radians(8.0)
 
 
-class Ramp:
-    """A law that turns both axles left, slowly, up to 9 deg; its memory is the state of the actuators."""
-
-    def init(self) -> Actuation | None:
-        return None
-
-    def actuated(self, memory: Actuation | None, actuation: Actuation) -> Actuation:
-        return actuation
-
-    def step(
-        self, memory: Actuation | None, tick: int, off_tracking: OffTracking | None, read: CombinationSignals
-    ) -> tuple[Actuation | None, SteerCommand]:
-        return memory, SteerCommand(angles=np.full(2, wanted(tick)))
-
-
 def wanted(tick: int) -> float:
     return SLOPE * min(tick * 1e-3, 3.0)
 
 
-class Supervised(NamedTuple):
-    """Log of a drive with failed actuators."""
-
-    angles: FloatArray  # (n, 2) [rad]
-    demands: FloatArray  # (n, 2) [rad]
-    known: Actuation  # as the law has received it last
-    kinds: list[str]  # of the findings
-
-
-def supervised(until: int, faulty: Callable[[int, FloatArray, FloatArray], FloatArray]) -> Supervised:
-    """A drive in which the actuators go where ``faulty(tick, demand, angles)`` says."""
-    law, angles, course, demands = Safeguarded(Ramp(), "ramp", TRAILER, COMBINATION), np.zeros(2), [], []
-    memory = law.init()
-    for tick in range(0, until, PERIOD):
-        memory, command = law.step(memory, tick, None, signals(tick, angles=angles))
-        course.append(angles)
-        demands.append(command.angles)
-        goal = faulty(tick, command.angles, angles)
-        angles = settle(angles, goal, PERIOD * 1e-3, lag=TRAILER.actuator_lag, max_rate=RATE)
-    kinds: list[str] = [finding.kind for finding in command.actuator_findings]
-    return Supervised(np.array(course), np.array(demands), memory.law, kinds)
+def supervised(until: int, actuators: Actuators) -> Drive:
+    """A standing drive without estimates whose law turns both axles left, slowly, up to 9 deg."""
+    return drive(
+        lambda seen: None,
+        until,
+        Degradation(),
+        speed=lambda tick: 0.0,
+        law=lambda tick, good: wanted(tick),
+        actuators=actuators,
+    )
 
 
 def test_sound_actuators_get_the_laws_demands_to_the_bit() -> None:
-    _, demands, known, kinds = supervised(4000, lambda tick, demand, angles: demand)
-    assert demands.tolist() == [[wanted(tick)] * 2 for tick in range(0, 4000, PERIOD)]
-    assert known.able.all()
-    assert known.goal.tolist() == demands[-2].tolist()
-    assert not kinds
+    run = supervised(4000, lambda tick, demand, angles: demand)
+    assert run.commands.tolist() == [[wanted(tick)] * 2 for tick in range(0, 4000, PERIOD)]
+    assert run.known is not None
+    assert run.known.able.all()
+    assert run.known.goal.tolist() == run.commands[-2].tolist()
+    assert not run.last.actuator_findings
 
 
-def test_an_offset_is_subtracted_from_the_demand_as_long_as_it_lasts() -> None:
+@pytest.mark.parametrize(("end", "left", "kind"), [(9999, OFFSET, "offset"), (4000, 0.0, "sound")])
+def test_an_offset_is_subtracted_from_the_demand_as_long_as_it_lasts(end: int, left: float, kind: str) -> None:
     """Axles that stand 8 deg beside their demand come back to the angle that the law wants, within 0.1 deg."""
-    angles, demands, known, kinds = supervised(6000, lambda tick, demand, angles: demand + OFFSET * (tick >= 1000))
-    assert angles[-1] == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
-    assert demands[-1] == pytest.approx([wanted(6000) - OFFSET] * 2, abs=math.radians(0.1))
-    assert known.goal == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
-    assert kinds[-1] == "offset"
-    angles, demands, _, kinds = supervised(6000, lambda tick, demand, angles: demand + OFFSET * (1000 <= tick < 4000))
-    assert angles[-1] == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
-    assert demands[-1].tolist() == [wanted(6000)] * 2
-    assert kinds[-1] == "sound"
+    run = supervised(6000, lambda tick, demand, angles: demand + OFFSET * (1000 <= tick < end))
+    assert run.known is not None
+    assert run.angles[-1] == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
+    assert run.commands[-1] == pytest.approx([wanted(6000) - left] * 2, rel=0.0, abs=math.radians(0.1) if left else 0.0)
+    assert run.known.goal == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
+    assert run.last.actuator_findings[-1].kind == kind
 
 
 def test_the_other_axle_takes_over_a_part_of_what_a_stuck_one_lacks() -> None:
     """It steers further than the law wants, and never so far that the steer moment is more than the law's."""
-    angles, demands, known, _ = supervised(4000, lambda tick, demand, angles: np.array([0.0, demand[1]]))
+    run = supervised(4000, lambda tick, demand, angles: np.array([0.0, demand[1]]))
     axles, law = AxleGroup.of(TRAILER), np.full(2, wanted(4000))
-    assert demands[-1, 1] > wanted(4000) + math.radians(1.0)
-    assert axles.steer_moment(angles[-1]) < axles.steer_moment(law)
-    assert known.able.tolist() == [False, True]
-    assert known.goal[0] == angles[-1, 0]
+    assert run.commands[-1, 1] > wanted(4000) + math.radians(1.0)
+    assert axles.steer_moment(run.angles[-1]) < axles.steer_moment(law)
+    assert run.known is not None
+    assert run.known.able.tolist() == [False, True]
+    assert run.known.goal[0] == run.angles[-1, 0]
 
 
 def test_an_axle_that_answers_again_is_steered_at_once() -> None:
     """While it is stuck it gets the demand of the other one, at which it is soon seen to be sound."""
-    angles, demands, known, _ = supervised(
-        6000, lambda tick, demand, angles: np.where([tick < 4500, False], angles, demand)
-    )
-    assert known.able.all()
-    assert angles[-1] == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
-    assert np.abs(np.diff(demands, axis=0)).max() <= RATE * PERIOD * 1e-3 + 1e-12
+    run = supervised(6000, lambda tick, demand, angles: np.where([tick < 4500, False], angles, demand))
+    assert run.known is not None
+    assert run.known.able.all()
+    assert run.angles[-1] == pytest.approx([wanted(6000)] * 2, abs=math.radians(0.1))
+    assert np.abs(np.diff(run.commands, axis=0)).max() <= RATE * PERIOD * 1e-3 + 1e-12
 
 
 def test_a_law_without_any_axle_that_answers_keeps_its_demands() -> None:
     """Nothing can be taken over; what the law wants is sent, so that the axles go on when they answer."""
-    _, demands, known, _ = supervised(4000, lambda tick, demand, angles: np.zeros(2))
-    assert demands[-1].tolist() == [wanted(4000)] * 2
-    assert not known.able.any()
+    run = supervised(4000, lambda tick, demand, angles: np.zeros(2))
+    assert run.commands[-1].tolist() == [wanted(4000)] * 2
+    assert run.known is not None
+    assert not run.known.able.any()
 
 
 # Wrong output
@@ -468,7 +449,6 @@ def angles(*values: float) -> SteerCommand:
     ],
 )
 def test_a_law_that_misbehaves_is_named_with_tick_and_value(command: object, message: str, checks_only: bool) -> None:
-    """In one line, with the time in seconds."""
     name = "trailer_steering = mymod:Mine"
     law = Safeguarded(Stub(command, []), name, TRAILER, COMBINATION, checks_only=checks_only)
     with pytest.raises(LawError, match=rf"^trailer_steering = mymod:Mine: at tick 1200 \(1\.2 s\) it .*{message}"):
@@ -476,7 +456,6 @@ def test_a_law_that_misbehaves_is_named_with_tick_and_value(command: object, mes
 
 
 def test_a_good_command_passes_unchanged_and_the_law_is_closed() -> None:
-    """Also on a trailer without steered axles, whose law returns no angles."""
     stub, unsteered = Stub(angles(0.1, -0.2), []), replace(TRAILER, steered=(False,) * 3)
     law = Safeguarded(stub, "mine", TRAILER, COMBINATION, checks_only=True)
     memory, command = law.step(law.init(), 1200, None, signals(1200))

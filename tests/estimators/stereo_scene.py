@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.calibration.epipolar import RightRotation, homography
-from estimators.context import Memory, Odometry
 from estimators.estimates import Motion
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.rig import StereoCalibration
@@ -142,17 +141,14 @@ class Drive:
         return np.linalg.inv(self.bodies[first] @ X_SC) @ self.bodies[second] @ X_SC
 
     @staticmethod
-    def run(
-        odometry: Odometry[Memory], frames: Sequence[StereoFrame], memory: Memory | None = None
-    ) -> tuple[Memory, list[Motion]]:
-        """An odometry's memory after some frames, and the motions that it found."""
-        motions: list[Motion] = []
+    def run(odometry: Any, frames: Sequence[Any], memory: Any = None) -> tuple[Any, list[Any]]:
+        """Memory of an odometry, or of another estimator, after some messages, and what it found."""
+        found = []
         memory = odometry.init() if memory is None else memory
         for frame in frames:
-            memory, motion = odometry.step(memory, frame)
-            if motion is not None:
-                motions.append(motion)
-        return memory, motions
+            memory, one = odometry.step(memory, frame)
+            found += [] if one is None else [one]
+        return memory, found
 
     def errors(self, motions: Sequence[Motion]) -> FloatArray:
         """Of motions (n, 6), along the axes of the frame that each starts from: what their covariances are about."""

@@ -46,7 +46,6 @@ def made(name: str, drive: Drive) -> Odometry[Any]:
 
 @pytest.fixture(scope="module")
 def motions_by(drive: Drive) -> Motions:
-    """Motions of the whole drive by an odometry of this name."""
     return cache(lambda name: drive.run(made(name, drive), drive.frames)[1])
 
 
@@ -87,7 +86,6 @@ def test_matches_and_tracks_are_those_of_the_image(drive: Drive, motions_by: Mot
 
 @pytest.mark.parametrize("name", SUB_PIXEL)
 def test_standstill_is_no_motion(motions_by: Motions, name: str) -> None:
-    """The truck stands: what is left is the noise of the images."""
     standing = [motion for motion in motions_by(name) if motion.previous_tick >= 100 * (STANDING - 1)]
     assert len(standing) == 3
     for motion in standing:
@@ -174,7 +172,6 @@ def test_long_darkness_ends(drive: Drive, name: str, odometry: Odometry[Any]) ->
 
 
 def test_starting_in_the_dark_recovers(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
-    """A first frame without texture must not stay the one that all others are compared with."""
     motions = drive.run(odometry, [drive.dark(drive.frames[0]), *drive.frames[1:4]])[1]
     assert states(name, motions) == ["lost", "found", "found"]
 
@@ -214,7 +211,6 @@ def test_freeze_is_lost_and_recovered_from_at_once(
 
 
 def test_every_frame_twice_is_the_drive_itself(drive: Drive, odometry: Odometry[Any], name: str) -> None:
-    """Copies are passed over; what is left is one motion for each frame, as good as ever."""
     frames = [replace(frame, tick=2 * frame.tick + 100 * k) for frame in drive.frames[5:10] for k in (0, 1)]
     motions = [motion for motion in drive.run(odometry, frames)[1] if motion.tick >= 1400]
     assert [motion.health is Health.LOST for motion in motions] == [False, True] * 3

@@ -32,12 +32,10 @@ def trace() -> list[Labelled]:
 
 @pytest.fixture(scope="module")
 def estimates(trace: list[Labelled]) -> list[SlipAngle]:
-    """Estimates of the tracker."""
     return run(RIG, [moment.view for moment in trace])
 
 
 def run(rig: TraceRig, views: list[RoverView]) -> list[SlipAngle]:
-    """Estimates of all the views."""
     tracker = FTracePlus(rig)
     memory, got = tracker.init(), []
     for view in views:
@@ -61,16 +59,25 @@ def test_slip_is_right_within_the_stated_uncertainty(trace: list[Labelled], esti
 
 
 def test_slip_two_seconds_ago_is_known_better(trace: list[Labelled], estimates: list[SlipAngle]) -> None:
-    """The trace made since then shows where the wheel went: 45 % of the variance is gone."""
+    """The trace made since then shows where the wheel went: 40 % of the variance is gone."""
     truths = {moment.trace.tick: moment.trace.slip_angle for moment in trace}
     known = [e for e in estimates[25:] if e.lagged_tick in truths]
     assert len(known) > 20
     for estimate in known:
         assert estimate.lagged_tick is not None
         assert estimate.tick - estimate.lagged_tick == pytest.approx(2000, abs=250)
-        assert estimate.lagged_std < 0.75 * estimate.std
+        assert estimate.lagged_std < 0.775 * estimate.std
     errors = [e.lagged_value - truths[e.lagged_tick] for e in known if e.lagged_tick is not None]
     assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 1.0  # 0.7 over long sequences
+
+
+def test_slip_may_have_changed_while_no_image_came(trace: list[Labelled]) -> None:
+    """After 0.3 m without images the error lies within a sigma that is larger than before."""
+    seen = [*trace[:25], *trace[44:]]
+    estimates = run(RIG, [moment.view for moment in seen])
+    assert estimates[25].std > 1.1 * estimates[24].std
+    for estimate, moment in zip(estimates[25:], seen[25:], strict=True):
+        assert abs(estimate.value - moment.trace.slip_angle) < 2.5 * estimate.std
 
 
 @pytest.mark.slow

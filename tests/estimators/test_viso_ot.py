@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking
+from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking, lost_motion
 from estimators.odometry.circular import CircularOdometry
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.off_tracking.viso_ot import VisoOt
@@ -20,30 +21,23 @@ FOLLOW_DISTANCE = 7.0  # shorter than a trailer, so that a short drive fills the
 
 @pytest.fixture(scope="module")
 def estimates(drive: Drive) -> list[CameraOffTracking]:
-    viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
-    memory, results = viso_ot.init(), []
-    for frame in drive.frames:
-        memory, estimate = viso_ot.step(memory, frame)
-        if estimate is not None:
-            results.append(estimate)
-    return results
+    return drive.run(VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration)), drive.frames)[1]
 
 
 @pytest.fixture(scope="module")
 def references(drive: Drive) -> list[OffTracking]:
-    reference = ReferenceOffTracking(FOLLOW_DISTANCE)
-    memory, results = reference.init(), []
-    for frame, X_WB in zip(drive.frames, drive.bodies, strict=True):
-        memory, off_tracking = reference.step(memory, BodyPose(tick=frame.tick, X_WB=X_WB))
-        if off_tracking is not None:
-            results.append(off_tracking)
-    return results
+    poses = [BodyPose(tick=f.tick, X_WB=X_WB) for f, X_WB in zip(drive.frames, drive.bodies, strict=True)]
+    return drive.run(ReferenceOffTracking(FOLLOW_DISTANCE), poses)[1]
 
 
 def test_off_tracking_from_images_is_that_of_the_exact_poses(
-    estimates: list[CameraOffTracking], references: list[OffTracking]
+    drive: Drive, estimates: list[CameraOffTracking], references: list[OffTracking]
 ) -> None:
-    """The whole chain over a turn with shake: within 10 mm, as the paper has it in simulation (0.01 to 0.04 m)."""
+    """The whole chain over a turn with shake: within 10 mm, as the paper has it in simulation (0.01 to 0.04 m).
+
+    The first frame and the first pose have no estimate: a motion needs two.
+    """
+    assert len(estimates) == len(drive.frames) - 1
     assert [e.off_tracking.tick for e in estimates] == [reference.tick for reference in references]
     pairs = [(e.off_tracking, r) for e, r in zip(estimates, references, strict=True) if r.health is Health.OK]
     assert len(pairs) > 25
@@ -70,27 +64,11 @@ def test_path_and_velocity_are_those_of_the_hitch(
         assert np.abs(ours.path - reference.path).max() < 0.03  # [m]
 
 
-def test_first_frame_and_first_pose_have_no_estimate(drive: Drive) -> None:
-    """A motion needs two."""
-    viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
-    assert viso_ot.step(viso_ot.init(), drive.frames[0])[1] is None
-    reference = ReferenceOffTracking(FOLLOW_DISTANCE)
-    assert reference.step(reference.init(), BodyPose(tick=0, X_WB=drive.bodies[0]))[1] is None
-
-
 def test_lost_frame_is_without_health_and_leaves_no_trace(drive: Drive, estimates: list[CameraOffTracking]) -> None:
     """A dark frame in mid-turn: no value at its tick; the next motion spans the gap and the buffer is whole again."""
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
-    memory, results = viso_ot.init(), []
-    for k, frame in enumerate(drive.frames[:38]):
-        if k == 34:
-            frame = drive.dark(frame)
-        memory, estimate = viso_ot.step(memory, frame)
-        results.append(estimate)
-    dark, next_one = results[34:36]
-    assert dark is not None
-    assert next_one is not None
-    lost, after = dark.off_tracking, next_one.off_tracking
+    frames = [*drive.frames[:34], drive.dark(drive.frames[34]), *drive.frames[35:38]]
+    lost, after = (estimate.off_tracking for estimate in drive.run(viso_ot, frames)[1][33:35])
     assert (lost.health, lost.value, lost.std) == (Health.LOST, 0.0, np.inf)
     assert lost.v_x == pytest.approx(estimates[33].off_tracking.v_x, abs=0.1)  # at the last velocity
     assert after.health is Health.OK
@@ -104,11 +82,7 @@ def test_an_uncertain_direction_of_the_camera_widens_the_estimate_by_its_lever(d
     for direction_std in (0.0, math.radians(0.2)):
         odometry = CircularOdometry(drive.calibration)
         viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, odometry, direction_std=direction_std)
-        memory = viso_ot.init()
-        for frame in drive.frames:
-            memory, estimate = viso_ot.step(memory, frame)
-        assert estimate is not None
-        stated.append(estimate.off_tracking)
+        stated.append(drive.run(viso_ot, drive.frames)[1][-1].off_tracking)
     assert stated[1].value == stated[0].value
     widened = math.sqrt(stated[1].std ** 2 - stated[0].std ** 2)
     assert widened == pytest.approx(math.radians(0.2) * FOLLOW_DISTANCE)
@@ -128,18 +102,9 @@ class ExactOdometry:
         if k == 0:
             return 1, None
         X_PC = inverse(self._poses[k - 1]) @ self._poses[k]
-        tracks = np.empty((0, 4), np.float32)
-        motion = Motion(
-            tick=100 * k,
-            previous_tick=100 * k - 100,
-            X_PC=X_PC,
-            covariance=np.zeros((6, 6)),
-            matches=300,
-            inliers=300,
-            health=Health.OK,
-            tracks=tracks,
+        return k + 1, replace(
+            lost_motion(100 * k, 100 * k - 100), X_PC=X_PC, covariance=np.zeros((6, 6)), health=Health.OK
         )
-        return k + 1, motion
 
 
 def test_points_at_the_height_of_the_roll_axis_do_not_move_as_the_body_rolls(drive: Drive) -> None:
@@ -152,10 +117,6 @@ def test_points_at_the_height_of_the_roll_axis_do_not_move_as_the_body_rolls(dri
     ]
     odometry = ExactOdometry([X_WS @ drive.calibration.X_SC for X_WS in bodies])
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, odometry, path_height=height)
-    memory = viso_ot.init()
-    for _ in bodies:
-        memory, estimate = viso_ot.step(memory, drive.frames[0])
-    assert estimate is not None
-    assert estimate.off_tracking.health is Health.OK
-    assert estimate.off_tracking.value == pytest.approx(0.0, abs=1e-6)
-    assert estimate.off_tracking.v_y == pytest.approx(0.0, abs=1e-6)
+    last = drive.run(viso_ot, [drive.frames[0]] * len(bodies))[1][-1].off_tracking
+    assert last.health is Health.OK
+    assert (last.value, last.v_y) == pytest.approx((0.0, 0.0), abs=1e-6)

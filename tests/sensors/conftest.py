@@ -29,7 +29,6 @@ def roundabout() -> FloatArray:
 
 
 def built(seed: int, *, scenery_density: float = 1.0, sun_elevation: float | None = None) -> World:
-    """The world of these tests."""
     return build_world(
         rng=np.random.default_rng(seed),
         centreline=roundabout(),
@@ -68,7 +67,6 @@ def world() -> World:
 
 @pytest.fixture
 def built_in() -> Callable[..., World]:
-    """Makes the same world under another sun."""
     return partial(built, 1)
 
 
@@ -80,7 +78,6 @@ def bare_world() -> World:
 
 @pytest.fixture(scope="session")
 def renderer(world: World, calibration: StereoCalibration) -> Iterator[StereoRenderer]:
-    """The renderer of the world with scenery."""
     opened = StereoRenderer(world, calibration)
     yield opened
     opened.close()

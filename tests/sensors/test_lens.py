@@ -1,4 +1,4 @@
-"""The lens model against OpenCV's, its inverse, its limits, and the file of a raw rig."""
+"""Cameras: the lens against OpenCV's, the file of a raw rig, which way rigs look, noise and frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,22 @@ import pytest
 from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 
-from sensors.camera.rig import CameraModel, Distortion, RawStereoRig, load_raw_rig, mount_rotation
+from sensors.camera.image_formation import NoiseBank, grey
+from sensors.camera.rig import (
+    UNDISTORTED,
+    CameraModel,
+    Distortion,
+    Facing,
+    RawStereoRig,
+    StereoCalibration,
+    StereoRig,
+    load_raw_rig,
+    mount_rotation,
+)
+from sensors.camera.stereo_camera import StereoCamera
+from sensors.messages import ColourImage
+from tests.trailers import truth
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, transform
 
 BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)
@@ -56,7 +71,6 @@ def test_rays_invert_pixels_in_all_of_the_image(distortion: Distortion) -> None:
 @example(-0.5622950595760463, 0.08940703984879111, 0.0360941664563547)
 @given(st.floats(-0.6, 0.3), st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
 def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: float) -> None:
-    """The constructor refuses every lens that folds the image over."""
     try:
         model = camera((k1, k2, 0.0, 0.0, k3))
     except ValueError:
@@ -76,7 +90,6 @@ def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: f
     ],
 )
 def test_cameras_that_can_not_be_are_refused(wrong: Callable[[CameraModel], CameraModel], complaint: str) -> None:
-    """One line that names what and the limit."""
     good = CameraModel(width=1344, height=391, fx=563.0, fy=560.0, cx=668.0, cy=197.0)
     with pytest.raises(ValueError, match=complaint):
         wrong(good)
@@ -91,7 +104,6 @@ def test_mount_rotation_is_the_papers() -> None:
 
 
 def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
-    """A calibration must not change by being written down."""
     written = rig(pose(mount_rotation(-0.0026, 0.0017, 1e-5), 0.5003, 1.0 / 3.0 * 1e-3))
     file = tmp_path / "rig.toml"
     file.write_text(written.to_toml(), encoding="utf-8")
@@ -113,7 +125,6 @@ def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
     ],
 )
 def test_a_broken_rig_file_is_one_clear_line(tmp_path: Path, was: str, instead: str, complaint: str) -> None:
-    """It names the file and what is wrong in it."""
     file = tmp_path / "rig.toml"
     file.write_text(rig(pose(np.eye(3), 0.5)).to_toml().replace(was, instead), encoding="utf-8")
     with pytest.raises(ValueError, match=complaint) as refused:
@@ -134,3 +145,119 @@ def test_poses_that_can_not_be_are_refused(X_ClCr: FloatArray, complaint: str) -
     """Swapped cameras would give negative depths, far from where the mistake was made."""
     with pytest.raises(ValueError, match=complaint):
         rig(X_ClCr)
+
+
+# Which way the rigs look
+
+
+RIG = StereoRig(facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.2, z=3.0, baseline=0.5)
+
+
+@pytest.mark.parametrize(
+    ("facing", "ahead", "right"),
+    [
+        ("rear", (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+        ("left", (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+        ("right", (0.0, -1.0, 0.0), (-1.0, 0.0, 0.0)),
+        ("down", (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)),
+    ],
+)
+def test_cameras_look_where_they_are_said_to(
+    facing: Facing, ahead: tuple[float, float, float], right: tuple[float, float, float]
+) -> None:
+    """Optical axis and image's x in the trailer (x ahead, y left, z up); what looks down has the way ahead on top."""
+    rig = replace(RIG, facing=facing)
+    c = rig.calibration()
+    np.testing.assert_allclose(c.X_SC[:3, 2], ahead, atol=1e-12)
+    np.testing.assert_allclose(c.X_SC[:3, 0], right, atol=1e-12)
+    middle = 0.5 * (c.X_SC + c.X_SC @ c.X_ClCr)[:3, 3]
+    np.testing.assert_allclose(middle, (-13.6, 0.2, 3.0), atol=1e-12)
+
+
+def test_the_raw_rig_is_the_calibrated_one_with_its_faults() -> None:
+    """Two equal pinholes without any; lenses and a turned right camera where it stands with them."""
+    c, plain = RIG.calibration(), RIG.raw()
+    assert plain.left == plain.right
+    assert plain.left.distortion == UNDISTORTED
+    np.testing.assert_array_equal(plain.X_ClCr, c.X_ClCr)
+    np.testing.assert_array_equal(plain.left.matrix[:2, 2], [c.cx, c.cy])
+    assert plain.left.fx == plain.left.fy == c.focal_length
+    bent = RIG.raw((-0.05, 0.0, 0.0, 0.0, 0.0), mount_rotation(0.0, 0.002, 0.0))
+    assert bent.right.distortion[0] == -0.05
+    np.testing.assert_array_equal(bent.X_ClCr[:3, 3], c.X_ClCr[:3, 3])
+    assert bent.X_ClCr[0, 2] == pytest.approx(math.sin(0.002))
+
+
+# Noise, grey images, and what a frame shows
+
+
+SHAPE = (391, 1344)
+MID_GREY = np.full(SHAPE, 128, dtype=np.uint8)
+PIXELS = MID_GREY.size
+
+
+@pytest.mark.parametrize("std", [1.0, 2.0, 6.0])
+def test_noise_has_the_asked_spread_and_no_mean(std: float) -> None:
+    """Rounding to whole grey levels adds its variance of 1/12, as in any camera."""
+    rng = np.random.default_rng(3)
+    noise = NoiseBank.draw(rng, std, PIXELS).added_to(MID_GREY, rng).astype(float) - 128.0
+    expected = math.hypot(std, math.sqrt(1.0 / 12.0))
+    assert abs(noise.mean()) < 5.0 * expected / math.sqrt(PIXELS)  # five standard errors of the mean
+    assert noise.std() == pytest.approx(expected, rel=0.01)  # ten standard errors
+
+
+def test_noise_of_any_two_images_is_uncorrelated() -> None:
+    """Left and right, and one frame and the next, each get noise of their own; so does each pixel."""
+    rng = np.random.default_rng(4)
+    bank = NoiseBank.draw(rng, 4.0, PIXELS)
+    images = [bank.added_to(MID_GREY, rng).astype(float) - 128.0 for _ in range(6)]
+    between = np.corrcoef([image.ravel() for image in images]) - np.eye(6)
+    limit = 5.0 / math.sqrt(PIXELS)  # five standard errors of a correlation of independent pixels
+    assert np.abs(between).max() < limit
+    for neighbour in (images[0][:, 1:] * images[0][:, :-1], images[0][1:] * images[0][:-1]):
+        assert abs(neighbour.mean()) / images[0].var() < limit
+
+
+def test_noise_saturates_instead_of_wrapping() -> None:
+    rng = np.random.default_rng(5)
+    bank = NoiseBank.draw(rng, 5.0, PIXELS)
+    assert bank.added_to(np.full(SHAPE, 255, dtype=np.uint8), rng).min() > 200  # 255 - 11 deviations
+    assert bank.added_to(np.zeros(SHAPE, dtype=np.uint8), rng).max() < 55
+
+
+def test_green_is_the_brightest_primary() -> None:
+    """Luminance weighs red, green and blue with 0.299, 0.587, 0.114: the order of the channels is pinned."""
+    primaries = (255 * np.eye(3, dtype=np.uint8)).reshape(1, 3, 3)
+    np.testing.assert_allclose(grey(primaries)[0], [76, 150, 29], atol=1)  # one level of rounding
+
+
+class _Painted:
+    """A renderer whose images tell the x of the pose they were asked for."""
+
+    def __init__(self, calibration: StereoCalibration) -> None:
+        self.calibration = calibration
+
+    def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
+        left = np.full((*SHAPE, 3), int(X_WB[0, 3]), dtype=np.uint8)
+        return left, left + np.uint8(1)
+
+
+def _truth(tick: int) -> Truth:
+    """Two units whose bodies are at x = 10 m and x = 20 m."""
+    bodies = np.tile(np.eye(4), (2, 1, 1))
+    bodies[:, 0, 3] = 10.0, 20.0
+    return truth(tick, bodies=bodies)
+
+
+@pytest.mark.parametrize("keep_colour", [False, True])
+def test_frame_is_what_the_cameras_on_the_unit_saw(calibration: StereoCalibration, keep_colour: bool) -> None:
+    """Stamped with the capture tick; left and right not swapped; colour only when asked for."""
+    camera = StereoCamera(
+        renderer=_Painted(calibration), unit=1, noise_std=0.0, rng=np.random.default_rng(0), keep_colour=keep_colour
+    )
+    frame = camera.sample(_truth(70))
+    assert frame.tick == 70
+    assert (frame.left == 20).all()
+    assert (frame.right == 21).all()
+    assert (frame.colour is not None) == keep_colour
+    assert camera.calibration is calibration

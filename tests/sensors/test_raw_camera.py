@@ -23,19 +23,21 @@ from sensors.camera.image_formation import (
 )
 from sensors.camera.rig import UNDISTORTED, RawStereoRig, StereoRig, mount_rotation
 from sensors.camera.stereo_camera import Imperfections, RawStereoCamera, pinholes_for
+from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 TruthOf = Callable[..., Truth]
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py
+Sees = Callable[..., StereoFrame]
 RIG = StereoRig(facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.0, z=3.0, baseline=0.5)
 BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)
 KNOCKED = mount_rotation(-0.0026, 0.0017, 0.001)  # the paper's roll and yaw, and some pitch [rad]
 BLURRED = Imperfections(exposure_time=0.02, rolling_shutter=0.02)
 PERIOD = 0.1  # [s]
+PLAIN = Imperfections()
 
 
 @pytest.fixture(scope="module")
@@ -52,25 +54,35 @@ def pose() -> FloatArray:
     return SURFACE.pose_on(9.0, 8.0, 1.9, (0.0, -8.0))
 
 
-def on(
-    renderer: StereoRenderer,
-    imperfections: Imperfections,
-    *,
-    rig: RawStereoRig | None = None,
-    sun: FloatArray | None = None,
-    keep_colour: bool = False,
-    seed: int = 5,
-) -> RawStereoCamera:
-    """A camera with some imperfections, by default on this file's plain rig."""
-    return RawStereoCamera(
-        renderer=renderer,
-        imperfections=imperfections,
-        unit=0,
-        rig=rig or RIG.raw(),
-        sun=sun,
-        keep_colour=keep_colour,
-        rng=np.random.default_rng(seed),
-    )
+@pytest.fixture
+def sees(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> Sees:
+    """The frame of a camera with some imperfections, by default at ``pose``, maybe after one from another pose."""
+
+    def frame(
+        imperfections: Imperfections = PLAIN,
+        *,
+        tick: int = 100,
+        at: FloatArray = pose,
+        before: FloatArray | None = None,
+        load_transfer: float = 0.0,
+        rig: RawStereoRig | None = None,
+        sun: FloatArray | None = None,
+        keep_colour: bool = False,
+    ) -> StereoFrame:
+        camera = RawStereoCamera(
+            renderer=wide,
+            imperfections=imperfections,
+            unit=0,
+            rig=rig or RIG.raw(),
+            sun=sun,
+            keep_colour=keep_colour,
+            rng=np.random.default_rng(5),
+        )
+        if before is not None:
+            camera.sample(truth_of(0, before))
+        return camera.sample(truth_of(tick, at, load_transfer=load_transfer))
+
+    return frame
 
 
 def difference(a: NDArray[np.generic], b: NDArray[np.generic]) -> float:
@@ -89,18 +101,15 @@ def displacement(image: MatLike, other: MatLike, rows: tuple[float, float] = (15
 
 
 def next_pixel(image: NDArray[np.uint8]) -> float:
-    """The difference that one pixel of shift makes."""
     return difference(image[:, 1:], image[:, :-1])
 
 
-def test_plain_cameras_see_what_pinholes_see(
-    world: World, wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
-) -> None:
+def test_plain_cameras_see_what_pinholes_see(world: World, pose: FloatArray, sees: Sees) -> None:
     """No imperfection, no difference: up to resampling at whole pixels, which changes nothing.
 
     But the ground's level of detail is chosen for all of a view, and the wider one looks down more steeply.
     """
-    frame = on(wide, Imperfections()).sample(truth_of(0, pose))
+    frame = sees()
     direct = StereoRenderer(world, RIG.calibration())
     left, right = (grey(image) for image in direct.render(pose))
     direct.close()
@@ -110,12 +119,10 @@ def test_plain_cameras_see_what_pinholes_see(
     assert difference(frame.left, left) < 0.2 * next_pixel(left)
 
 
-def test_undistorting_a_distorted_image_gives_the_pinholes(
-    wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
-) -> None:
+def test_undistorting_a_distorted_image_gives_the_pinholes(sees: Sees) -> None:
     """OpenCV undoes what was done here: coefficients, principal point and pixel centres all agree."""
-    straight = on(wide, Imperfections()).sample(truth_of(0, pose)).left
-    bent = on(wide, Imperfections(), rig=RIG.raw(BARREL)).sample(truth_of(0, pose)).left
+    straight = sees().left
+    bent = sees(rig=RIG.raw(BARREL)).left
     K = RIG.raw().left.matrix
     back = cv2.undistort(bent, K, np.array(BARREL))
     moved_by = displacement(back, straight)
@@ -125,12 +132,10 @@ def test_undistorting_a_distorted_image_gives_the_pinholes(
     assert np.median(np.hypot(*displacement(bent, straight).T)) > 1.0
 
 
-def test_a_turned_right_camera_sees_the_papers_homography(
-    wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
-) -> None:
+def test_a_turned_right_camera_sees_the_papers_homography(sees: Sees) -> None:
     """K R K^-1 of the turned camera's image is the straight one's: eqs (8) and (9) with the very angles."""
-    straight = on(wide, Imperfections()).sample(truth_of(0, pose))
-    turned = on(wide, Imperfections(), rig=RIG.raw(UNDISTORTED, KNOCKED)).sample(truth_of(0, pose))
+    straight = sees()
+    turned = sees(rig=RIG.raw(UNDISTORTED, KNOCKED))
     K = RIG.raw().right.matrix
     back = cv2.warpPerspective(turned.right, K @ KNOCKED @ np.linalg.inv(K), (RIG.width, RIG.height))
     assert np.array_equal(turned.left, straight.left)
@@ -138,15 +143,13 @@ def test_a_turned_right_camera_sees_the_papers_homography(
     assert np.median(np.hypot(*displacement(turned.right, straight.right).T)) > 0.7  # 0.0026 rad at 300 px and more
 
 
-def test_chassis_twist_follows_the_load_transfer(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
+def test_chassis_twist_follows_the_load_transfer(sees: Sees) -> None:
     """Half of the load moved turns the right camera half way; in a bend to the other side it turns the other way."""
     angles = (-0.01, 0.008, 0.004)
     for load_transfer in (0.5, -0.5):
         half = (load_transfer * angle for angle in angles)
-        fixed = on(wide, Imperfections(), rig=RIG.raw(UNDISTORTED, mount_rotation(*half)))
-        twisting = on(wide, Imperfections(twist=angles))
-        seen = twisting.sample(truth_of(0, pose, load_transfer=load_transfer))
-        assert np.array_equal(seen.right, fixed.sample(truth_of(0, pose)).right)
+        fixed = sees(rig=RIG.raw(UNDISTORTED, mount_rotation(*half)))
+        assert np.array_equal(sees(Imperfections(twist=angles), load_transfer=load_transfer).right, fixed.right)
 
 
 def driven(pose: FloatArray, seconds: float) -> FloatArray:
@@ -162,43 +165,26 @@ def test_twist_and_pose_are_each_others_inverse(pose: FloatArray) -> None:
     assert not twist_between(pose, driven(pose, PERIOD), 1.0).v.any()  # too long ago to know
 
 
-def seen_moving(
-    truth_of: TruthOf, renderer: StereoRenderer, pose: FloatArray, imperfections: Imperfections
-) -> NDArray[np.uint8]:
-    """Left image at ``pose`` while the camera moves."""
-    camera = on(renderer, imperfections)
-    camera.sample(truth_of(0, driven(pose, -PERIOD)))
-    return camera.sample(truth_of(100, pose)).left
-
-
-def seen_still(truth_of: TruthOf, renderer: StereoRenderer, pose: FloatArray) -> NDArray[np.uint8]:
-    return on(renderer, Imperfections()).sample(truth_of(0, pose)).left
-
-
 @pytest.mark.slow
-def test_an_exposure_is_the_mean_of_its_moments(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
+def test_an_exposure_is_the_mean_of_its_moments(pose: FloatArray, sees: Sees) -> None:
     """Against sixteen renderings while the shutter is open: the depth of every pixel decides how far it is smeared."""
     seconds = 0.02
-    moments = [
-        seen_still(truth_of, wide, driven(pose, seconds * ((k + 0.5) / 16 - 0.5))).astype(float) for k in range(16)
-    ]
+    moments = [sees(at=driven(pose, seconds * ((k + 0.5) / 16 - 0.5))).left.astype(float) for k in range(16)]
     expected = np.mean(moments, axis=0)
-    blurred = seen_moving(truth_of, wide, pose, Imperfections(exposure_time=seconds))
-    sharp = difference(seen_still(truth_of, wide, pose), expected)
+    blurred = sees(Imperfections(exposure_time=seconds), before=driven(pose, -PERIOD)).left
+    sharp = difference(sees().left, expected)
     assert difference(blurred, expected) < 0.3 * sharp  # what is left: interpolation, and what things uncover
 
 
-def test_each_row_of_a_rolling_shutter_sees_its_own_moment(
-    wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
-) -> None:
+def test_each_row_of_a_rolling_shutter_sees_its_own_moment(pose: FloatArray, sees: Sees) -> None:
     """Against renderings from where the camera was when they were read; the middle one is read at the stamp."""
     seconds = 0.02
     rolled, still = (
-        seen_moving(truth_of, wide, pose, Imperfections(rolling_shutter=seconds)),
-        seen_still(truth_of, wide, pose),
+        sees(Imperfections(rolling_shutter=seconds), before=driven(pose, -PERIOD)).left,
+        sees().left,
     )
     for row in (25, 180, 215):
-        then = seen_still(truth_of, wide, driven(pose, seconds * (row / (RIG.height - 1) - 0.5)))
+        then = sees(at=driven(pose, seconds * (row / (RIG.height - 1) - 0.5))).left
         own, stamp = (displacement(rolled, other, (row - 4, row + 4)) for other in (then, still))
         assert len(own) > 10
         assert np.median(np.hypot(*own.T)) < 0.15  # [px] within 0.3 ms, and interpolated
@@ -206,24 +192,19 @@ def test_each_row_of_a_rolling_shutter_sees_its_own_moment(
     assert np.median(np.hypot(*displacement(rolled, still, (115, 124)).T)) < 0.15
 
 
-def test_nothing_is_smeared_at_standstill(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
-    """However long the exposure."""
-    camera = on(wide, BLURRED)
-    camera.sample(truth_of(0, pose))
-    assert np.array_equal(camera.sample(truth_of(100, pose)).left, seen_still(truth_of, wide, pose))
+def test_nothing_is_smeared_at_standstill(pose: FloatArray, sees: Sees) -> None:
+    assert np.array_equal(sees(BLURRED, before=pose).left, sees().left)
 
 
-def test_vignetting_darkens_the_corners_by_its_share(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
+def test_vignetting_darkens_the_corners_by_its_share(sees: Sees) -> None:
     """Half of the light lost in the corner, none in the middle, and a quarter half way out; to a level of rounding."""
-    clear = seen_still(truth_of, wide, pose).astype(float)
-    dim = on(wide, Imperfections(vignetting=0.5)).sample(truth_of(0, pose)).left
+    clear = sees().left.astype(float)
+    dim = sees(Imperfections(vignetting=0.5)).left
     for v, u, share in ((0, 0, 0.5), (120, 336, 1.0), (60, 168, 0.875)):
         assert dim[v, u] == pytest.approx(share * clear[v, u], abs=1.0)
 
 
-def test_auto_exposure_brings_the_dark_to_a_medium_level(
-    world: World, wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
-) -> None:
+def test_auto_exposure_brings_the_dark_to_a_medium_level(sees: Sees) -> None:
     """It comes settled; when the light changes it follows within some time constants, one of them for 63 %."""
     control = AutoExposure(time_constant=0.2)
     gain = control.settled(59.0)
@@ -232,7 +213,7 @@ def test_auto_exposure_brings_the_dark_to_a_medium_level(
     assert math.log2(after) == pytest.approx(math.exp(-1.0))  # of the stop that it has to go back
     assert control.step(after, 118.0, 10.0) == pytest.approx(1.0)
     assert control.settled(0.0) == control.settled(1.0) == 8.0  # the amplifier's end
-    seen = on(wide, Imperfections(vignetting=0.9, auto_exposure=control)).sample(truth_of(0, pose))
+    seen = sees(Imperfections(vignetting=0.9, auto_exposure=control))
     assert 0.5 * (seen.left.mean() + seen.right.mean()) == pytest.approx(118.0, rel=0.02)  # every 64th pixel is metered
 
 
@@ -250,13 +231,9 @@ def test_noise_grows_with_the_light_and_with_the_gain(level: float, gain: float)
     assert seen.std() == pytest.approx(expected, rel=0.01)  # ten standard errors
 
 
-def test_dirt_hides_its_share_of_each_lens_and_rests_there(
-    wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
-) -> None:
-    """Dirt stays in its place while the world moves; the lenses are dirty in different places."""
-    clear = on(wide, Imperfections()).sample(truth_of(0, pose))
-    camera = on(wide, Imperfections(dirt=0.3))
-    first, second = camera.sample(truth_of(0, pose)), camera.sample(truth_of(100, pose))
+def test_dirt_hides_its_share_of_each_lens_and_rests_there(pose: FloatArray, sees: Sees) -> None:
+    """Dirt stays in its place from frame to frame; the lenses are dirty in different places."""
+    clear, first, second = sees(), sees(Imperfections(dirt=0.3)), sees(Imperfections(dirt=0.3), before=pose)
     assert np.array_equal(first.left, second.left)
     hidden = [a < 0.75 * b.astype(float) for a, b in ((first.left, clear.left), (first.right, clear.right))]
     for mask in hidden:
@@ -264,37 +241,30 @@ def test_dirt_hides_its_share_of_each_lens_and_rests_there(
     assert (hidden[0] & hidden[1]).mean() < 0.2
 
 
-def test_drops_show_the_scene_upside_down(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
-    """Within drops the image has changed, elsewhere it has not; each lens has drops of its own."""
-    clear = on(wide, Imperfections()).sample(truth_of(0, pose))
-    wet = on(wide, Imperfections(rain=0.1)).sample(truth_of(0, pose))
+def test_drops_show_the_scene_upside_down(sees: Sees) -> None:
+    clear = sees()
+    wet = sees(Imperfections(rain=0.1))
     changed = [np.abs(a.astype(int) - b) > 2 for a, b in ((wet.left, clear.left), (wet.right, clear.right))]
     for mask in changed:
         assert 0.05 < mask.mean() < 0.16  # soft edges count as covered in part
     assert not np.array_equal(changed[0], changed[1])
 
 
-def test_glare_is_brightest_where_the_sun_is(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
+def test_glare_is_brightest_where_the_sun_is(pose: FloatArray, sees: Sees) -> None:
     """A sun in the view whitens the image around where its direction projects to; one behind adds hardly anything."""
     X_WC = pose @ RIG.calibration().X_SC
     ray = np.array([-0.4, -0.25, 1.0])
-    clear = seen_still(truth_of, wide, pose).astype(float)
-    ahead, behind = (
-        on(wide, Imperfections(glare=1.0), sun=X_WC[:3, :3] @ (sign * ray / np.linalg.norm(ray)))
-        .sample(truth_of(0, pose))
-        .left
-        for sign in (1.0, -1.0)
-    )
+    clear, sun = sees().left.astype(float), X_WC[:3, :3] @ (ray / np.linalg.norm(ray))
+    ahead, behind = (sees(Imperfections(glare=1.0), sun=sign * sun).left for sign in (1.0, -1.0))
     u, v = (RIG.raw().left.project(ray[None])[0]).astype(int)
     assert ahead[v - 5 : v + 6, u - 5 : u + 6].min() == 255
     assert ahead[v, u + 300] - clear[v, u + 300] < 60.0
     assert np.abs(behind - clear).max() < 5.0
 
 
-def test_frames_are_stamped_and_coloured_as_asked(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
-    """The colour picture is as bright as the grey image, and does not change it."""
-    sent = on(wide, Imperfections(vignetting=0.3, read_noise=2.0)).sample(truth_of(30, pose))
-    shown = on(wide, Imperfections(vignetting=0.3, read_noise=2.0), keep_colour=True).sample(truth_of(30, pose))
+def test_frames_are_stamped_and_coloured_as_asked(sees: Sees) -> None:
+    sent = sees(Imperfections(vignetting=0.3, read_noise=2.0), tick=30)
+    shown = sees(Imperfections(vignetting=0.3, read_noise=2.0), keep_colour=True, tick=30)
     assert sent.tick == shown.tick == 30
     assert sent.colour is None
     assert shown.colour is not None

@@ -19,11 +19,9 @@ from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
 from sensors.world.things import Part, Thing, box
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from vehicle.frames import FloatArray, rotation_zyx, transform
-from vehicle.surface import Surface
 
-RADIUS = 10.0  # of the roundabout in conftest.py [m]
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
 WALL = Part(mesh=box((-30.0, -29.0), (-3.0, 5.0), (-1.0, 4.0), texture_size=1.0), texture="stone")
 
 
@@ -128,17 +126,7 @@ def test_left_and_right_image_agree_along_rows(
     assert difference(0) < 0.6 * min(difference(1), difference(-1))
 
 
-def test_nothing_is_in_the_way_of_the_cameras(renderer: StereoRenderer, calibration: StereoCalibration) -> None:
-    """On the way round, 3 m inside the tractor's path, nothing but ground is nearer than the clearance leaves room."""
-    for angle in np.linspace(0.0, 2.0 * np.pi, 9):
-        X_WB = SURFACE.pose_on(7.0 * np.sin(angle), RADIUS - 7.0 * np.cos(angle), angle + 0.5, (0.0, -8.0))
-        X_WB[:3, 3] -= X_WB[:3, 0] * calibration.X_SC[0, 3]  # the cameras on the circle, wherever the hitch then is
-        depth, _ = renderer.render_depth_from(*renderer.cameras(X_WB))
-        assert depth.min() > 3.5  # [m] 8 m clearance, less 3 m, less a grazing look
-
-
 def test_images_are_copies(renderer: StereoRenderer, pose: FloatArray) -> None:
-    """The next frame must not overwrite one that an estimator keeps."""
     first = renderer.render(pose)[0]
     kept = first.copy()
     renderer.render(np.eye(4))
@@ -178,7 +166,6 @@ WITHOUT_DEVICE = WITHOUT_EGL.replace('if name and "EGL" in str(name)', "if False
 
 
 def python(program: str, **environment: str) -> str:
-    """Output of the program in a new interpreter."""
     result = subprocess.run(
         [sys.executable, "-c", program], env={**os.environ, **environment}, capture_output=True, text=True, check=True
     )
@@ -202,6 +189,5 @@ def test_missing_opengl_is_one_clear_line(program: str, environment: dict[str, s
 
 
 def test_importing_the_renderer_does_not_load_opengl() -> None:
-    """A run without cameras must not need OpenGL, nor wait for it."""
     program = "import sys, sensors.render; print(sorted({'OpenGL', 'pyrender', 'trimesh'} & set(sys.modules)))"
     assert python(program).strip() == "[]"

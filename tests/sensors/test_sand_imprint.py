@@ -50,13 +50,11 @@ def roll(
             field.light(AROUND)
 
 
-def changed(
-    relief: Relief, *, slip_angle: float = 0.0, slip: float = 0.0, sinkage: float = SINKAGE, y: float = 0.0
-) -> Floats:
+def changed(relief: Relief, **motion: float) -> Floats:
     """Change of the ground's height by a wheel that rolls over it [m]."""
     field = field_of(relief)
     before = field.height(AROUND)
-    roll(field, slip_angle=slip_angle, slip=slip, sinkage=sinkage, y=y)
+    roll(field, **motion)  # type: ignore[arg-type]  # none of these is ``watched``
     return field.height(AROUND) - before
 
 
@@ -81,7 +79,6 @@ def spacing_of(marks: Floats) -> float:
 
 @pytest.mark.parametrize("sinkage", [0.006, 0.012, 0.020])
 def test_rut_is_as_deep_as_the_wheel_sinks(relief: Relief, sinkage: float) -> None:
-    """The lowest point of a wheel is the floor of its rut."""
     floor = changed(relief, sinkage=sinkage)[140:160, MIDDLE]
     assert -floor.mean() == pytest.approx(sinkage, abs=0.001)  # lugs press 5 mm deeper and pile up as much behind them
 
@@ -124,7 +121,6 @@ def test_lug_marks_lie_as_far_apart_as_the_wheel_turns(relief: Relief, slip: flo
 
 
 def test_a_spinning_wheel_smears_its_marks(relief: Relief) -> None:
-    """A lug that slides while it is in the sand leaves a blurred slot."""
     clear, smeared = (float(lug_marks(changed(relief, slip=slip), 0.0).std()) for slip in (0.0, 0.4))
     assert smeared < 0.6 * clear
 
@@ -141,12 +137,10 @@ def test_lug_marks_lie_across_the_heading_not_across_the_path(relief: Relief, sl
 
 
 def test_a_wheel_that_does_not_sink_leaves_nothing(relief: Relief) -> None:
-    """A crust carries the wheel."""
     assert not changed(relief, sinkage=0.0).any()
 
 
 def test_a_second_wheel_in_the_rut_makes_no_second_berm(relief: Relief) -> None:
-    """The rear wheel rolls in the front wheel's rut and displaces no more sand."""
     field = field_of(relief)
     before = field.height(AROUND)
     roll(field)
@@ -157,7 +151,6 @@ def test_a_second_wheel_in_the_rut_makes_no_second_berm(relief: Relief) -> None:
 
 
 def test_a_track_stays_where_another_crosses_it(relief: Relief) -> None:
-    """The later rut cuts the earlier one; away from the crossing the earlier one is unchanged."""
     field = field_of(relief)
     roll(field)
     first = field.height(AROUND)
@@ -214,7 +207,6 @@ def test_a_wall_throws_a_shadow_of_its_height_over_the_tangent_of_the_sun(azimut
 
 
 def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
-    """Updates after each step give the same light as one update at the end."""
     stepwise, once = field_of(relief), field_of(relief)
     before = stepwise.light(AROUND)
     roll(stepwise, watched=True)

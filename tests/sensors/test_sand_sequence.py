@@ -89,7 +89,6 @@ def test_fast_slip_varies_as_prescribed() -> None:
 
 
 def test_bare_stretches_have_their_share() -> None:
-    """On long paths; each stretch is longer than a view."""
     stretches = bare_stretches(np.random.default_rng(1), 400.0, 0.3)
     assert sum(end - start for start, end in stretches) / 400.0 == pytest.approx(0.3, abs=0.03)
     assert min(end - start for start, end in stretches) > 1.0
@@ -147,7 +146,6 @@ def test_ground_is_continuous_across_tiles() -> None:
 
 
 def test_neighbouring_tiles_share_the_pebbles_on_their_border() -> None:
-    """A pebble across a border is in both tiles, at the same place."""
     pebbles = Pebbles.draw(np.random.default_rng(1), 3000.0)
     left, right = Window(0, 0, TILE, TILE), Window(0, TILE, TILE, 2 * TILE)
     in_left = {(p.row, p.column - TILE) for p in pebbles.near(9, left) if p.column > TILE - 4}
@@ -159,7 +157,6 @@ def test_neighbouring_tiles_share_the_pebbles_on_their_border() -> None:
 
 
 def test_rocks_leave_the_route_free() -> None:
-    """A rover that keeps to its route does not meet them."""
     route = np.column_stack([np.linspace(0.0, 8.0, 200), 0.3 * np.sin(np.linspace(0.0, 6.0, 200))])
     rocks = scattered(np.random.default_rng(1), 4.0, route, Terrain())
     assert len(rocks) > 10
@@ -170,7 +167,6 @@ def test_rocks_leave_the_route_free() -> None:
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
-    """The sun is in the range of the kind, and there are rocks if the kind has any."""
     route = np.array([[0.0, 0.0], [4.0, 0.0]])
     world = SandWorld(name, rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)
     kind = KINDS[name]
@@ -180,7 +176,6 @@ def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
 
 
 def test_foreign_tracks_lie_in_view_all_along_the_path() -> None:
-    """Every metre of the left wheels' path has compacted ground of other tracks."""
     light, route = daylight(0.4), np.array([[0.0, 0.0], [4.0, 0.0]])
     relief = Relief.draw(np.random.default_rng(1), SandKind(stones=0.0), Terrain(), 0.0)
     tracks = foreign_tracks(np.random.default_rng(2), route, 0.275)
@@ -190,7 +185,6 @@ def test_foreign_tracks_lie_in_view_all_along_the_path() -> None:
 
 
 def test_unknown_kinds_and_impossible_passes_are_refused(rover: Rover) -> None:
-    """One line with name, value and limit."""
     route = np.array([[0.0, 0.0], [4.0, 0.0]])
     with pytest.raises(ValueError, match="terrain = 'snow' must be one of uniform"):
         SandWorld("snow", rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)

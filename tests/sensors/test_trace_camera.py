@@ -14,7 +14,7 @@ from sensors.sand.solids import Casters
 from sensors.sand.trace_camera import GroundView, TraceCamera, VisibleGround, Webcam
 from sensors.sand.trace_rig import TraceRig, nominal_rig
 from sensors.sand.world import SandWorld, Sun
-from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, transform
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
@@ -62,27 +62,21 @@ def full_place(view: GroundView, ground: VisibleGround) -> tuple[FloatArray, Flo
     return places.reshape(-1, 3).astype(float), np.stack([u, v], axis=-1).reshape(-1, 2).astype(float)
 
 
-def test_points_on_the_relief_project_back_to_their_pixels(
+def test_visible_points_lie_on_the_ground_and_project_back_to_their_pixels(
     sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]
 ) -> None:
-    """With lens, slope, roll, pitch, sinkage and the depth of the rut."""
+    """With lens, slope, roll, pitch, sinkage and the rut: rays end on the relief, not on the plane they start from."""
     view, X_WC = GroundView.of(rig.camera), truths[-1].X_WB @ rig.X_RC
-    places, pixels = full_place(view, view.look(X_WC, sand))
+    visible = view.look(X_WC, sand)
+    places, pixels = full_place(view, visible)
     X_CW = inverse(X_WC)
     error = rig.camera.project(places @ X_CW[:3, :3].T + X_CW[:3, 3]) - pixels
     # Error of interpolated rays: the relief between two pixels, some tenths of a millimetre, times the view's tangent.
     assert np.abs(error).max() < 0.6
     assert np.abs(error).mean() < 0.06
-
-
-def test_visible_points_lie_on_the_ground(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """Rays end on the relief, not on the plane that the iteration starts from."""
-    view, X_WC = GroundView.of(rig.camera), truths[-1].X_WB @ rig.X_RC
-    visible = view.look(X_WC, sand)
-    ground, (places, pixels) = sand.height(visible.window), full_place(view, visible)
+    ground = sand.height(visible.window)
     at = [part[tuple(pixels[:, ::-1].astype(int).T)].round().astype(int) for part in (visible.v, visible.u)]
-    error = ground[at[0], at[1]] - places[:, 2]
-    assert np.abs(error).mean() < 0.0005  # roughness from texel to texel
+    assert np.abs(ground[at[0], at[1]] - places[:, 2]).mean() < 0.0005  # roughness from texel to texel
     plane = SLOPE.height(places[:, 0], places[:, 1])
     assert np.abs(places[:, 2] - plane).max() > 0.008  # the rut in the view is 11 mm deep
 
@@ -154,7 +148,6 @@ def test_rover_casts_its_shadow_away_from_the_sun(rover: Rover, truths: list[Rov
 
 @pytest.mark.slow
 def test_nothing_casts_a_shadow_under_clouds(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """The image does not depend on the position of the hidden sun; without clouds it does."""
     behind = Sun(azimuth=math.radians(-20.0), elevation=math.radians(40.0))  # would cast the rover's shadow into view
 
     def image(sun: Sun, overcast: bool) -> GreyImage:
@@ -186,29 +179,16 @@ def test_shutter_smears_along_the_motion(sand: SandWorld, rig: TraceRig, truths:
 
 
 def test_exposure_follows_the_light(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """The first image has the settled exposure."""
     image = camera_of(sand, rig, replace(Webcam(), jpeg_quality=None)).sample(truths[-1])
     assert image.mean() == pytest.approx(118.0, abs=3.0)  # the target of AutoExposure; nothing saturates
 
 
 def test_colour_is_that_of_sand(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """More red than green, more green than blue."""
     red, green, blue = camera_of(sand, rig).colour(truths[-1]).reshape(-1, 3).mean(axis=0)
     assert red > green > blue
 
 
 def test_camera_below_the_ground_is_refused(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """As on a rover that has fallen over."""
     over = transform(rotation_zyx(0.0, 0.0, math.pi), np.array([0.5, 0.0, 0.0]))
     with pytest.raises(ValueError, match="must look down"):
         camera_of(sand, rig).sample(replace(truths[-1], X_WB=over))
-
-
-def test_line_of_the_trace_is_in_the_rover_frame(sand: SandWorld, rover: Rover, truths: list[RoverTruth]) -> None:
-    """Earlier places of the wheel relative to the rover's present pose."""
-    truth, trace = truths[-1], sand.trace_truth(truths[-1])
-    past = np.array([t.wheel_positions[2, :2] for t in truths])
-    x, y = Pose2(*truth.pose.tolist()).inverse().apply(past).T
-    expected = np.interp(trace.line[:, 0], x, y)
-    np.testing.assert_allclose(trace.line[:, 1], expected, atol=1e-6)
-    assert trace.wheel_slip == truth.slip_angles[2]

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
 from sensors.world.things import Thing
 from sensors.world.traffic import (
-    DrivenPath,
-    InTraffic,
     Traffic,
     TrafficKind,
     car,
@@ -24,30 +21,28 @@ from sensors.world.traffic import (
     vehicle_textures,
 )
 from sensors.world.world import World
+from tests.sensors.conftest import SURFACE
 from tests.trailers import truth as truth_at
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 FOLLOW, HALF_WIDTH, SPEED = 14.0, 1.275, 4.0
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # that of conftest.py
 
 
-def traffic(kind: TrafficKind, seed: int = 1, gap: float = 5.0) -> Traffic:
-    """Traffic on the ground of conftest.py."""
-    return Traffic(
-        np.random.default_rng(seed),
-        kind=kind,
-        gap=gap,
-        follow_distance=FOLLOW,
-        half_width=HALF_WIDTH,
-        height=lambda xy: SURFACE.height(xy[:, 0], xy[:, 1]),
-    )
+def on_cone(xy: FloatArray) -> FloatArray:
+    return SURFACE.height(xy[:, 0], xy[:, 1])
+
+
+def traffic(
+    kind: TrafficKind, seed: int = 1, gap: float = 5.0, height: Callable[[FloatArray], FloatArray] = on_cone
+) -> Traffic:
+    """Traffic, by default on the ground of conftest.py."""
+    rng = np.random.default_rng(seed)
+    return Traffic(rng, kind=kind, gap=gap, follow_distance=FOLLOW, half_width=HALF_WIDTH, height=height)
 
 
 def truth(time: float, pose: tuple[float, float, float]) -> Truth:
-    """A trailer alone."""
     body = np.eye(4)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     body[:2, :2], body[:2, 3] = [[c, -s], [s, c]], pose[:2]
@@ -140,14 +135,7 @@ def test_who_crosses_does_so_at_right_angles_behind() -> None:
 
 def test_vehicles_stand_on_sloping_ground() -> None:
     """A ramp of 5 % tilts them by as much, and their wheels touch it."""
-    on_ramp = Traffic(
-        np.random.default_rng(1),
-        kind="following",
-        gap=5.0,
-        follow_distance=FOLLOW,
-        half_width=HALF_WIDTH,
-        height=lambda xy: 0.05 * xy[:, 0],
-    )
+    on_ramp = traffic("following", height=lambda xy: 0.05 * xy[:, 0])
     for time in moments(5.0):
         (vehicle,) = on_ramp.at(straight(time))
     pose = vehicle.poses[0]
@@ -155,17 +143,6 @@ def test_vehicles_stand_on_sloping_ground() -> None:
     for axle in (3.7, -3.0):
         wheel = pose @ np.array([axle, 1.0, 0.0, 1.0])
         assert wheel[2] == pytest.approx(0.05 * wheel[0], abs=0.02)
-
-
-def test_a_way_goes_on_straight_beyond_its_ends() -> None:
-    """Before its first point along the heading there, after its last along its last metre."""
-    path = DrivenPath()
-    for k in range(5):
-        path.extend(100 * k, np.array([0.0, float(k)]), 0.5 * math.pi)
-    assert path.at(-10.0) == pytest.approx([0.0, -10.0])
-    assert path.at(2.5) == pytest.approx([0.0, 2.5])
-    assert path.at(path.end + 3.0) == pytest.approx([0.0, 7.0])
-    assert path.station(250.0) == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("build", [lorry, car])
@@ -202,27 +179,3 @@ def test_a_lorry_hides_a_fifth_of_the_picture_and_shades_the_ground(
         assert 0.02 < hidden_far.mean() < 0.1
         darker = pictures[2][eye].astype(int).sum(axis=2) < pictures[0][eye].astype(int).sum(axis=2) - 30
         assert np.count_nonzero(darker & ~hidden_far) > 500  # [px]
-
-
-class _Paper:
-    """A renderer and a camera that only remember what they were asked for, in its order."""
-
-    def __init__(self) -> None:
-        self.asked: list[str] = []
-
-    def place(self, vehicles: tuple[Instances, ...]) -> None:
-        self.asked.append(f"place {len(vehicles)}")
-
-    def sample(self, now: Truth) -> StereoFrame:
-        self.asked.append("sample")
-        return StereoFrame(tick=now.tick, left=_DARK, right=_DARK, colour=None)
-
-
-_DARK = np.zeros((2, 2), np.uint8)
-
-
-def test_vehicles_are_in_their_places_before_the_picture_is_taken() -> None:
-    """All three of mixed traffic."""
-    paper = _Paper()
-    assert InTraffic(paper, paper, traffic("mixed")).sample(straight(0.0)).tick == 0
-    assert paper.asked == ["place 3", "sample"]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from sensors.world.ground import Centreline
 from sensors.world.scenery import Instances
+from sensors.world.sky import HIGHEST, LOWEST, daylight, panorama
+from sensors.world.things import Mesh, blob, inside, massed
 from sensors.world.world import World, build_world
+from tests.sensors.conftest import CLEARANCE, RADIUS, ROAD_HALF_WIDTH, SURFACE
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
-
-# the numbers behind the fixtures in conftest.py
-HALF_WIDTH, CLEARANCE, RADIUS = 4.0, 8.0, 10.0  # [m]
-SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
 
 
 def _distance_from_way(points: FloatArray) -> FloatArray:
@@ -45,13 +47,12 @@ def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> N
     """The arms of a road that meets itself merge: a kerb stone on the asphalt would be an obstacle."""
     (kerb,) = (stand for stand in world.scenery if stand.thing.name == "kerb_stone")
     distance = _distance_from_way(_vertices(kerb)[:, :2])
-    assert distance.min() > HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
-    assert distance.max() < HALF_WIDTH + 0.2  # 125 mm wide
+    assert distance.min() > ROAD_HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
+    assert distance.max() < ROAD_HALF_WIDTH + 0.2  # 125 mm wide
     assert _vertices(kerb)[:, 2].max() < 0.15  # low enough for any body to pass over [m]
 
 
 def test_things_stand_on_the_ground(world: World) -> None:
-    """Each foot is on the surface, within what the course's margin covers."""
     for stand in world.scenery:
         foot = stand.poses[:, :3, 3]
         near = _distance_from_way(foot) < 90.0
@@ -114,18 +115,16 @@ def test_density_zero_is_bare_ground(bare_world: World) -> None:
 
 
 def test_road_map_holds_the_distance_from_the_edge(world: World) -> None:
-    """Of the nearest arm, so that arms merge."""
     road = world.road
     rows, columns = road.edge_distance.shape
     x, y = road.origin[0] + road.cell * np.arange(columns), road.origin[1] + road.cell * np.arange(rows)
-    expected = _distance_from_way(np.stack(np.meshgrid(x, y), axis=-1)) - HALF_WIDTH
+    expected = _distance_from_way(np.stack(np.meshgrid(x, y), axis=-1)) - ROAD_HALF_WIDTH
     near = expected < 10.0
     error = np.abs(road.edge_distance - expected)[near & (expected > -3.5)]
     assert error.max() < 2e-3  # [m] points every 50 mm and a polygon of 400 corners: 0.3 mm each
 
 
 def test_a_crossing_centreline_is_near_to_both_arms() -> None:
-    """Two straight lines that cross: the distance is the smaller one."""
     cross = Centreline(np.array([[-20.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0], [0.0, -20.0]]))
     np.testing.assert_allclose(
         cross.distance(np.array([[3.0, -5.0], [-7.0, 2.0]])), [3.0, 2.0], atol=1e-3
@@ -133,7 +132,6 @@ def test_a_crossing_centreline_is_near_to_both_arms() -> None:
 
 
 def test_shadows_fall_away_from_the_sun(world: World) -> None:
-    """Around each tree the ground on the sun's side is lit and on the other side is dark."""
     (tree, *_) = (stand for stand in world.scenery if stand.thing.name == "broadleaf")
     towards = world.light.direction[:2] / np.linalg.norm(world.light.direction[:2])
 
@@ -167,6 +165,102 @@ def small_world() -> World:
     [("scenery_density", 2.1), ("scenery_density", -0.1), ("road_half_width", 0.0), ("clearance", 2.9)],
 )
 def test_arguments_out_of_range_are_named(argument: str, value: float) -> None:
-    """One line with the argument's name and value."""
     with pytest.raises(ValueError, match=f"{argument} = {value}"):
         _small(0, **{argument: value})
+
+
+# Meshes of overlapping lumps: what is inside of others is left out, and nothing else
+
+
+def ball(x: float, radius: float = 1.0) -> Mesh:
+    """A ball about (x, 0, 0), as 12 meridians and 8 rings."""
+    rng = np.random.default_rng(0)
+    return blob(rng, (x, 0.0, 0.0), (radius, radius, radius), rings=8, sides=12, roughness=0.0)
+
+
+def test_a_ball_encloses_what_is_nearer_than_its_radius() -> None:
+    """But for the sagitta of its facets."""
+    points = np.random.default_rng(1).uniform(-1.5, 1.5, size=(2000, 3))
+    r = np.linalg.norm(points, axis=1)
+    enclosed = inside(ball(0.0), points)
+    assert enclosed[r < 0.93].all()  # cos(pi/12) cos(pi/16) = 0.95
+    assert not enclosed[r > 1.0].any()
+
+
+def test_hidden_triangles_are_left_out() -> None:
+    """Of two balls half a radius apart neither has a triangle well inside the other; the outside stays closed."""
+    balls = ball(-0.25), ball(0.25)
+    mass = massed(*balls)
+    middles = mass.vertices[mass.faces].mean(axis=1)
+    for other, x in zip(balls, (-0.25, 0.25), strict=True):
+        deep = np.linalg.norm(middles - [x, 0.0, 0.0], axis=1) < 0.7
+        assert not deep.any()
+        corners = other.vertices[other.faces]
+        seen = (np.linalg.norm(corners + np.array([x, 0.0, 0.0]), axis=2) > 1.0).all(axis=1)  # out of the other ball
+        seen &= np.linalg.norm(np.cross(*np.diff(corners, axis=1).swapaxes(0, 1)), axis=1) > 0.0  # poles have no area
+        kept = np.linalg.norm(corners[seen].mean(axis=1)[:, None] - middles, axis=2).min(axis=1)
+        assert kept.max() < 1e-9
+
+
+def test_a_ball_within_another_is_never_seen() -> None:
+    outer = ball(0.0)
+    assert np.abs(massed(outer, ball(0.1, 0.4)).vertices).max() == np.abs(outer.vertices).max()
+    assert len(massed(outer, ball(0.1, 0.4)).faces) == len(massed(outer).faces)
+
+
+# Position and light of the sun, and their effect on the rendered world
+
+
+@pytest.mark.parametrize(
+    ("compass", "towards"), [(0.0, (0.0, 1.0)), (90.0, (1.0, 0.0)), (180.0, (0.0, -1.0)), (270.0, (-1.0, 0.0))]
+)
+def test_azimuth_is_read_as_on_a_compass(compass: float, towards: tuple[float, float]) -> None:
+    light = daylight(1.0, azimuth=math.radians(compass), elevation=math.radians(30.0))
+    np.testing.assert_allclose(light.direction[:2] / math.cos(math.radians(30.0)), towards, atol=1e-12)
+    assert light.direction[2] == pytest.approx(0.5)
+
+
+def test_a_low_sun_is_dim_and_red() -> None:
+    """Its light has come through more air, which takes most from the blue."""
+    noon, evening = (daylight(0.0, elevation=math.radians(degrees)) for degrees in (43.0, 8.0))
+    kept = np.array(evening.sun_colour) / np.array(noon.sun_colour)
+    assert 1.0 > kept[0] > kept[1] > kept[2] > 0.0
+    assert kept[2] < 0.5
+
+
+def test_clouds_leave_no_sun() -> None:
+    """Light comes from everywhere, and more of it than from a clear sky."""
+    light = daylight(0.0, overcast=True)
+    assert light.sun_colour == (0.0, 0.0, 0.0)
+    assert min(light.sky_colour) > max(daylight(0.0).sky_colour)
+
+
+@pytest.mark.parametrize("degrees", [2.9, 90.1, -10.0, math.nan])
+def test_a_sun_below_the_hills_is_refused(degrees: float) -> None:
+    with pytest.raises(ValueError, match="must be between 3 and 90"):
+        daylight(0.0, elevation=math.radians(degrees))
+
+
+@pytest.mark.slow
+def test_the_sun_is_drawn_where_it_stands() -> None:
+    """The brightest place of the panorama, whose columns go round from W's x, its rows down from the highest."""
+    light = daylight(0.0, azimuth=math.radians(200.0), elevation=math.radians(20.0))
+    sky = panorama(np.random.default_rng(0), light)
+    plain = panorama(np.random.default_rng(0), daylight(0.0))
+    rows, columns = sky.shape[:2]
+    column = round((90.0 - 200.0) % 360.0 / 360.0 * columns)
+    row = round((HIGHEST - math.radians(20.0)) / (HIGHEST - LOWEST) * (rows - 1))
+    assert sky[row, column].min() > 230
+    assert sky[row, column].astype(int).sum() >= plain[row, column].sum()
+    opposite = (column + columns // 2) % columns
+    assert sky[row, opposite].mean() < plain[row, opposite].mean() + 1.0
+
+
+@pytest.mark.slow
+def test_shadows_are_long_in_the_evening(world: World, built_in: Callable[..., World]) -> None:
+    """At 10 degrees they are five and a half times as long as things are high: much more of the land lies in them.
+
+    At the usual 43 degrees they are as long as things are high.
+    """
+    evening = built_in(sun_elevation=math.radians(10.0)).road.light
+    assert (evening < 0.5).mean() > 2.5 * (world.road.light < 0.5).mean()

@@ -15,7 +15,6 @@ from vehicle.tyres.laws import LinearTyre
 
 
 def named(vehicle: Vehicle, state: FloatArray) -> State[Any]:
-    """The state by its parts."""
     return State(*parts(state, state_sizes(vehicle)))
 
 
@@ -27,12 +26,10 @@ def at_rest(vehicle: Vehicle, **changes: FloatArray) -> tuple[State[Any], Input[
 
 
 def rates(vehicle: Vehicle, s: State[Any], u: Input[Any]) -> State[Any]:
-    """Time derivative of the state."""
     return named(vehicle, np.array(compiled_derivative(vehicle)(np.concatenate(s), np.concatenate(u))).ravel())
 
 
 def outputs(vehicle: Vehicle, s: State[Any], u: Input[Any]) -> Output[Any]:
-    """Outputs of the chain."""
     y = np.array(compiled_output(vehicle)(np.concatenate(s), np.concatenate(u))).ravel()
     return Output(*parts(y, output_sizes(vehicle)))
 
@@ -47,6 +44,11 @@ def with_axles(vehicle: Vehicle, *changes: dict[str, Any], tyre: dict[str, Any] 
 
     units = [unit.model_copy(update={"axles": tuple(changed(axle) for axle in unit.axles)}) for unit in vehicle.units]
     return vehicle.model_copy(update={"units": tuple(units)})
+
+
+def grouped(vehicle: Vehicle) -> Vehicle:
+    """The longer semi-trailer with one actuator for both steered axles, the second turned by half."""
+    return with_axles(vehicle, {}, {}, {}, {"steer_group": "rear"}, {"steer_group": "rear", "steer_ratio": 0.5})
 
 
 def linear_tyre(stiffness: float, axle_load: float, **changes: float) -> LinearTyre:

@@ -63,7 +63,6 @@ def tractor_semitrailer() -> Vehicle:
 
 @pytest.fixture(scope="session")
 def short_form(tractor_semitrailer: Vehicle) -> Vehicle:
-    """The tractor-semitrailer with roll gradients and frequencies in place of suspensions."""
     return on_gradients(tractor_semitrailer)
 
 

@@ -22,7 +22,7 @@ from estimators.context import RoverContext, wheel_places
 from estimators.estimates import Health, SlipAngle, lost_slip
 from estimators.slip.rover_odometry import wheel_motion
 from estimators.slip.trace_tracker import path_state
-from estimators.slip.trace_tracker.path_state import SHORTEST, Histories, PathState, moved, with_compass
+from estimators.slip.trace_tracker.path_state import PIECES, SHORTEST, Histories, PathState, moved, with_compass
 from estimators.slip.trace_tracker.templates import (
     BAND,
     CHANNELS,
@@ -318,6 +318,7 @@ _KEEPING: Final = 0.8  # weight of the old mean correlation of marks in the upda
 _IMAGES_TO_LOSE: Final = 5  # consecutive
 _FOUND: Final = 0.36  # least score of a new trace: sand under moving shadows reaches it once in a hundred images
 _IMAGES_TO_FIND: Final = 2  # consecutive
+_PIECE: Final = 0.018  # usual length of a piece by the wheels' rims [m]
 _FOUND_STD: Final = math.radians(4.0)  # of the slip of a new trace
 
 
@@ -459,11 +460,16 @@ class FTracePlus:
         steer = math.atan(float(np.tan(view.steer).mean()))  # direction of the centre's travel without sideslip [rad]
         if memory.path is None:
             return path_state.begun_histories(view.heading, steer, view.tick, len(self._patch.bands))
-        share = 1.0 - memory.grip.ratio
-        distance, yaw, seconds = share * memory.unused, share * memory.turned, memory.seconds
-        return memory.path.each(
-            lambda path: with_compass(moved(path, distance, yaw, seconds, steer, view.tick), view.heading)
-        )
+        share = (1.0 - memory.grip.ratio) / (pieces := min(max(round(memory.unused / _PIECE), 1), PIECES))
+        distance, yaw, seconds = share * memory.unused, share * memory.turned, memory.seconds / pieces
+
+        def onward(path: PathState) -> PathState:
+            """Path after the way since the last image, on which slip may have changed."""
+            for left in reversed(range(pieces)):
+                path = moved(path, distance, yaw, seconds, steer, view.tick - round(left * seconds / TICK))
+            return with_compass(path, view.heading)
+
+        return memory.path.each(onward)
 
 
 def begun(find: Find) -> Pursuit:

@@ -87,7 +87,6 @@ def test_its_standard_deviation_is_that_of_the_rows(calibration: StereoCalibrati
 
 
 def test_points_that_share_no_epipolar_geometry_tell_nothing(calibration: StereoCalibration) -> None:
-    """Random matches, and too few of them."""
     rng = np.random.default_rng(3)
     r, q = rng.uniform(-0.3, 0.3, (2, 200, 2))
     assert fitted_to_rays(calibration, r, q, np.zeros(4), np.zeros(3)) is None
@@ -150,7 +149,6 @@ def test_speed_tells_a_delay_from_an_offset() -> None:
 
 
 def test_a_standing_camera_learns_nothing_of_a_delay() -> None:
-    """Nothing moves between the exposures."""
     state = initial()
     for _ in range(20):
         state = updated(state, fit(), SPEED._replace(velocity=np.zeros(3)))
@@ -173,6 +171,12 @@ def run(odometry: Odometry[Any], frames: Sequence[StereoFrame]) -> list[SelfCali
     return [motion for motion in Drive.run(odometry, frames)[1] if isinstance(motion, SelfCalibratedMotion)]
 
 
+def calibrating(drive: Drive, frames: Sequence[StereoFrame], *, correcting: bool = True) -> list[SelfCalibratedMotion]:
+    """Motions of the circular odometry that calibrates itself."""
+    alone = CircularOdometry(drive.calibration)
+    return run(SelfCalibratedOdometry(drive.calibration, alone, correcting=correcting), frames)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [KeyframeOdometry, CircularOdometry])
 def test_a_late_right_camera_is_noticed_and_compensated(late: Drive, kind: Any) -> None:
@@ -188,7 +192,6 @@ def test_a_late_right_camera_is_noticed_and_compensated(late: Drive, kind: Any) 
 
 
 def test_an_odometry_that_cannot_compensate_is_lost(late: Drive) -> None:
-    """Better no motion than a wrong one."""
     viso2 = Viso2Odometry(late.calibration)
     motions = run(SelfCalibratedOdometry(late.calibration, viso2), late.frames[:4])
     assert all(motion.health is Health.LOST for motion in motions)
@@ -197,7 +200,7 @@ def test_an_odometry_that_cannot_compensate_is_lost(late: Drive) -> None:
 def test_a_degree_in_every_angle_is_found_from_the_start(drive: Drive) -> None:
     """The first pair applies what it shows; after a metre and a half the rotation is known to 0.01 deg."""
     frames = [drive.knocked(frame, KNOCKED) for frame in drive.frames[:6]]
-    motions = run(SelfCalibratedOdometry(drive.calibration, CircularOdometry(drive.calibration)), frames)
+    motions = calibrating(drive, frames)
     assert all(motion.health is not Health.LOST for motion in motions)
     assert np.abs(np.degrees(np.array(motions[-1].right_rotation) - KNOCKED)).max() < 0.01
     assert np.abs(drive.errors(motions)[3:, 3:]).max() < 3e-3
@@ -205,9 +208,8 @@ def test_a_degree_in_every_angle_is_found_from_the_start(drive: Drive) -> None:
 
 def test_a_knock_costs_one_frame(drive: Drive) -> None:
     """The first pair after it contradicts the estimate and is lost; the second one confirms it."""
-    calibration = drive.calibration
     frames = [drive.knocked(f, KNOCKED) if k >= 8 else f for k, f in enumerate(drive.frames[:12])]
-    motions = run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration)), frames)
+    motions = calibrating(drive, frames)
     assert [motion.health is Health.LOST for motion in motions] == [k == 7 for k in range(11)]
     assert motions[8].previous_tick == frames[8].tick
     assert np.abs(np.degrees(np.array(motions[-1].right_rotation) - KNOCKED)).max() < 0.05
@@ -217,9 +219,8 @@ def test_a_knock_costs_one_frame(drive: Drive) -> None:
 @pytest.mark.slow
 def test_a_passing_disturbance_leaves_the_calibration_as_it_was(drive: Drive) -> None:
     """The right camera is turned for five frames: after the second sound pair it is known as well as before."""
-    calibration = drive.calibration
     frames = [drive.knocked(f, KNOCKED) if 10 <= k < 15 else f for k, f in enumerate(drive.frames[:18])]
-    motions = run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration)), frames)
+    motions = calibrating(drive, frames)
     before, after = motions[8], motions[15]
     assert all(motion.health is not Health.LOST for motion in motions[15:])
     assert np.abs(np.degrees(np.array(after.right_rotation) - before.right_rotation)).max() < 0.01
@@ -230,12 +231,11 @@ def test_a_passing_disturbance_leaves_the_calibration_as_it_was(drive: Drive) ->
 @pytest.mark.slow
 def test_a_calibration_that_is_only_watched_is_refuted(drive: Drive) -> None:
     """0.09 deg of yaw: degraded after the first metre, with the error covered; a degree: lost."""
-    calibration = drive.calibration
 
     def watched(yaw_deg: float) -> list[SelfCalibratedMotion]:
         rotation = RightRotation(0.0, float(np.radians(yaw_deg)), 0.0)
         frames = [drive.knocked(frame, rotation) for frame in drive.frames[:8]]
-        return run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration), correcting=False), frames)
+        return calibrating(drive, frames, correcting=False)
 
     assert not any(motion.miscalibrated for motion in watched(0.0))
     slightly = watched(0.09)[3:]

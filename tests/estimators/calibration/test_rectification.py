@@ -46,7 +46,6 @@ def spots(pixels: FloatArray, shape: tuple[int, int]) -> GreyImage:
 
 
 def centre(image: GreyImage) -> FloatArray:
-    """Centre (u, v) of the one spot [px]."""
     weight = np.maximum(image.astype(np.float64) - 30.0, 0.0)
     v, u = np.indices(image.shape)
     middle: FloatArray = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
@@ -99,7 +98,6 @@ def test_the_rectified_image_shows_nothing_that_a_camera_does_not(
 
 
 def test_a_pair_that_is_rectified_already_is_left_alone() -> None:
-    """No resampling where none is needed: the images are the very same."""
     plain = CameraModel(width=640, height=400, fx=500.0, fy=500.0, cx=320.0, cy=200.0)
     raw = RawStereoRig(left=plain, right=plain, X_ClCr=transform(np.eye(3), np.array([0.5, 0, 0])), X_SC=rig().X_SC)
     rectifier = Rectifier(raw)
@@ -115,7 +113,6 @@ def test_a_pair_that_is_rectified_already_is_left_alone() -> None:
 
 
 def test_colour_for_people_is_rectified_with_the_left_image() -> None:
-    """Tracks are drawn on it."""
     raw = rig()
     left = spots(raw.left.project(points(1))[0], (391, 1344))
     frame = Rectifier(raw).step(
@@ -126,7 +123,6 @@ def test_colour_for_people_is_rectified_with_the_left_image() -> None:
 
 
 def test_images_of_another_size_are_refused() -> None:
-    """One line with both sizes."""
     image = np.zeros((400, 640), np.uint8)
     with pytest.raises(ValueError, match="the left image has 640x400 px, its camera was calibrated with 1344x391 px"):
         Rectifier(rig()).step(StereoFrame(tick=0, left=image, right=image))

@@ -31,10 +31,6 @@ def turned_image(calibration: StereoCalibration, p_Cl: FloatArray, rotation: Rig
     return calibration.focal_length * p[:, :2] / p[:, 2:] + [calibration.cx, calibration.cy]
 
 
-def left_image(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
-    return calibration.focal_length * p[:, :2] / p[:, 2:] + [calibration.cx, calibration.cy]
-
-
 def world_points(calibration: StereoCalibration, rng: np.random.Generator, n: int = 250) -> FloatArray:
     """Points (n, 3) in the left camera: ground 3 m below up to 25 m away, and things up to 80 m away."""
     rays = rng.uniform([-1.0, 0.12], [1.0, 0.32], (n, 2))
@@ -49,7 +45,8 @@ def images(calibration: StereoCalibration, p: FloatArray, rng: np.random.Generat
         return (pixels + NOISE * rng.standard_normal(pixels.shape)).astype(np.float32)
 
     variance = np.broadcast_to(NOISE**2 * np.array([1.0, 0.5, 1.0]), (len(p), 3))
-    left, right = left_image(calibration, p), turned_image(calibration, p, rotation)
+    left = calibration.focal_length * p[:, :2] / p[:, 2:] + [calibration.cx, calibration.cy]
+    right = turned_image(calibration, p, rotation)
     return Images(noisy(left), noisy(right), variance, geometry(0.0, UNKNOWN, calibration.baseline))
 
 
@@ -86,7 +83,6 @@ def test_straightened_points_are_those_of_the_camera_as_calibrated(calibration: 
 
 
 def test_sensitivity_is_the_derivative(calibration: StereoCalibration) -> None:
-    """Against central differences of the homography."""
     q, h = np.array([[100.0, 50.0], [1200.0, 380.0], [700.0, 200.0]]), 1e-6
     for k in range(3):
         step = RightRotation(*(h * np.eye(3)[k]).tolist())
@@ -118,7 +114,6 @@ def test_yaw_needs_a_way(calibration: StereoCalibration) -> None:
 
 
 def test_too_few_points_tell_nothing(calibration: StereoCalibration) -> None:
-    """They may agree by chance."""
     first, second = two_views(calibration, 0, TURNED)
     few, again = (Images(v.left[:20], v.right[:20], v.variance[:20], v.geometry) for v in (first, second))
     assert from_motion(calibration, few, again, MOVED, np.zeros(3), np.eye(3)) is None
@@ -126,7 +121,6 @@ def test_too_few_points_tell_nothing(calibration: StereoCalibration) -> None:
 
 @pytest.fixture(scope="module")
 def turned_drive(drive: Drive) -> Drive:
-    """The drive as seen with the right camera turned."""
     return replace(drive, frames=[drive.knocked(frame, TURNED) for frame in drive.frames])
 
 
@@ -177,14 +171,12 @@ def test_motions_are_as_good_as_with_a_straight_camera(
 def test_covariance_covers_the_time_before_yaw_is_known(
     turned_drive: Drive, calibrated: list[SelfCalibratedMotion]
 ) -> None:
-    """The first motions are off by per cents, and say so."""
     assert np.mean(np.abs(turned_drive.normalised(calibrated)) < 2.5) > 0.95
     assert np.sqrt(calibrated[0].covariance[5, 5]) > 3.0 * np.sqrt(calibrated[-5].covariance[5, 5])
 
 
 @pytest.mark.slow
 def test_nothing_is_done_where_nothing_is_turned(drive: Drive) -> None:
-    """Bitwise the motions of the odometry alone."""
     plain = drive.run(CircularOdometry(drive.calibration), drive.frames[:30])[1]
     watched: list[Any] = drive.run(self_calibrated(drive.calibration), drive.frames[:30])[1]
     for motion, same in zip(plain, watched, strict=True):
@@ -214,9 +206,7 @@ def test_a_view_that_a_turn_took_out_of_sight_is_replaced_at_once_only_in_doubt(
 def test_blinded_cameras_are_lost_and_found_again(turned_drive: Drive) -> None:
     """Black frames tell nothing of the rotation: what was known is kept, and used at once afterwards."""
     frames = list(turned_drive.frames[:25])
-    black = np.zeros_like(frames[0].left)
-    for k in (12, 13):
-        frames[k] = replace(frames[k], left=black, right=black)
+    frames[12:14] = map(turned_drive.dark, frames[12:14])
     motions: list[Any] = turned_drive.run(self_calibrated(turned_drive.calibration), frames)[1]
     assert motions[11].health is Health.LOST
     assert motions[-1].health is not Health.LOST

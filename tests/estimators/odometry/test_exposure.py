@@ -38,13 +38,11 @@ def level_map(before: GreyImage, between: GreyImage, after: GreyImage) -> tuple[
 
 
 def is_untouched(drive: Drive, frame: StereoFrame) -> bool:
-    """Test whether matching leaves the frame's images as they are."""
     matched = match_exposures(drive.calibration, frame)
     return matched.left is frame.left and matched.right is frame.right
 
 
 def test_equal_exposures_stay_as_they_are(drive: Drive) -> None:
-    """The very same images: runs without a change of exposure do not change by a bit."""
     assert all(is_untouched(drive, frame) for frame in drive.frames[::5])
     one, other = drive.frames[20:22]
     assert match_over_time(one, other)[0] is one
@@ -65,7 +63,6 @@ def test_right_image_is_exposed_like_the_left_one(drive: Drive, gain: float, off
 
 
 def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
-    """A third of the right image is dark; the rest decides."""
     right = drive.frames[20].right.copy()
     right[:, 300:750] = 20
     dirty = replace(drive.frames[20], right=right)
@@ -73,7 +70,6 @@ def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
 
 
 def test_blank_images_are_left_alone(drive: Drive) -> None:
-    """Dark, saturated, and too small to compare."""
     frame = drive.frames[0]
     for blank in (drive.dark(frame), replace(frame, right=np.full_like(frame.right, 255))):
         assert is_untouched(drive, blank)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from estimators.odometry.keyframe_tracking import new_keyframe
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import GreyImage
 from tests.estimators.stereo_scene import Drive
-from vehicle.frames import FloatArray, inverse
+from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
 STANDING = 43  # first frame of the drive that is where the one before was
 
@@ -37,20 +38,13 @@ def test_points_of_the_ground_lie_on_it_within_their_covariance(drive: Drive) ->
 
 
 def travelled(motions: Sequence[Motion]) -> FloatArray:
-    X = np.eye(4)
-    for motion in motions:
-        X = X @ motion.X_PC
-    return X
+    return reduce(np.matmul, [motion.X_PC for motion in motions], np.eye(4))
 
 
 @pytest.mark.slow
 def test_drift_is_less_than_from_frame_to_frame(drive: Drive, motions: list[Motion]) -> None:
     """Over any 7 m of travel the errors of 14 motions do not accumulate: the purpose of keyframes."""
-    circular, memory = CircularOdometry(drive.calibration), CircularOdometry(drive.calibration).init()
-    chained = []
-    for frame in drive.frames:
-        memory, motion = circular.step(memory, frame)
-        chained += [motion] if motion is not None else []
+    chained = drive.run(CircularOdometry(drive.calibration), drive.frames)[1]
     drifts = []
     for source in (motions, chained):
         ends = [(k, k + 14) for k in range(0, 28, 2)]
@@ -81,11 +75,7 @@ def test_anchors_and_motions_are_one_chain(motions: list[Motion]) -> None:
     ticks = [motion.anchor.tick for motion in motions if motion.anchor]
     assert 6 <= len(set(ticks)) <= 20  # 21 m and 70 deg of turn: at 2 m or 6 deg each
     assert ticks == sorted(ticks)
-
-
-def test_rotations_stay_rotations(motions: list[Motion]) -> None:
-    """Products of many poses drift off SO(3) if nobody sees to it."""
-    for motion in motions:
+    for motion in motions:  # products of many poses drift off SO(3) if nobody sees to it
         assert motion.X_PC[:3, :3] @ motion.X_PC[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
 
 
@@ -107,7 +97,6 @@ def noisy(image: GreyImage, rng: np.random.Generator) -> GreyImage:
 
 @pytest.mark.slow
 def test_reversing_is_driving_backwards(drive: Drive) -> None:
-    """The frames in the opposite order: every motion is the inverse of the true one."""
     backwards = [replace(frame, tick=100 * k) for k, frame in enumerate(drive.frames[12:40][::-1])]
     motions = drive.run(KeyframeOdometry(drive.calibration), backwards)[1]
     for k, motion in enumerate(motions):
@@ -134,18 +123,12 @@ def test_sudden_shake_is_found_again(drive: Drive) -> None:
     odometry = KeyframeOdometry(drive.calibration)
     memory, _ = drive.run(odometry, drive.frames[20:25])
     assert memory.last is not None
-    swerving = memory.last.X_PC @ yawed(np.radians(4.0))
+    swerving = memory.last.X_PC @ transform(so3_exp(np.array([0.0, np.radians(4.0), 0.0])), np.zeros(3))
     memory, motion = odometry.step(memory._replace(last=replace(memory.last, X_PC=swerving)), drive.frames[25])
     assert motion is not None
     assert motion.health is Health.OK
     assert motion.anchor is not None
     assert np.abs(drive.normalised([motion])).max() < 5.0
-
-
-def yawed(angle: float) -> FloatArray:
-    X = np.eye(4)
-    X[:3, :3] = [[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]]
-    return X
 
 
 @pytest.mark.parametrize(("dirty", "leap", "believed"), [(False, 0.3, True), (True, 0.3, False), (True, 0.03, True)])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from estimators.estimates import Health, Motion
+from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.plausibility import HARDEST, Belief, believed, is_implausible
 from estimators.rigid_motion import UncertainMotion, composed
 from vehicle.frames import transform
@@ -15,16 +17,7 @@ def motion(tick: int, speed: float, *, previous_tick: int | None = None, health:
     """Straight motion at a speed [m/s]; from 0.1 s before, if no tick is given."""
     start = tick - 100 if previous_tick is None else previous_tick
     X_PC = transform(np.eye(3), np.array([0.0, 0.0, speed * (tick - start) * 1e-3]))
-    return Motion(
-        tick=tick,
-        previous_tick=start,
-        X_PC=X_PC,
-        covariance=1e-6 * np.eye(6),
-        matches=300,
-        inliers=280,
-        health=health,
-        tracks=np.empty((0, 4), np.float32),
-    )
+    return replace(lost_motion(tick, start), X_PC=X_PC, covariance=1e-6 * np.eye(6), health=health)
 
 
 def judge(motions: list[Motion]) -> list[Motion]:

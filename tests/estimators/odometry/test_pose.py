@@ -64,13 +64,11 @@ def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0) -> t
 
 
 def test_triangulation_inverts_projection(calibration: StereoCalibration) -> None:
-    """Points and their images determine each other."""
     points = points_ahead(np.random.default_rng(0), 50, calibration)
     assert triangulate(calibration, project(calibration, points)) == pytest.approx(points, abs=1e-9)  # rounding
 
 
 def test_exact_matches_give_the_exact_motion(calibration: StereoCalibration) -> None:
-    """No noise, no outliers: Gauss-Newton ends at the truth."""
     _, solution = solved(calibration, matched(calibration, np.random.default_rng(1), 300, 0.0))
     assert solution.converged
     assert error(solution.X_PC) == pytest.approx(np.zeros(6), abs=1e-9)  # quadratic convergence
@@ -104,7 +102,6 @@ def test_slightly_wrong_matches_hardly_pull(calibration: StereoCalibration) -> N
 
 
 def test_a_moving_body_does_not_take_over(calibration: StereoCalibration) -> None:
-    """A third of the matches sit on a vehicle that moves by itself, consistently."""
     rng = np.random.default_rng(3)
     matches = matched(calibration, rng, 450, STD)
     points = np.column_stack([rng.uniform(-3, 3, 150), rng.uniform(-1, 2, 150), rng.uniform(8, 12, 150)])

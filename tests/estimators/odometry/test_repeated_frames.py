@@ -43,8 +43,6 @@ SAND = np.random.default_rng(1).uniform(60.0, 200.0, (120, 160))
 
 
 class Counting(ReferenceSlip):
-    """An estimator that counts its views."""
-
     def init(self) -> int:  # type: ignore[override]
         return 0
 
@@ -81,7 +79,6 @@ def test_an_image_that_repeats_under_way_is_lost_and_not_passed_on(noise: float)
 
 
 def test_a_rover_at_standstill_is_not_taken_for_a_frozen_camera() -> None:
-    """The noise of its images is new, or there is none; a frozen camera repeats the noise as well."""
     still = [image(k) for k in range(3)]
     assert seen(still, 0.0)[1] == [Health.OK] * 3
     assert seen([image(0, noise=0.0)] * 3, 0.0)[1] == [Health.OK] * 3
@@ -89,7 +86,6 @@ def test_a_rover_at_standstill_is_not_taken_for_a_frozen_camera() -> None:
 
 
 def test_black_images_are_lost() -> None:
-    """From the second one on: all of them are the same image."""
     black = np.zeros_like(image(0))
     assert seen([image(0), black, black, image(1, shift=15)], ROLLING)[1][2:] == [Health.LOST, Health.OK]
 

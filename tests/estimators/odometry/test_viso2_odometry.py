@@ -53,14 +53,12 @@ def test_noise_has_less_than_one_feature_of_a_kind_in_a_bucket(std: float) -> No
 
 @pytest.mark.parametrize("grey", [0, 255])
 def test_black_and_saturated_images_have_no_features(grey: int) -> None:
-    """Nothing stands out of nothing."""
     assert len(detect_features(np.full((391, 1344), grey, np.uint8)).points) == 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.4, 0.7])
 def test_features_do_not_depend_on_brightness_and_contrast(drive: Drive, gain: float) -> None:
-    """A darker image of the same has the same features but for those at the edge of the noise."""
     image = drive.frames[20].left
     darker = np.rint(gain * image + 10.0).astype(np.uint8)
     points, found = (detect_features(one).points for one in (image, darker))
@@ -85,7 +83,6 @@ def test_resampled_noise_is_noise() -> None:
 
 
 def test_glare_does_not_hide_the_noise(drive: Drive) -> None:
-    """A third of the image saturated: the noise is that of the rest."""
     image = drive.frames[20].left.copy()
     image[:, :448] = 255
     whole = detect_features(drive.frames[20].left).points
@@ -138,13 +135,6 @@ def test_matches_are_whole_pixels_two_a_bucket_and_right(drive: Drive) -> None:
     assert counts.max() <= 2
     off = np.abs(moved(drive.calibration, matches.previous, X_PC) - matches.current).max(axis=1)
     assert np.mean(off < 2.0) > 0.9
-
-
-def test_no_texture_gives_no_matches(drive: Drive) -> None:
-    """Dark images have no features, and nothing of the matching minds."""
-    dark = pair_features(drive.dark(drive.frames[0]))
-    for pairs in ((dark, dark), (dark, pair_features(drive.frames[0])), (pair_features(drive.frames[0]), dark)):
-        assert len(circular_matches(drive.calibration, *pairs, np.eye(4), 60.0).current) == 0
 
 
 def test_noise_is_known_from_the_first_motion_on(drive: Drive) -> None:

@@ -72,7 +72,6 @@ def test_warp_is_what_finds_a_sheared_patch(scene: Float32Array) -> None:
 
 
 def test_exposure_does_not_matter(scene: Float32Array) -> None:
-    """Another gain and another black level: the same place, exactly as alike."""
     points = centres()
     second = seen_through(scene, STRAIGHT, points[0])
     same, brighter = (matched(scene, image, points, STRAIGHT, points) for image in (second, 0.6 * second + 30.0))
@@ -97,7 +96,6 @@ def test_variance_is_that_of_the_spread(scene: Float32Array) -> None:
 
 
 def test_plain_patches_are_finite_and_unlike() -> None:
-    """No texture: no place, no correlation, and no division by nothing."""
     plain = np.full((100, 100), 90.0, np.float32)
     points = np.array([[50.0, 50.0]], np.float32)
     found = matched(plain, plain, points, STRAIGHT, points)
@@ -106,7 +104,6 @@ def test_plain_patches_are_finite_and_unlike() -> None:
 
 
 def test_nothing_to_find() -> None:
-    """No patches are no error."""
     none = np.zeros((0, 2), np.float32)
     image = np.zeros((50, 50), np.float32)
     assert len(matched(image, image, none, STRAIGHT, none).points) == 0

@@ -37,7 +37,6 @@ pytestmark = pytest.mark.usefixtures("worlds")
 
 @cache
 def driven(name: str, *settings: str) -> RunResult:
-    """The run of the first seed, cached."""
     return run(load_scenario(name, settings), 1)
 
 

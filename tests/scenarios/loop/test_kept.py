@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import pickle
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -17,6 +16,7 @@ from offtrack.exchange.recordings.writers import RoverRecordingWriter
 from scenarios.loop.channel import Kept, Stopwatch
 from scenarios.loop.image_observers import TracePictures
 from sensors.messages import RoverView
+from tests.vehicle.rovers import HOME, plant_on
 from vehicle.rover.truth import RoverTruth
 
 
@@ -40,6 +40,7 @@ def test_recent_items_stay_in_memory(count: int) -> None:
     kept = Kept(10, range(count), recent=20)
     assert list(kept) == list(range(count))
     assert min(count, 20) <= len(kept._newest) < 40
+    assert not any(isinstance(chunk, list) for chunk in kept._older)
     for other in (copy.deepcopy(kept), pickle.loads(pickle.dumps(kept))):
         other.append(count)
         assert list(other) == list(range(count + 1))
@@ -78,32 +79,15 @@ def test_a_thread_reads_while_another_one_appends() -> None:
     assert Asking.read == [items[3], items[3]]
 
 
-def test_arrays_come_back_bit_by_bit() -> None:
+def test_arrays_come_back_bit_by_bit_and_what_can_not_be_pickled_stays() -> None:
     rows = np.random.default_rng(1).normal(size=(50, 3))
     rows[7, 1] = np.nan
     assert np.array(list(Kept(4, rows))).tobytes() == rows.tobytes()
-
-
-def test_items_that_can_not_be_pickled_stay() -> None:
-    """A class of the user's own may hold anything."""
     functions = [partial(lambda k: k, k) for k in range(30)]
     assert [function() for function in Kept(4, functions)] == list(range(30))
 
 
-def test_only_the_newest_are_in_memory() -> None:
-    """Of 400 arrays of 80 kB at most 20 are; all of them would be 32 MB."""
-    kept = Kept[np.ndarray](10)
-    for k in range(400):
-        kept.append(np.full(10_000, float(k)))
-    in_memory = sum(sys.getsizeof(item) for item in kept._newest)
-    assert in_memory < 2e6
-    assert not any(isinstance(chunk, list) for chunk in kept._older)
-    assert kept[123][0] == 123.0
-
-
 class Views:
-    """Stands for the writer of a recording."""
-
     def __init__(self) -> None:
         self.added: list[tuple[int, float]] = []
 
@@ -113,24 +97,12 @@ class Views:
 
 def test_an_old_image_is_recorded_with_the_truth_at_its_capture() -> None:
     """A frozen image may be a minute old; of 1200 truths at most 600 are in memory. An image of no step is an error."""
-    none, views = np.zeros(4), Views()
-    truth = RoverTruth(
-        tick=0,
-        pose=np.zeros(3),
-        velocity=np.zeros(3),
-        X_WB=np.eye(4),
-        wheel_positions=np.zeros((4, 3)),
-        wheel_headings=none,
-        wheel_velocities=np.zeros((4, 2)),
-        wheel_speeds=none,
-        wheel_turns=none,
-        steer=none,
-        slip_ratios=none,
-        slip_angles=none,
-        sinkages=none,
-        loads=none,
+    views = Views()
+    plant = plant_on(None)
+    truth = plant.observe(plant.initial_state(HOME), 0)
+    view = RoverView(
+        tick=0, image=np.zeros((1, 1), dtype=np.uint8), heading=0.0, wheel_speeds=np.zeros(4), steer=np.zeros(4)
     )
-    view = RoverView(tick=0, image=np.zeros((1, 1), dtype=np.uint8), heading=0.0, wheel_speeds=none, steer=none)
     pictures = TracePictures(None, Stopwatch(), keep=False, recorder=cast("RoverRecordingWriter", views))
     for tick in range(0, 60_000, 50):
         pictures.follow(replace(truth, tick=tick, pose=np.array([1e-3 * tick, 0.0, 0.0])))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from pathlib import Path
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +19,6 @@ from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import (
     ActuatorFault,
-    DemandLoss,
     LoopFault,
     LoopFaultContext,
     MessageFault,
@@ -70,21 +69,18 @@ def carried(text: str, count: int) -> list[list[int]]:
     return [kind.carried(k * STEP, [k], one.active(k * STEP)) for k in range(count)]
 
 
-def test_stuck_axles_stay_until_the_fault_ends() -> None:
+@pytest.mark.parametrize(
+    ("text", "vehicle", "stay"),
+    [
+        ("actuator_stuck@0.02+0.02", VEHICLE, [True, True]),
+        ("actuator_stuck:2@0.02+0.02", VEHICLE, [False, True]),
+        ("actuator_stuck:2@0.02+0.02", f"{VEHICLE}_grouped", [True, True]),  # a linkage turns both
+    ],
+)
+def test_stuck_axles_stay_until_the_fault_ends(text: str, vehicle: str, stay: list[bool]) -> None:
     demands = [0.0, 0.1, 0.2, 0.3, 0.4]
-    course = driven("actuator_stuck@0.02+0.02", demands)
-    assert course[:, 0].tolist() == [0.0, 0.1, 0.1, 0.1, 0.4]
-
-
-def test_one_axle_is_faulty_alone() -> None:
-    course = driven("actuator_stuck:2@0.01", [0.1, 0.2, 0.3])
-    assert course[-1].tolist() == [0.3, 0.1]
-
-
-def test_axles_of_one_actuator_share_its_fault() -> None:
-    """A linkage turns both."""
-    course = driven("actuator_stuck:2@0.01", [0.1, 0.2, 0.3], load_vehicle("uk_longer_semitrailer_grouped"))
-    assert course[-1].tolist() == [0.1, 0.1]
+    course = driven(text, demands, load_vehicle(vehicle))
+    assert course.T.tolist() == [[0.0, 0.1, 0.1, 0.1, 0.4] if stuck else demands for stuck in stay]
 
 
 def test_slow_axles_turn_at_their_share_of_the_rate() -> None:
@@ -120,8 +116,6 @@ def test_messages_are_lost_in_their_share() -> None:
 
 
 class Swapped(ActuatorFault):
-    """Axles that turn to the other side."""
-
     options: ClassVar = ()
 
     def demanded(self, tick: int, demand: FloatArray, angles: FloatArray, active: bool) -> FloatArray:
@@ -160,7 +154,6 @@ def test_faults_act_between_law_and_axles_of_a_run() -> None:
 
 
 def test_estimates_are_kept_from_the_law_alone() -> None:
-    """The log has what the estimator sent."""
     known = {}
     for faults in ("none", "estimate_loss:1", "estimate_delay:0.1"):
         trailer = SteeredTrailer(assembled("roundabout", f"faults={faults}").trailers[-1], InLine(), Stopwatch())
@@ -219,31 +212,23 @@ def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, setting
         assembled(scenario, f"faults={settings}", *vehicle)
 
 
-def test_a_vehicle_without_brakes_has_no_fault_of_them(tmp_path: Path) -> None:
-    bare = load_vehicle(VEHICLE).model_copy(update={"brakes": None})
-    with pytest.raises(ValueError, match=r"^the file of vehicle uk_longer_semitrailer has no table \[brakes\]$"):
-        bare.with_failing_brakes()
-
-
-def test_a_rover_has_none_of_these_faults() -> None:
-    scenario = load_any_scenario("rover-slope", ("faults=demand_delay:0.2", "slip_estimator=truth"))
-    assert isinstance(scenario, RoverScenario)
-    with pytest.raises(ValueError, match=r"^faults: demand_delay acts on .* of a run's trailer; a rover has none$"):
-        assemble_rover(scenario, 1)
-
-
-def test_too_many_numbers_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"actuator_offset: amount = \[1.0, 2.0, 3.0\] must be offset \[deg\], axle"):
-        fault("actuator_offset:1,2,3")
-
-
-def test_a_system_of_fmus_has_none_of_these_faults() -> None:
-    with pytest.raises(ValueError, match=r"^faults: actuator_dead acts on .*; a system of FMUs has none$"):
-        fmu_system(load_scenario("roundabout", ("off_tracking=truth", "faults=actuator_dead")), 1)
-
-
 def test_loss_draws_the_same_numbers_whether_active_or_not() -> None:
     """A fault's time changes no message outside of it."""
     late, always = ([len(one) for one in carried(f"demand_loss:0.5@{start}", 60)] for start in ("0.3", "0"))
     assert late[30:] == always[30:]
-    assert DemandLoss.carries == "demands"
+
+
+def test_what_has_no_such_part_has_no_fault_of_it() -> None:
+    rover = load_any_scenario("rover-slope", ("faults=demand_delay:0.2", "slip_estimator=truth"))
+    assert isinstance(rover, RoverScenario)
+    fmus = load_scenario("roundabout", ("off_tracking=truth", "faults=actuator_dead"))
+    bare = load_vehicle(VEHICLE).model_copy(update={"brakes": None})
+    refused: dict[str, Callable[[], object]] = {
+        r"^the file of vehicle uk_longer_semitrailer has no table \[brakes\]$": bare.with_failing_brakes,
+        r"^faults: demand_delay acts on .* of a run's trailer; a rover has none$": lambda: assemble_rover(rover, 1),
+        r"^faults: actuator_dead acts on .*; a system of FMUs has none$": lambda: fmu_system(fmus, 1),
+        r"amount = \[1.0, 2.0, 3.0\] must be offset \[deg\], axle": lambda: fault("actuator_offset:1,2,3"),
+    }
+    for complaint, build in refused.items():
+        with pytest.raises(ValueError, match=complaint):
+            build()

@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
+from offtrack.exchange.recordings.writers import open_rover_recording, recording_in
 from scenarios.loop.runner import run
 from scenarios.options.scenario import RoverScenario, load_any_scenario
 from scenarios.results.log import read_log
@@ -83,6 +84,7 @@ def test_the_paper_s_ground_truth_agrees_with_the_exact_slip() -> None:
     assert 0.1 < error < 1.0
     assert number_at(summary, "slip.valid_fraction") == 1.0
     assert number_at(summary, "slip.lagged_error_rms_deg") is None  # an exact slip is not estimated anew
+    assert "fallback" not in result.log  # without faults
 
 
 def test_errors_of_later_estimates_are_against_the_truth_at_their_tick() -> None:
@@ -112,22 +114,20 @@ def test_a_bend_is_not_taken_for_slip(tmp_path: Path) -> None:
     assert within[np.isfinite(error)].mean() > 0.97
 
 
-def test_sinking_in_ends_the_run_as_entrapped(tmp_path: Path) -> None:
-    """A rover whose limit is below what this sand lets it sink in."""
+@pytest.mark.parametrize(
+    ("number", "outcome"),
+    [
+        ("sinkage_limit = 0.005", "entrapped"),  # below what this sand lets it sink in
+        ("stall_torque = 0.02", "timed out"),  # sand asks for more than 0.02 N m at the wheel: it comes to rest
+    ],
+)
+def test_a_rover_that_can_not_go_on_says_why(tmp_path: Path, number: str, outcome: str) -> None:
     source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
-    lines = ["sinkage_limit = 0.005" if line.startswith("sinkage_limit") else line for line in source.splitlines()]
-    (tmp_path / "heavy.toml").write_text("\n".join(lines))
-    result = driven("rover-slope", "slip_estimator=truth", f"vehicle={tmp_path / 'heavy.toml'}")
-    assert result.outcome == "entrapped"
-
-
-def test_a_rover_without_the_strength_to_move_times_out(tmp_path: Path) -> None:
-    """Drives of 0.02 N m at the wheel on sand that asks for more: it comes to rest and stays."""
-    source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
-    lines = ["stall_torque = 0.02" if line.startswith("stall_torque") else line for line in source.splitlines()]
-    (tmp_path / "weak.toml").write_text("\n".join(lines))
-    result = driven("rover-slope", "slip_estimator=truth", f"vehicle={tmp_path / 'weak.toml'}", "course.length=0.5")
-    assert result.outcome == "timed out"
+    name = number.partition(" ")[0]
+    lines = [number if line.startswith(name) else line for line in source.splitlines()]
+    (tmp_path / "own.toml").write_text("\n".join(lines))
+    settings = ("slip_estimator=truth", f"vehicle={tmp_path / 'own.toml'}", "course.length=0.5")
+    assert driven("rover-slope", *settings).outcome == outcome
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,6 @@ def test_a_run_leaves_its_directory(recorded: tuple[Path, Path]) -> None:
 
 @pytest.mark.slow
 def test_a_recording_gives_the_estimates_of_the_run(recorded: tuple[Path, Path], tmp_path: Path) -> None:
-    """The estimator gets from files what it got in the loop; the CSV keeps nine digits of readings."""
     run, images = recorded
     arguments = ["estimate", "slip", str(images), "--estimator", "ftrace", "--json", "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, arguments)
@@ -169,7 +168,6 @@ def test_a_recording_gives_the_estimates_of_the_run(recorded: tuple[Path, Path],
 
 
 def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_path: Path) -> None:
-    """The others are estimated from all the same."""
     copy = shutil.copytree(recorded[1], tmp_path / "copy")
     (copy / "images" / "000003.png").write_bytes(b"no image")
     arguments = ["estimate", "slip", str(copy), "--estimator", "ftrace", "--no-video", "--out", str(tmp_path / "out")]
@@ -197,7 +195,6 @@ def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_pat
 def test_a_recording_that_does_not_fit_is_one_line(
     recorded: tuple[Path, Path], tmp_path: Path, spoil: object, said: str
 ) -> None:
-    """Exit code 2 and what is wrong, and where."""
     copy = shutil.copytree(recorded[1], tmp_path / "copy")
     spoil(copy)  # type: ignore[operator]  # a function of the table above
     result = CliRunner().invoke(app, ["estimate", "slip", str(copy), "--out", str(tmp_path / "out")])
@@ -218,7 +215,6 @@ def test_a_recording_that_does_not_fit_is_one_line(
     ],
 )
 def test_what_can_not_be_run_is_one_line(settings: list[str], said: str, tmp_path: Path) -> None:
-    """Exit code 2, and nothing is written."""
     options = [part for setting in settings for part in ("--set", setting)]
     result = CliRunner().invoke(app, ["run", "rover-slope", *options, "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
@@ -247,5 +243,46 @@ def test_messages_that_do_not_come_are_noticed() -> None:
     assert not fallback[time > 8.5].any()
 
 
-def test_a_run_without_faults_has_no_signal_of_a_fallback() -> None:
-    assert "fallback" not in driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none").log
+# Six wheels
+
+
+SIX = ("vehicle=six_wheel_rover", "surface.slope_from=0.5", "surface.slope_over=0.3")
+
+
+def on_six_wheels(*settings: str, record: Path | None = None) -> RoverResult:
+    scenario = load_any_scenario("rover-slope", (*SIX, *settings))
+    assert isinstance(scenario, RoverScenario)
+    return run(scenario, 1, record=recording_in(record) if record else None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compensation", ["crab", "heading"])
+def test_it_holds_its_path_across_a_slope(compensation: str) -> None:
+    """With a known slip the residual compass deviation of 0.3 degrees is left over 3 m, as with four wheels."""
+    result = on_six_wheels("course.length=3", "slip_estimator=truth", f"slip_compensation={compensation}")
+    assert result.outcome == "completed"
+    assert abs(float(result.log["cross_track_true"][-1])) < 0.03
+    loads = sum(result.log[f"load_{wheel.name}"] for wheel in result.rig.wheels)
+    assert loads == pytest.approx(np.full(len(result.log), 42.6 * 9.81), rel=0.005)  # cos(5 deg) = 0.996
+
+
+@pytest.mark.slow
+def test_the_trace_of_three_wheels_in_line_shows_the_slip(tmp_path: Path) -> None:
+    """Heading compensation lets the body slip by some 4 degrees; FTrace+ sees it within its 1.4 degrees of accuracy.
+
+    From the recording, whose rig names six wheels, the estimates are the same but for nine digits of readings.
+    """
+    result = on_six_wheels("course.length=1.2", "slip_compensation=heading", record=tmp_path / "recording")
+    assert np.degrees(np.sqrt(np.nanmean(result.slip_error**2))) < 1.4
+    assert result.log["slip_angle_true"].min() < math.radians(-2.0)
+    recording = open_rover_recording(tmp_path / "recording")
+    assert recording.rig.wheels == result.rig.wheels
+    assert recording.rig.watched == result.rig.watched
+    assert recording.readings.shape[1] == 2 + 2 * 6
+    done = CliRunner().invoke(
+        app, ["estimate", "slip", str(tmp_path / "recording"), "--no-video", "--out", str(tmp_path / "again")]
+    )
+    assert done.exit_code == 0, done.stderr
+    captured = np.isfinite(result.log["health"])
+    again = read_log(tmp_path / "again" / "slip.parquet")["slip_angle"][: int(captured.sum())]
+    np.testing.assert_allclose(again, result.log["slip_angle_estimate"][captured], atol=1e-6)

@@ -16,7 +16,6 @@ from scenarios.catalogue import resolve
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from vehicle.combination.description import load_vehicle, vehicle_from
 from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, without_sources
-from vehicle.option import Option
 
 ESC = "\x1b[31m"
 KINDS = (
@@ -54,7 +53,6 @@ number = 5
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Working directory with modules of one's own."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))  # the catalogue adds the working directory
     (tmp_path / "wrong_parts.py").write_text(OWN, encoding="utf-8")
@@ -66,7 +64,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def invoked(*arguments: str) -> Result:
-    """The command in this process."""
     return CliRunner().invoke(app, arguments)
 
 
@@ -85,7 +82,6 @@ def refused(*arguments: str) -> str:
 
 
 def refused_settings(*settings: str, scenario: str = "roundabout") -> str:
-    """The line of a run with these settings."""
     return refused("run", scenario, "--quiet", *(part for setting in settings for part in ("--set", setting)))
 
 
@@ -154,14 +150,12 @@ def test_only_finite_numbers_are_numbers(value: str) -> None:
 
 
 def test_numbers_of_vehicle_and_law_are_finite_numbers_too(here: Path) -> None:
-    """They are checked when the run is assembled."""
     for key in ("steering.gain", "plant.units.0.mass"):
         for value in ("true", "nan", "1" + "0" * 400):
             assert key in refused_settings(f"{key}={value}", "off_tracking=truth")
 
 
 def test_booleans_in_files_are_no_numbers_either(here: Path) -> None:
-    """A scenario file is validated as settings are."""
     text = load_scenario("roundabout").to_toml().replace("speed_kmh = 10.0", "speed_kmh = true")
     (here / "mine.toml").write_text(text, encoding="utf-8")
     assert "speed_kmh = True must be a number between 1 and 120 km/h" in refused("run", "mine.toml", "--quiet")
@@ -185,7 +179,6 @@ def test_what_was_a_number_still_is() -> None:
 
 
 def test_of_a_key_given_twice_the_last_counts_and_a_course_keeps_its_keys() -> None:
-    """The kind of the course is set before its other keys, wherever it stands."""
     assert load_scenario("roundabout", ["speed_kmh=8", "speed_kmh=9"]).speed_kmh == 9.0
     for settings in (["course.length=33", "course.kind=straight"], ["course.kind=straight", "course.length=33"]):
         scenario = load_any_scenario("roundabout", settings)
@@ -240,7 +233,6 @@ def test_import_paths_that_name_no_part_are_refused(path: str, says: str, here: 
     ],
 )
 def test_classes_without_the_methods_of_their_kind_are_refused(setting: str, says: str, here: Path) -> None:
-    """Before the run; whatever a class of one's own raises is one line, too."""
     others = [] if setting.startswith("off_tracking") else ["off_tracking=truth"]
     assert says in refused_settings(setting, *others)
 
@@ -268,12 +260,10 @@ def test_classes_without_the_methods_of_their_kind_are_refused(setting: str, say
     ],
 )
 def test_arguments_of_every_command_end_in_one_line(arguments: tuple[str, ...], here: Path) -> None:
-    """Also the usage errors of the argument parser."""
     refused(*arguments)
 
 
 def test_names_with_brackets_are_printed_as_they_are(here: Path) -> None:
-    """Brackets in a path or a summary are no markup, and escape codes are not obeyed."""
     done = invoked("vehicle", "rigid_truck", "--out", "a[/b]c")
     assert done.exit_code == 0, done.output
     assert "a[/b]c/sheet.svg" in done.stdout.replace("\n", "")
@@ -285,7 +275,6 @@ def test_names_with_brackets_are_printed_as_they_are(here: Path) -> None:
 
 
 def truck(**changes: str) -> dict[str, object]:
-    """Contents of a combination's file with other names of its units, by their index."""
     library = ParameterLibrary("vehicle", "parameters")
     contents = without_sources(read_toml(library.file("b_double")))
     for index, name in changes.items():
@@ -295,7 +284,6 @@ def truck(**changes: str) -> dict[str, object]:
 
 @pytest.mark.parametrize("name", ["a/b", "", "x" * 41, "a.b", "0", "1st", "two\nlines", ESC, "a,b", "[b]", "trailer "])
 def test_names_of_units_must_fit_into_columns(name: str) -> None:
-    """Refused when the file is read, not after the run."""
     with pytest.raises(ValueError, match=r"units.1.name: '.*' must be letters, digits, spaces") as error:
         vehicle_from(truck(unit_1=name), "mine.toml")
     assert str(error.value).isprintable()
@@ -312,15 +300,7 @@ def test_names_of_units_are_different_and_no_endings_of_signals() -> None:
     assert load_vehicle("b_double").units[2].name
 
 
-def test_options_of_parts_refuse_whole_numbers_beyond_all_floats() -> None:
-    """A number of 400 digits is compared, not converted; its message is short."""
-    with pytest.raises(ValueError, match=r"^gain = 1000.*\.\.\. must be between 0 and 2$") as error:
-        Option("gain", 0.5, "", low=0.0, high=2.0).check(10**400, "gain")
-    assert len(str(error.value)) < 200
-
-
 def test_a_word_unlike_all_others_is_answered_with_few_of_them() -> None:
-    """Not with a page of words; short lists are shown whole."""
     words = [f"word_{k}" for k in range(60)]
     assert nearest("zzz", words).count("word_") == 3
     assert nearest("zzz", words[:4]).count("word_") == 4

@@ -64,7 +64,6 @@ def test_a_recorded_drive_beyond_the_vehicle_says_so(
     ],
 )
 def test_a_recorded_drive_within_reach_is_completed(rows: str, tmp_path: Path) -> None:
-    """Lags of driveline, brakes and steering are no misses."""
     assert outcome_of(rows, tmp_path, "speed_kmh=50")[0] == "completed"
 
 
@@ -122,7 +121,6 @@ def test_a_rover_that_circles_about_the_centre_has_left_its_path(radius: float, 
 
 @pytest.mark.parametrize(("name", "settings"), ROVER_COURSES)
 def test_a_rover_on_its_path_completes_it(name: str, settings: tuple[str, ...]) -> None:
-    """A third of a metre off it is no reason to end a run."""
     parts, judged = rover_path(name, *settings)
     poses = [parts.path.pose(s) for s in np.linspace(0.0, parts.path.length + 0.1, 2000)]
     beside = np.array([(pose.x - 0.3 * np.sin(pose.psi), pose.y + 0.3 * np.cos(pose.psi)) for pose in poses])
@@ -153,7 +151,6 @@ def test_a_tractor_that_takes_the_wrong_circle_has_left_the_road() -> None:
 
 @pytest.mark.parametrize("duration", [float("inf"), float("nan"), 0.0])
 def test_a_driver_without_an_end_is_refused(duration: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run that gets stuck ends after a multiple of the planned duration."""
     monkeypatch.setattr(PreviewDriver, "duration", property(lambda self: duration))
     with pytest.raises(
         ValueError, match=rf"^driver.kind = preview: duration = {duration} s must be positive and finite"

@@ -41,14 +41,12 @@ def test_steady_circle_has_the_closed_form_off_tracking(radius: float, speed: fl
 @settings(max_examples=30)
 @given(st.floats(13.0, 60.0), st.floats(0.5, 20.0), st.floats(5.0, 10.0), st.floats(8.0, 12.9))
 def test_off_tracking_flips_in_the_mirror(radius: float, speed: float, axle: float, follow: float) -> None:
-    """Left and right swapped: the same distance on the other side, from the same sample on."""
     x, y, psi = circling(radius, speed, axle)
     e, mirrored = true_off_tracking(x, y, psi, follow), true_off_tracking(x, -y, -psi, follow)
     np.testing.assert_allclose(mirrored, -e, atol=1e-12)  # [m] rounding of sin and cos
 
 
 def test_off_tracking_does_not_depend_on_where_the_world_is() -> None:
-    """Turned and moved, the same; the whole turns in psi do not matter either."""
     x, y, psi = circling(15.0, 4.0, 9.0)
     e = true_off_tracking(x, y, psi, 14.0)
     c, s = math.cos(2.0), math.sin(2.0)
@@ -82,7 +80,6 @@ def test_only_the_newest_crossing_counts_where_the_path_crosses_itself() -> None
 
 
 def test_standing_still_changes_nothing() -> None:
-    """Samples on one spot add no path."""
     x, y, psi = circling(15.0, 4.0, 9.0)
     e = true_off_tracking(x, y, psi, 14.0)
     waiting = np.repeat(np.arange(len(x)), np.where(np.isin(np.arange(len(x)), (900, 1400)), 300, 1))
@@ -100,33 +97,7 @@ def test_going_back_takes_the_path_up() -> None:
     np.testing.assert_allclose(e, there[order], atol=2e-5)  # [m] at the joins the cubic is no better than the chord
 
 
-def test_searching_agrees_with_a_path_that_is_cut_sample_by_sample() -> None:
-    """To and fro on wandering ways, against the plain definition: a stack of samples, and its newest crossing."""
-    rng = np.random.default_rng(2)
-    heading = np.cumsum(np.cumsum(rng.normal(0.0, 4e-4, 2600)))
-    speed = np.repeat([1.0, -1.0, 1.0, -1.0, 1.0], [900, 300, 100, 250, 1050])
-    path = np.cumsum(0.04 * speed * np.exp(1j * heading))
-    psi = heading - 0.3 * np.sin(np.arange(2600) / 200.0)
-    e = true_off_tracking(path.real, path.imag, psi, 8.0)
-    kept: list[int] = []
-    for k in range(2600):
-        while kept and ((path[k] - path[kept[-1]]) * np.exp(-1j * psi[kept[-1]])).real < 0.0:
-            kept.pop()
-        kept.append(k)
-        if k % 41:
-            continue
-        seen = (path[kept] - path[k]) * np.exp(-1j * psi[k])
-        behind = np.flatnonzero(seen.real <= -8.0)
-        if not behind.size:
-            assert np.isnan(e[k])
-            continue
-        a, b = seen[behind[-1]], seen[behind[-1] + 1]
-        chord = a.imag + (b.imag - a.imag) * (-8.0 - a.real) / (b.real - a.real)
-        assert e[k] == pytest.approx(chord, abs=2e-4 + 0.2 * abs(b.imag - a.imag))  # [m] a join is crossed by a cubic
-
-
 def test_a_short_path_has_no_off_tracking() -> None:
-    """Before the path reaches back to the follow point there is nothing to compare with."""
     assert np.isnan(true_off_tracking(np.zeros(1), np.zeros(1), np.zeros(1), 14.0)).all()
     assert true_off_tracking(np.empty(0), np.empty(0), np.empty(0), 14.0).shape == (0,)
     with pytest.raises(ValueError, match="follow_distance"):
@@ -134,7 +105,6 @@ def test_a_short_path_has_no_off_tracking() -> None:
 
 
 def test_statistics_pass_over_what_is_missing() -> None:
-    """An estimate exists in every tenth row only."""
     values = np.array([np.nan, 3.0, np.nan, -4.0])
     assert metrics.rms(values) == pytest.approx(math.sqrt(12.5))
     assert metrics.peak(values) == 4.0

@@ -35,8 +35,8 @@ def truth(
     return truth_at(tick, poses=poses, bodies=bodies, load_transfer=np.array(transfer), steer=np.zeros(1), **wheels)
 
 
-def judged(seen: Truth) -> Outcome | None:
-    referee = Referee(VEHICLE, ROAD, 4.5)
+def judged(seen: Truth, half_width: float | FloatArray = 4.5) -> Outcome | None:
+    referee = Referee(VEHICLE, ROAD, half_width)
     return referee.step(referee.init(), seen)[1]
 
 
@@ -82,7 +82,6 @@ def test_a_body_whose_weight_is_beyond_its_outer_wheels_has_rolled_over(unit: in
 
 
 def test_a_body_on_gradients_rolls_over_after_half_a_second() -> None:
-    """It has no degree of freedom to fall with."""
     on_gradients = VEHICLE.model_copy(
         update={"units": tuple(unit.model_copy(update={"roll": None}) for unit in VEHICLE.units)}
     )
@@ -124,13 +123,16 @@ def test_the_road_is_left_with_the_first_wheel_of_the_tractor(y: float, yaw: flo
     assert judged(truth(tractor=(0.0, y, yaw), trailer_yaw=yaw)) == outcome
 
 
-def test_trailers_are_not_judged_by_the_road() -> None:
-    """A trailer at 80 degrees to the road reaches 9 m beside it."""
+@pytest.mark.parametrize(("x", "y", "outcome"), [(-10.0, 3.3, None), (10.0, 3.3, "left the road"), (10.0, -3.3, None)])
+def test_a_road_of_changing_width_is_left_at_its_edge(x: float, y: float, outcome: Outcome | None) -> None:
+    """A wheel 4.3 m to the left of the line: the edge is 4.5 m away at first, and 4 m 5 m on from the origin."""
+    widths = np.stack([np.where(ROAD[:, 0] < 5.0, 4.5, 4.0), np.full(len(ROAD), 4.5)], axis=1)
+    assert judged(truth(tractor=(x, y, 0.0)), widths) == outcome
+
+
+def test_neither_a_trailer_nor_a_tractor_without_a_road_leaves_it() -> None:
+    """A trailer at 80 degrees to the road reaches 9 m beside it; on the proving ground anything goes."""
     assert judged(truth(trailer_yaw=math.radians(80.0))) is None
-
-
-def test_without_a_road_there_is_none_to_leave() -> None:
-    """On the proving ground a combination may go where it likes."""
     referee = Referee(VEHICLE)
     assert referee.step(referee.init(), truth(tractor=(0.0, 1e3, 0.0)))[1] is None
 

@@ -11,12 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from offtrack.commands.cli import app
 from offtrack.reports.run_files import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import (
     appearing_at_once,
     check_run_directory,
+    mark_interrupted,
     next_run_directory,
     results_directory,
 )
@@ -57,7 +60,6 @@ def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunRe
 
 
 def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
-    """Each number against what the synthetic run was made with."""
     numbers = json.loads(json.dumps(camera_run.summary(), allow_nan=False))
     log = camera_run.log
     assert numbers["off_tracking"]["true_max_m"] == pytest.approx(np.nanmax(np.abs(log["off_tracking_true"])), abs=1e-6)
@@ -72,7 +74,6 @@ def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
 
 
 def test_what_was_not_measured_is_null(blind_run: RunResult) -> None:
-    """Zero would be a lie: there was no camera."""
     numbers = blind_run.summary()
     assert numbers["odometry"] == dict.fromkeys(NAMES["odometry"])
     off_tracking = numbers["off_tracking"]
@@ -82,7 +83,6 @@ def test_what_was_not_measured_is_null(blind_run: RunResult) -> None:
 
 
 def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run: RunResult, tmp_path: Path) -> None:
-    """Interrupted before the first or the second row."""
     for rows in (0, 1):
         log = Log(blind_run.log.signals, blind_run.log.rows[:rows])
         run = dataclasses.replace(blind_run, outcome="interrupted", log=log)
@@ -93,7 +93,6 @@ def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run:
 
 @pytest.mark.slow
 def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> None:
-    """Everything that is promised, and nothing of the writing left behind."""
     short = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, camera_run.log.rows[:900]))
     told: list[tuple[float, float]] = []
 
@@ -116,13 +115,7 @@ def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> N
     assert told[-1][0] == told[-1][1] > 0
 
 
-def test_without_video_there_is_none(blind_run: RunResult, tmp_path: Path) -> None:
-    """``--no-video``."""
-    assert len(list(write_run(blind_run, tmp_path / "a", video=False).iterdir())) == 5
-
-
 def test_a_directory_with_something_in_it_is_refused_and_left_alone(blind_run: RunResult, tmp_path: Path) -> None:
-    """Nobody's results may be written over."""
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "mine.txt").touch()
     with pytest.raises(ValueError, match="not empty"):
@@ -133,17 +126,12 @@ def test_a_directory_with_something_in_it_is_refused_and_left_alone(blind_run: R
 def test_what_can_not_become_a_run_directory_is_refused_beforehand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Known before a run of minutes, not after it."""
     (tmp_path / "file").touch()
-    with pytest.raises(ValueError, match="is a file"):
-        check_run_directory(tmp_path / "file")
-    with pytest.raises(ValueError, match="can not be made"):
-        check_run_directory(tmp_path / "file" / "a")
     (tmp_path / "circle").symlink_to("circle")
-    with pytest.raises(ValueError, match=r"circle is a file or a broken link: choose another name"):
-        check_run_directory(tmp_path / "circle")
-    with pytest.raises(ValueError, match=r"circle/a can not be made"):
-        check_run_directory(tmp_path / "circle" / "a")
+    refused = {"file": "is a file", "circle": "circle is a file or a broken link: choose another name"}
+    for name, words in (refused | {f"{name}/a": f"{name}/a can not be made" for name in refused}).items():
+        with pytest.raises(ValueError, match=words):
+            check_run_directory(tmp_path / name)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(ValueError, match="name a new folder inside it"):
@@ -155,7 +143,6 @@ def test_what_can_not_become_a_run_directory_is_refused_beforehand(
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
-    """A full disk in the middle: no half-written run, no litter."""
 
     def half_way() -> None:
         with appearing_at_once(tmp_path / "a") as folder:
@@ -168,7 +155,6 @@ def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
 
 
 def test_an_empty_directory_is_used(tmp_path: Path) -> None:
-    """``mktemp -d`` and ``--out`` go together."""
     (tmp_path / "a").mkdir()
     with appearing_at_once(tmp_path / "a") as folder:
         (folder / "x").touch()
@@ -177,7 +163,6 @@ def test_an_empty_directory_is_used(tmp_path: Path) -> None:
 
 
 def test_run_directories_are_numbered_beyond_those_there_are(tmp_path: Path) -> None:
-    """A gap is not filled: a later run has a higher number."""
     assert next_run_directory("roundabout", tmp_path) == tmp_path / "roundabout-1"
     for name in ("roundabout-1", "roundabout-9", "roundabout-right-30", "roundabout-x"):
         (tmp_path / name).mkdir()
@@ -226,7 +211,6 @@ def test_the_run_is_written_before_its_video_is_drawn(
 
 
 def test_timing_adds_up() -> None:
-    """Wall time outside all stages is the rest; a run that took no time has no real-time factor."""
     timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
     assert timing.rest_s == pytest.approx(1.5)
     parallel = dataclasses.replace(timing, odometry_parallel_s=0.4)
@@ -245,3 +229,91 @@ def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
     one = dataclasses.replace(blind_run, units=(blind_run.units[0], rearmost))
     np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], one.log["steer_trailer_3"])
     assert not one.axle_steer(one.trailer)[:, :2].any()
+
+
+# Commands refuse at once: in one line, with exit code 2, and before anything is made
+
+
+REFUSED = {
+    "train --minutes nan --out out": "--minutes = nan min must be between 0.05 and 1e+06 min",
+    "train --envs 1000000000 --out out": "--envs = 1000000000 must be between 1 and 100000",
+    "train --seed -1 --out out": "--seed = -1 must be between 0 and",
+    "estimate off-tracking images --rate nan --out out": "--rate",
+    "estimate off-tracking images --camera-x nan --out out": "--camera-x = nan m must be between -100 and 100 m",
+    "estimate slip images --estimator truth --out out": "--estimator truth",
+    "calibrate images --square nan --out rig.toml": "--square = nan m must be between 0.0001 and 10 m",
+    "calibrate images/image_0 --out nowhere/rig.toml": "nowhere/rig.toml: there is no folder nowhere to write in",
+    "fit-surrogate images --out nowhere/fit.toml": "nowhere/fit.toml: there is no folder nowhere to write in",
+    "tune roundabout --range gain=nan:1 --out out": "--range gain=nan:1: expected LOW:HIGH",
+    "tune roundabout --seeds 1-100000000 --out out": "100000000 seeds; a study has at most 20000 runs",
+    "sweep study.toml --jobs 0 --out out": "--jobs = 0 must be between 1 and 1024",
+    "run roundabout --record out --out out": "one contains the other",
+    "run roundabout --set course.kind=path --set course.file=bomb.gpx --out out": "bomb.gpx: line 1: a document type",
+    "run roundabout --set course.kind=path --set course.file=units.csv --out out": "units.csv: line 2: x = 'm'",
+    "run roundabout --set course.kind=opendrive --set course.file=cut.xodr --out out": "cut.xodr: not XML: line 1",
+    "run roundabout --set surface.crg=empty.crg --out out": "empty.crg: not a readable OpenCRG file",
+    "assess nobody --out out": "nobody",
+    "reproduce nothing --out out": "unknown figure 'nothing'",
+}
+
+ROADS = {
+    "bomb.gpx": '<!DOCTYPE gpx [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><gpx>&b;</gpx>',
+    "units.csv": "x,y\nm,m\n1,2\n",
+    "cut.xodr": "<OpenDRIVE><road",
+    "empty.crg": "",
+}
+
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_a_refusal_is_one_line_and_makes_nothing(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for side in ("image_0", "image_1"):
+        (tmp_path / "images" / side).mkdir(parents=True)
+        (tmp_path / "images" / side / "000000.png").touch()
+    (tmp_path / "study.toml").write_text('scenario = "roundabout"\n[vary]\nspeed_kmh = [10, 20]\n')
+    for name, text in ROADS.items():
+        (tmp_path / name).write_text(text)
+    before = sorted(tmp_path.rglob("*"))
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 2, result.output
+    assert REFUSED[command] in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_only_untouched_results_of_an_interrupted_command_are_replaced(tmp_path: Path) -> None:
+
+    def written(text: str) -> None:
+        with appearing_at_once(tmp_path / "out") as folder:
+            (folder / "numbers.txt").write_text(text)
+            mark_interrupted(folder)
+
+    written("first")
+    written("second one")
+    assert (tmp_path / "out" / "numbers.txt").read_text() == "second one"
+    (tmp_path / "out" / "note.txt").write_text("mine")
+    with pytest.raises(ValueError, match="not empty"):
+        check_run_directory(tmp_path / "out")
+    (tmp_path / "out" / "note.txt").unlink()
+    check_run_directory(tmp_path / "out")
+    (tmp_path / "out" / "numbers.txt").write_text("improved")
+    with pytest.raises(ValueError, match="not empty"):
+        written("third")
+    assert (tmp_path / "out" / "numbers.txt").read_text() == "improved"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_results_are_kept_if_their_directory_was_filled_meanwhile(tmp_path: Path) -> None:
+    """Two commands of the same name at the same time: the second to end keeps its results, and says where."""
+
+    def slow() -> None:
+        with appearing_at_once(tmp_path / "out") as folder:
+            (folder / "mine").touch()
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / "another").touch()
+
+    with pytest.raises(ValueError, match=r"the results are in .*out-1"):
+        slow()
+    assert {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")} == {
+        "out", "out/another", "out-1", "out-1/mine",
+    }  # fmt: skip

@@ -31,7 +31,6 @@ class Law:
 
 
 def offtrack(*arguments: str) -> str:
-    """Standard error of a command that must succeed."""
     done = CliRunner().invoke(app, [*arguments, "--no-video", "--quiet"])
     assert done.exit_code == 0, done.stderr
     return done.stderr
@@ -83,7 +82,6 @@ def test_a_rerun_on_changed_own_modules_says_so(tmp_path: Path, monkeypatch: pyt
 
 
 def test_files_of_equal_names_are_kept_apart(tmp_path: Path) -> None:
-    """Parts, numbers and names of shipped data stay as they are."""
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "x.csv").write_text(folder)

@@ -1,4 +1,4 @@
-"""Warnings of sustained oscillation and of steering at its limits; courses and rough roads cause none."""
+"""Warnings of sustained oscillation, of steering at its limits, and of signals and actuators at fault."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer_steering.actuators import ActuatorFinding
 from estimators.estimates import OffTracking
+from estimators.off_tracking.signal_monitor import Finding
 from scenarios.courses import Turn, roundabout, turns
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal
-from scenarios.results.run_warnings import SteeredAxle, steer_warnings
+from scenarios.results.run_warnings import SteeredAxle, actuator_warnings, signal_warnings, steer_warnings
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -81,7 +83,6 @@ def test_a_slalom_is_none() -> None:
 
 
 def test_a_roundabout_is_none() -> None:
-    """One swing in and one out."""
     course = roundabout(front_x=5.2, width=2.5)
     station = 4.0 * TIME
     tractor = np.array([course.path.pose(float(s))[:2] for s in station])
@@ -105,7 +106,6 @@ def test_a_rate_at_its_limit_for_seconds_is_named() -> None:
 
 
 def test_a_run_of_no_time_has_no_warnings() -> None:
-    """It ended before the vehicle moved."""
     columns = [(Signal("time", "s", "time"), TIME[:1]), (Signal(AXLE.signal, "rad", "angle"), TIME[:1])]
     assert steer_warnings(Log.of(columns), [AXLE], STRAIGHT, ON_STRAIGHT[:1]) == ()
 
@@ -132,7 +132,6 @@ class Swaying(SteeringLaw[None]):
 
 @pytest.mark.slow
 def test_a_run_that_completes_swaying_says_so() -> None:
-    """Every steered axle is named in the run's warnings; the run itself is completed."""
     settings = (
         "course.kind=straight",
         "course.length=45",
@@ -143,3 +142,35 @@ def test_a_run_that_completes_swaying_says_so() -> None:
     assert result.outcome == "completed"
     assert [line.partition(":")[0] for line in result.warnings] == ["semitrailer, axle 2", "semitrailer, axle 3"]
     assert all("oscillates" in line for line in result.warnings)
+
+
+# Signals and actuators at fault
+
+
+def test_each_signal_has_a_line_with_its_times() -> None:
+    findings = [
+        Finding(1200, "wheel speed", True),
+        Finding(3000, "wheel speed", False),
+        Finding(4000, "steer angle", True),
+        Finding(5000, "wheel speed", True),
+    ]
+    assert list(signal_warnings(findings)) == [
+        "wheel speed distrusted from 1.2 s to 3.0 s, from 5.0 s: it contradicts the other signals; corrected",
+        "steer angle distrusted from 4.0 s: it contradicts the other signals; corrected",
+    ]
+
+
+def test_a_line_for_every_actuator_with_periods_and_kinds() -> None:
+    """A kind that was corrected while the fault went on is not told."""
+    findings = (
+        ActuatorFinding(1200, (2,), "slow"),
+        ActuatorFinding(1500, (2,), "stuck"),
+        ActuatorFinding(3000, (2,), "sound"),
+        ActuatorFinding(4000, (1, 3), "offset"),
+        ActuatorFinding(5000, (2,), "dead"),
+    )
+    assert list(actuator_warnings(findings)) == [
+        "axle 2: does not follow its demand from 1.2 s to 3.0 s (stuck); "
+        "from 5.0 s (it returned to straight, without power)",
+        "axles 1 and 3: do not follow their demand from 4.0 s (an offset; corrected)",
+    ]

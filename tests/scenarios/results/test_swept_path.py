@@ -1,4 +1,4 @@
-"""Swept path against closed forms and against the roundabout table of the domain reference."""
+"""Swept path against closed forms; the validation holds it against a table of roundabouts."""
 
 from __future__ import annotations
 
@@ -7,53 +7,34 @@ import math
 import numpy as np
 import pytest
 
+from controllers.path import Path, Segment, arc, line
 from scenarios.results.swept_path import (
+    RoadEdges,
     UnitOutline,
     placed,
     placed_wheels,
     swept_path,
     swept_radii,
     tail_swings,
+    wheel_clearance,
     width_across_path,
 )
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, Pose2
 
 RIGID = UnitOutline("rigid", 5.0, -2.0, 2.5, (3.8, 0.0), (2.0, 1.8))
-# The table's rig: domain reference C.1, "B.1 rig": wheelbase 3.8, kingpin 0.7745, L2 7.70, rear 11.9, width 2.55 m.
-TRACTOR = UnitOutline("tractor", 5.2, -0.9, 2.55, (3.8, 0.0), (2.05, 1.85))
 TRAILER = UnitOutline("trailer", 1.6, -11.9, 2.55, (-7.7,), (2.05,))
-KINGPIN, AXLE, OUTER = 0.7745, 7.70, 12.5
+
+
+def along(*segments: Segment) -> FloatArray:
+    """Poses every 5 cm of a frame that follows segments from the origin along x."""
+    path = Path(Pose2(0.0, 0.0, 0.0), segments)
+    return path.poses(np.arange(0.0, path.length, 0.05))
 
 
 def on_circle(radius: float, turns: float = 1.0) -> FloatArray:
     """Poses of a body whose frame runs round a left circle about (0, radius), always along its tangent."""
     psi = np.linspace(0.0, 2 * math.pi * turns, 2000)
     return np.column_stack([radius * np.sin(psi), radius * (1.0 - np.cos(psi)), psi])
-
-
-def roundabout(side: int, turn: float = 2 * math.pi) -> tuple[FloatArray, FloatArray]:
-    """Tractor and trailer, no slip; the outer front corner goes straight, round a 12.5 m circle, and straight again."""
-    step, entry = 0.004, 15.0
-    x_ref, y_ref = TRACTOR.front_x, -0.5 * side * TRACTOR.width
-    s = np.arange(0.0, entry + OUTER * turn + 20.0, step)
-    chi = np.clip((s - entry) / OUTER, 0.0, turn)  # direction of the corner's path, as for a left turn
-    straight = np.where(s < entry, s, np.maximum(entry, s - OUTER * turn))
-    beyond = straight - entry
-    u = x_ref + entry + OUTER * np.sin(chi) + beyond * np.cos(chi)
-    v = OUTER * (1.0 - np.cos(chi)) + beyond * np.sin(chi)
-    psi_T, psi_S, rows = 0.0, 0.0, []
-    for k in range(len(s)):
-        c, d = math.cos(side * psi_T), math.sin(side * psi_T)
-        x, y = u[k] - c * x_ref + d * y_ref, side * v[k] + y_ref - d * x_ref - c * y_ref
-        rows.append((x, y, side * psi_T, x + KINGPIN * c, y + KINGPIN * d, side * psi_S))
-        # the rear axle does not slide sideways: so the corner's speed across the tractor is yaw rate times its x
-        yaw_rate = math.sin(chi[k] - psi_T) / x_ref
-        v_x = math.cos(chi[k] - psi_T) + yaw_rate * side * y_ref
-        gamma = psi_T - psi_S
-        psi_S += step * (v_x * math.sin(gamma) + KINGPIN * yaw_rate * math.cos(gamma)) / AXLE
-        psi_T += step * yaw_rate
-    poses = np.array(rows)
-    return poses[:, :3], poses[:, 3:]
 
 
 def test_a_rectangle_on_a_circle_has_its_corner_outside_and_its_flank_inside() -> None:
@@ -82,7 +63,6 @@ def test_the_other_legs_of_a_figure_of_eight_do_not_widen_the_path() -> None:
 
 
 def test_straight_driving_sweeps_the_own_width() -> None:
-    """Nothing swings and nothing cuts in."""
     straight = np.column_stack([np.linspace(0.0, 50.0, 500), np.zeros(500), np.zeros(500)])
     path = swept_path((RIGID,), (straight,), None)
     assert path.max_width == pytest.approx(2.5, abs=1e-9)  # rounding
@@ -97,31 +77,12 @@ def test_dragging_at_an_angle_sweeps_the_rectangles_shadow() -> None:
     assert swept_path((RIGID,), (dragged,), None).max_width == pytest.approx(expected, abs=1e-6)  # rounding
 
 
-@pytest.mark.parametrize("side", [1, -1])
-def test_the_roundabout_table_is_met(side: int) -> None:
-    """Domain reference C.1, "B.1 rig", outer corner on 12.5 m: inner 5.330, swept 7.170, tail swing 0.241 m."""
-    poses = roundabout(side)
-    centre = (TRACTOR.front_x + 15.0, side * (OUTER - 0.5 * TRACTOR.width))
-    path = swept_path((TRACTOR, TRAILER), poses, centre)
-    assert path.min_inner_radius == pytest.approx(5.330, abs=0.004)  # [m] the table stops at 360 degrees, this goes on
-    assert path.max_outer_radius == pytest.approx(OUTER, abs=1e-3)
-    assert path.max_width == pytest.approx(7.170, abs=0.004)
-    assert path.tail_swing == pytest.approx(0.241, abs=0.002)  # [m] Euler steps of 4 mm: 0.0395 at 1 cm, 0.2401 at 2 mm
-
-
 def test_more_than_a_full_turn_is_still_one_roundabout() -> None:
     """450 degrees: the straight entry crosses the circle's exit and must count as neither."""
-    poses = roundabout(1, 2.5 * math.pi)
-    centre = (TRACTOR.front_x + 15.0, OUTER - 0.5 * TRACTOR.width)
-    inner, outer = swept_radii((TRACTOR, TRAILER), poses, centre)
-    assert inner == pytest.approx(5.32, abs=0.02)  # [m] some way on towards the steady circle
-    assert outer == pytest.approx(OUTER, abs=1e-3)
-
-
-def test_the_width_across_the_path_agrees_with_the_radii() -> None:
-    """On the circle both measure the same strip; the path of the front's middle is all but concentric."""
-    across = swept_path((TRACTOR, TRAILER), roundabout(1), None).max_width
-    assert across == pytest.approx(7.170, abs=0.08)  # [m] the front's path is no exact circle at entry and exit
+    poses = along(line(20.0), arc(25.0 * math.pi, 0.1), line(20.0))
+    inner, outer = swept_radii((RIGID,), (poses,), (20.0, 10.0))
+    assert inner == pytest.approx(10.0 - 1.25, abs=1e-6)
+    assert outer == pytest.approx(math.hypot(10.0 + 1.25, 5.0), abs=1e-3)
 
 
 def test_tail_swing_at_entry_has_the_closed_form() -> None:
@@ -148,7 +109,6 @@ def test_a_rear_that_swings_out_on_the_way_out_is_seen_too(side: int) -> None:
 
 
 def test_a_vehicle_that_never_turned_was_on_no_roundabout() -> None:
-    """An interrupted run may end on the entry."""
     straight = np.column_stack([np.linspace(0.0, 5.0, 50), np.zeros(50), np.zeros(50)])
     path = swept_path((RIGID,), (straight,), (20.0, 12.0))
     assert math.isnan(path.max_width)
@@ -156,7 +116,6 @@ def test_a_vehicle_that_never_turned_was_on_no_roundabout() -> None:
 
 
 def test_wheels_turn_about_their_own_middle() -> None:
-    """A steered wheel stays under its axle; an unsteered one stays along the body."""
     pose = np.array([[10.0, 5.0, math.pi / 2]])
     wheels = placed_wheels(RIGID, pose, np.array([[math.pi / 2, 0.0]]))[0]
     middles = placed(np.array([[3.8, 1.0], [3.8, -1.0], [0.0, 0.9], [0.0, -0.9]]), pose)[0]
@@ -165,18 +124,11 @@ def test_wheels_turn_about_their_own_middle() -> None:
     assert np.ptp(wheels[2][:, 1]) == pytest.approx(1.0)
 
 
-def _hairpin(distance: FloatArray) -> FloatArray:
-    """Poses along a straight of 40 m, half a circle to the left of 10 m radius, and a straight back."""
-    turn = np.clip((distance - 40.0) / 10.0, 0.0, math.pi)
-    before, after = np.minimum(distance, 40.0), np.maximum(distance - 40.0 - 10.0 * math.pi, 0.0)
-    return np.column_stack([before + 10.0 * np.sin(turn) - after, 10.0 * (1.0 - np.cos(turn)), turn])
-
-
 def test_a_long_combination_in_a_hairpin_is_as_wide_as_its_bodies() -> None:
     """Its last unit is on the other leg, 20 m beside the first; units of 2 m that keep the path sweep 2.1 m there."""
-    distance = np.arange(0.0, 110.0, 0.05)
+    way = along(line(40.0), arc(10.0 * math.pi, 0.1), line(40.0))
     units = tuple(UnitOutline(f"unit {k}", 1.0, -1.0, 2.0, (), ()) for k in range(8))
-    poses = tuple(_hairpin(np.maximum(distance - 3.0 * k, 0.0)) for k in range(8))
+    poses = tuple(way[np.maximum(np.arange(len(way)) - 60 * k, 0)] for k in range(8))  # 3 m apart
     width = width_across_path(units, poses)
     assert width == pytest.approx(math.hypot(11.0, 1.0) - 9.0, abs=0.02)  # corners of the square on the bend
 
@@ -190,3 +142,35 @@ def test_a_tail_does_not_swing_out_where_the_next_turn_is_the_other_way() -> Non
     outline = UnitOutline("truck", 5.0, -1.0, 2.5, (), ())
     swing, _ = tail_swings((outline,), (poses,))
     assert 0.0 <= swing < 0.1
+
+
+# Clearance of the wheels to the edges of the road
+
+
+TRUCK = UnitOutline("truck", 5.0, -1.0, 2.5, (4.0, 0.0), (2.0, 1.8))
+
+
+def test_clearance_on_a_circle_is_that_of_the_outer_front_and_the_inner_rear_wheel() -> None:
+    """Rear axle on a circle of 20 m, left turn; the road's middle is on 21 m, its edges 3 and 4 m beside it."""
+    angle = np.linspace(0.0, math.pi, 2000)
+    road = 21.0 * np.column_stack([np.sin(angle), -np.cos(angle)])
+    edges = RoadEdges(road, np.tile([3.0, 4.0], (len(road), 1)))
+    inner = angle[200:-400]
+    poses = np.column_stack([20.0 * np.sin(inner), -20.0 * np.cos(inner), inner])
+    clearance = wheel_clearance(edges, (TRUCK,), (poses,))
+    assert clearance.left == pytest.approx(20.0 - 0.9 - 18.0, abs=1e-4)
+    assert clearance.right == pytest.approx(25.0 - math.hypot(21.0, 4.0), abs=1e-4)
+
+
+def test_a_wheel_beyond_the_edge_counts_negative_and_rows_that_are_no_numbers_not_at_all() -> None:
+    road = np.column_stack([np.arange(0.0, 100.0), np.zeros(100)])
+    poses = np.column_stack([np.arange(10.0, 60.0, 0.5), np.linspace(0.0, 3.0, 100), np.zeros(100)])
+    poses = np.vstack([poses, np.full(3, np.nan)])
+    clearance = wheel_clearance(RoadEdges(road, 3.0), (TRUCK,), (poses,))
+    assert clearance.left == pytest.approx(3.0 - 4.0, abs=0.05)
+    assert clearance.right == pytest.approx(3.0 - 1.0, abs=1e-9)
+
+
+def test_a_vehicle_that_never_moved_has_no_clearance() -> None:
+    road = np.column_stack([np.arange(0.0, 100.0), np.zeros(100)])
+    assert all(map(math.isnan, wheel_clearance(RoadEdges(road, 3.0), (TRUCK,), (np.zeros((50, 3)),))))

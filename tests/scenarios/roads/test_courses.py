@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from scenarios.assembly.adapters import course_of
 from scenarios.courses import Course, Turn, corner, figure_of_eight, lane_change, roundabout, straight, turns
-from scenarios.options.scenario import load_scenario
+from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from vehicle.combination.description import load_vehicle
+from vehicle.frames import FloatArray
 
 TRACTOR: dict[str, Any] = {"front_x": 5.2, "width": 2.55}
 ALL = {
@@ -119,14 +118,6 @@ def test_the_road_lies_where_the_rear_axle_rolls(course: Course) -> None:
     assert np.hypot(*(guided - expected).T).max() < 0.05  # central differences over 1 m, at most where curvature jumps
 
 
-def test_the_road_of_a_roundabout_has_the_radius_of_a_rolling_rear_axle() -> None:
-    """sqrt(12.5^2 - 5.2^2) - 1.275 = 10.09 m once the entry has died out (domain reference: 10.11 m at the hitch)."""
-    course = ALL["left"]
-    radius = np.hypot(*(course.centreline - np.array(course.surface_centre)).T)
-    late = (np.arange(len(radius)) * 0.5 - 40.0 > 90.0) & (np.arange(len(radius)) * 0.5 - 40.0 < 105.0)
-    assert radius[late] == pytest.approx(math.sqrt(12.5**2 - 5.2**2) - 1.275, abs=1e-3)  # midpoint rule over 0.5 m
-
-
 def test_the_corner_leads_the_outer_wheel_round_a_quarter_of_its_arc() -> None:
     """The wheel 3.8 m ahead and 1.2 m to the right, on 12.5 m about a centre as far to the left of the straight."""
     course = ALL["corner"]
@@ -140,7 +131,6 @@ def test_the_corner_leads_the_outer_wheel_round_a_quarter_of_its_arc() -> None:
 
 
 def test_turns_follow_one_another_as_asked() -> None:
-    """Heading after each, curvature in the middle of each, and no jump of curvature on the way."""
     path = ALL["turns"].path
     round_ = 11.0 * math.pi / 2 + 4.0  # two ramps of 4 m turn as far as one such arc
     first, second = 30.0 + 0.5 * round_, 30.0 + 1.5 * round_ + 12.0
@@ -166,16 +156,6 @@ def test_the_lane_change_has_the_offset_and_the_acceleration_of_the_standard(dir
     assert curvature.index(max(curvature)) < curvature.index(min(curvature))
 
 
-@settings(max_examples=25)  # how long it takes says nothing of symmetry
-@given(st.floats(11.0, 50.0), st.floats(0.5, 7.0))
-def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float) -> None:
-    """Swapping left and right flips y of the path and of the road."""
-    left = roundabout(**TRACTOR, radius=radius, turn=turn)
-    right = roundabout(**TRACTOR, radius=radius, turn=turn, direction="right")
-    assert right.path.points(5.0) == pytest.approx(left.path.points(5.0) * [1.0, -1.0], abs=1e-9)
-    assert right.centreline == pytest.approx(left.centreline * [1.0, -1.0], abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -190,12 +170,15 @@ def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float
         (lambda: turns(**TRACTOR, sequence=[Turn("up", 11.0, 1.0, 9.0)]), "direction = 'up'"),  # type: ignore[arg-type]  # meant
         (lambda: turns(**TRACTOR, sequence=[Turn("left", 11.0, 0.3, 9.0)]), "turn of 3.30 m"),
         (lambda: turns(**TRACTOR, sequence=[Turn("left", 4.0, 3.0, 9.0)]), "radius = 4.0 m"),
+        (
+            lambda: turns(**TRACTOR, sequence=[Turn("left", 5000.0, 4.0 * math.pi, 10.0)]),
+            r"the course is 62\.9 km long: must be at most 20 km",
+        ),
         (lambda: lane_change(axle_x=3.8, speed=0.0), "speed = 0.0"),
         (lambda: lane_change(axle_x=3.8, speed=2.0), "lane change of 1.46 m over 5.00 m"),
     ],
 )
 def test_an_impossible_course_is_refused(build: Callable[[], Course], message: str) -> None:
-    """By name and value."""
     with pytest.raises(ValueError, match=message):
         build()
 
@@ -226,7 +209,66 @@ def test_a_course_of_ones_own_is_named_by_its_import_path(tmp_path: Path, monkey
         load_scenario("roundabout", ["course.kind=depots:None_"])
 
 
-def test_a_course_of_turns_that_takes_minutes_to_build_is_refused() -> None:
-    far = Turn(direction="left", radius=5000.0, angle=4.0 * math.pi, straight=10.0)
-    with pytest.raises(ValueError, match=r"the course is 62\.9 km long: must be at most 20 km"):
-        turns(front_x=5.2, width=2.5, sequence=[far])
+# The shipped roads have the sizes that their files and the documentation state
+
+
+def shipped(name: str) -> Course:
+    scenario = load_any_scenario(name)
+    assert isinstance(scenario, Scenario)
+    return scenario.course.course(load_vehicle(scenario.vehicle).units[0], scenario.speed)
+
+
+def curvature(course: Course) -> FloatArray:
+    return np.array([course.path.curvature(s) for s in np.arange(0.0, course.length, 0.25)])
+
+
+def turned(course: Course) -> float:
+    """Heading at the end, from that at the start [deg]."""
+    return math.degrees(course.path.pose(course.length).psi - course.path.start.psi)
+
+
+def test_the_depot_is_left_the_way_it_was_entered_round_a_loop_of_11_m() -> None:
+    course = shipped("depot")
+    assert turned(course) == pytest.approx(180.0, abs=0.1)
+    assert np.median(curvature(course)[curvature(course) > 0.05]) == pytest.approx(1.0 / 11.0, rel=0.01)
+    assert course.friction is not None
+    assert course.relief is not None
+    along = course.centreline
+    assert course.friction.at(along[:, 0], along[:, 1]).min() == pytest.approx(0.4)
+
+
+def test_the_mini_roundabout_keeps_the_corner_06_m_inside_a_circle_of_28_m() -> None:
+    course = shipped("mini-roundabout")
+    assert turned(course) == pytest.approx(-90.0, abs=0.1)
+    bends = curvature(course)
+    assert np.median(bends[bends < -0.05]) == pytest.approx(-1.0 / 13.4, rel=0.01)
+    assert np.median(bends[bends > 0.03]) == pytest.approx(1.0 / 26.2, rel=0.02)
+    assert isinstance(course.road_half_width, np.ndarray)
+    left, right = course.road_half_width[200:-200].T
+    assert left.min() == pytest.approx(0.6, abs=0.03)  # averaged over two metres
+    assert right.max() == pytest.approx(13.0, abs=0.05)
+
+
+def test_the_turbo_roundabout_spirals_from_the_inside_to_the_outside_lane() -> None:
+    course = shipped("turbo-roundabout")
+    assert turned(course) == pytest.approx(90.0, abs=0.1)
+    radii = 1.0 / curvature(course)[curvature(course) > 0.04]
+    assert np.percentile(radii, 25) == pytest.approx(0.5 * (12.0 + 17.15), rel=0.01)
+    assert np.percentile(radii, 90) == pytest.approx(0.5 * (17.45 + 22.45), rel=0.02)
+
+
+def test_the_motorway_exit_is_banked_into_its_bend_and_climbs() -> None:
+    course = shipped("motorway-exit")
+    middle = 0.5 * 4.5  # the driven lane lies inside the bend's reference line
+    assert curvature(course).min() == pytest.approx(-1.0 / (60.0 - middle), rel=0.01)
+    assert turned(course) == pytest.approx(-math.degrees(110.0 / 60.0 + 1.0), abs=0.1)
+    assert course.relief is not None
+    line = course.centreline
+    tightest = int(np.argmin([course.path.curvature(s) for s in np.arange(0.0, course.length, 0.25)]))
+    place, ahead = line[tightest + 160], line[tightest + 164]
+    along = (ahead - place) / math.dist(ahead, place)
+    left = np.array([-along[1], along[0]])
+    points = np.array([place, place + left, place + along])
+    heights = course.relief.height(points[:, 0], points[:, 1])
+    assert heights[1] - heights[0] == pytest.approx(0.06, abs=0.003)  # the inside, on the right, is lower
+    assert heights[2] - heights[0] == pytest.approx(0.04, abs=0.003)

@@ -17,7 +17,7 @@ from scenarios.courses import Course
 from scenarios.options.scenario import load_scenario
 from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.opendrive.network import Road
-from scenarios.roads.opendrive.route import Request, lane_points
+from scenarios.roads.opendrive.route import LINES, Request, lane_points
 from scenarios.roads.path_file import PathPoints
 from tests.open_drive import TWO_LANES, Piece, Start, bend, crossing, file, lane, lanes, road
 from vehicle.frames import FloatArray
@@ -33,19 +33,16 @@ def one_road(folder: Path, text: str) -> Road:
 
 
 def of_shape(folder: Path, shape: str, length: float) -> Road:
-    """A road of one geometry."""
     plan = f'<planView><geometry s="0" {START} length="{length}">{shape}</geometry></planView>'
     return one_road(folder, file(f'<road id="1" length="{length}" junction="-1">{plan}{TWO_LANES}</road>'))
 
 
 def route(folder: Path, text: str, request: Request = ANY) -> PathPoints:
-    """Points of a route through a file of this text."""
     (folder / "road.xodr").write_text(text, encoding="utf-8")
     return lane_points(read_opendrive(folder / "road.xodr"), request, "road.xodr")
 
 
 def course(folder: Path, text: str, *settings: str) -> Course:
-    """The course of the default vehicle."""
     (folder / "road.xodr").write_text(text, encoding="utf-8")
     file_ = f"course.file={folder / 'road.xodr'}"
     scenario = load_scenario("roundabout", ["course.kind=opendrive", file_, "off_tracking=truth", *settings])
@@ -259,7 +256,6 @@ LINKED: Final = '<link><successor elementType="road" elementId="{}" contactPoint
 
 
 def changed(old: str, new: str, text: str = ROAD) -> str:
-    """The text with one change."""
     assert old in text
     return text.replace(old, new, 1)
 
@@ -320,7 +316,6 @@ REFUSED: Final = {
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_file_that_makes_no_road_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
-    """With the file's name and, where there is one, the line in it."""
     text, wanted = REFUSED[case]
     with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
         course(tmp_path, text)
@@ -345,3 +340,54 @@ def test_a_route_that_is_not_there_is_refused_in_one_line(tmp_path: Path, settin
     with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
         course(tmp_path, ROAD, *settings)
     assert wanted in str(refusal.value)
+
+
+# Lines between the lanes: where the file has them, as the driven lane sees them
+
+
+MARKED: Final = '<roadMark sOffset="0" type="broken"/><roadMark sOffset="30" type="solid solid"/></lane>'
+
+
+def four_lanes(*, marked: bool = False) -> str:
+    """Two lanes each way, 4 m wide, and a shoulder on the right; lane -1's line is solid from 30 m on."""
+    inside = lanes([lane(2), lane(1)], [lane(-1), lane(-2), lane(-3, kind="shoulder", width=2.0)])
+    if marked:
+        kerb = '<lane id="0" type="none"><roadMark sOffset="0" type="curb"/></lane>'
+        inside = inside.replace('<lane id="0" type="none"/>', kerb)
+        begin = inside.index('<lane id="-1"')
+        inside = inside[:begin] + inside[begin:].replace("</lane>", MARKED, 1)
+    return file(road("1", (Piece(60.0),), inside))
+
+
+def lines_of(folder: Path, text: str, request: Request) -> FloatArray:
+    lines = route(folder, text, request).lines
+    assert lines is not None
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("number", "places", "solid"),
+    [(-2, (-2, 2, 6, 10), -2), (-1, (-6, -2, 2, 6), -6), (1, (-2, 2, 6, 10), 10), (2, (2, 6, 10, 14), 14)],
+)
+def test_lines_lie_between_lanes_in_either_direction(
+    tmp_path: Path, number: int, places: tuple[int, ...], solid: int
+) -> None:
+    """To the left of the driven lane's middle; broken without marks in the file, but solid beside the shoulder."""
+    lines = lines_of(tmp_path, four_lanes(), Request(lane=number, edges="road"))
+    expected = np.full((LINES, 2), np.nan)
+    for place in places:
+        expected[LINES // 2 + (place - 2) // 4] = place, float(place != solid)
+    np.testing.assert_allclose(lines, np.broadcast_to(expected, lines.shape), atol=1e-12)
+
+
+def test_the_marks_of_the_file_say_what_is_painted(tmp_path: Path) -> None:
+    """The line between -1 and -2 is broken, then solid; a kerb is no line, and other borders are not marked."""
+    lines = lines_of(tmp_path, four_lanes(marked=True), Request(lane=-1, edges="road"))
+    right = LINES // 2 - 1
+    assert np.flatnonzero(np.isfinite(lines[:, :, 0]).any(axis=0)).tolist() == [right]
+    assert lines[:, right, 0] == pytest.approx(-2.0)
+    assert lines[:, right, 1] == pytest.approx((np.arange(61) < 30).astype(float))
+
+
+def test_a_lane_by_itself_has_no_lines(tmp_path: Path) -> None:
+    assert route(tmp_path, four_lanes(), Request(edges="lane")).lines is None

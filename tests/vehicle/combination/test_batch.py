@@ -35,7 +35,6 @@ def ground(centre: tuple[float, float] = (math.nan, math.nan), lanes: slice = sl
 
 
 def placed(vehicle: Vehicle, engine: Engine = "auto") -> PlantBatch:
-    """Equal vehicles on planes of their own."""
     batch = PlantBatch(vehicle, N, engine)
     batch.place(np.arange(N), np.tile(numbers(vehicle), (N, 1)), ground(), SPEEDS)
     return batch
@@ -128,7 +127,6 @@ def test_one_that_breaks_leaves_the_others_alone(longer_semitrailer: Vehicle, en
 
 
 def test_back_is_the_same_vehicle_farther_back(longer_semitrailer: Vehicle) -> None:
-    """On a plane everything but the positions stays."""
     batch = placed(longer_semitrailer)
     observer, surface = LaneObserver(longer_semitrailer, batch), Surface(friction=0.5, cross_fall=0.02)
     here, back = (observer.truth(3, SurfaceLookup(surface, longer_semitrailer), 7, back=d) for d in (0.0, 5.0))

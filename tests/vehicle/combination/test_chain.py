@@ -9,7 +9,6 @@ from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,7 +20,6 @@ from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, 
 from vehicle.combination.linear import SIGNS
 from vehicle.engine.integrator import exact_diagonal
 from vehicle.frames import Pose2
-from vehicle.tyres import ROLLING_SPEED_FLOOR
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=40)  # the first example of a chain compiles it
@@ -55,7 +53,7 @@ def close(got: State[np.ndarray], expected: State[np.ndarray]) -> None:
 
 
 def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) -> None:
-    """Accelerations, and the hitch force a chain settles on, under its own tyre forces and gravity, body by body."""
+    """The hitch force a chain settles on, under its own tyre forces and gravity, body by body."""
     for seed in range(20):
         now, inputs = random_state(chain, seed)
         ground, rate = outputs(chain, now, inputs), rates(chain, now, inputs)
@@ -65,11 +63,7 @@ def test_hitch_forces_are_those_that_hold_the_bodies_together(chain: Vehicle) ->
         gravity = weights[:, None] * np.column_stack([inputs.gravity_x, inputs.gravity_y])
         forces = np.column_stack([ground.force_x, ground.force_y]) @ R_WT.T + gravity
         motion = ChainMotion(now.psi, R_WT @ np.array([now.v_x[0], now.v_y[0]]), now.yaw_rate)
-        accelerations, hitches = newton_euler(chain, motion, forces, ground.moment)
-        np.testing.assert_allclose(rate.yaw_rate, accelerations.yaw, rtol=1e-9, atol=1e-9)  # forces of 1e6 N
-        turning = now.yaw_rate[0] * np.array([-now.v_y[0], now.v_x[0]])  # of the tractor's axes
-        origin = R_WT @ (np.array([rate.v_x[0], rate.v_y[0]]) + turning)
-        np.testing.assert_allclose(origin, accelerations.origin, rtol=1e-9, atol=1e-9)
+        _, hitches = newton_euler(chain, motion, forces, ground.moment)
         lag = np.array([unit.hitch_lag for unit in chain.units[1:]])
         # the state follows the force within that lag: rate = (force - state) / lag
         got = np.column_stack([now.hitch_x + lag * rate.hitch_x, now.hitch_y + lag * rate.hitch_y])
@@ -81,7 +75,6 @@ Named = TypeVar("Named", State[np.ndarray], Input[np.ndarray])
 
 
 def mirrored(vehicle: Vehicle, named: Named, signs: State[int] | Input[int]) -> Named:
-    """Left and right swapped."""
     swap = np.arange(vehicle.n_wheels).reshape(-1, 2)[:, ::-1].ravel()
     channels = brake_channels(vehicle)
     pressures = np.array([channel.mirrored for channel in channels], dtype=int)
@@ -105,7 +98,6 @@ def test_mirror_symmetry(chain: Vehicle, seed: int) -> None:
 @few
 @given(seeds, st.floats(-3.0, 3.0))
 def test_nothing_depends_on_where_north_is(chain: Vehicle, seed: int, turn: float) -> None:
-    """The world turned under the vehicle turns its velocity in W and nothing else."""
     s, u = random_state(chain, seed)
     c, si = math.cos(turn), math.sin(turn)
     ds = rates(chain, s, u)
@@ -148,26 +140,3 @@ def test_the_relaxation_is_the_jacobians_diagonal(chain: Vehicle, seed: int) -> 
     calm = State(*(np.zeros(n) for n in state_sizes(chain)))._replace(v_x=s.v_x, omega=np.array(rolling))
     got, expected = (np.array(one).ravel()[spin] for one in both(np.concatenate(calm), np.concatenate(given)))
     np.testing.assert_allclose(got, expected, rtol=1e-3)  # the power limit of the engine, the rounding of no slip
-
-
-@few
-@given(seeds)
-def test_slip_angles_are_those_of_rigid_body_motion(chain: Vehicle, seed: int) -> None:
-    """alpha = atan2(v_y, |v_x|) - delta at every wheel of the last unit, whose velocity is built up by hand."""
-    s, u = random_state(chain, seed)
-    c, si = math.cos(s.psi[-1]), math.sin(s.psi[-1])
-    v = np.array(
-        [
-            math.cos(s.psi[0]) * s.v_x - math.sin(s.psi[0]) * s.v_y,
-            math.sin(s.psi[0]) * s.v_x + math.cos(s.psi[0]) * s.v_y,
-        ]
-    ).ravel()
-    for unit, psi, r in list(zip(chain.units, s.psi, s.yaw_rate, strict=True))[:-1]:
-        v = v + r * unit.rear_hitch[0] * np.array([-math.sin(psi), math.cos(psi)])
-    own = np.array([c * v[0] + si * v[1], -si * v[0] + c * v[1]])
-    last = len(chain.units) - 1
-    alphas = outputs(chain, s, u).slip_angle
-    for k, wheel in enumerate(wheels(chain)):
-        if wheel.unit == last and wheel.steer is None:
-            at = own + s.yaw_rate[-1] * np.array([-wheel.y, wheel.axle.x])
-            assert alphas[k] == pytest.approx(math.atan2(at[1], max(abs(at[0]), ROLLING_SPEED_FLOOR)), abs=1e-12)

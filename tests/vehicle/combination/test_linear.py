@@ -1,15 +1,17 @@
-"""The linearised lateral motion: against matrices derived by hand, python-control and the moving vehicle itself."""
+"""The linearised lateral motion: against kinematics, python-control and the moving vehicle itself."""
 
 from __future__ import annotations
 
+import casadi as ca
 import control
 import numpy as np
 import pytest
 
-from tests.vehicle.chains import linear_tyre, with_axles
-from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.layout import Input, input_sizes, parts
-from vehicle.combination.linear import LateralModel, OutputKind, lateral_model, straight_running
+from tests.vehicle.chains import grouped, linear_tyre, with_axles
+from vehicle.combination.chain import derivative
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.linear import LateralModel, OutputKind, flipped, kept, lateral_model, straight_running
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
@@ -17,79 +19,25 @@ from vehicle.surface import Surface
 STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different
 
 
-def ideal(vehicle: Vehicle, trail: float = 0.0) -> Vehicle:
+def ideal(vehicle: Vehicle) -> Vehicle:
     """The vehicle on tyres as textbooks have them: stiff in proportion to load, without rolling resistance."""
     loads = [load for of_unit in static_axle_loads(vehicle) for load in of_unit]
-    tyres = [linear_tyre(c, load, pneumatic_trail=trail) for c, load in zip(STIFFNESS, loads, strict=False)]
+    tyres = [linear_tyre(c, load) for c, load in zip(STIFFNESS, loads, strict=False)]
     return with_axles(vehicle, *({"tyre": tyre} for tyre in tyres))
-
-
-def by_hand(vehicle: Vehicle, V: float, trail: float) -> tuple[np.ndarray, np.ndarray]:
-    """A and B in (v_y of To, r_1, r_2, gamma): Newton-Euler, the hitch's force Y on the trailer a fifth unknown.
-
-    Lateral accelerations of the centres of gravity: v' + V r_1 + x_1 r_1' and v' + V r_1 + h r_1' + x_2 r_2'. Axle
-    forces C (delta - alpha), with alpha = (v + x r_1) / V and (v + h r_1 + x r_2) / V + gamma, act ``trail`` behind.
-    """
-    (tractor, trailer), h = vehicle.units, vehicle.units[0].rear_hitch[0]
-    x_1, x_2 = tractor.cg_x, trailer.cg_x
-    n_steered = len(tractor.steered_axles + trailer.steered_axles)
-    M, K, B = np.zeros((5, 5)), np.zeros((5, 4)), np.zeros((5, n_steered))
-    M[0] = [tractor.mass, tractor.mass * x_1, 0, 0, 1]
-    M[1] = [0, tractor.yaw_inertia, 0, 0, h - x_1]
-    M[2] = [trailer.mass, trailer.mass * h, trailer.mass * x_2, 0, -1]
-    M[3] = [0, 0, trailer.yaw_inertia, 0, x_2]
-    M[4, 3] = 1.0
-    K[0, 1], K[2, 1], K[4, 1], K[4, 2] = -tractor.mass * V, -trailer.mass * V, 1.0, -1.0
-    axles = [(0, axle, load) for axle, load in zip(tractor.axles, static_axle_loads(vehicle)[0], strict=True)]
-    axles += [(2, axle, load) for axle, load in zip(trailer.axles, static_axle_loads(vehicle)[1], strict=True)]
-    actuator = 0
-    for (row, axle, load), stiffness in zip(axles, STIFFNESS, strict=True):
-        C = stiffness * load
-        alpha = np.array([1, axle.x, 0, 0] if row == 0 else [1, h, axle.x, V]) / V
-        lever = axle.x - trail - (x_1 if row == 0 else x_2)
-        K[row] -= C * alpha
-        K[row + 1] -= lever * C * alpha
-        if axle.steered:
-            B[[row, row + 1], actuator] = [C, lever * C]
-            actuator += 1
-    solved = np.linalg.solve(M, np.column_stack([K, B]))[:4]
-    return solved[:, :4], solved[:, 4:]
-
-
-@pytest.mark.parametrize("trail", [0.0, 0.05])
-@pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
-@pytest.mark.parametrize("steered_trailer", [False, True])
-def test_matrices_are_those_of_the_single_track_model(
-    tractor_semitrailer: Vehicle, longer_semitrailer: Vehicle, steered_trailer: bool, speed: float, trail: float
-) -> None:
-    """With the assumptions of the textbooks the chain's linear motion is theirs, every entry of A and B."""
-    vehicle = ideal(longer_semitrailer if steered_trailer else tractor_semitrailer, trail)
-    model = lateral_model(vehicle, speed)
-    assert model.states == ("v_y", "yaw_rate_0", "yaw_rate_1", "articulation_1")
-    A, B = by_hand(vehicle, speed, trail)
-    # Rounding, relative to the largest entries: some are small differences of large ones.
-    np.testing.assert_allclose(model.A, A, rtol=1e-9, atol=1e-10 * np.abs(A).max())
-    np.testing.assert_allclose(model.B, B, rtol=1e-9, atol=1e-10 * np.abs(B).max())
 
 
 @pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
 def test_outputs_are_what_the_motion_says(longer_semitrailer: Vehicle, speed: float) -> None:
-    """Accelerations follow from A and B by kinematics; a position's second derivative is an acceleration, too."""
+    """By kinematics: the hitch's velocity, and a position whose second derivative is an acceleration."""
     model = lateral_model(
         ideal(longer_semitrailer),
         speed,
-        outputs=("lateral_acceleration", "lateral_velocity", "axle_position", "follow_position"),
+        outputs=("lateral_velocity", "axle_position", "follow_position"),
         path=True,
     )
     tractor, trailer = longer_semitrailer.units
     h, state, row = tractor.rear_hitch[0], model.states.index, model.outputs.index
-    v, r_1, r_2 = state("v_y"), state("yaw_rate_0"), state("yaw_rate_1")
-    for matrix, given in ((model.A, model.C), (model.B, model.D)):
-        turning = np.eye(len(model.A))[r_1] * speed if matrix is model.A else 0.0
-        a_1 = matrix[v] + turning + tractor.cg_x * matrix[r_1]
-        a_2 = matrix[v] + turning + h * matrix[r_1] + trailer.cg_x * matrix[r_2]
-        np.testing.assert_allclose(given[row("lateral_acceleration_0")], a_1, atol=1e-9)  # rounding
-        np.testing.assert_allclose(given[row("lateral_acceleration_1")], a_2, atol=1e-9)
+    v, r_1 = state("v_y"), state("yaw_rate_0")
     # At To's height the velocity across the trailer is the hitch's, turned by the articulation.
     hitch = np.zeros(len(model.A))
     hitch[[v, r_1, state("articulation_1")]] = 1.0, h, speed
@@ -160,15 +108,7 @@ def test_friction_does_not_matter_to_freely_rolling_tyres(tractor_semitrailer: V
 
 def test_axles_steered_in_a_group_move_by_their_ratios(longer_semitrailer: Vehicle) -> None:
     """One actuator with ratios 1 and 0.5: its column of B is that of the first axle plus half that of the second."""
-    tractor, trailer = longer_semitrailer.units
-    fixed, first, second = trailer.axles
-    axles = (
-        fixed,
-        first.model_copy(update={"steer_group": "rear"}),
-        second.model_copy(update={"steer_group": "rear", "steer_ratio": 0.5}),
-    )
-    grouped = longer_semitrailer.model_copy(update={"units": (tractor, trailer.model_copy(update={"axles": axles}))})
-    single, group = lateral_model(longer_semitrailer, 20.0), lateral_model(grouped, 20.0)
+    single, group = lateral_model(longer_semitrailer, 20.0), lateral_model(grouped(longer_semitrailer), 20.0)
     assert group.inputs == ("steer", "trailer_steer_0")
     np.testing.assert_allclose(group.B[:, 1], single.B[:, 1] + 0.5 * single.B[:, 2], atol=1e-9)  # rounding
 
@@ -176,22 +116,16 @@ def test_axles_steered_in_a_group_move_by_their_ratios(longer_semitrailer: Vehic
 def test_a_linked_axle_of_the_tractor_turns_by_its_ratio_of_the_foremost_one() -> None:
     """The driver's demand is the first axle's angle; the linkage turns the second by r times that."""
     truck = load_vehicle("rigid_truck_8x4")
-    (unit,) = truck.units
-    ratio = unit.axles[1].steer_ratio
-    first, second = (lateral_model(with_steered(truck, axle), 20.0).B[:, 0] for axle in (0, 1))
+    own = {"steer_group": None, "steer_ratio": 1.0}
+    first, second = (
+        lateral_model(with_axles(truck, *({**own, "steered": k == steered} for k in range(4))), 20.0).B[:, 0]
+        for steered in (0, 1)
+    )
+    ratio = truck.units[0].axles[1].steer_ratio
     np.testing.assert_allclose(lateral_model(truck, 20.0).B[:, 0], first + ratio * second, atol=1e-9)  # rounding
 
 
-def with_steered(vehicle: Vehicle, steered: int) -> Vehicle:
-    """A vehicle of one unit on which one numbered axle alone is steered, by an actuator of its own."""
-    (unit,) = vehicle.units
-    own = {"steer_group": None, "steer_ratio": 1.0}
-    axles = tuple(axle.model_copy(update={**own, "steered": k == steered}) for k, axle in enumerate(unit.axles))
-    return vehicle.model_copy(update={"units": (unit.model_copy(update={"axles": axles}),)})
-
-
 def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: Vehicle) -> None:
-    """The steering response at a speed does not depend on the engine's power to hold it."""
     drive = tractor_semitrailer.drive.model_copy(update={"max_power": 1e4})  # [W], of some 50 kW that drag takes
     weak = tractor_semitrailer.model_copy(update={"drive": drive})
     np.testing.assert_array_equal(lateral_model(weak, 25.0).A, lateral_model(tractor_semitrailer, 25.0).A)
@@ -204,6 +138,87 @@ def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: V
 def test_unknown_outputs_are_refused(
     tractor_semitrailer: Vehicle, outputs: tuple[OutputKind, ...], complaint: str
 ) -> None:
-    """A misspelt output names the nearest one; a position needs a path."""
     with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):
         lateral_model(tractor_semitrailer, 20.0, outputs=outputs)
+
+
+# Straight running, about which it is linearised
+
+
+SPEED = 20.0  # [m/s]
+
+
+def rate_and_slope(vehicle: Vehicle, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivative of the state, and its jacobian."""
+    at, demands = ca.SX.sym("x", x.size), ca.SX.sym("u", u.size)
+    s, d = State(*parts(at, state_sizes(vehicle))), Input(*parts(demands, input_sizes(vehicle)))
+    rate = ca.vertcat(*derivative(Chain.of(vehicle), s, d))
+    value, slope = ca.Function("f", [at, demands], [rate, ca.jacobian(rate, at)])(x, u)
+    return np.array(value).ravel(), np.array(slope)
+
+
+def test_nothing_changes_in_straight_running_but_the_place(chain: Vehicle) -> None:
+    """All forces balance: every rate but that of x vanishes, and the speed is the one asked for."""
+    x, u = straight_running(chain, SPEED, 0.8)
+    s = State(*parts(x, state_sizes(chain)))
+    rate = State(*parts(rate_and_slope(chain, x, u)[0], state_sizes(chain)))
+    assert s.v_x[0] == SPEED
+    assert rate.x[0] == SPEED
+    for name, part, value in zip(State._fields, rate, s, strict=True):
+        if name != "x":
+            # Rounding, times the fastest rates of some 1e3 1/s; hitch forces are of 1e3 N.
+            np.testing.assert_allclose(part, 0.0, atol=1e-9 * (1.0 + np.abs(value).max(initial=0.0)), err_msg=name)
+
+
+def test_the_drive_makes_up_for_rolling_resistance(chain: Vehicle) -> None:
+    """The torque that holds the speed would accelerate a vehicle without drag by coefficient times gravity."""
+    x, u = straight_running(chain, SPEED, 0.8)
+    coefficient = chain.units[0].axles[0].tyre.rolling_resistance
+    held = Input(*parts(u, input_sizes(chain))).acceleration[0]
+    # Loads move with the pull, and the driven wheels roll a little faster than the vehicle, with a torque of drag.
+    assert held == pytest.approx(coefficient * GRAVITY, rel=2e-3)
+    assert State(*parts(x, state_sizes(chain))).acceleration[0] == held
+
+
+def test_the_two_halves_of_the_state_are_all_of_it(chain: Vehicle) -> None:
+    """Every coordinate reads its own direction as 1 and all others as 0, and there are as many as states."""
+    coordinates = kept(chain) + flipped(chain)
+    read = np.stack([c.reading for c in coordinates])
+    move = np.column_stack([c.direction for c in coordinates])
+    np.testing.assert_array_equal(read @ move, np.eye(sum(state_sizes(chain))))
+    assert len({c.name for c in kept(chain)}) == len(kept(chain))
+    assert len({c.name for c in flipped(chain)}) == len(flipped(chain))
+
+
+def test_neither_half_acts_on_the_other(chain: Vehicle) -> None:
+    """To first order about straight running: the blocks of the jacobian between the halves are empty."""
+    _, slope = rate_and_slope(chain, *straight_running(chain, SPEED, 0.8))
+    even, odd = kept(chain), flipped(chain)
+    for one, other in ((even, odd), (odd, even)):
+        block = np.stack([c.reading for c in one]) @ slope @ np.column_stack([c.direction for c in other])
+        # Rounding beside entries of the order of a whole row: hitch forces react by 1e7 N/s per unit of deflection.
+        scale = np.abs(np.stack([c.reading for c in one]) @ slope).max(axis=1, keepdims=True)
+        assert (np.abs(block) / (1.0 + scale)).max() < 1e-12
+
+
+@pytest.mark.parametrize("speed", [0.0, -3.0, float("nan")])
+def test_straight_running_needs_a_speed(tractor_semitrailer: Vehicle, speed: float) -> None:
+    """At rest slip is not defined, and backwards the chain folds: both are refused."""
+    with pytest.raises(ValueError, match=r"speed = .* m/s must be positive"):
+        straight_running(tractor_semitrailer, speed, 0.8)
+
+
+def test_a_speed_that_can_not_be_held_is_refused(tractor_semitrailer: Vehicle) -> None:
+    """10 kW hold a laden combination at no motorway speed: its drag alone takes 47 kW."""
+    weak = tractor_semitrailer.model_copy(
+        update={"drive": tractor_semitrailer.drive.model_copy(update={"max_power": 1e4})}
+    )
+    with pytest.raises(ValueError, match=r"speed = 20.0 m/s cannot be held by eu_tractor_semitrailer"):
+        straight_running(weak, SPEED, 0.8)
+
+
+def test_more_drag_than_grip_is_refused(tractor_semitrailer: Vehicle) -> None:
+    """On ice the drive axle, 28 % of the weight, can not pull a drag of 3 %."""
+    stuck = with_axles(tractor_semitrailer, tyre={"rolling_resistance": 0.03})
+    with pytest.raises(ValueError, match=r"cannot be held .* on a friction of 0.05"):
+        straight_running(stuck, 5.0, 0.05)

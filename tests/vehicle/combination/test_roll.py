@@ -9,17 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.vehicle.chains import at_rest, named, outputs
+from tests.vehicle.chains import named, with_axles
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import step_function
+from vehicle.combination.handling import understeer_gradient
 from vehicle.combination.layout import state_sizes
-from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.roll import roll_gradients, settled_rolls, springs_of, static_rollover
+from vehicle.combination.sprung import settled
 from vehicle.combination.variants import changed_vehicle, with_load
 from vehicle.engine.function_cache import written_out
-from vehicle.frames import Pose2
-from vehicle.surface import Surface
+from vehicle.frames import FloatArray, Pose2
+from vehicle.surface import Roughness, RoughProfile, Surface
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 
@@ -88,15 +89,6 @@ def test_fifth_wheel_separates_at_its_edge_and_catches_after_the_lash(tractor_se
     assert float(springs.hitch_moment(0.01, -5e3)) == 0.0  # a hitch that pulls up rests on no plate
 
 
-def test_frames_are_in_series_with_what_they_carry(tractor_semitrailer: Vehicle) -> None:
-    """1 / K = 1 / K_springs + 1 / K_frame, of the front axle of the tractor and of the trailer's fifth wheel."""
-    tractor, trailer = springs_of(tractor_semitrailer)
-    assert float(tractor.axles[0].suspension) == pytest.approx(1.0 / (1.0 / 330e3 + 1.0 / 600e3))
-    assert float(tractor.axles[1].suspension) == pytest.approx(750e3)
-    assert trailer.hitch is not None
-    assert float(trailer.hitch) == pytest.approx(1.0 / (1.0 / 3.55e6 + 1.0 / 3.0e6))
-
-
 def test_twin_tyres_carry_in_roll_by_their_own_places(tractor_semitrailer: Vehicle) -> None:
     """Sum of k y^2 over four tyres of half the wheel's stiffness."""
     axle = tractor_semitrailer.units[0].axles[1]
@@ -124,47 +116,14 @@ def test_it_settles_on_a_bank_as_it_starts(tractor_semitrailer: Vehicle) -> None
     np.testing.assert_allclose(now.roll, start.roll, rtol=5e-3)  # weight of cos(bank), and how the tyres share forces
 
 
-def test_wheels_carry_the_whole_moment(tractor_semitrailer: Vehicle) -> None:
-    """In the settled state, sum of (right - left) T / 2 is that of inertia and of the bodies' offset, axle roll too.
-
-    The offset of each axle's load from its roll centre, and of the centre of gravity from there, by the rolls.
-    """
-    a_y = 1.5
-    springs = springs_of(tractor_semitrailer)
-    rolls = [float(roll) for roll in settled_rolls(tractor_semitrailer, springs, [a_y, a_y])]
-    loads = static_axle_loads(tractor_semitrailer)
-    s, u = at_rest(tractor_semitrailer)
-    sides = np.concatenate(loads) * a_y / GRAVITY
-    damping = [float(springs[i].damping) * rolls[i] for i in range(2)]
-    s = s._replace(roll=np.array(rolls), roll_spring=np.array(damping), side_force=sides)
-    load = outputs(tractor_semitrailer, s, u).load
-    tracks = np.array([axle.track for unit in tractor_semitrailer.units for axle in unit.axles])
-    carried = float(np.sum(0.5 * tracks * (load[1::2] - load[::2])))
-    tractor, trailer = tractor_semitrailer.units
-    by_axles = sum(
-        W * (spring.height * angle + (unit.cg_height - spring.height) * roll)
-        for unit, of_unit, of_loads, roll in zip((tractor, trailer), springs, loads, rolls, strict=True)
-        for spring, W in zip(of_unit.axles, of_loads, strict=True)
-        for angle in [float(spring.track / spring.tyres * spring.transfer(roll, W * a_y / GRAVITY))]
-    )
-    kingpin, height = trailer.mass * GRAVITY - sum(loads[1]), tractor.rear_hitch[1]
-    by_hitch = kingpin * ((trailer.cg_height - height) * rolls[1] - (tractor.cg_height - height) * rolls[0])
-    inertia = a_y * (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height)
-    assert carried == pytest.approx(inertia + by_axles + by_hitch, rel=1e-9)  # rounding
-
-
 def test_dampers_are_given_or_follow_from_the_ratio(tractor_semitrailer: Vehicle) -> None:
     """The sum of the axles' dampers over the inertia; without them 2 zeta sqrt(K / I)."""
     trailer = tractor_semitrailer.units[1]
     given = springs_of(tractor_semitrailer)[1]
     assert float(given.damping * given.inertia) == pytest.approx(3 * 1.39e5)
-    axles = tuple(
-        axle.model_copy(update={"suspension": axle.suspension.model_copy(update={"roll_damping": None})})
-        for axle in trailer.axles
-        if axle.suspension
-    )
-    units = (tractor_semitrailer.units[0], trailer.model_copy(update={"axles": axles}))
-    by_ratio = springs_of(tractor_semitrailer.model_copy(update={"units": units}))[1]
+    changes = [axle.suspension.model_copy(update={"roll_damping": None}) for axle in trailer.axles if axle.suspension]
+    undamped = with_axles(tractor_semitrailer, {}, {}, *({"suspension": suspension} for suspension in changes))
+    by_ratio = springs_of(undamped)[1]
     w = math.sqrt(float(by_ratio.stiffness) / float(by_ratio.inertia))
     assert float(by_ratio.damping) == pytest.approx(2.0 * trailer.suspension_damping * w)
 
@@ -203,7 +162,6 @@ def test_the_trailer_lifts_before_the_drive_axle(tractor_semitrailer: Vehicle) -
 
 
 def test_bodies_that_the_springs_do_not_carry_are_refused() -> None:
-    """Without stiffness a vehicle falls over where it stands: one line says so."""
     truck = load_vehicle("rigid_truck")
     soft = changed_vehicle(truck, {f"units.0.axles.{k}.suspension.roll_stiffness": 7e4 for k in range(2)})
     with pytest.raises(ValueError, match=r"^rigid_truck falls over where it stands"):
@@ -227,3 +185,68 @@ def test_a_lifted_unit_falls_and_stays_finite(tractor_semitrailer: Vehicle) -> N
     end = named(tractor_semitrailer, plant.step(state, VehicleCommand(0.0, 0.0, ()), 3000))
     assert np.abs(end.roll).min() > 0.9
     assert np.isfinite(np.concatenate(end)).all()
+
+
+# Roll steer and bump steer: axles that their suspensions turn as the body moves
+
+
+SPEED = 20.0  # [m/s]
+
+
+def truck(axle: int = 1, /, **numbers: float) -> Vehicle:
+    return changed_vehicle(load_vehicle("rigid_truck"), {f"units.0.axles.{axle}.{k}": v for k, v in numbers.items()})
+
+
+def roll_gradient(vehicle: Vehicle) -> float:
+    """Steady roll of the body per lateral acceleration [rad/(m/s2)]."""
+    ((attitude, _),) = settled(vehicle, [0.0], [1.0])
+    return float(attitude.roll)
+
+
+@pytest.mark.parametrize(("axle", "sign"), [(1, 1.0), (0, -1.0)])
+def test_roll_steer_adds_to_the_understeer_gradient(axle: int, sign: float) -> None:
+    """delta = L / R + K a_y + rear angle - front's own: the gradient grows by roll steer times the roll gradient.
+
+    Understeer if the rear axle turns into the turn, oversteer if the front axle does.
+    """
+    plain, steering = truck(), truck(axle, roll_steer=0.1)
+    added = understeer_gradient(steering, SPEED) - understeer_gradient(plain, SPEED)
+    assert added == pytest.approx(sign * 0.1 * roll_gradient(plain), rel=0.02)  # the front wheels are no single one
+
+
+def test_bump_steer_in_roll_is_roll_steer_by_half_the_track() -> None:
+    """In roll the left wheel goes down as much as the right one up: both turn to the same side."""
+    track = load_vehicle("rigid_truck").units[0].axles[1].track
+    bump, roll = truck(bump_steer=0.1), truck(roll_steer=0.1 * 0.5 * track)
+    assert understeer_gradient(bump, SPEED) == pytest.approx(understeer_gradient(roll, SPEED), rel=1e-6)
+
+
+def driven(vehicle: Vehicle, side: float, surface: Surface) -> FloatArray:
+    """x, y, psi of the truck after 3 s of steer to one side."""
+    plant = Plant(vehicle, surface)
+    state = plant.initial_state(Pose2(0.0, 0.0, 0.0), SPEED)
+    pose: FloatArray = plant.observe(plant.step(state, VehicleCommand(side * 0.02, 0.0, ()), 3000), 3000).poses[0]
+    return pose
+
+
+def test_both_pass_the_mirror_test() -> None:
+    """Left and right change places, so do the signs of all angles; bump steer turns the wheels of an axle apart."""
+    vehicle = truck(roll_steer=0.15, bump_steer=0.2)
+    left, right = (driven(vehicle, side, Surface(friction=0.8)) for side in (1.0, -1.0))
+    np.testing.assert_allclose(right, left * (1.0, -1.0, -1.0), rtol=1e-9, atol=1e-9)
+    assert abs(left[1] - driven(truck(), 1.0, Surface(friction=0.8))[1]) > 0.05  # [m], and they do something
+
+
+def test_roll_steer_makes_a_truck_weave_on_a_rough_road() -> None:
+    """The road rolls axles under the body: an axle that this steers yaws the truck, by half as much again."""
+    yawing = []
+    for vehicle in (truck(), truck(roll_steer=0.3)):
+        road = Roughness(profile=RoughProfile(np.random.default_rng(1), "B"))
+        plant = Plant(vehicle, Surface(friction=0.8, roughness=road))
+        state = plant.initial_state(Pose2(0.0, 0.0, 0.0), SPEED)
+        rates = []
+        for k in range(400):
+            rates.append(plant.observe(state, 20 * k).velocities[0, 2])
+            state = plant.step(state, VehicleCommand(0.0, 0.0, ()), 20)
+        yawing.append(float(np.std(rates[100:])))
+    assert yawing[1] > 1.3 * yawing[0]

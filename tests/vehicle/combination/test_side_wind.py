@@ -27,6 +27,11 @@ def accelerations(vehicle: Vehicle, speed: float, wind: float) -> State[np.ndarr
     return rates(vehicle, s._replace(v_x=np.array([speed]), omega=np.array(omega)), u)
 
 
+def without_data(vehicle: Vehicle) -> Vehicle:
+    units = tuple(unit.model_copy(update={"side_wind": None}) for unit in vehicle.units)
+    return vehicle.model_copy(update={"units": units})
+
+
 def test_a_truck_is_pushed_turned_and_rolled() -> None:
     """F = rho / 2 A c V w: acceleration F / m, yaw F (x_p - x_cg) / I, roll -F (h_p - h_cg) / I about the roll axis.
 
@@ -78,22 +83,16 @@ def test_a_gust_moves_the_vehicle_to_leeward(tractor_semitrailer: Vehicle) -> No
 
 def test_without_a_gust_nothing_of_the_wind_is_computed(tractor_semitrailer: Vehicle) -> None:
     """The same compiled step with and without the data; no inputs."""
-    units = tuple(unit.model_copy(update={"side_wind": None}) for unit in tractor_semitrailer.units)
-    bare = tractor_semitrailer.model_copy(update={"units": units})
+    bare = without_data(tractor_semitrailer)
     assert input_sizes(tractor_semitrailer).wind == 0
-    inputs = [sum(input_sizes(v)) for v in (bare, tractor_semitrailer)]
-    assert inputs[0] == inputs[1]
-    longer = (
-        written_out(step_function(tractor_semitrailer)).n_instructions()
-        - written_out(step_function(bare)).n_instructions()
-    )
-    assert longer <= 8  # the numbers are entries of the function that nothing reads
+    assert input_sizes(bare) == input_sizes(tractor_semitrailer)
+    lengths = [written_out(step_function(v)).n_instructions() for v in (bare, tractor_semitrailer)]
+    assert lengths[1] - lengths[0] <= 8  # the numbers are entries of the function that nothing reads
 
 
 def test_a_gust_needs_data(short_form: Vehicle, tractor_semitrailer: Vehicle) -> None:
-    units = tuple(unit.model_copy(update={"side_wind": None}) for unit in tractor_semitrailer.units)
     for vehicle, says in (
-        (tractor_semitrailer.model_copy(update={"units": units}), "a gust needs the table 'side_wind' of a unit"),
+        (without_data(tractor_semitrailer), "a gust needs the table 'side_wind' of a unit"),
         (short_form, "a gust needs the tables 'suspension' and 'roll'"),
     ):
         with pytest.raises(ValueError, match=f"^eu_tractor_semitrailer: {says}$"):

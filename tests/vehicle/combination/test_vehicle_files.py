@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.vehicle.combination.test_loads import tonnes
 from vehicle.combination.data_sheet import DataSheet, data_sheet
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
-from vehicle.combination.loads import static_axle_loads
 
 FOOT = 0.3048  # [m]
 PARAMETERS = Path(__file__).parents[3] / "vehicle" / "parameters"
@@ -38,11 +38,6 @@ LEGAL = {
 }
 
 
-def tonnes(vehicle: Vehicle) -> list[list[float]]:
-    """Static load of each axle of each unit [t]."""
-    return [[load / GRAVITY / 1e3 for load in of_unit] for of_unit in static_axle_loads(vehicle)]
-
-
 def group_loads(vehicle: Vehicle) -> list[float]:
     """Static load of each group of axles less than 2 m apart [t]."""
     groups: list[float] = []
@@ -58,7 +53,6 @@ def group_loads(vehicle: Vehicle) -> list[float]:
 
 
 def test_every_shipped_vehicle_is_held_against_the_law() -> None:
-    """A new file needs a row in the table above."""
     assert LEGAL.keys() == set(vehicle_names())
 
 

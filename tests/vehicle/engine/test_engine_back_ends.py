@@ -89,29 +89,18 @@ def of_each(function: ca.Function, at: FloatArray, inputs: FloatArray, parameter
     return np.array(function(at.T, inputs.T, parameters.T)).T
 
 
-def test_the_expression_has_every_operation(everything: tuple[ca.Function, TapeProgram]) -> None:
-    """Else the tests below would pass an operation that none of them sees."""
-    _, program = everything
+def test_every_back_end_knows_every_operation(everything: tuple[ca.Function, TapeProgram], gcc: Compiler) -> None:
+    """NumPy, and compiled code for one vehicle and many: a number per vehicle, or eight side by side."""
+    function, program = everything
     assert {node.name for node in program.parts[0].body.nodes if isinstance(node, Operation)} == OPERATIONS
-
-
-def test_numpy_knows_every_operation(everything: tuple[ca.Function, TapeProgram]) -> None:
-    """Many vehicles without a compiler."""
-    function, program = everything
     at, none = states(N_LANES), np.zeros((N_LANES, 2))
-    got = NumpyMany(program, np.empty(0), N_LANES)(at, none)
-    np.testing.assert_allclose(got, of_each(function, at, none, none), rtol=ROUNDING, atol=ROUNDING)
-
-
-def test_compiled_code_knows_every_operation(everything: tuple[ca.Function, TapeProgram], gcc: Compiler) -> None:
-    """One vehicle and many: the same source, a number per vehicle or eight side by side."""
-    function, program = everything
-    at, none = states(N_LANES), np.zeros((N_LANES, 2))
-    expected = of_each(function, at, none, none)
-    got = NativeMany(program, np.empty(0), gcc)(at, none)
-    np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING)
-    one = NativeOne(program, np.empty(0), gcc)
-    np.testing.assert_allclose([one(s, none[0]) for s in at], expected, rtol=ROUNDING, atol=ROUNDING)
+    expected, one = of_each(function, at, none, none), NativeOne(program, np.empty(0), gcc)
+    for got in (
+        NumpyMany(program, np.empty(0), N_LANES)(at, none),
+        NativeMany(program, np.empty(0), gcc)(at, none),
+        [one(state, none[0]) for state in at],
+    ):
+        np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e3, -1e6])
@@ -166,7 +155,6 @@ def test_any_number_of_vehicles_fits(oscillator: tuple[ca.Function, TapeProgram]
 
 
 def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, TapeProgram], gcc: Compiler) -> None:
-    """A step is a function: the state it starts from can be kept."""
     _, program = oscillator
     at, inputs = states(9), np.ones((9, 2))
     own = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
@@ -180,7 +168,6 @@ def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, TapeProgram],
 
 
 def test_what_no_back_end_knows_is_refused() -> None:
-    """An error function would otherwise come out as something else."""
     with pytest.raises(ValueError, match="operation"):
         program_of(ca.Function("f", [x, u, p], [ca.erf(a)]))
     with pytest.raises(ValueError, match="structural zeros"):

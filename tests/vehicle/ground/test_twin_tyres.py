@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from tests.vehicle.chains import linear_tyre, named, with_axles
 from vehicle.combination.chain_forces import RollingWheel, WheelMotion, wheel_motion
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import State, wheels
-from vehicle.combination.linear import lateral_model
 from vehicle.combination.multibody import Vector
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
@@ -24,13 +21,14 @@ LOAD, SPEED, STIFFNESS = 50e3, 2.0, 15.0
 TYRE = linear_tyre(6.0, 2.0 * LOAD, damping=0.0)
 
 
+def spaced(vehicle: Vehicle, distance: float) -> Vehicle:
+    """The combination with twin tyres so far apart [m] on its driven axle."""
+    return with_axles(vehicle, {}, {"twin_spacing": distance}, {}, {}, {})
+
+
 @pytest.fixture(scope="module")
 def twins(tractor_semitrailer: Vehicle) -> Vehicle:
-    """The combination with twin tyres on its driven axle."""
-    tractor, trailer = tractor_semitrailer.units
-    front, rear = tractor.axles
-    axles = (front, rear.model_copy(update={"twin_spacing": SPACING}))
-    return tractor_semitrailer.model_copy(update={"units": (tractor.model_copy(update={"axles": axles}), trailer)})
+    return spaced(tractor_semitrailer, SPACING)
 
 
 def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: float) -> WheelMotion:
@@ -91,26 +89,3 @@ def test_scrub_widens_a_tight_turn_and_is_the_same_to_both_sides(twins: Vehicle,
     np.testing.assert_allclose(left.yaw_rate, -right.yaw_rate, rtol=1e-9)
     np.testing.assert_allclose(left.twin_x, right.twin_x[::-1], rtol=1e-6, atol=1e-12)
     assert 0.9 < left.yaw_rate[0] / left.v_x[0] / (single.yaw_rate[0] / single.v_x[0]) < 0.999
-
-
-def test_scrub_damps_the_yaw_of_small_motions(twins: Vehicle) -> None:
-    """Like a rotary damper of F_z C d^2 / (4 v) at the wheels: the yaw equation of the linear model shows it.
-
-    Against the vehicle with both patches 0.1 m apart, whose damper is (0.1 / 0.34)^2 of that.
-    """
-    v = 10.0
-    vehicle = with_axles(twins, {"tyre": TYRE})
-    tractor, trailer = vehicle.units
-    narrow_axle = tractor.axles[1].model_copy(update={"twin_spacing": 0.1})
-    narrow = vehicle.model_copy(
-        update={"units": (tractor.model_copy(update={"axles": (tractor.axles[0], narrow_axle)}), trailer)}
-    )
-    wide_model, narrow_model = (lateral_model(one, v) for one in (vehicle, narrow))
-    change = wide_model.A - narrow_model.A
-    load = 11.4e3 * 9.81  # of the driven axle [N]
-    damper = load * STIFFNESS * (SPACING**2 - 0.1**2) / (4.0 * v)  # [N m s]
-    # The moment acts on the tractor alone: acceleration of its yaw by the mass matrix of the coupled chain.
-    k = wide_model.states.index("yaw_rate_0")
-    alone = damper / tractor.yaw_inertia
-    assert 0.3 * alone < -change[k, k] < alone  # the trailer's mass on the hitch adds to the inertia
-    assert math.isclose(change[:, wide_model.states.index("v_y")].max(), 0.0, abs_tol=1e-6)

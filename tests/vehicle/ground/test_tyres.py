@@ -127,12 +127,6 @@ def test_a_deflection_beyond_the_friction_shrinks(
         assert sign * rate.y < 0.0
 
 
-def test_the_force_opposes_the_slip_angle_and_drives_with_slip(tyre: Tyre) -> None:
-    """A wheel that drifts left is pulled right; a wheel that spins faster than it rolls pulls forward."""
-    F = tyre.steady_force(Planar(0.01, -0.02), NOMINAL, 0.8)
-    assert F.x > 0.0 > F.y
-
-
 @pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
 def test_friction_scales_the_peak_and_leaves_the_initial_stiffness(tyre: Tyre, friction: float) -> None:
     """Slope at no slip: stiffness times load; largest side force: friction times load, for TMeasy its table's part."""
@@ -172,11 +166,6 @@ def test_the_lever_is_about_that_of_a_brush(name: str, apart: float) -> None:
         assert left == pytest.approx(brush, abs=apart)  # for the curves a stated simplification
 
 
-def test_the_linear_tyres_moment_is_linear_up_to_the_circle() -> None:
-    """The whole trail until the force ends."""
-    assert sliding(TYRES["linear"], NOMINAL, 0.8, 0.0, 0.99 * 0.8 / 5.948, 1.0)[1].trail == pytest.approx(0.05)
-
-
 def test_damping_across_the_wheel_is_that_of_creeping() -> None:
     """All of it at rest, nothing of it from 5 km/h on, in both directions of travel; along the wheel it stays."""
 
@@ -195,6 +184,7 @@ def test_a_standing_tyre_keeps_its_force(tyre: Tyre) -> None:
     """At rest nothing relaxes it; slowly sliding it holds about its largest force, faster that of sliding."""
     _, still = sliding(tyre, NOMINAL, 0.8, 0.0, 0.0, 0.0)
     assert still.decay < 1e-5  # [1/s]: 0.6 % in ten minutes
+    assert (rolling_speed(0.0), rolling_speed(-1.0)) == (0.05, 1.0)  # so slip is finite
     for drift in (1e-5, 1e-4, 1e-3):
         rate, grip = sliding(tyre, NOMINAL, 0.8, 0.0, drift, 0.0)
         held = abs(float(rate.y)) / grip.decay * grip.factor * grip.skew
@@ -203,12 +193,6 @@ def test_a_standing_tyre_keeps_its_force(tyre: Tyre) -> None:
     rate, grip = sliding(tyre, NOMINAL, 0.8, 0.0, 1.0, 0.0)
     fast = abs(float(rate.y)) / grip.decay * grip.factor * grip.skew
     assert fast == pytest.approx(tyre.steady_force(Planar(0.0, 20.0), NOMINAL, 0.8).y / NOMINAL, rel=1e-6)
-
-
-def test_rolling_speed_is_never_zero() -> None:
-    """At rest slip is finite, and from 0.05 m/s on the floor is invisible."""
-    assert rolling_speed(0.0) == 0.05
-    assert rolling_speed(-1.0) == 1.0
 
 
 # --- each law's own form ---
@@ -220,6 +204,7 @@ def test_the_linear_tyre_is_linear_up_to_the_circle() -> None:
     F = tyre.steady_force(Planar(0.01, 0.05), NOMINAL, 0.8)
     assert tuple(F) == pytest.approx((17.7 * 0.01 * NOMINAL, 5.948 * 0.05 * NOMINAL))
     assert math.hypot(*tyre.steady_force(Planar(0.3, 0.4), NOMINAL, 0.8)) == pytest.approx(0.8 * NOMINAL)
+    assert sliding(tyre, NOMINAL, 0.8, 0.0, 0.99 * 0.8 / 5.948, 1.0)[1].trail == pytest.approx(0.05)  # until there
 
 
 @pytest.mark.parametrize("slip", [0.01, 0.1, 0.3, 0.8])
@@ -266,18 +251,17 @@ def test_tmeasy_gives_the_published_truck_tyre_on_every_ground(friction: float) 
     np.testing.assert_allclose(got, TABLE[friction], atol=0.6e-4)  # the table's last digit
 
 
-def test_tmeasy_goes_through_its_points_along_and_across_and_at_both_loads() -> None:
+@pytest.mark.parametrize("k", [0, 1])
+@pytest.mark.parametrize(("curve", "axis"), [(TRUCK_TMEASY.longitudinal, 0), (TRUCK_TMEASY.lateral, 1)])
+def test_tmeasy_goes_through_its_points_along_and_across_and_at_both_loads(
+    curve: TmeasyCurve, axis: int, k: int
+) -> None:
     """Peak at its slip and sliding force from its slip on, as the tables say."""
-    for k, F_z in enumerate((NOMINAL, 2.0 * NOMINAL)):
-        for curve, axis in ((TRUCK_TMEASY.longitudinal, 0), (TRUCK_TMEASY.lateral, 1)):
-            for slip, expected in (
-                (curve.peak_slip[k], curve.peak_force[k]),
-                (curve.sliding_slip[k], curve.sliding_force[k]),
-                (1.3 * curve.sliding_slip[k], curve.sliding_force[k]),
-            ):
-                s = Planar(slip, 0.0) if axis == 0 else Planar(0.0, slip)
-                got = TRUCK_TMEASY.steady_force(s, F_z, 0.8)[axis] / F_z
-                assert got == pytest.approx(expected, rel=1e-6)  # rounding of the direction
+    F_z, sliding_slip, sliding_force = (1 + k) * NOMINAL, curve.sliding_slip[k], curve.sliding_force[k]
+    points = {curve.peak_slip[k]: curve.peak_force[k], sliding_slip: sliding_force, 1.3 * sliding_slip: sliding_force}
+    for slip, expected in points.items():
+        force = TRUCK_TMEASY.steady_force(Planar(*(slip * np.eye(2)[axis]).tolist()), F_z, 0.8)
+        assert force[axis] / F_z == pytest.approx(expected, rel=1e-6)  # rounding of the direction
 
 
 def test_the_magic_formula_of_the_shipped_trucks_is_like_tmeasy(tractor_semitrailer: Vehicle) -> None:

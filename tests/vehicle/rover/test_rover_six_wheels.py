@@ -55,19 +55,13 @@ def test_left_and_right_are_alike(rover: Rover) -> None:
     assert other.loads == pytest.approx(one.loads[other_side], abs=1e-8)
 
 
-@given(st.floats(10.0, 1e3), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.integers(0, 2**32 - 1))
-def test_equal_stiffness_is_the_least_energy(normal: float, pitch: float, roll: float, seed: int) -> None:
-    """Any other loads with the same sum and moments have a larger sum of squares."""
-    footprint = SIX.footprint
+@given(st.floats(10.0, 1e3), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
+def test_wheels_of_equal_stiffness_share_linearly(normal: float, pitch: float, roll: float) -> None:
+    """Loads grow with the distance from the middle, which is the least energy; a wheel that would pull is lifted."""
     p = SIX.wheel_places
-    balance = np.vstack([np.ones(6), p[:, 0], p[:, 1]])
-    share, forward, leftward = normal / 6.0, pitch / (p[:, 0] @ p[:, 0]), roll / (p[:, 1] @ p[:, 1])
-    linear = share + forward * p[:, 0] + leftward * p[:, 1]
-    assert footprint.loads(normal, pitch, roll) == pytest.approx(np.maximum(linear, 0.0), rel=1e-9, abs=1e-9)
-    assert balance @ linear == pytest.approx([normal, pitch, roll], rel=1e-9, abs=1e-9)
-    change = np.random.default_rng(seed).normal(size=6)
-    change -= np.linalg.pinv(balance) @ (balance @ change)  # keeps the balance
-    assert np.sum((linear + change) ** 2) >= np.sum(linear**2)
+    forward, leftward = pitch / (p[:, 0] @ p[:, 0]), roll / (p[:, 1] @ p[:, 1])
+    linear = normal / 6.0 + forward * p[:, 0] + leftward * p[:, 1]
+    assert SIX.footprint.loads(normal, pitch, roll) == pytest.approx(np.maximum(linear, 0.0), rel=1e-9, abs=1e-9)
 
 
 def test_it_turns_about_the_place_that_its_wheels_point_at() -> None:
@@ -116,7 +110,6 @@ def test_some_wheels_may_be_steered_and_others_not() -> None:
 
 @pytest.mark.slow
 def test_the_order_of_the_wheels_does_not_matter() -> None:
-    """Four wheels in another order move the body as before, but for rounding of sums."""
     order = [3, 0, 2, 1]
     shuffled = FOUR.model_copy(update={"wheels": tuple(FOUR.wheels[k] for k in order)})
     speeds, steer = np.array([0.7, 0.8, 0.75, 0.85]), np.array([0.1, 0.12, -0.1, -0.05])

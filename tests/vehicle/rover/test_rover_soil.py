@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable
-from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
-import casadi as ca
 import numpy as np
 import pytest
 
+from tests.vehicle.rover.test_terramechanics import compiled
 from tests.vehicle.rovers import HOME, STILL, STRAIGHT, driven, plant_on, slope_towards
 from vehicle.combination.plant import DivergedError
 from vehicle.engine.compiler import compiler
@@ -18,8 +18,7 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover, load_soil, soil_names
 from vehicle.rover.plant import RoverPlant
-from vehicle.rover.terrain import FirmPatch, Mound, Terrain
-from vehicle.rover.terramechanics import RimMotion, soil_force
+from vehicle.rover.terrain import FirmPatch, HeightMap, Mound, Terrain, load_height_map
 from vehicle.rover.truth import RoverTruth
 
 ROVER, SKID = load_rover("el_dorado_ii"), load_rover("el_dorado_ii_skid")
@@ -28,21 +27,11 @@ FORWARD = RoverCommand((OMEGA,) * 4, STRAIGHT)
 SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
 
 
-@lru_cache
-def force_in(soil: str) -> Callable[..., object]:
-    h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
-    force = soil_force(ROVER, load_soil(soil), h, RimMotion(along, across))
-    function: Callable[..., object] = ca.Function("force", [h, along, across], [ca.vertcat(*force)])
-    return function
-
-
 def forces(soil: str, truth: RoverTruth) -> FloatArray:
     """F_x, F_y, F_z of the wheels (4, 3) from their true motion, by integration of the stresses."""
-    force = force_in(soil)
+    force: Any = compiled(ROVER, load_soil(soil))
     rolling = truth.wheel_velocities / (ROVER.radius * truth.wheel_speeds[:, None])
-    return np.array(
-        [np.array(force(h, *map(float, v))).ravel()[:3] for h, v in zip(truth.sinkages, rolling, strict=True)]
-    )
+    return np.array([np.array(force(h, *v)).ravel()[:3] for h, v in zip(truth.sinkages, rolling, strict=True)])
 
 
 @pytest.mark.slow
@@ -102,7 +91,6 @@ def test_a_crust_carries_the_wheels() -> None:
 
 
 def test_sand_turns_a_skid_steered_rover_less_than_a_floor() -> None:
-    """Wheels that bulldoze sand turn the rover less at the same speeds, but to the same side."""
     command = RoverCommand((0.6 * OMEGA, 1.4 * OMEGA) * 2, STRAIGHT)
     sandy = driven(RoverPlant(SKID, Terrain(), load_soil("beach_sand"), "interpreted"), command, 10.0)
     floor = driven(RoverPlant(SKID, Terrain(), None, "interpreted"), command, 10.0)
@@ -124,7 +112,6 @@ def test_the_world_has_no_preferred_direction() -> None:
 
 
 def test_it_drives_backward_as_forward() -> None:
-    """This rover is symmetric front to rear: backward it gets as far and sinks in as deep."""
     plant = plant_on("toyoura_sand")
     forth, back = (driven(plant, RoverCommand((sign * OMEGA,) * 4, STRAIGHT), 10.0) for sign in (1.0, -1.0))
     assert back.pose[0] == pytest.approx(-forth.pose[0], rel=1e-3)  # at rest the entry is assumed in front
@@ -166,12 +153,11 @@ def test_integration_steps_are_short_enough(soil: str | None) -> None:
 
 @pytest.mark.slow
 def test_compiled_and_interpreted_are_the_same() -> None:
-    """Equal but for rounding, which does not grow in 5 s of slipping."""
     if compiler() is None:
         pytest.skip("no C compiler here")
     soil = load_soil("toyoura_sand")
-    compiled, interpreted = (RoverPlant(ROVER, SIDE_SLOPE, soil, e) for e in ("compiled", "interpreted"))
-    one = compiled.step(compiled.initial_state(HOME), FORWARD, 5000)
+    native, interpreted = (RoverPlant(ROVER, SIDE_SLOPE, soil, e) for e in ("compiled", "interpreted"))
+    one = native.step(native.initial_state(HOME), FORWARD, 5000)
     other = interpreted.step(interpreted.initial_state(HOME), FORWARD, 5000)
     assert one == pytest.approx(other, rel=1e-9, abs=1e-12)
 
@@ -207,3 +193,93 @@ def test_a_state_that_is_not_finite_raises_diverged_error() -> None:
     broken[3] = math.nan
     with pytest.raises(DivergedError):
         plant.step(broken, FORWARD, 10)
+
+
+# The ground itself
+
+
+MOUND = Mound(x=1.0, y=-0.5, height=0.4, radius=1.5)
+
+
+def mound_map(height: float) -> HeightMap:
+    """A mound as a map of its heights, 5 m x 4 m."""
+    x, y = np.meshgrid(np.arange(-1.5, 3.51, 0.05), np.arange(-2.5, 1.51, 0.05))
+    mound = Mound(x=1.0, y=-0.5, height=height, radius=1.5)
+    return HeightMap(heights=Terrain(mounds=(mound,)).height(x, y), spacing=0.05, x=-1.5, y=-2.5)
+
+
+TERRAINS = {
+    "slope": Terrain(slope_x=0.1, slope_y=-0.05),
+    "mounds": Terrain(slope_y=0.08, mounds=(MOUND, Mound(x=0.0, y=0.3, height=-0.2, radius=0.8))),
+    "height map": Terrain(slope_x=0.05, height_map=mound_map(0.4)),
+}
+
+
+def places() -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(2)
+    return rng.uniform(-1.0, 2.5, (20, 3)), rng.uniform(-2.0, 1.0, (20, 3))
+
+
+@pytest.mark.parametrize("terrain", TERRAINS.values(), ids=TERRAINS.keys())
+def test_gradient_is_the_slope_of_the_height(terrain: Terrain) -> None:
+    """Central differences over 20 micrometres: exact to the third derivative and to rounding, 1e-9."""
+    (x, y), d = places(), 1e-5
+    along = (terrain.height(x + d, y) - terrain.height(x - d, y)) / (2 * d)
+    across = (terrain.height(x, y + d) - terrain.height(x, y - d)) / (2 * d)
+    assert terrain.gradient(x, y) == pytest.approx(np.stack([along, across], axis=-1), abs=1e-8)
+
+
+def test_a_slope_rises_by_its_angle_in_its_direction() -> None:
+    """One metre in the direction of 0.5 rad rises by the tangent of the angle; across it the ground is level."""
+    slope_x, slope_y = slope_towards(0.5, math.radians(5.0))
+    terrain = Terrain(slope_x=slope_x, slope_y=slope_y)
+    assert float(terrain.height(math.cos(0.5), math.sin(0.5))) == pytest.approx(math.tan(math.radians(5.0)))
+    assert float(terrain.height(-math.sin(0.5), math.cos(0.5))) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_mound_has_its_height_and_ends_at_twice_its_radius() -> None:
+    terrain = Terrain(mounds=(MOUND,))
+    assert float(terrain.height(1.0, -0.5)) == pytest.approx(0.4)
+    assert float(terrain.height(4.0, -0.5)) < 0.4 * 4e-4  # four standard deviations off: exp(-8)
+
+
+def test_a_map_of_a_mound_is_the_mound() -> None:
+    """Error of a bicubic spline: spacing to the fourth times the bell's fourth derivative, some 1e-6 m at 5 cm."""
+    x, y = places()
+    assert Terrain(height_map=mound_map(0.4)).height(x, y) == pytest.approx(
+        Terrain(mounds=(MOUND,)).height(x, y), abs=1e-5
+    )
+
+
+def test_beyond_a_map_the_height_of_its_edge_continues() -> None:
+    terrain = Terrain(height_map=mound_map(0.4))
+    assert float(terrain.height(9.0, 0.0)) == float(terrain.height(3.5, 0.0))
+    assert terrain.gradient(9.0, 0.0)[0] == 0.0
+
+
+def test_a_height_map_is_read_from_text_and_from_an_array(tmp_path: Path) -> None:
+    heights = np.arange(20.0).reshape(4, 5) ** 2 / 100.0
+    np.savetxt(tmp_path / "heights.csv", heights, delimiter=",")
+    np.save(tmp_path / "heights.npy", heights)
+    for name in ("heights.csv", "heights.npy"):
+        assert load_height_map(str(tmp_path / name), 0.5).heights == pytest.approx(heights)
+    with pytest.raises(ValueError, match=r"none\.npy: cannot be read"):
+        load_height_map(str(tmp_path / "none.npy"), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("build", "complaint"),
+    [
+        (lambda: Terrain(slope_x=1.5), "slope_x = 1.5"),
+        (lambda: Terrain(friction=0.0), "friction = 0.0"),
+        (lambda: Mound(x=0.0, y=0.0, height=1.0, radius=0.0), "radius = 0.0 m of a mound"),
+        (lambda: FirmPatch(x=0.0, y=0.0, radius=-1.0), "radius = -1.0 m of a firm patch"),
+        (lambda: HeightMap(heights=np.zeros((3, 9)), spacing=1.0), "at least 4 x 4"),
+        (lambda: HeightMap(heights=np.full((4, 4), np.nan), spacing=1.0), "finite"),
+        (lambda: HeightMap(heights=np.zeros((4, 4)), spacing=0.0), "spacing = 0.0 m"),
+    ],
+)
+def test_impossible_ground_is_refused(build: object, complaint: str) -> None:
+    assert callable(build)
+    with pytest.raises(ValueError, match=complaint):
+        build()
