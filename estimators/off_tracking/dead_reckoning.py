@@ -81,7 +81,7 @@ _SLIP_PER_SCRUB = Prior(0.9, 0.15, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linea
 _SLIP_PER_ARTICULATION = Prior(0.0, 0.005, _FOR_EVER, _FOR_EVER)
 _SLIP_OFFSET = Prior(0.0, 0.002, _FOR_EVER, _FOR_EVER)  # an angle sensor is right to 0.1 deg [rad]
 # Slip of the trailer's axles beyond 1/(2.5 g) of the lateral acceleration, by which their load and tyres differ.
-_OWN_SLIP = Prior(0.0, 0.01, 6.0, _FOR_EVER)  # [rad]
+_OWN_SLIP = Prior(0.0, 0.02, 6.0, _FOR_EVER)  # [rad]
 _OWN_SPREAD = 0.02  # [rad s2/m]
 # Spread of slips to the side per acceleration along: drive and brakes use the grip that holds an axle [rad s2/m].
 _TORQUE_SPREAD = 0.015
