@@ -115,6 +115,12 @@ class RoverReadings:
     wheel_speeds: FloatArray  # (n,) of rotation, in the order of the rover's file [rad/s]
     steer: FloatArray  # (n,) + left [rad]
 
+    def seen(self, image: GreyImage) -> RoverView:
+        """The readings with a ground image of the same tick."""
+        return RoverView(
+            tick=self.tick, image=image, heading=self.heading, wheel_speeds=self.wheel_speeds, steer=self.steer
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SlipReading:

@@ -44,6 +44,10 @@ class Pose2(NamedTuple):
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.psi)
 
+    def spatial(self) -> FloatArray:
+        """The pose as a matrix (4, 4), on the ground without pitch and roll."""
+        return transform(rotation_zyx(self.psi, 0.0, 0.0), np.array([self.x, self.y, 0.0]))
+
     def apply(self, points: FloatArray) -> FloatArray:
         """Points given in B, shape (n, 2), expressed in A."""
         c, s = math.cos(self.psi), math.sin(self.psi)
@@ -134,6 +138,12 @@ def orthonormalised(R: FloatArray) -> FloatArray:
 
 # Axes of a camera that looks along the body's +x: its x (right) is -y, its y (down) is -z, its z is +x.
 R_BODY_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def quadrature(points: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights (points,) of the Gauss-Legendre rule on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 def arc_length(points: FloatArray) -> FloatArray:

@@ -1,7 +1,5 @@
 """Corrections of a pair by the estimated state of its right camera, and motions measured with them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple

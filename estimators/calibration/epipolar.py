@@ -10,8 +10,6 @@ Dynamics, 2018, section 4.4: the camera turns about its optical centre, so its i
 scene.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ constant: at the start the rows tell yaw to a tenth of a degree only, and once m
 change of it at once. The same holds for a displacement along the optical axis and the offset of a pair at rest.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ Vision and Applications, 2000: both cameras are rotated about their optical cent
 baseline. Lens distortion is removed in the same step, so that images are sampled once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ what their standard deviations state, if these are right. Backwards in time the 
 depend on the direction of travel change their sign; the common noise makes differences smaller than stated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -19,8 +19,6 @@ show what is so. If a difference persists from frame to frame, errors of motions
 counts motions as independent has to be larger by their number.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ mean grey levels of cells, each compared with the cell at the same place in the 
 that agree are not touched: then the images stay as they are, bit by bit. Not modelled: vignetting, gamma curves.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

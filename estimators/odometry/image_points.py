@@ -7,8 +7,6 @@ A plane is given by n (3,) [1/m] with n . X = 1 for its points X in the camera. 
 (x, y, 1), and disparity is linear in the image; under X' = R X + t the plane's images map by the homography R + t n'.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

@@ -5,8 +5,6 @@ points, propagated into the images. This propagation is linear to within 1e-4 px
 maximum likelihood of motion and points, with the points eliminated by the Schur complement.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -252,14 +252,7 @@ def recorded(
     for truth in truths[lead:]:
         world.drive([truth])
         readings = instruments.sample(truth)
-        view = RoverView(
-            tick=truth.tick,
-            image=camera.sample(truth),
-            heading=readings.heading,
-            wheel_speeds=readings.wheel_speeds,
-            steer=readings.steer,
-        )
-        yield Labelled(view, truth, world.trace_truth(truth))
+        yield Labelled(readings.seen(camera.sample(truth)), truth, world.trace_truth(truth))
 
 
 def route_of(truths: Sequence[RoverTruth]) -> FloatArray:
