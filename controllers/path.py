@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, quadrature
 
 _SPACING = 0.5  # of the profile's points [m]
 # Gauss-Legendre rule on [0, 1]: integrates exp(i theta(u)) to rounding for turns of up to 4 pi within a segment.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_NODES, _WEIGHTS = quadrature(32)
 _MAX_TURN = 4.0 * math.pi  # [rad]
 _PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess
 

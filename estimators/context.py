@@ -1,7 +1,5 @@
 """Interfaces of estimators, and the contexts from which they are constructed: ``EstimatorClass.of(context)``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self, TypeAlias, TypeVar, runtime_checkable

@@ -4,8 +4,6 @@ The covariance (6, 6) of a motion X_PC is that of (rotation vector [rad], transl
 the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + d_p``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -33,9 +31,14 @@ def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion
     # p_AC = p_AB + R_AB p_BC, so d p_AC = d p_AB + d_theta_AB x (R_AB p_BC) + R_AB d p_BC
     J = np.eye(6)
     J[3:, :3] = -skew(p_BC_A)
-    R6 = np.kron(np.eye(2), R_AB)
-    covariance = J @ first.covariance @ J.T + R6 @ second.covariance @ R6.T
+    covariance = J @ first.covariance @ J.T + along_axes(R_AB, second.covariance)
     return UncertainMotion(chained(first.X, second.X), covariance)
+
+
+def along_axes(R_AB: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Covariance (6, 6) along the axes of A, from that along the axes of B."""
+    R = np.kron(np.eye(2), R_AB)
+    return R @ covariance @ R.T
 
 
 def inverted(motion: UncertainMotion) -> UncertainMotion:
@@ -65,6 +68,33 @@ def stretched(X: FloatArray, ratio: float) -> FloatArray:
     rotation = rotation_vector(X[:3, :3])
     chord = ratio * so3_exp(0.5 * (ratio - 1.0) * rotation) @ X[:3, 3]
     return transform(so3_exp(ratio * rotation), chord)
+
+
+PLANAR = [2, 3, 4]  # places of yaw, x and y among the components of a motion
+
+
+def planar_pose(X: FloatArray) -> FloatArray:
+    """Yaw [rad], x and y [m] (3,) of a motion."""
+    return np.array([rotation_vector(X[:3, :3])[2], X[0, 3], X[1, 3]])
+
+
+def planar_covariance(covariance: FloatArray) -> FloatArray:
+    """Covariance (3, 3) of yaw, x and y."""
+    return covariance[np.ix_(PLANAR, PLANAR)]
+
+
+def spatial_covariance(planar: FloatArray, rest: FloatArray) -> FloatArray:
+    """Covariance (6, 6) with that of yaw, x and y (3, 3) in the place of their part of ``rest`` (6, 6)."""
+    spatial = rest.copy()
+    spatial[np.ix_(PLANAR, PLANAR)] = planar
+    return spatial
+
+
+def with_planar(X: FloatArray, pose: FloatArray) -> FloatArray:
+    """The motion with another yaw [rad], x and y [m] (3,), and its own roll, pitch and height."""
+    yaw, x, y = pose.tolist()
+    R = so3_exp(np.array([0.0, 0.0, yaw - float(rotation_vector(X[:3, :3])[2])])) @ X[:3, :3]
+    return transform(R, np.array([x, y, X[2, 3]]))
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:

@@ -10,8 +10,6 @@ homography; its displacement shifts every point by an amount that depends on the
 point: right images of matched points are converted to those of a camera at the calibrated position.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
 

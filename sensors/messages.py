@@ -115,6 +115,12 @@ class RoverReadings:
     wheel_speeds: FloatArray  # (n,) of rotation, in the order of the rover's file [rad/s]
     steer: FloatArray  # (n,) + left [rad]
 
+    def seen(self, image: GreyImage) -> RoverView:
+        """The readings with a ground image of the same tick."""
+        return RoverView(
+            tick=self.tick, image=image, heading=self.heading, wheel_speeds=self.wheel_speeds, steer=self.steer
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SlipReading:
@@ -216,5 +222,4 @@ def is_message(kind: object) -> bool:
 
 def image_fields(kind: type[Message]) -> tuple[str, ...]:
     """Names of the fields of a message class that hold images; empty if there are none."""
-    names: tuple[str, ...] = getattr(kind, "IMAGES", ())
-    return names
+    return getattr(kind, "IMAGES", ())

@@ -10,21 +10,19 @@ import json
 import socket
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from controllers.trailer import Combination
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import OffTracking
+from offtrack.exchange.fmi_import.numbered_signals import estimate_of, reading_of
 from scenarios.assembly.adapters import trailer_geometry, vehicle_of
 from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.loop.channel import Stateful
 from scenarios.options.scenario import load_scenario
-from sensors.messages import CombinationSignals
-from vehicle.clock import TICK
-
-HEALTH = (Health.OK, Health.DEGRADED, Health.LOST)
 
 
 class Controller:
@@ -40,19 +38,7 @@ class Controller:
 
     def demands(self, tick: int, signals: Mapping[str, float]) -> dict[str, float]:
         """Demands at a tick from signals by name [SI]."""
-
-        def numbered(name: str, count: int) -> Any:
-            return np.array([signals[f"{name}_{k}"] for k in range(1, count + 1)])
-
-        sensed = CombinationSignals(
-            tick=tick,
-            angles=numbered("steer_trailer", self._n_steered),
-            speed=signals["speed"],
-            steer=signals["steer"],
-            articulation=numbered("articulation", self._n_units - 1),
-            yaw_rates=numbered("yaw_rate", self._n_units),
-            lateral_acceleration=signals["lateral_acceleration"],
-        )
+        sensed = reading_of(tick, signals, self._n_steered, self._n_units)
         command = self._step(tick, off_tracking(tick, signals), sensed)
         return {f"steer_demand_{k}": float(angle) for k, angle in enumerate(command.angles, start=1)}
 
@@ -61,20 +47,9 @@ def off_tracking(tick: int, signals: Mapping[str, float]) -> OffTracking | None:
     """The estimate; None before the first, or if the bus does not carry it."""
     if not signals.get("off_tracking_known") or "path_x_1" not in signals:
         return None
-    health = HEALTH[round(signals["off_tracking_health"])]
-    return OffTracking(
-        tick=tick - round(signals["off_tracking_age"] / TICK),
-        value=signals["off_tracking"],
-        std=signals["off_tracking_std"],
-        health=health,
-        path=hitch_path(signals),
-        hitch_direction=signals["hitch_direction"],
-        hitch_direction_rate=signals["hitch_direction_rate"],
-        path_tangent=signals["path_tangent"],
-        v_x=signals["hitch_speed"],
-        v_y=signals["hitch_lateral_speed"],
-        yaw_rate=signals["trailer_yaw_rate"],
-    )
+    missing = {"path_points": 0.0, "off_tracking_time": -1.0, "off_tracking_bridged": 0.0}
+    found = estimate_of(tick, {**missing, **signals, "path_points": 0.0})
+    return found and replace(found, path=hitch_path(signals))
 
 
 def hitch_path(signals: Mapping[str, float]) -> Any:

@@ -9,8 +9,13 @@ import numpy as np
 from offtrack.environments.core import Features, Observation
 from offtrack.environments.registry import CORES
 from offtrack.environments.rewards import Moment
+from scenarios.assembly.surrogate import SurrogateParameters
 
 TRAILER, DRIVING, ROVER = CORES
+PERFECT = SurrogateParameters(
+    bias=0.0, drift=0.0, drift_time=2.0, noise=0.0, loss_rate=0.0, loss_duration=0.5, velocity_noise=0.0,
+    yaw_rate_noise=0.0,
+)  # fmt: skip
 
 
 def off_path(moment: Moment) -> Any:

@@ -54,59 +54,36 @@ def drive() -> FloatArray:
 
 
 def picture(rng: np.random.Generator) -> bytes:
-    """A landscape as a rear camera might see it, as JPEG."""
-    v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
-    depth = 3.0 * 564.0 / np.maximum(v - 195.0, 1.0)
-    across = (u - 671.5) * depth / 564.0
-    noise = rng.normal(0.0, 1.0, (512, 512)).astype(np.float32)
-    ground = cv2.remap(cv2.GaussianBlur(noise, (0, 0), 1.2), (across * 12) % 511, (depth * 12) % 511, cv2.INTER_LINEAR)
-    grey = np.where(v > 195, 105 + 60 * ground * np.exp(-depth / 40), 215 - 0.18 * (195 - v))
-    grey = np.where((np.abs(across) < 4.0) & (v > 195), grey - 25, grey)
-    colour = np.stack([grey, grey * 1.02, grey * np.where(v > 195, 0.9, 1.08)], axis=-1)
-    for _ in range(60):
-        column, size = rng.uniform(0, WIDTH), rng.uniform(15, 70)
-        cv2.ellipse(
-            colour, (int(column), int(198 - size / 2)), (int(size / 2.2), int(size / 1.6)), 0, 0, 360, (60, 88, 52), -1
-        )
-    encoded = cv2.imencode(".jpg", np.clip(colour[..., ::-1], 0, 255).astype(np.uint8))[1]
-    return encoded.tobytes()
+    """Rough ground below a bright sky, as JPEG."""
+    grey = cv2.GaussianBlur(rng.normal(105.0, 60.0, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 1.5)
+    grey[:196] = 215.0
+    return cv2.imencode(".jpg", np.clip(grey, 0, 255).astype(np.uint8))[1].tobytes()
 
 
 def camera_frames(rng: np.random.Generator, ticks: FloatArray) -> tuple[CameraFrame, ...]:
     """Frames with features flowing towards the horizon, as they do behind a vehicle that drives on."""
-    jpeg = picture(rng)
-    frames = []
-    for tick in ticks:
-        count = int(rng.integers(280, 360))
-        u, v = rng.uniform(20, WIDTH - 20, count), rng.uniform(205, HEIGHT - 10, count)
+    jpeg, frames = picture(rng), []
+    for tick in ticks.astype(int).tolist():
+        n = int(rng.integers(280, 360))
+        u, v = rng.uniform(20, WIDTH - 20, n), rng.uniform(205, HEIGHT - 10, n)
         closer = 1.0 - 0.4 / (3.0 * 564.0 / (v - 195.0))
         tracks = np.column_stack([u, v, 671.5 + (u - 671.5) * closer + 4.0, 195.0 + (v - 195.0) * closer])
-        frames.append(
-            CameraFrame(tick=int(tick), jpeg=jpeg, tracks=tracks.astype(np.float32), matches=count + 40, inliers=count)
-        )
+        frames.append(CameraFrame(tick=tick, jpeg=jpeg, tracks=tracks.astype(np.float32), matches=n + 40, inliers=n))
     return tuple(frames)
 
 
 def make_run(*, cameras: bool) -> RunResult:
     """The synthetic run, with an estimate and camera frames at 10 Hz or with neither."""
-    rng = np.random.default_rng(7)
-    path = drive()
+    rng, path = np.random.default_rng(7), drive()
     n = len(path)
     ticks = 10.0 * np.arange(n, dtype=np.float64)
     true = true_off_tracking(path[:, 3], path[:, 4], path[:, 5], FOLLOW)
-    columns = {
-        ("tick", "-"): ticks,
-        ("time", "s"): 1e-3 * ticks,
-        ("x_tractor", "m"): path[:, 0],
-        ("y_tractor", "m"): path[:, 1],
-        ("psi_tractor", "rad"): path[:, 2],
-        ("v_x_tractor", "m/s"): np.full(n, SPEED),
-        ("x_trailer", "m"): path[:, 3],
-        ("y_trailer", "m"): path[:, 4],
-        ("psi_trailer", "rad"): path[:, 5],
-        ("steer_tractor", "rad"): np.gradient(path[:, 2], STEP) * 3.8 / SPEED,
-        ("off_tracking_true", "m"): true,
-    }
+    columns = {("tick", "-"): ticks, ("time", "s"): 1e-3 * ticks, ("v_x_tractor", "m/s"): np.full(n, SPEED)}
+    places = [(f"{name}_{unit}", kind) for unit in ("tractor", "trailer")
+              for name, kind in (("x", "m"), ("y", "m"), ("psi", "rad"))]  # fmt: skip
+    columns |= dict(zip(places, path.T[:6], strict=True))
+    columns["steer_tractor", "rad"] = np.gradient(path[:, 2], STEP) * 3.8 / SPEED
+    columns["off_tracking_true", "m"] = true
     for k in range(3):
         columns[f"steer_trailer_{k + 1}", "rad"] = np.roll(path[:, 6 + k], 15)
         columns[f"steer_trailer_{k + 1}_command", "rad"] = path[:, 6 + k]
@@ -114,16 +91,13 @@ def make_run(*, cameras: bool) -> RunResult:
         columns |= estimates(rng, path, true)
     of_unit = ("tick", "time", "x_", "y_", "psi_", "v_x_", "steer_tractor")
     columns |= {(f"{name}_trailer", unit): v for (name, unit), v in columns.items() if not name.startswith(of_unit)}
-    log = Log(
-        tuple(Signal(name, unit, f"{name} of the run") for name, unit in columns),
-        np.column_stack(list(columns.values())),
-    )
+    signals = tuple(Signal(name, unit, f"{name} of the run") for name, unit in columns)
     return RunResult(
         scenario="roundabout",
         scenario_toml='trailer_steering = "command_steer"\nspeed_kmh = 14.4\n\n[surface]\nfriction = 0.8  # <dry>\n',
         seed=7,
         outcome="completed",
-        log=log,
+        log=Log(signals, np.column_stack(list(columns.values()))),
         units=(TRACTOR, TRAILER),
         trailers=(JudgedTrailer(name="trailer", follow_distance=FOLLOW, n_steered=3, max_steer=math.radians(30.0)),),
         road=path[::25, :2],

@@ -44,6 +44,10 @@ class Pose2(NamedTuple):
         c, s = math.cos(self.psi), math.sin(self.psi)
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.psi)
 
+    def spatial(self) -> FloatArray:
+        """The pose as a matrix (4, 4), on the ground without pitch and roll."""
+        return transform(rotation_zyx(self.psi, 0.0, 0.0), np.array([self.x, self.y, 0.0]))
+
     def apply(self, points: FloatArray) -> FloatArray:
         """Points given in B, shape (n, 2), expressed in A."""
         c, s = math.cos(self.psi), math.sin(self.psi)
@@ -136,6 +140,12 @@ def orthonormalised(R: FloatArray) -> FloatArray:
 R_BODY_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
+def quadrature(points: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights (points,) of the Gauss-Legendre rule on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
 def arc_length(points: FloatArray) -> FloatArray:
     """Distance along the polyline through points (n, 2) from the first point to each of them [m], shape (n,)."""
     chords = points[1:] - points[:-1]
@@ -173,12 +183,10 @@ def is_left(line: FloatArray, nearest: NDArray[np.intp], xy: FloatArray) -> NDAr
     """True for positions (..., 2) [m] to the left of their nearest points (...) of a line (n, 2) [m]."""
     before, after = np.maximum(nearest - 1, 0), np.minimum(nearest + 1, len(line) - 1)
     along, away = line[after] - line[before], xy - line[nearest]
-    left: NDArray[np.bool_] = along[..., 0] * away[..., 1] > along[..., 1] * away[..., 0]
-    return left
+    return along[..., 0] * away[..., 1] > along[..., 1] * away[..., 0]
 
 
 def rows_every(points: FloatArray, spacing: float) -> NDArray[np.intp]:
     """Indices of points (n, 2) about ``spacing`` [m] of arc length apart."""
     along = arc_length(points)
-    rows: NDArray[np.intp] = np.unique(np.searchsorted(along, np.arange(0.0, along[-1], spacing)))
-    return rows
+    return np.unique(np.searchsorted(along, np.arange(0.0, along[-1], spacing)))

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from controllers.equations import settle
 from controllers.trailer import Combination, Linkage, TrailerGeometry
 from estimators.estimates import OffTracking
+from estimators.hitch_motion import HitchMotion, hitch_motions
 from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
@@ -87,8 +88,7 @@ class AxleGroup:
 
     def steer_moment(self, angles: FloatArray) -> FloatArray:
         """``sum(x_i tan(delta_i))`` [m] of angles (..., n_steered) [rad]."""
-        moment: FloatArray = np.tan(angles) @ self.steered
-        return moment
+        return np.tan(angles) @ self.steered
 
     def steer_angles(self, hitch_direction: float, follow_direction: float, mean_slip: float) -> FloatArray:
         """Angles (n_steered,) [rad], within the limit, for travel of the follow point along ``follow_direction`` [rad].
@@ -290,33 +290,14 @@ def target_on(path: FloatArray, follow_distance: float) -> Target | None:
     return Target(passed.y, limited_direction(tangent_there.direction), tangent_there.curvature)
 
 
-class HitchMotion(NamedTuple):
-    """Motion of a trailer at its hitch, along its own axes."""
-
-    v_x: float  # [m/s]
-    v_y: float  # + left [m/s]
-    yaw_rate: float  # [rad/s]
-
-    @property
-    def direction(self) -> float:
-        """Direction of the line along which the hitch travels, either way, against the trailer's axis, + left [rad]."""
-        return math.atan2(math.copysign(1.0, self.v_x) * self.v_y, abs(self.v_x))
-
-
 def hitch_motion(combination: Combination, signals: CombinationSignals, lateral_speed: float = 0.0) -> HitchMotion:
     """Motion of the steered trailer; ``lateral_speed`` is that of the tractor's rear axle [m/s].
 
     A vehicle that tows nothing is led by its foremost axle, whose wheels roll without slip where they are steered to.
     """
-    v_x, v_y = signals.speed, lateral_speed
-    if combination.unit == 0:
-        v_y += signals.speed * math.tan(signals.steer)
-    towing = combination.vehicle.units[: combination.unit]
-    for unit, angle, yaw_rate in zip(towing, signals.articulation.tolist(), signals.yaw_rates.tolist(), strict=False):
-        v_y += yaw_rate * unit.rear_hitch[0]
-        c, s = math.cos(angle), math.sin(angle)
-        v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-    return HitchMotion(v_x, v_y, float(signals.yaw_rates[combination.unit]))
+    v_y = lateral_speed + (signals.speed * math.tan(signals.steer) if combination.unit == 0 else 0.0)
+    levers = combination.vehicle.hitch_levers(combination.unit)
+    return hitch_motions(signals.speed, v_y, levers, signals.yaw_rates.tolist(), signals.articulation.tolist())[-1]
 
 
 _SPACING = 0.1  # of the path's points: the chord of a 10 m circle is off by 0.1 mm [m]

@@ -34,9 +34,10 @@ import numpy as np
 from controllers.checked import check_angles, checked_step
 from controllers.trailer import ActuationAware, Combination, SteerCommand, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.actuators import ActuatorFinding, ActuatorSupervision, SupervisionMemory
-from controllers.trailer_steering.kinematics import HitchMotion, TractorMotion, hitch_motion, reachable
+from controllers.trailer_steering.kinematics import TractorMotion, hitch_motion, reachable
 from controllers.trailer_steering.signal_laws import Fallback, FallbackMemory, FallbackName
 from estimators.estimates import Health, OffTracking
+from estimators.hitch_motion import HitchMotion
 from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals

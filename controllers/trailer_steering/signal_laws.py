@@ -48,7 +48,6 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import (
     AxleGroup,
-    HitchMotion,
     ReckonedPath,
     TractorMotion,
     check_steered,
@@ -63,6 +62,7 @@ from controllers.trailer_steering.kinematics import (
 )
 from controllers.trailer_steering.path_laws import PathLawMemory, VirtualDriver
 from estimators.estimates import Health, OffTracking
+from estimators.hitch_motion import HitchMotion
 from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.parity import agree
 from sensors.messages import CombinationSignals

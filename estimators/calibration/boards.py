@@ -4,8 +4,6 @@ Zhang 2000: Z. Zhang, "A flexible new technique for camera calibration", IEEE PA
 ``sensors.camera.rig``. Sets of photographs that cannot give a good calibration are refused with the reason.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ Vision and Applications, 2000: both cameras are rotated about their optical cent
 baseline. Lens distortion is removed in the same step, so that images are sampled once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -130,8 +128,7 @@ def _edges(camera: CameraModel) -> Iterator[FloatArray]:
 def _turned(rays: FloatArray, R: FloatArray) -> FloatArray:
     """Rays (..., 2) of depth 1 in axes rotated by R (3, 3)."""
     turned = rays @ R[:, :2].T + R[:, 2]
-    flat: FloatArray = turned[..., :2] / turned[..., 2:]
-    return flat
+    return turned[..., :2] / turned[..., 2:]
 
 
 def _map(calibration: StereoCalibration, camera: CameraModel, R: FloatArray) -> _Map | None:

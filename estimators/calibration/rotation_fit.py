@@ -7,8 +7,6 @@ Raw images are matched and only the matched points are corrected, so that a bett
 older views as well.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -20,8 +20,6 @@ A yaw error that makes disparities too large moves far scenery near. At high spe
 that is found again, and it agrees with no motion at all.
 """
 
-from __future__ import annotations
-
 from typing import Generic, NamedTuple
 
 import numpy as np
@@ -99,7 +97,7 @@ class Earlier(NamedTuple):
     agreed: bool = False  # True if the newest pair is as before
     proven: float = 0.0  # distance of motions with the new one [m]
 
-    def after(self, distance: float) -> Earlier | None:
+    def after(self, distance: float) -> "Earlier | None":
         """The earlier estimate after a motion of some distance [m]; None once the new one is proven."""
         proven = self.proven + distance
         return self._replace(proven=proven) if proven < _PROVEN else None

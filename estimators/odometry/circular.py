@@ -5,8 +5,6 @@ Gauss-Newton on the reprojection error), with sub-pixel tracks. In place of the 
 velocity is the initial guess: a filter would smooth the increments whose sum is wanted.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

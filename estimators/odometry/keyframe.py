@@ -5,8 +5,6 @@ by the local plane stay unbiased over that distance. If a frame cannot be locate
 odometry from frame to frame is the fallback: first as a better prediction, then with its own motion.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,7 +26,7 @@ from estimators.odometry.image_points import detect_corners
 from estimators.odometry.keyframe_tracking import MOST_POINTS, Keyframe, Located, located, new_keyframe
 from estimators.odometry.plausibility import HARDEST, Doubted, continues, doubted, is_confirmed, is_implausible
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
-from estimators.rigid_motion import chained, rotation_vector, stretched
+from estimators.rigid_motion import along_axes, chained, rotation_vector, stretched
 from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -57,7 +55,7 @@ class KeyframeMemory(NamedTuple):
     noise: float = 0.0  # of the camera, once it was seen [grey levels]
     consistency: SelfConsistency = SelfConsistency()
     doubt: Doubted | None = None
-    other: KeyframeMemory | None = None
+    other: "KeyframeMemory | None" = None
 
 
 class KeyframeOdometry:
@@ -172,8 +170,7 @@ class KeyframeOdometry:
     ) -> tuple[Motion, FloatArray]:
         """Motion to a located frame, and the covariance (6, 6) of C's own error along the axes of C."""
         newest = memory.keyframes[0]
-        R_PN = np.kron(np.eye(2), memory.X_OP[:3, :3].T @ newest.X_OK[:3, :3])
-        own_P = R_PN @ pose.own @ R_PN.T
+        own_P = along_axes(memory.X_OP[:3, :3].T @ newest.X_OK[:3, :3], pose.own)
         motion = Motion(
             tick=frame.tick,
             previous_tick=previous.tick,
@@ -186,8 +183,7 @@ class KeyframeOdometry:
             anchor=Anchor(tick=newest.tick, X_AC=pose.measured.X, covariance=pose.measured.covariance),
             halves=pose.differences,
         )
-        R_CP = np.kron(np.eye(2), X_PC[:3, :3].T)
-        return motion, R_CP @ own_P @ R_CP.T
+        return motion, along_axes(X_PC[:3, :3].T, own_P)
 
     def _tracks(self, newest: Keyframe, X_OP: FloatArray, pose: Located) -> NDArray[np.float32]:
         """Tracks (n, 4) of the inliers: projected into the previous left image, measured in the current one."""

@@ -1,7 +1,5 @@
 """Keyframes of a stereo odometry, and the pose of a new pair that tracks their points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

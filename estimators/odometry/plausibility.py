@@ -5,8 +5,6 @@ motion is a jump of velocity. It is doubted, and believed only if the next motio
 to, go on with the same velocity. A halt takes longer to be believed, as it is what a vehicle close behind looks like.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ They show the trace of a while ago, and no slip estimator can tell. Noise differ
 that stands: equal images are repeated ones. A camera that shows no noise is only judged while the wheels turn.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, NamedTuple
 

@@ -4,8 +4,6 @@
 RANSAC, (6) a constant-acceleration Kalman filter. Features lie at whole pixels, and this rounding limits the accuracy.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ same kind are compared. Source of VISO2-S in de Saxe 2018: Geiger, Ziegler, Stil
 reconstruction in real-time", IV 2011.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ gain of every patch are normalised, so the exposure may change. Without the warp
 slope of the disparity (baseline over height): 0.09 px of bias and ten times the off-tracking error.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

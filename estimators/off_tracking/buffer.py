@@ -1,7 +1,6 @@
 """Off-tracking buffer: the past path of the hitch in the trailer frame, compared with the follow point.
 
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018. The paper's trailer frame has x to the right, y forward and psi clockwise; here, with S as in
+In de Saxe 2018 the trailer's frame has x to the right, y forward and psi clockwise; here, with S as in
 ``vehicle.frames`` (x forward, y left, psi anticlockwise),
 
     x = y_paper,  y = -x_paper,  psi = -psi_paper,  value = -e_tr,  follow_distance = a + b.
@@ -18,8 +17,6 @@ follow point. In forward travel the path continues from the hitch. Standstill is
 ``estimators.off_tracking.motion_smoother``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,22 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, OffTracking
+from estimators.off_tracking import pose_chain
 from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
 from estimators.off_tracking.motion_smoother import Moments, Step, Withheld, released, started, updated
-from estimators.off_tracking.pose_chain import (
-    Sample,
-    extended,
-    first_sample,
-    lateral_std,
-    level_std,
-    levelled,
-    links_between,
-    measured_from,
-    positions_along,
-    rested,
-    up_to,
-    with_bridge,
-)
+from estimators.off_tracking.pose_chain import Sample
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, arc_length, inverse, so3_exp
@@ -75,8 +60,13 @@ class BodyMotion:
     health: Health
     anchor: Anchor | None = None  # as in ``estimates.Motion``, for the body
 
+    @property
+    def uncertain(self) -> UncertainMotion:
+        """X_PC with its covariance."""
+        return UncertainMotion(self.X_PC, self.covariance)
+
     @classmethod
-    def lost(cls, tick: int, previous_tick: int) -> BodyMotion:
+    def lost(cls, tick: int, previous_tick: int) -> "BodyMotion":
         """Motion without information."""
         unknown = np.diag(np.full(6, np.inf))
         return cls(tick=tick, previous_tick=previous_tick, X_PC=np.eye(4), covariance=unknown, health=Health.LOST)
@@ -125,15 +115,18 @@ class OffTrackingBuffer:
         """
         if motion.health is not Health.LOST:
             memory = _with_motion(memory, motion)
-            memory = _smoothed(memory, motion) if self._smoothing else memory
+            memory = _smoothed(memory, motion) if self._smoothing and not memory.withheld else memory
             motion = memory.last or motion
         elif memory.last is not None and motion.tick - memory.last.tick <= (
             _LONGEST_REST if memory.withheld else _LONGEST_GAP
         ):
             motion = _bridge(memory.last, motion)
-            memory = memory._replace(samples=_bridged(memory.samples, motion))
+            # its start is kept for a motion that replaces the bridge
+            start = pose_chain.up_to(memory.samples, motion.previous_tick)
+            samples = pose_chain.extended(start, motion.tick, motion.uncertain, doubtful=True, keep_start=True)
+            memory = memory._replace(samples=samples)
         else:
-            memory = BufferMemory((first_sample(motion.tick),))
+            memory = BufferMemory((pose_chain.first_sample(motion.tick),))
         return self._estimated(memory, motion)
 
     def reckon(
@@ -147,15 +140,14 @@ class OffTrackingBuffer:
         tick; None if it is not known. A later measured motion from a sample before it replaces its end and corrects the
         path between.
         """
-        increment = UncertainMotion(motion.X_PC, motion.covariance)
-        start = up_to(memory.samples, motion.previous_tick)
-        samples = extended(start, motion.tick, increment, doubtful=True, keep_start=False, kept=since)
+        start = pose_chain.up_to(memory.samples, motion.previous_tick)
+        samples = pose_chain.extended(start, motion.tick, motion.uncertain, doubtful=True, keep_start=False, kept=since)
         hitch_path = self._hitch_path(samples)
         passed = samples[-1 if hitch_path.passed is None else hitch_path.indices[hitch_path.passed.beyond]]
         for sample in reversed([sample for sample in samples[1:] if sample.tick >= max(since, passed.tick)]):
             covariance = spread(sample.tick)
             if covariance is not None:
-                samples = measured_from(samples, sample.tick, covariance)
+                samples = pose_chain.measured_from(samples, sample.tick, covariance)
                 break
         return self._estimated(BufferMemory(samples, motion, reckoned=True), motion)
 
@@ -165,10 +157,10 @@ class OffTrackingBuffer:
         estimate = _estimate(memory.samples, hitch_path, motion)
         return memory._replace(samples=memory.samples[: hitch_path.kept]), estimate
 
-    def _hitch_path(self, samples: tuple[Sample, ...]) -> _HitchPath:
+    def _hitch_path(self, samples: tuple[Sample, ...]) -> "_HitchPath":
         """Hitch path as far back as the follow point and the tangent there need it."""
-        R_OS = levelled(samples)
-        all_positions = positions_along(samples, R_OS)
+        R_OS = pose_chain.levelled(samples)
+        all_positions = pose_chain.positions_along(samples, R_OS)
         indices = np.flatnonzero([sample.on_path for sample in samples])
         positions = all_positions[indices]
         s = arc_length(positions[:, :2])
@@ -204,11 +196,11 @@ def _estimate(samples: tuple[Sample, ...], hitch_path: _HitchPath, motion: BodyM
         path_tangent = tangent(path, hitch_path.s, passed.s, 0.5 * _FIT).direction
         if motion.health is not Health.LOST:
             crossed = passed._replace(beyond=int(hitch_path.indices[passed.beyond]))
-            links = links_between(samples, crossed.beyond)
+            links = pose_chain.links_between(samples, crossed.beyond)
             positions, R_OS = hitch_path.positions, hitch_path.R_OS
             std = math.hypot(
-                lateral_std(samples, links, positions, R_OS, crossed, path_tangent),
-                level_std(samples[0].X_OS, R_OS, positions[crossed.beyond]),
+                pose_chain.lateral_std(samples, links, positions, R_OS, crossed, path_tangent),
+                pose_chain.level_std(samples[0].X_OS, R_OS, positions[crossed.beyond]),
             )
             value = passed.y
             doubtful = any(samples[link.end].doubtful for link in links)
@@ -246,34 +238,28 @@ def _with_motion(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
     keyframe = None if motion.anchor is None else motion.anchor.tick
     doubtful = motion.health is not Health.OK
     seamless = memory.last is not None and memory.last.tick == motion.previous_tick
-    measured = Step(UncertainMotion(motion.X_PC, motion.covariance), keyframe)
-    withheld, moved = released(memory.withheld if seamless else (), measured)
-    start = up_to(memory.samples, motion.previous_tick)
+    withheld, moved = released(memory.withheld if seamless else (), Step(motion.uncertain, keyframe))
+    start = pose_chain.up_to(memory.samples, motion.previous_tick)
     if not seamless and memory.withheld and memory.last is not None:
         start = _after_rest(memory.samples, memory.last.tick, motion.previous_tick, stands=moved is None)
     if moved is None:
-        samples = rested(start, motion.tick, np.zeros((6, 6)), doubtful, keyframe)
+        samples = pose_chain.rested(start, motion.tick, np.zeros((6, 6)), doubtful, keyframe)
         return BufferMemory(samples, replace(motion, X_PC=np.eye(4)), withheld)
-    samples = extended(start, motion.tick, moved, doubtful, keep_start=False, anchor=motion.anchor)
+    samples = pose_chain.extended(start, motion.tick, moved, doubtful, keep_start=False, anchor=motion.anchor)
     if memory.reckoned:
-        samples = with_bridge(samples, memory.samples, motion.previous_tick)
+        samples = pose_chain.with_bridge(samples, memory.samples, motion.previous_tick)
     moments = memory.moments if seamless and not memory.withheld else ()
     return BufferMemory(samples, motion, moments=moments)
 
 
 def _smoothed(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
-    """Memory with smoothed samples and newest motion; unchanged at standstill."""
-    if memory.withheld:
-        return memory
+    """Memory with smoothed samples and newest motion of a trailer that moves."""
     span = (motion.tick - motion.previous_tick) * TICK
-    measured = UncertainMotion(motion.X_PC, motion.covariance)
     if not memory.moments:
-        return memory._replace(moments=started(motion.tick, memory.samples[0].X_OS, measured, span))
-    moments = updated(memory.moments, motion.tick, measured, span, anchored=motion.anchor is not None)
-    X_OS = {moment.tick: moment.X_OS for moment in moments}
-    samples = tuple(
-        sample._replace(X_OS=X_OS[sample.tick]) if sample.tick in X_OS else sample for sample in memory.samples
-    )
+        return memory._replace(moments=started(motion.tick, memory.samples[0].X_OS, motion.uncertain, span))
+    moments = updated(memory.moments, motion.tick, motion.uncertain, span, anchored=motion.anchor is not None)
+    X_OS = {moment.measured.tick: moment.X_OS for moment in moments}
+    samples = tuple(sample._replace(X_OS=X_OS.get(sample.tick, sample.X_OS)) for sample in memory.samples)
     X_PC = inverse(moments[-2].X_OS) @ moments[-1].X_OS
     return memory._replace(samples=samples, last=replace(motion, X_PC=X_PC), moments=moments)
 
@@ -281,17 +267,11 @@ def _smoothed(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
 def _after_rest(samples: tuple[Sample, ...], since: int, until: int, stands: bool) -> tuple[Sample, ...]:
     """Samples of a trailer that stood at the tick ``since`` and was lost from then to the tick ``until``."""
     if not stands:
-        return up_to(samples, until) if until - since <= _LONGEST_GAP else (first_sample(until),)
+        return pose_chain.up_to(samples, until) if until - since <= _LONGEST_GAP else (pose_chain.first_sample(until),)
     blind = (until - since) * TICK
     shift = _SHIFTED * blind**2 * math.sqrt(blind / _HALT)
     covariance = np.diag([(shift / _SHARPEST) ** 2] * 3 + [shift**2] * 3)
-    return rested(up_to(samples, since), until, covariance, doubtful=True, keyframe=None)
-
-
-def _bridged(samples: tuple[Sample, ...], bridge: BodyMotion) -> tuple[Sample, ...]:
-    """Samples with the end of a bridge; its start is kept for a motion that replaces the bridge."""
-    increment = UncertainMotion(bridge.X_PC, bridge.covariance)
-    return extended(up_to(samples, bridge.previous_tick), bridge.tick, increment, doubtful=True, keep_start=True)
+    return pose_chain.rested(pose_chain.up_to(samples, since), until, covariance, doubtful=True, keyframe=None)
 
 
 def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
@@ -300,13 +280,8 @@ def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
     since = (lost.tick - last.tick) * TICK
     ratio = (lost.tick - lost.previous_tick) / (last.tick - last.previous_tick)
     rotation, translation = _UNKNOWN_YAW_ACCELERATION * since * span, _UNKNOWN_ACCELERATION * since * span
-    return BodyMotion(
-        tick=lost.tick,
-        previous_tick=lost.previous_tick,
-        X_PC=stretched(last.X_PC, ratio),
-        covariance=np.diag([rotation**2] * 3 + [translation**2] * 3),
-        health=Health.LOST,
-    )
+    covariance = np.diag([rotation**2] * 3 + [translation**2] * 3)
+    return replace(lost, X_PC=stretched(last.X_PC, ratio), covariance=covariance)
 
 
 def velocity(motion: BodyMotion) -> tuple[float, float, float]:

@@ -23,8 +23,6 @@ covariance from their uncertainty, their random walk and the white noise of ever
 come from one wrong parameter are therefore fully correlated, as they are in truth.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -36,7 +34,7 @@ from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, rotation_zyx, transform
+from vehicle.frames import FloatArray, Pose2
 
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
@@ -121,7 +119,7 @@ class Reckoned(NamedTuple):
     def X(self) -> FloatArray:
         """The pose (4, 4), without roll, pitch and heave."""
         yaw, x, y = self.pose.tolist()
-        return transform(rotation_zyx(yaw, 0.0, 0.0), np.array([x, y, 0.0]))
+        return Pose2(x, y, yaw).spatial()
 
 
 class _Rates(NamedTuple):
@@ -133,15 +131,6 @@ class _Rates(NamedTuple):
     own_slip: float  # as in ``Reckoned``
 
 
-class _TrailerAxles(NamedTuple):
-    """Axles of the trailer at n samples."""
-
-    slip: FloatArray  # beyond the usual one [rad]
-    is_known: NDArray[np.bool_]  # False at walking pace
-    push: FloatArray  # size of the lateral acceleration, with gravity [m/s2]
-    per_rate: FloatArray  # change of the slip by the yaw rate [s]
-
-
 class DeadReckoning:
     """Dead reckoning of one trailer."""
 
@@ -151,21 +140,18 @@ class DeadReckoning:
         Raises:
             ValueError: if the unit is not towed.
         """
-        if not 1 <= unit < len(vehicle.units):
-            raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
+        vehicle.check_towed(unit)
         self._unit, self._scrub = unit, TyreScrub(vehicle, unit)
-        self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
+        self._levers = vehicle.hitch_levers(unit)
         self._front = vehicle.units[0].steered_axles[0].x
         self._axle_distance, self._own_push = self._scrub.axle_distance, self._scrub.trailer_per_acceleration()
         slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_SCRUB, _SLIP_PER_ARTICULATION, _SLIP_OFFSET, _OWN_SLIP]
         slips[1] = slips[1]._replace(mean=self._scrub.per_acceleration())
-        self._priors = [_SCALE, _SLIP_PER_BRAKING, *slips, *[_GYRO_BIAS] * (unit + 1)]
         gyros = unit + 1
+        priors = [_SCALE, _SLIP_PER_BRAKING, *slips, *[_GYRO_BIAS] * gyros]
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
-        self._std = np.array([prior.std for prior in self._priors])
-        self._mean = np.array([prior.mean for prior in self._priors])
-        self._per_metre = np.array([1.0 / prior.distance for prior in self._priors])
-        self._per_second = np.array([1.0 / prior.time for prior in self._priors])
+        self._mean, self._std, distances, times = np.array(priors).T
+        self._per_metre, self._per_second = 1.0 / distances, 1.0 / times
 
     def prior(self) -> Parameters:
         """Parameters before anything is learnt."""
@@ -176,7 +162,7 @@ class DeadReckoning:
 
         Slips have no limit. Sensors that are noisier than assumed are expected to have larger constant errors as well.
         """
-        sensors = [_SCALE_OF, *range(_GYROS, len(self._priors))]
+        sensors = [_SCALE_OF, *range(_GYROS, len(self._mean))]
         difference = np.abs(parameters.mean - self._mean)[sensors] / self._std[sensors]
         return float(np.max(difference)) / noise_level(history, self._unit)
 
@@ -190,12 +176,9 @@ class DeadReckoning:
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
-        level = noise_level(history, self._unit)
-        if level == 1.0:
-            return np.zeros((3, 3))
         by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
-        margin: FloatArray = (level**2 - 1.0) * 0.5 * (by_parameters + by_parameters.T)
-        return margin
+        excess = 0.5 * (noise_level(history, self._unit) ** 2 - 1.0)
+        return np.asarray(excess * (by_parameters + by_parameters.T), dtype=np.float64)
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
@@ -230,8 +213,9 @@ class DeadReckoning:
             return None
         at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
-        along = _acceleration(ticks, table[:, 0])
-        table = np.column_stack([table[:, :_BANK], bank, along, at_rest])
+        before = np.interp(ticks - _MARGIN, ticks, table[:, 0])
+        gained = (np.abs(table[:, 0]) - np.abs(before)) / (_MARGIN * TICK)  # below 0 if the wheels slow down [m/s2]
+        table = np.column_stack([table[:, :_BANK], bank, gained, at_rest])
         columns = np.array([np.interp(nodes, ticks, column) for column in table.T])
         moving = columns[-1] < 0.5
         kept = self._kept(nodes * TICK, columns[0] * moving)
@@ -244,14 +228,13 @@ class DeadReckoning:
 
     def row(self, signals: CombinationSignals) -> FloatArray:
         """Tick, speed, steer angle, scrub, articulations, yaw rates, tangent of the axles, pull of the bank."""
-        scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
-        ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
-        rolling = self._scrub.rolling(signals)
-        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates, rolling, bank])
+        scrub, gammas, rates = self._scrub, signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
+        own = signals.tick, signals.speed, signals.steer, scrub.slip(signals), *gammas, *rates
+        return np.array([*own, scrub.rolling(signals), scrub.bank(signals)])
 
     def _spread(self, parameters: Parameters) -> FloatArray:
         """Standard deviations (p,) of the parameters in the long run; a slip that is large may change as much."""
-        spread = self._std.copy()
+        spread: FloatArray = self._std.copy()
         for place in (_VARYING, OWN):
             spread[place] = max(spread[place], abs(float(parameters.mean[place])))
         return spread
@@ -260,15 +243,14 @@ class DeadReckoning:
         """Share (n, p) of the parameters' deviation from their prior at the first sample that is kept at each one."""
         distance = _integral(np.diff(time), np.abs(speed))
         forgotten = np.outer(distance, self._per_metre) + np.outer(time - time[0], self._per_second)
-        kept: FloatArray = np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN))
-        return kept
+        return np.asarray(np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN)), dtype=np.float64)
 
     def _rates(self, columns: FloatArray, kept: FloatArray, parameters: Parameters, by_trailer: bool) -> _Rates:
         """Yaw rate and velocity of the hitch in the trailer at every sample, with their derivatives.
 
         ``kept`` (n, p) is the share of the parameters' deviation from their prior that is left at each sample.
         """
-        unit, p = self._unit, len(self._priors)
+        unit, p = self._unit, len(self._mean)
         mean = (self._mean + kept * (parameters.mean - self._mean)).T
         speed, steer, scrub, *readings, rolling, bank, gained = columns
         gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[_GYROS:]
@@ -291,26 +273,29 @@ class DeadReckoning:
         braking = np.maximum(-gained, 0.0) + _SLIDING * np.abs(front_slip)
         rolled = speed * (1.0 - scale + per_braking * braking)
         spread = np.tile(self._spread(parameters), (len(speed), 1))
-        trailer = self._trailer_axles(
-            *self._carried(at_axle(rolled, slip), slip, gammas, gyros), gyros[unit], rolling, bank
-        )
-        spread[:, OWN] += _OWN_SPREAD * trailer.push
+        v_x, v_y, _ = self._carried(at_axle(rolled, slip), slip, gammas, gyros)[-1]
+        # slip of the trailer's axles beyond the usual one, and its change by the yaw rate; unknown at walking pace
+        is_known, per_speed, push = np.abs(v_x) > _ROLLING, 1.0 / _away_from_zero(v_x), v_x * gyros[unit] + bank
+        rolling_direction = np.arctan(rolling + self._axle_distance * gyros[unit] * per_speed)
+        own_slip = np.arctan(v_y * per_speed) - rolling_direction - np.sign(v_x) * self._own_push * push
+        per_rate = self._axle_distance * per_speed
+        spread[:, OWN] += _OWN_SPREAD * np.abs(push)
         spread[:, _VARYING] += _TORQUE_SPREAD * np.abs(gained)
         spread[:, OWN] += _TORQUE_SPREAD * np.maximum(-gained, 0.0)
         if by_trailer:
-            apart = np.where(trailer.is_known, trailer.slip - own, 0.0)
+            apart = np.where(is_known, own_slip - own, 0.0)
             variance = kept**2 * np.diag(parameters.covariance) + (1.0 - kept**2) * spread**2
             by_tractor = np.sum(np.square(by_slip[:, :p]) * variance, axis=1)
-            by_axles = variance[:, OWN] + np.square(trailer.per_rate * GYRO_BIAS)
+            by_axles = variance[:, OWN] + np.square(per_rate * GYRO_BIAS)
             shown = _SHOWN * (front_slip - forward * per[0] * pushes[0])  # front tyres slip, or the rear ones do
             excess = np.maximum(apart**2 - by_tractor - _UNUSUAL**2 * by_axles, 0.0)
             sliding, hidden = np.minimum(excess, shown**2), _OWN_SHARE**2 * excess
             spread[:, [_VARYING, OWN]] = np.sqrt(spread[:, [_VARYING, OWN]] ** 2 + hidden[:, None])
             by_tractor, by_axles = by_tractor + sliding, by_axles + hidden
-            share = np.where(trailer.is_known, by_tractor / (by_tractor + by_axles), 0.0)
+            share = np.where(is_known, by_tractor / (by_tractor + by_axles), 0.0)
             slip = slip - share * apart
             by_slip *= (1.0 - share)[:, None]
-            by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * trailer.per_rate
+            by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * per_rate
         v_x = at_axle(rolled, slip)
         along = np.cos(steer) ** 2 + slip * aside
         D = np.zeros((len(speed), 3, p + 2 * unit + 2))
@@ -319,60 +304,38 @@ class DeadReckoning:
         D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(v_x) - aside)
         D[:, 1] = (D[:, 1] + (sliding - v_x * aside)[:, None] * by_slip) / along[:, None]
         D[:, 2] = slip[:, None] * D[:, 1] + v_x[:, None] * by_slip
-        D[:, 2, of_gyro] += self._hitches[0]
-        v_y = v_x * slip + gyros[0] * self._hitches[0]
-        for k, gamma in enumerate(gammas):
-            c, s = np.cos(gamma), np.sin(gamma)
-            R = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
-            v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
+        carried = self._carried(v_x, slip, gammas, gyros)
+        for k, (v_x, v_y, R) in enumerate(carried):
+            D[:, 2, of_gyro + k] += self._levers[k]
             D[:, 1:] = R @ D[:, 1:]
             D[:, 1, of_articulation + k], D[:, 2, of_articulation + k] = -v_y, v_x
-            if k + 1 < unit:
-                v_y = v_y + gyros[k + 1] * self._hitches[k + 1]
-                D[:, 2, of_gyro + k + 1] += self._hitches[k + 1]
         D[:, 0, of_gyro + unit] = 1.0
         D[:, :, _GYROS:p] = -D[:, :, of_gyro:]
-        own_slip = float(np.mean(trailer.slip[trailer.is_known])) if trailer.is_known.any() else math.nan
-        return _Rates(np.column_stack([gyros[unit], v_x, v_y]), D, spread, own_slip)
+        mean_slip = float(np.mean(own_slip[is_known])) if is_known.any() else math.nan
+        return _Rates(np.column_stack([gyros[unit], v_x, v_y]), D, spread, mean_slip)
 
     def _carried(
         self, v_x: FloatArray, slip: FloatArray, gammas: FloatArray, gyros: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Velocity of the trailer's hitch along its axes, from that of the tractor's rear axle."""
-        v_y = v_x * slip
-        for hitch_x, gamma, rate in zip(self._hitches, gammas, gyros, strict=False):
-            v_y = v_y + rate * hitch_x
-            c, s = np.cos(gamma), np.sin(gamma)
+    ) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Velocity at every hitch along the axes of the unit behind, and the rotation (n, 2, 2) into these axes."""
+        v_y, carried = v_x * slip, []
+        for lever, gamma, rate in zip(self._levers, gammas, gyros, strict=False):
+            R = _rotations(gamma)
+            (c, s), v_y = R[:, :, 0].T, v_y + rate * lever
             v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-        return v_x, v_y
-
-    def _trailer_axles(
-        self, v_x: FloatArray, v_y: FloatArray, yaw_rate: FloatArray, rolling: FloatArray, bank: FloatArray
-    ) -> _TrailerAxles:
-        """The trailer's axles if its hitch has this velocity."""
-        is_known = np.abs(v_x) > _ROLLING
-        per_speed = 1.0 / _away_from_zero(v_x)
-        direction = np.arctan(rolling + self._axle_distance * yaw_rate * per_speed)
-        push = v_x * yaw_rate + bank
-        slip = np.arctan(v_y * per_speed) - direction - np.sign(v_x) * self._own_push * push
-        return _TrailerAxles(slip, is_known, np.abs(push), self._axle_distance * per_speed)
+            carried.append((v_x, v_y, R))
+        return carried
 
     def _summed(
-        self,
-        time: FloatArray,
-        of: _Rates,
-        moving: NDArray[np.bool_],
-        level: float,
-        kept: FloatArray,
-        parameters: Parameters,
+        self, time: FloatArray, of: _Rates, moving: NDArray[np.bool_], level: float, kept: FloatArray, start: Parameters
     ) -> Reckoned:
         """Pose and covariance at the end, by the trapezoidal rule.
 
-        ``kept`` (n, p) is the share of the error of the ``parameters`` at the first sample that is left at each one,
+        ``kept`` (n, p) is the share of the error of the parameters at the ``start`` that is left at each sample,
         ``level`` the noise of the signals over the assumed one.
         """
-        mean, known = parameters
-        p, dt = len(self._priors), np.diff(time)
+        mean, known = start
+        p, dt = len(self._mean), np.diff(time)
         slow = np.abs(of.rates[:, 1]) < _PULLING
         rates, D = of.rates * moving[:, None], of.derivatives * moving[:, None, None]
         D[:, :, p:] *= level
@@ -380,8 +343,7 @@ class DeadReckoning:
         D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = _integral(dt, rates[:, 0])
-        c, s = np.cos(yaw), np.sin(yaw)
-        R = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
+        R = _rotations(yaw)
         velocity = np.einsum("nij,nj->ni", R, rates[:, 1:])
         x, y = _integral(dt, velocity[:, 0]), _integral(dt, velocity[:, 1])
         G = weights[:, None, None] * D  # share of every sample in the derivatives of the pose at the end
@@ -407,6 +369,12 @@ class DeadReckoning:
         return Reckoned(pose, covariance, at_end, cross, float(step.sum()), by_slip, by_signals, of.own_slip)
 
 
+def _rotations(angles: FloatArray) -> FloatArray:
+    """Rotations (n, 2, 2) by angles (n,) [rad]."""
+    c, s = np.cos(angles), np.sin(angles)
+    return np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
+
+
 def _away_from_zero(speed: FloatArray) -> FloatArray:
     """Speed [m/s] to divide by, at least walking pace."""
     return np.copysign(np.maximum(np.abs(speed), _ROLLING), speed)
@@ -417,29 +385,19 @@ def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
 
 
-def _acceleration(ticks: FloatArray, speed: FloatArray) -> FloatArray:
-    """Acceleration (n,) of the wheels over the last `_MARGIN` ticks, below 0 if they slow down [m/s2]."""
-    before = np.interp(ticks - _MARGIN, ticks, speed)
-    gained: FloatArray = (np.abs(speed) - np.abs(before)) / (_MARGIN * TICK)
-    return gained
-
-
 def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
     """Mean (n,) over the time `_SWAY` up to each sample; less than that is made up for by zeros."""
     sums = np.insert(np.cumsum(values), 0, 0.0)
     first = np.searchsorted(ticks, ticks - _SWAY, side="right")
     count = np.arange(1, len(ticks) + 1) - first
     period = np.diff(ticks).mean() if len(ticks) > 1 else _SWAY
-    mean: FloatArray = (sums[1:] - sums[first]) / np.maximum(count, _SWAY / period)
-    return mean
+    return np.asarray((sums[1:] - sums[first]) / np.maximum(count, _SWAY / period), dtype=np.float64)
 
 
 def _running_mean(values: FloatArray) -> FloatArray:
     """Mean of the last samples up to each one, of fewer at the beginning."""
-    sums = np.cumsum(values)
-    before = np.concatenate([np.zeros(min(_MEAN_OF, len(values))), sums[:-_MEAN_OF]])
-    mean: FloatArray = (sums - before) / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF)
-    return mean
+    sums = np.convolve(values, np.ones(_MEAN_OF))[: len(values)]
+    return np.asarray(sums / np.minimum(np.arange(1, len(values) + 1), _MEAN_OF), dtype=np.float64)
 
 
 def _are_covered(nodes: FloatArray, ticks: FloatArray) -> bool:

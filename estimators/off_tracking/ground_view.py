@@ -5,16 +5,13 @@ SIFT is the descriptor that SURF approximates, its patent has expired, and it ta
 The cameras keep their height, so one scale is enough. The trailer's yaw is known to a few degrees from its own motion,
 so descriptors are aligned with the ground instead of the dominant gradient.
 
-The steps of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them: C. de Saxe, D. Cebon, "Estimation
-of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
+The steps are those of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them.
 
 A camera tilted against the ground distorts it by perspective: a point at r from the centre of the view appears at
 r + r (k . r), with k the tilt over the height. Between two views at a distance d this acts as the shear d k^T. A fit
 without k takes half of it for a rotation: 0.07 deg of roll at 1 m of height cause 1 deg over 14 m. So k [1/m] is
 estimated with every motion.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Sequence
@@ -50,18 +47,16 @@ class GroundView:
     descriptors: NDArray[np.float32]  # (n, 128), aligned with the ground
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GroundCamera:
+class GroundCamera(NamedTuple):
     """A pinhole over level ground."""
 
-    focal_length: float  # [px]
-    cx: float  # [px]
-    cy: float  # [px]
+    pinhole: StereoCalibration
     X_SC: FloatArray  # (4, 4)
 
     def on_ground(self, pixels: FloatArray) -> FloatArray:
         """Intersections (n, 2) of the rays through pixels (n, 2) with the ground z = 0, in S [m]."""
-        rays = np.column_stack([(pixels - (self.cx, self.cy)) / self.focal_length, np.ones(len(pixels))])
+        c = self.pinhole
+        rays = np.column_stack([(pixels - (c.cx, c.cy)) / c.focal_length, np.ones(len(pixels))])
         along = rays @ self.X_SC[:3, :3].T
         reach = -self.X_SC[2, 3] / along[:, 2]
         return np.asarray(self.X_SC[:2, 3] + reach[:, None] * along[:, :2], dtype=np.float64)
@@ -70,7 +65,8 @@ class GroundCamera:
         """Pixels (n, 2) of points (n, 2) on the ground."""
         rays = np.column_stack([positions, np.zeros(len(positions))]) - self.X_SC[:3, 3]
         along = rays @ self.X_SC[:3, :3]
-        return np.asarray(self.focal_length * along[:, :2] / along[:, 2:] + (self.cx, self.cy), dtype=np.float64)
+        c = self.pinhole
+        return np.asarray(c.focal_length * along[:, :2] / along[:, 2:] + (c.cx, c.cy), dtype=np.float64)
 
 
 def ground_cameras(calibration: StereoCalibration) -> tuple[GroundCamera, GroundCamera]:
@@ -85,12 +81,8 @@ def ground_cameras(calibration: StereoCalibration) -> tuple[GroundCamera, Ground
             f"cameras {height} m above the ground, {math.degrees(math.acos(down)):.0f} deg off the vertical: "
             "ground-watching needs cameras above the ground that look down within 20 deg"
         )
-    X_SCs = calibration.X_SC, calibration.X_SC @ calibration.X_ClCr
-    front, rear = (
-        GroundCamera(focal_length=calibration.focal_length, cx=calibration.cx, cy=calibration.cy, X_SC=X_SC)
-        for X_SC in X_SCs
-    )
-    return front, rear
+    X_SC = calibration.X_SC
+    return GroundCamera(calibration, X_SC), GroundCamera(calibration, X_SC @ calibration.X_ClCr)
 
 
 def viewed(camera: GroundCamera, image: GreyImage, heading: float) -> GroundView:
@@ -224,7 +216,8 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
     for _ in range(_ITERATIONS):
         turned = q @ R.T
         from_middle, then = p - middles, (q - middles) @ R.T
-        slant = _outer(from_middle, from_middle) - _outer(then, q - middles)  # times k: shift by the tilt
+        slant = from_middle[:, :, None] * from_middle[:, None]  # times k: shift by the tilt
+        slant -= then[:, :, None] * (q - middles)[:, None]
         residual = p - turned - t - slant @ k
         J = np.concatenate([(turned @ _TURN.T)[:, :, None], np.broadcast_to(np.eye(2), slant.shape), slant], axis=2)
         A = J.reshape(-1, 5)
@@ -238,10 +231,6 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
     X = X.copy()
     X[:2, :2], X[:2, 3] = R, t
     return _GroundMotion(UncertainMotion(X, _motion_covariance(residual, normal, disagreement)), disagreement)
-
-
-def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[:, :, None] * b[:, None, :])
 
 
 def _motion_covariance(residual: FloatArray, normal: FloatArray, disagreement: float) -> FloatArray:

@@ -1,7 +1,6 @@
 """Ground-watching off-tracking: the rear camera recognises ground that the front camera saw before.
 
-Miao's system as de Saxe 2018, section 1.2, describes it (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking
-using visual odometry", Vehicle System Dynamics, 2018). Two downward cameras sit under the trailer, one near the fifth
+Miao's system as de Saxe 2018, section 1.2, describes it. Two downward cameras sit under the trailer, one near the fifth
 wheel and one near the follow point. The motion of the ground in both images between frames fills the buffer. When the
 rear camera passes over ground that the front camera has seen, matching the two images gives the past pose of the
 trailer in the current one, and with it the hitch's path at the follow point without drift. With one camera, or where
@@ -9,8 +8,6 @@ the rear camera sees other ground, the motion alone is used.
 
 Assumed, as in the original: plane, rigid ground, and cameras at constant height and attitude.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -32,7 +29,7 @@ from estimators.off_tracking.ground_view import (
 )
 from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.pose_chain import Sample, closed, positions_now
-from estimators.rigid_motion import UncertainMotion, change_frame, rotation_vector
+from estimators.rigid_motion import UncertainMotion, change_frame, planar_covariance, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, arc_length, inverse
@@ -53,13 +50,6 @@ class Views(NamedTuple):
 
     front: GroundView
     rear: GroundView | None
-
-
-class Closure(NamedTuple):
-    """Pose of the past trailer in the current one, from its front view and the current rear view."""
-
-    sample: int  # index of the past pose
-    motion: UncertainMotion  # X_CK
 
 
 class GroundMemory(NamedTuple):
@@ -105,7 +95,9 @@ class GroundWatching:
 
     def step(self, memory: GroundMemory, frame: StereoFrame) -> tuple[GroundMemory, CameraOffTracking | None]:
         """Memory with the frame in it, and the off-tracking at its capture; None for the first frame."""
-        views = self._viewed(frame, memory.heading + memory.yaw)
+        (front, rear), heading = self._cameras, memory.heading + memory.yaw
+        behind = None if self._single else viewed(rear, frame.right, heading)
+        views = Views(viewed(front, frame.left, heading), behind)
         if memory.views is None:
             return memory._replace(tick=frame.tick, views=views, passed=((frame.tick, views.front),)), None
         matched = [paired(before, now) for before, now in zip(memory.views, views, strict=True) if before and now]
@@ -128,10 +120,6 @@ class GroundWatching:
         memory, off_tracking = self._closed(memory, views, off_tracking)
         return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(body, matched))
 
-    def _viewed(self, frame: StereoFrame, heading: float) -> Views:
-        front, rear = self._cameras
-        return Views(viewed(front, frame.left, heading), None if self._single else viewed(rear, frame.right, heading))
-
     def _lost(
         self, memory: GroundMemory, tick: int, views: Views, matched: list[Pairs]
     ) -> tuple[GroundMemory, CameraOffTracking]:
@@ -153,39 +141,37 @@ class GroundWatching:
             since = memory.since
             doubtful = not self._single and since > _LASTS and off_tracking.health is Health.OK
             return memory, replace(off_tracking, health=Health.DEGRADED) if doubtful else off_tracking
-        samples = closed(samples, closure.sample, closure.motion.X)
+        samples = closed(samples, closure[0], closure[1].X)
         memory = memory._replace(buffer=memory.buffer._replace(samples=samples), since=0.0)
-        return memory, _remeasured(samples, closure, self._follow_distance, off_tracking, memory.unrest)
+        return memory, _remeasured(samples, closure[1], self._follow_distance, off_tracking, memory.unrest)
 
     def _closure(
         self, samples: tuple[Sample, ...], passed: tuple[tuple[int, GroundView], ...], rear: GroundView
-    ) -> Closure | None:
-        """Match of the rear view with the front view taken nearest to it; None without one."""
-        index_of = {sample.tick: index for index, sample in enumerate(samples)}
+    ) -> tuple[int, UncertainMotion] | None:
+        """Index of a past sample and its pose X_CK now, by the rear view and the front view nearest to it then.
+
+        None if no view is near, or the two do not match.
+        """
+        views = dict(passed)
         X_CW = inverse(samples[0].X_OS)
         front, rear_camera = (camera.X_SC[:3, 3] for camera in self._cameras)
-        distances = [
-            (float(np.linalg.norm((X @ [*front, 1.0])[:2] - rear_camera[:2])), index_of[tick], view, X)
-            for tick, view in passed
-            if tick in index_of and (X := X_CW @ samples[index_of[tick]].X_OS) is not None
-        ]
-        if not distances:
+        poses = {index: X_CW @ one.X_OS for index, one in enumerate(samples) if one.tick in views}  # X_CK
+        distances = {k: float(np.linalg.norm((X @ [*front, 1.0])[:2] - rear_camera[:2])) for k, X in poses.items()}
+        index = min(distances, key=distances.__getitem__, default=0)
+        if index == 0 or distances[index] > self._reach:
             return None
-        distance, index, view, X_CK = min(distances, key=lambda candidate: candidate[0])
-        if distance > self._reach or index == 0:
-            return None
-        pairs = paired(rear, view)
+        X_CK, pairs = poses[index], paired(rear, views[samples[index].tick])
         if not pairs.enough:
             return None
         measured = planar_motion(pairs)
         correction = measured.X @ inverse(X_CK)
         turn = abs(float(rotation_vector(correction[:3, :3])[2]))
         shift = float(np.linalg.norm(measured.X[:2, 3] - X_CK[:2, 3]))
-        return None if shift > _MISTAKEN[0] or turn > _MISTAKEN[1] else Closure(index, measured)
+        return None if shift > _MISTAKEN[0] or turn > _MISTAKEN[1] else (index, measured)
 
     def _message(self, body: BodyMotion, matched: list[Pairs]) -> Motion:
         """Motion of the front camera, for the log."""
-        motion = UncertainMotion(body.X_PC, body.covariance)
+        motion = body.uncertain
         if body.health is not Health.LOST:
             motion = change_frame(inverse(self._X_SC), motion)
         return Motion(
@@ -213,19 +199,14 @@ def _advanced(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -
         return memory._replace(tick=tick, yaw=0.0)
     yaw = math.atan2(X_PC[1, 0], X_PC[0, 0])
     oldest = memory.buffer.samples[-1].tick if memory.buffer.samples else tick
-    passed = tuple(item for item in memory.passed if item[0] >= oldest)
+    passed = ((tick, views.front), *(item for item in memory.passed if item[0] >= oldest))
     return memory._replace(
-        tick=tick,
-        views=views,
-        passed=((tick, views.front), *passed),
-        heading=memory.heading + yaw,
-        yaw=yaw,
-        since=memory.since + distance,
+        tick=tick, views=views, passed=passed, heading=memory.heading + yaw, yaw=yaw, since=memory.since + distance
     )
 
 
 def _remeasured(
-    samples: tuple[Sample, ...], closure: Closure, follow_distance: float, off_tracking: OffTracking, unrest: float
+    samples: tuple[Sample, ...], X_CK: UncertainMotion, follow_distance: float, off_tracking: OffTracking, unrest: float
 ) -> OffTracking:
     """Off-tracking on the corrected path, with the uncertainty of the closure and of the cameras' attitude."""
     path = positions_now(samples)[:, :2]
@@ -235,8 +216,8 @@ def _remeasured(
         return off_tracking
     direction = tangent(path, s, passed.s, 0.75).direction
     n = np.array([-math.tan(direction), 1.0])
-    lever = np.array([-follow_distance, passed.y]) - closure.motion.X[:2, 3]
+    lever = np.array([-follow_distance, passed.y]) - X_CK.X[:2, 3]
     gradient = np.array([lever[0] * n[1] - lever[1] * n[0], *n])  # of y at the crossing by (d_theta, d_x, d_y)
-    covariance = closure.motion.covariance[np.ix_((2, 3, 4), (2, 3, 4))]
+    covariance = planar_covariance(X_CK.covariance)
     variance = float(gradient @ covariance @ gradient) + (_TILT**2 + (_LONGER * unrest) ** 2) * float(n @ n)
     return replace(off_tracking, value=passed.y, std=math.sqrt(variance), path=path, path_tangent=direction)

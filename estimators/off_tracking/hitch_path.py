@@ -3,8 +3,6 @@
 Paths are (n, 2) [m], newest point first; s is the length of the chords from the newest point back [m].
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -79,13 +77,9 @@ def _powers(u: FloatArray, count: int) -> FloatArray:
 def _falls_to(cubic: _Cubic, value: float, end: float) -> float:
     """Argument in (0, ``end``) at which the polynomial falls to the value, by bisection: safe against rounding."""
     low, high = 0.0, end
-    a, b, c, d = cubic
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if ((a * middle + b) * middle + c) * middle + d > value:
-            low = middle
-        else:
-            high = middle
+        low, high = (middle, high) if cubic.at(middle) > value else (low, middle)
     return high
 
 

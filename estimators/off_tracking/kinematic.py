@@ -5,12 +5,7 @@ speed and steer angle, articulation and trailer yaw rate). Their equations are n
 The tractor's rear axle travels along the tractor's axis, and the steer angle gives the yaw rate; together they give the
 velocity of its hitch. The measured articulation transforms it into the axes of the next unit, whose gyro measures its
 yaw rate. Where tyres slip, on a cross-fall or ice, the path is rotated by the slip angle.
-
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018.
 """
-
-from __future__ import annotations
 
 import math
 from typing import ClassVar, NamedTuple, Self
@@ -19,11 +14,12 @@ import numpy as np
 
 from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
+from estimators.hitch_motion import HitchMotion, hitch_motions
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import Pose2, rotation_zyx, transform
+from vehicle.frames import Pose2
 
 _PUBLISHED = 100  # output period, as of a camera [ticks]
 _LONGEST_GAP = 500  # longest gap between signals; after it the path restarts [ticks]
@@ -33,14 +29,6 @@ _SLOWEST = 0.5  # least speed in the error model [m/s]
 _YAW_RATE = math.radians(0.1)  # assumed: a vehicle gyro's bias [rad/s]
 _DIRECTION = math.radians(0.15)  # assumed: articulation and steer sensors' bias [rad]
 _SPEED_SCALE = 0.005  # assumed: of wheel speeds [-]
-
-
-class _HitchMotion(NamedTuple):
-    """Velocity of a unit's hitch along the unit's axes, and the unit's yaw rate."""
-
-    v_x: float  # [m/s]
-    v_y: float  # [m/s]
-    yaw_rate: float  # [rad/s]
 
 
 class KinematicMemory(NamedTuple):
@@ -63,11 +51,10 @@ class KinematicOffTracking:
         Raises:
             ValueError: if the unit is not towed, or ``follow_distance`` not positive.
         """
-        if not 1 <= unit < len(vehicle.units):
-            raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
+        vehicle.check_towed(unit)
+        self._levers = vehicle.hitch_levers(unit)
         self._wheelbase = vehicle.units[0].steered_axles[0].x  # frame T has its origin at the rear axle
-        self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
-        self._unit, self._follow_distance = unit, follow_distance
+        self._follow_distance = follow_distance
         self._buffer = OffTrackingBuffer(follow_distance)
 
     @classmethod
@@ -99,15 +86,10 @@ class KinematicOffTracking:
         c, s = math.cos(0.5 * turned), math.sin(0.5 * turned)
         return Pose2(dt * (c * v_x - s * v_y), dt * (s * v_x + c * v_y), turned)
 
-    def _hitch_motion(self, signals: CombinationSignals) -> _HitchMotion:
+    def _hitch_motion(self, signals: CombinationSignals) -> HitchMotion:
         """Motion of the unit's hitch without slip at the tractor's rear axle."""
         turning = [signals.speed * math.tan(signals.steer) / self._wheelbase, *signals.yaw_rates[1:].tolist()]
-        v_x, v_y = signals.speed, 0.0
-        for hitch_x, yaw_rate, gamma in zip(self._hitches, turning, signals.articulation.tolist(), strict=False):
-            v_y += yaw_rate * hitch_x
-            c, s = math.cos(gamma), math.sin(gamma)
-            v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-        return _HitchMotion(v_x, v_y, turning[self._unit])
+        return hitch_motions(signals.speed, 0.0, self._levers, turning, signals.articulation.tolist())[-1]
 
     def _motion(self, since: int, tick: int, moved: Pose2) -> BodyMotion:
         """Motion for the buffer, which assumes independent errors.
@@ -121,10 +103,5 @@ class KinematicOffTracking:
         per_metre = _YAW_RATE / max(distance / dt, _SLOWEST)  # of yaw [rad/m]
         yaw = per_metre**2 * length * distance
         along, across = _SPEED_SCALE**2 * length * distance, _DIRECTION**2 * length * distance
-        return BodyMotion(
-            tick=tick,
-            previous_tick=since,
-            X_PC=transform(rotation_zyx(moved.psi, 0.0, 0.0), np.array([moved.x, moved.y, 0.0])),
-            covariance=np.diag([0.0, 0.0, yaw, along, across, 0.0]),
-            health=Health.OK,
-        )
+        covariance = np.diag([0.0, 0.0, yaw, along, across, 0.0])
+        return BodyMotion(tick=tick, previous_tick=since, X_PC=moved.spatial(), covariance=covariance, health=Health.OK)

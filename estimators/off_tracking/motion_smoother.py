@@ -1,7 +1,6 @@
 """Smoothing of a trailer's planar motion by a fixed-lag Kalman smoother, and detection of its standstill.
 
-de Saxe 2018 (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics,
-2018) asks for a Kalman filter that smooths the off-tracking. Successive values of it share all but two of their
+de Saxe 2018 asks for a Kalman filter that smooths the off-tracking. Successive values of it share all but two of their
 motions. Their errors are a random walk over the distance, forgotten after the trailer's length, so a filter that
 assumes white noise on them is wrong. The errors of the motions are white, so the motions are filtered: velocities (yaw,
 x, y) in the axes of the trailer, at constant acceleration with white jerk. Past velocities are re-estimated with every
@@ -19,8 +18,6 @@ significant, singly and in sum, are withheld. As soon as some of them together a
 and they are released as one motion. So a slow start loses nothing, and a standstill adds no motion and no uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import reduce
@@ -29,8 +26,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.rigid_motion import UncertainMotion, chained, composed, rotation_vector
-from vehicle.frames import FloatArray, so3_exp, transform
+from estimators.rigid_motion import (
+    PLANAR,
+    UncertainMotion,
+    chained,
+    composed,
+    planar_covariance,
+    planar_pose,
+    with_planar,
+)
+from vehicle.frames import FloatArray
 
 _LAG = 8  # motions that are re-estimated; at 10 Hz later ones add no information
 # White jerk as a density, along yaw [rad/s3/sqrt(Hz)], x and y [m/s3/sqrt(Hz)].
@@ -39,18 +44,23 @@ _START = np.array([0.3, 3.0, 1.0])  # initial standard deviation of the accelera
 _GATE = 16.27  # squared normalised innovation of three components: 99.9 %
 _DISBELIEVED = 1e4  # factor on the covariance of an outlier
 _LEAST = np.diag([1e-7, 1e-6, 1e-6]) ** 2  # of motions with zero covariance: rounding [rad, m]
-_PLANAR = np.ix_([2, 3, 4], [2, 3, 4])  # of rotation vector and translation
+
+
+class _Measured(NamedTuple):
+    """A motion as measured."""
+
+    tick: int  # of its end
+    X_PC: FloatArray  # (4, 4)
+    span: float  # [s]
+    error: FloatArray  # (3, 3) covariance of its yaw, x and y
+    anchored: bool  # measured from a keyframe
 
 
 class Moment(NamedTuple):
     """One motion, the predicted and the corrected state at its end, and the pose there."""
 
-    tick: int
+    measured: _Measured
     X_OS: FloatArray  # (4, 4) newest estimate
-    X_PC: FloatArray  # (4, 4) as measured
-    span: float  # [s]
-    error: FloatArray  # (3, 3) covariance of its yaw, x and y
-    anchored: bool  # measured from a keyframe
     predicted: FloatArray  # (9,)
     predicted_covariance: FloatArray  # (9, 9)
     state: FloatArray  # (9,)
@@ -64,12 +74,13 @@ Moments = tuple[Moment, ...]  # newest last; the pose of the first one is final
 
 def started(tick: int, X_OS: FloatArray, motion: UncertainMotion, span: float) -> Moments:
     """Filter after its first motion, which took ``span`` [s] and ended at the pose X_OS (4, 4)."""
-    error = motion.covariance[_PLANAR] + _LEAST
+    error = planar_covariance(motion.covariance) + _LEAST
     state = np.concatenate([np.zeros(3), _moved(motion.X) / span, np.zeros(3)])
     covariance = np.zeros((9, 9))
     covariance[3:6, 3:6], covariance[6:, 6:] = error / span**2, np.diag(_START**2)
     covariance[:3, :3] = _LEAST
-    return (Moment(tick, X_OS, motion.X, span, error, False, state, covariance, state, covariance, False, 0.0),)
+    measured = _Measured(tick, motion.X, span, error, False)
+    return (Moment(measured, X_OS, state, covariance, state, covariance, False, 0.0),)
 
 
 def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *, anchored: bool) -> Moments:
@@ -77,22 +88,22 @@ def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *
 
     ``anchored`` motions are measured from a keyframe.
     """
-    error = motion.covariance[_PLANAR] + _LEAST
-    moment = _measured(moments[-1], tick, motion.X, span, error, anchored=anchored)
+    measured = _Measured(tick, motion.X, span, planar_covariance(motion.covariance) + _LEAST, anchored)
     last = moments[-1]
+    moment = _filtered(last, measured, measured.error)
     if moment.score > _GATE and last.outlier:  # two in a row are a manoeuvre: both are accepted
-        before = moments[-2]
-        last = _measured(before, last.tick, last.X_PC, last.span, last.error, anchored=last.anchored)
+        last = _filtered(moments[-2], last.measured, last.measured.error)
         moments = (*moments[:-1], last)
-        moment = _measured(last, tick, motion.X, span, error, anchored=anchored)
+        moment = _filtered(last, measured, measured.error)
     elif moment.score > _GATE:
-        doubted = _measured(last, tick, motion.X, span, _DISBELIEVED * error, anchored=anchored)
-        moment = doubted._replace(error=error, outlier=True, score=moment.score)
+        doubted = _filtered(last, measured, _DISBELIEVED * measured.error)
+        moment = doubted._replace(outlier=True, score=moment.score)
     return _smoothed((*moments, moment)[-_LAG - 1 :])
 
 
-def _measured(last: Moment, tick: int, X_PC: FloatArray, span: float, error: FloatArray, *, anchored: bool) -> Moment:
-    """Moment after a motion with this covariance (3, 3) of yaw, x and y."""
+def _filtered(last: Moment, measured: _Measured, error: FloatArray) -> Moment:
+    """Moment after a motion, taken to have this covariance (3, 3) of yaw, x and y."""
+    _, X_PC, span, _, anchored = measured
     F = _transition(span)
     Q = np.kron(_jerk(span), np.diag(_JERK**2))
     own = 0.5 * error if anchored else _LEAST  # half for each of the two poses of a motion
@@ -105,12 +116,8 @@ def _measured(last: Moment, tick: int, X_PC: FloatArray, span: float, error: Flo
     gain = np.linalg.solve(S, P[:3]).T
     covariance = P - gain @ P[:3]
     return Moment(
-        tick=tick,
-        X_OS=chained(last.X_OS, X_PC),
-        X_PC=X_PC,
-        span=span,
-        error=error,
-        anchored=anchored,
+        measured,
+        chained(last.X_OS, X_PC),
         predicted=predicted,
         predicted_covariance=P,
         state=predicted - gain @ predicted[:3],
@@ -124,12 +131,12 @@ def _smoothed(moments: Moments) -> Moments:
     """Moments with smoothed poses, except the first one."""
     state, motions = moments[-1].state, []
     for before, moment in zip(moments[-2::-1], moments[:0:-1], strict=True):
-        t = moment.span
+        t = moment.measured.span
         gain = np.linalg.solve(moment.predicted_covariance, _transition(t) @ before.covariance).T
         older = before.state + gain @ (state - moment.predicted)
         # from the cubic with these velocities and accelerations at its ends
         moved = 0.5 * t * (older[3:6] + state[3:6]) + t**2 / 12.0 * (older[6:] - state[6:])
-        motions.append(_replaced(moment.X_PC, moved))
+        motions.append(_replaced(moment.measured.X_PC, moved))
         state = older
     poses = accumulate(reversed(motions), chained, initial=moments[0].X_OS)
     return tuple(moment._replace(X_OS=X_OS) for moment, X_OS in zip(moments, poses, strict=True))
@@ -142,35 +149,26 @@ def _transition(t: float) -> FloatArray:
 
 def _jerk(t: float) -> FloatArray:
     """Covariance (3, 3) of distance, velocity and acceleration from white jerk of density 1 over ``t`` [s]."""
-    return np.array(
-        [
-            [t**5 / 20.0, t**4 / 8.0, t**3 / 6.0],
-            [t**4 / 8.0, t**3 / 3.0, t**2 / 2.0],
-            [t**3 / 6.0, t**2 / 2.0, t],
-        ]
-    )
+    across, ahead, along = t**4 / 8.0, t**3 / 6.0, t**2 / 2.0
+    return np.array([[t**5 / 20.0, across, ahead], [across, t**3 / 3.0, along], [ahead, along, t]])
 
 
 def _moved(X_PC: FloatArray) -> FloatArray:
     """Yaw [rad], x and y [m] (3,) of a motion, along the axes halfway between P and C."""
-    yaw = float(rotation_vector(X_PC[:3, :3])[2])
+    yaw, x, y = planar_pose(X_PC).tolist()
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    x, y = X_PC[0, 3], X_PC[1, 3]
     return np.array([yaw, c * x + s * y, c * y - s * x])
 
 
 def _replaced(X_PC: FloatArray, moved: FloatArray) -> FloatArray:
     """Motion with its yaw, x and y replaced."""
     yaw, x, y = moved.tolist()
-    own = float(rotation_vector(X_PC[:3, :3])[2])
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    R = so3_exp(np.array([0.0, 0.0, yaw - own])) @ X_PC[:3, :3]
-    return transform(R, np.array([c * x - s * y, s * x + c * y, X_PC[2, 3]]))
+    return with_planar(X_PC, np.array([yaw, c * x - s * y, s * x + c * y]))
 
 
 _WINDOW = 15  # consecutive motions that are tested together; detects a creep of a third of a sigma
 _STILL_GATE = 25.0  # largest squared normalised motion (yaw, x, y) at standstill: noise exceeds it once in 60 000 times
-_STILL_PLANAR = [2, 3, 4]  # yaw, x and y; roll, pitch and heave are not travel
 _STILL_LEAST = np.diag([1e-6, 1e-5, 1e-5]) ** 2  # of motions with zero covariance: rounding [rad, m]
 _MOST = np.array([0.003, 0.02, 0.02])  # largest motion that can be noise: a tenth of a second at walking pace [rad, m]
 
@@ -187,33 +185,21 @@ Withheld = tuple[Step, ...]  # oldest first
 
 def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion | None]:
     """Withheld motions after one more, and the released motion; None: the trailer stands."""
-    moved, std = _planar(step.motion.X), np.sqrt(np.diag(step.motion.covariance)[_STILL_PLANAR])
+    moved, std = planar_pose(step.motion.X), np.sqrt(np.diag(step.motion.covariance)[PLANAR])
     noise_alone = bool(np.all(np.abs(moved) < _MOST) and np.all(std < _MOST))
     if not (noise_alone or withheld):
         return (), step.motion
     steps = (*withheld, step)[-_WINDOW:]
     sums = list(accumulate((s.motion for s in reversed(steps)), lambda newer, older: composed(older, newer)))
-    scores = [_score(total, _covariance(steps[-k:], total)) for k, total in enumerate(sums, start=1)]
+    scores = [_score(steps[-k:], total) for k, total in enumerate(sums, start=1)]
     if noise_alone and max(scores) < _STILL_GATE:
         return steps, None
     return (), sums[int(np.argmax(scores))]
 
 
-def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
-    """Covariance (6, 6) of the total; errors of motions from one keyframe do not accumulate."""
-    one_keyframe = steps[0].keyframe is not None and all(step.keyframe == steps[0].keyframe for step in steps)
-    if not one_keyframe:
-        return total.covariance
-    mean: FloatArray = reduce(np.add, (step.motion.covariance for step in steps)) / len(steps)
-    return mean
-
-
-def _score(total: UncertainMotion, covariance: FloatArray) -> float:
-    """Squared normalised planar motion."""
-    moved = _planar(total.X)
-    return float(moved @ np.linalg.solve(covariance[np.ix_(_STILL_PLANAR, _STILL_PLANAR)] + _STILL_LEAST, moved))
-
-
-def _planar(X: FloatArray) -> FloatArray:
-    """Yaw [rad], x and y [m] (3,) of a small motion."""
-    return np.array([rotation_vector(X[:3, :3])[2], X[0, 3], X[1, 3]])
+def _score(steps: Sequence[Step], total: UncertainMotion) -> float:
+    """Squared normalised planar motion of some steps in total; errors from one keyframe do not accumulate."""
+    moved, covariance = planar_pose(total.X), total.covariance
+    if steps[0].keyframe is not None and all(step.keyframe == steps[0].keyframe for step in steps):
+        covariance = reduce(np.add, (step.motion.covariance for step in steps)) / len(steps)
+    return float(moved @ np.linalg.solve(planar_covariance(covariance) + _STILL_LEAST, moved))

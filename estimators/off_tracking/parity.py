@@ -18,14 +18,13 @@ Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub
 articulations, ``unit + 1`` yaw rates, and more.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from estimators.hitch_motion import HitchMotion, hitch_motions
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
@@ -69,32 +68,23 @@ def agree(history: FloatArray, unit: int) -> bool:
     """
     if len(history) < 2:
         return True
-    if _speed_repeats(history[-_LEVEL_OF:], unit):
+    gyros, newest = slice(FIRST + unit, FIRST + 2 * unit + 1), history[-_LEVEL_OF:]
+    repeats = len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
+    if repeats and np.median(_white_noise(newest[:, gyros])) > _VISIBLE * GYRO_NOISE:
         return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
-    time = recent[:, 0] * TICK
-    gammas, rates = recent[:, FIRST : FIRST + unit], recent[:, FIRST + unit : FIRST + 2 * unit + 1]
-    differences = -np.diff(rates, axis=1)
-    turned = np.sum(0.5 * np.diff(time)[:, None] * (differences[1:] + differences[:-1]), axis=0)
-    residual = gammas[-1] - gammas[0] - turned
+    time, gammas = recent[:, 0] * TICK, recent[:, FIRST : FIRST + unit]
+    residual = gammas[-1] - gammas[0] + np.trapezoid(np.diff(recent[:, gyros], axis=1), time, axis=0)
     drifted = GYRO_BIAS * float(time[-1] - time[0])
     std = math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
     limit = _STUCK * std * noise_level(history, unit)
     return bool(np.all(np.abs(np.remainder(residual + math.pi, 2.0 * math.pi) - math.pi) < limit))
 
 
-def _speed_repeats(recent: FloatArray, unit: int) -> bool:
-    """True if the speed is the same in all rows, although the signals are noisy."""
-    if len(recent) < _LEVEL_OF or np.ptp(recent[:, SPEED]) > 0.0:
-        return False
-    rates = recent[:, FIRST + unit : FIRST + 2 * unit + 1]
-    return bool(np.median(_white_noise(rates)) > _VISIBLE * GYRO_NOISE)
-
-
 def _white_noise(columns: FloatArray) -> FloatArray:
     """Standard deviations (k,) of the white noise of columns (n, k), from second differences."""
-    noise: FloatArray = np.sqrt(np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0)  # 1 + 4 + 1
-    return noise
+    variance = np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0  # 1 + 4 + 1
+    return np.asarray(np.sqrt(variance), dtype=np.float64)
 
 
 # Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.
@@ -134,6 +124,9 @@ class Parity(NamedTuple):
     slip: FloatArray  # (m, 2) of slip of the tractor's rear and front axle beyond the tolerance
 
 
+_Relation = tuple[float, dict[tuple[int, int], float], tuple[float, float, float]]  # value, signatures, reference's
+
+
 class ParityRelations:
     """The relations of one trailer. Signals: speed, ``unit`` articulations, ``unit + 1`` yaw rates, steer angle.
 
@@ -147,8 +140,9 @@ class ParityRelations:
         fixed = [axle.x for axle in tractor.axles if not axle.steered] or [axle.x for axle in tractor.axles]
         self._wheelbase = tractor.steered_axles[0].x - sum(fixed) / len(fixed) if tractor.steered_axles else math.inf
         self._front = tractor.steered_axles[0].x if tractor.steered_axles else 0.0
-        self._levers = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]  # of the hitches [m]
+        self._levers = vehicle.hitch_levers(unit)
         self._unit, self._axle_distance = unit, axle_distance
+        self._gyro, self._rate = FIRST + unit, 1 + unit  # column and signal of the tractor's yaw rate
 
     def parity(
         self, history: FloatArray, window: int, level: float, reference: MotionReference | None, until: int
@@ -167,20 +161,20 @@ class ParityRelations:
         if reference is not None:
             relations += self._to_reference(mean, reference, max(1.0, level / _NOISY))
             rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
-            turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro(0)])))
+            turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro])))
             if reference.v_x * turning <= _BEND and abs(mean[STEER]) < _PLOUGHING:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
-        n_signals = 2 * self._unit + 3
         values, own = np.array([value for value, _, _ in relations]), np.array([own for _, _, own in relations])
-        signatures = tuple(
-            np.array([[row.get((signal, part), 0.0) for part in range(2)] for _, row, _ in relations])
-            for signal in range(n_signals)
-        )
+
+        def columns(*places: tuple[int, int]) -> FloatArray:
+            return np.array([[row.get(place, 0.0) for place in places] for _, row, _ in relations])
+
+        signatures = [columns((signal, 0), (signal, 1)) for signal in range(2 * self._unit + 3)]
         return Parity(
             values,
             tuple(s[:, np.any(s != 0.0, axis=0) | (np.arange(2) == 0)] for s in signatures),
             (own[:, :1], own[:, 1:2], own[:, 2:], *(() if rolls else (own,))),
-            np.array([[row.get(slip, 0.0) for slip in (_REAR_SLIP, _FRONT_SLIP)] for _, row, _ in relations]),
+            columns(_REAR_SLIP, _FRONT_SLIP),
         )
 
     def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
@@ -189,24 +183,22 @@ class ParityRelations:
         span = float(time[-1] - time[0])
         limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, GYRO_BIAS * span)
         for k in range(self._unit):
-            gamma, ahead, behind = recent[:, FIRST + k], recent[:, self._gyro(k)], recent[:, self._gyro(k + 1)]
-            rate = ahead - behind
-            turned = float(np.sum(0.5 * np.diff(time) * (rate[1:] + rate[:-1])))
-            change = math.remainder(float(gamma[-1] - gamma[0]) - turned, math.tau)
+            gamma, ahead, behind = recent[:, FIRST + k], recent[:, self._gyro + k], recent[:, self._gyro + k + 1]
+            change = math.remainder(float(gamma[-1] - gamma[0] - np.trapezoid(ahead - behind, time)), math.tau)
             # What a fault adds here depends on its past; what it is now, the other relations show.
-            row = {(1 + k, 1): 1.0 / limit, (self._rate(k), 1): -1.0 / limit, (self._rate(k + 1), 1): 1.0 / limit}
+            row = {(1 + k, 1): 1.0 / limit, (self._rate + k, 1): -1.0 / limit, (self._rate + k + 1, 1): 1.0 / limit}
             yield change / limit, row, (0.0, 0.0, 0.0)
 
     def _tractor(self, mean: FloatArray, level: float) -> _Relation:
         """K."""
         per_speed = math.tan(mean[STEER]) / self._wheelbase
-        turning, measured = per_speed * mean[SPEED], mean[self._gyro(0)]
+        turning, measured = per_speed * mean[SPEED], mean[self._gyro]
         limit = max(1.0, level / _NOISY) * _K[0] + _K[1] * max(abs(turning), abs(measured))
         per_angle = float(mean[SPEED]) / (self._wheelbase * math.cos(mean[STEER]) ** 2)
         row = {
             (0, 0): per_speed / limit,
-            (self._rate(0), 0): -1.0 / limit,
-            (self._rate(self._unit + 1), 0): per_angle / limit,
+            (self._rate, 0): -1.0 / limit,
+            (self._rate + self._unit + 1, 0): per_angle / limit,
             _REAR_SLIP: -float(mean[SPEED]) / (self._wheelbase * limit),
         }
         if abs(measured) - abs(turning) < limit:
@@ -215,14 +207,14 @@ class ParityRelations:
 
     def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:
         """S, Y, D and T."""
-        v_x, v_y, turned = self._at_hitch(mean)
+        v_x, v_y, own = self._at_hitch(mean)
+        turned = sum(mean[FIRST : self._gyro].tolist())
         # front wheels that slide to the side turn slower; rolling along their planes they tell how fast they travel
-        travelled, _, _ = self._at_hitch(mean, self._rolled(mean))
+        travelled = self._at_hitch(mean, rolling=True).v_x
         v_x = min(max(reference.v_x, min(v_x, travelled)), max(v_x, travelled))
         limit = scale * (_S[0] + _S[1] * max(abs(v_x), abs(reference.v_x)))
         yield (v_x - reference.v_x) / limit, {(0, 0): math.cos(turned) / limit}, (-1.0 / limit, 0.0, 0.0)
-        limit, rate = scale * _Y, self._rate(self._unit)
-        own = float(mean[self._gyro(self._unit)])
+        limit, rate = scale * _Y, self._rate + self._unit
         yield (own - reference.yaw_rate) / limit, {(rate, 0): 1.0 / limit}, (0.0, -1.0 / limit, 0.0)
         if reference.v_x < _SLOW:
             return
@@ -231,7 +223,7 @@ class ParityRelations:
         if v_x > _SLOW:
             limit = scale * (_D[0] + _D[1] * sideways)
             row = {(1 + k, 0): 1.0 / limit for k in range(self._unit)} | {_REAR_SLIP: 1.0 / limit}
-            row |= {(self._rate(k), 0): lever / (v_x * limit) for k, lever in enumerate(self._levers)}
+            row |= {(self._rate + k, 0): lever / (v_x * limit) for k, lever in enumerate(self._levers)}
             yield (math.atan2(v_y, v_x) - direction) / limit, row, (0.0, 0.0, -1.0 / limit)
         limit = scale * (_T[0] + _T[1] * sideways)
         tangent = float(mean[3]) + self._axle_distance * reference.yaw_rate / reference.v_x
@@ -241,34 +233,16 @@ class ParityRelations:
 
     def rolling_rate(self, row: FloatArray) -> float:
         """Yaw rate [rad/s] of the trailer if its axles roll along their planes, by the other signals of a row."""
-        v_x, v_y, _ = self._at_hitch(row, self._rolled(row))
+        v_x, v_y, _ = self._at_hitch(row, rolling=True)
         return (v_y - float(row[3]) * v_x) / self._axle_distance
 
-    def _rolled(self, mean: FloatArray) -> float:
-        """Speed of the rear axle [m/s], by front wheels that roll along their planes."""
-        c, s = math.cos(mean[STEER]), math.sin(mean[STEER])
-        return float(mean[SPEED] - self._front * mean[self._gyro(0)] * s * c) / (c * c)
-
-    def _at_hitch(self, mean: FloatArray, speed: float | None = None) -> tuple[float, float, float]:
-        """Velocity at the trailer's hitch along its own axes [m/s], and the sum of the articulations [rad]."""
-        v_x, v_y, turned = float(mean[SPEED]) if speed is None else speed, 0.0, 0.0
-        for k, lever in enumerate(self._levers):
-            v_y += float(mean[self._gyro(k)]) * lever
-            angle = float(mean[FIRST + k])
-            c, s = math.cos(angle), math.sin(angle)
-            v_x, v_y, turned = c * v_x - s * v_y, s * v_x + c * v_y, turned + angle
-        return v_x, v_y, turned
-
-    def _gyro(self, unit: int) -> int:
-        """Column of a yaw rate."""
-        return FIRST + self._unit + unit
-
-    def _rate(self, unit: int) -> int:
-        """Number of a yaw rate among the signals."""
-        return 1 + self._unit + unit
-
-
-_Relation = tuple[float, dict[tuple[int, int], float], tuple[float, float, float]]  # value, signatures, reference's
+    def _at_hitch(self, mean: FloatArray, *, rolling: bool = False) -> HitchMotion:
+        """Motion of the trailer's hitch; ``rolling``: by front wheels that roll along their planes."""
+        speed, c, s = float(mean[SPEED]), math.cos(mean[STEER]), math.sin(mean[STEER])
+        if rolling:
+            speed = float(mean[SPEED] - self._front * mean[self._gyro] * s * c) / (c * c)
+        gyros = mean[self._gyro : self._gyro + self._unit + 1].tolist()
+        return hitch_motions(speed, 0.0, self._levers, gyros, mean[FIRST : self._gyro].tolist())[-1]
 
 
 def misfit(values: FloatArray, signatures: Sequence[FloatArray]) -> tuple[float, FloatArray]:

@@ -9,8 +9,6 @@ behind the lateral line through them, and the newest sample is connected to the 
 are still measured from stays among the samples, off the path.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import islice, pairwise
@@ -20,7 +18,7 @@ import numpy as np
 
 from estimators.estimates import Anchor
 from estimators.off_tracking.hitch_path import Crossing
-from estimators.rigid_motion import UncertainMotion, chained, composed, stretched
+from estimators.rigid_motion import UncertainMotion, along_axes, chained, composed, stretched
 from vehicle.frames import FloatArray, arc_length, cross, inverse, transform
 
 # Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
@@ -80,8 +78,8 @@ def extended(
     measured, origin = increment.covariance, samples[0].tick
     if anchor is not None and anchor.tick in X_OA:
         measured, origin = anchor.covariance, anchor.tick
-    R = np.kron(np.eye(2), X_OA[origin][:3, :3])
-    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, R @ measured @ R.T, doubtful)
+    measured = along_axes(X_OA[origin][:3, :3], measured)
+    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, measured, doubtful)
     if keep_start:
         return (end, *samples)
     keyframe = kept if anchor is None else anchor.tick
@@ -91,8 +89,8 @@ def extended(
 def measured_from(samples: tuple[Sample, ...], tick: int, covariance: FloatArray) -> tuple[Sample, ...]:
     """Samples whose newest was measured from that of another tick, with this covariance (6, 6) along its axes."""
     origin = next(sample for sample in samples if sample.tick == tick)
-    R = np.kron(np.eye(2), origin.X_OS[:3, :3])
-    return (samples[0]._replace(anchor=tick, covariance=R @ covariance @ R.T), *samples[1:])
+    covariance = along_axes(origin.X_OS[:3, :3], covariance)
+    return (samples[0]._replace(anchor=tick, covariance=covariance), *samples[1:])
 
 
 def rested(
@@ -100,8 +98,7 @@ def rested(
 ) -> tuple[Sample, ...]:
     """Samples of a body at rest until a later tick, with a motion error of this covariance (6, 6)."""
     newest = samples[0]
-    R = np.kron(np.eye(2), newest.X_OS[:3, :3])
-    end = Sample(tick, newest.X_OS, newest.tick, R @ covariance @ R.T, doubtful)
+    end = Sample(tick, newest.X_OS, newest.tick, along_axes(newest.X_OS[:3, :3], covariance), doubtful)
     return _thinned((end, *samples), keyframe)
 
 
@@ -148,8 +145,7 @@ def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
 def positions_along(samples: Sequence[Sample], R_OS: FloatArray) -> FloatArray:
     """Hitch positions (n, 3) from the newest, along these axes of S, newest first."""
     p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
-    positions: FloatArray = (p_OS - p_OS[0]) @ R_OS
-    return positions
+    return np.asarray((p_OS - p_OS[0]) @ R_OS, dtype=np.float64)
 
 
 def levelled(samples: Sequence[Sample]) -> FloatArray:
@@ -268,14 +264,10 @@ def with_bridge(samples: tuple[Sample, ...], reckoned: tuple[Sample, ...], since
     is no closing error, and nothing is put between.
     """
     index = {sample.tick: k for k, sample in enumerate(reckoned)}
-    end = samples[0].tick
-    if end not in index or since not in index:
+    line = reckoned[index.get(samples[0].tick, len(reckoned)) : index.get(since, -1) + 1]  # newest first
+    if len(line) < 3:
         return samples
-    between = reckoned[index[end] + 1 : index[since]]
-    if not between:
-        return samples
-    X_OP = reckoned[index[since]].X_OS
-    line = reckoned[index[end] : index[since] + 1]  # newest first
+    X_OP = line[-1].X_OS
     steps = [float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3])) for a, b in pairwise(line)]
     travelled = np.cumsum(steps[::-1])[::-1]  # from the start to each of them
     if not travelled[0] > 0.0:
@@ -283,7 +275,7 @@ def with_bridge(samples: tuple[Sample, ...], reckoned: tuple[Sample, ...], since
     closing = inverse(X_OP) @ samples[0].X_OS @ inverse(line[0].X_OS) @ X_OP  # error as a motion in P
     measured = samples[0].covariance if samples[0].anchor == since else 0.0 * samples[0].covariance
     corrected = []
-    for sample, distance in zip(between, travelled[1:], strict=True):
+    for sample, distance in zip(line[1:-1], travelled[1:], strict=True):
         u = float(distance / travelled[0])
         X_PS = stretched(closing, u) @ inverse(X_OP) @ sample.X_OS
         covariance = u**2 * measured + u * (1.0 - u) * line[0].covariance

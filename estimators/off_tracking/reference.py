@@ -1,7 +1,5 @@
 """Off-tracking from the poses of a reference unit, by the same path buffer."""
 
-from __future__ import annotations
-
 from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -9,8 +7,8 @@ import numpy as np
 from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from sensors.messages import BodyPose, GnssIns
-from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
+from sensors.messages import BodyPose
+from vehicle.frames import inverse, raised
 
 
 class ReferenceMemory(NamedTuple):
@@ -49,40 +47,9 @@ class ReferenceOffTracking:
         """Memory with the pose in it, and the off-tracking at its tick; None for the first pose."""
         if memory.previous is None:
             return ReferenceMemory(pose, memory.buffer), None
+        tick, X_PC = memory.previous.tick, inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP)
         motion = BodyMotion(
-            tick=pose.tick,
-            previous_tick=memory.previous.tick,
-            X_PC=inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP),
-            covariance=np.zeros((6, 6)),
-            health=Health.OK,
+            tick=pose.tick, previous_tick=tick, X_PC=X_PC, covariance=np.zeros((6, 6)), health=Health.OK
         )
         buffer, off_tracking = self._buffer.step(memory.buffer, motion)
         return ReferenceMemory(pose, buffer), off_tracking
-
-
-class ReferenceUnitOffTracking:
-    """Off-tracking from a GNSS-aided inertial unit, as in the field tests of de Saxe 2018, section 4.1.
-
-    de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-    Dynamics, 2018.
-    """
-
-    def __init__(self, p_SU: FloatArray, follow_distance: float, *, path_height: float = 0.0) -> None:
-        """For a unit at p_SU (3,) [m] in the trailer, aligned with it, and a follow point at ``follow_distance`` [m].
-
-        ``path_height`` [m] is that of `ReferenceOffTracking`.
-
-        Raises:
-            ValueError: if ``follow_distance`` is not positive.
-        """
-        self._X_US = inverse(transform(np.eye(3), p_SU))
-        self._poses = ReferenceOffTracking(follow_distance, path_height=path_height)
-
-    def init(self) -> ReferenceMemory:
-        """Memory before the first message."""
-        return self._poses.init()
-
-    def step(self, memory: ReferenceMemory, message: GnssIns) -> tuple[ReferenceMemory, OffTracking | None]:
-        """Memory with the message in it, and the off-tracking at its tick; None for the first message."""
-        X_WU = transform(rotation_zyx(message.heading, message.pitch, message.roll), message.p_WU)
-        return self._poses.step(memory, BodyPose(tick=message.tick, X_WB=X_WU @ self._X_US))

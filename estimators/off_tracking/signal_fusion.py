@@ -22,8 +22,6 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   asks for errors of sensors that are out of the question, no motion is believed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -37,14 +35,14 @@ from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTracking
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
-from estimators.rigid_motion import rotation_vector
+from estimators.rigid_motion import PLANAR, along_axes, planar_covariance, planar_pose, spatial_covariance, with_planar
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, inverse, so3_exp, transform
+from vehicle.frames import FloatArray, inverse
 
+Signals = tuple[CombinationSignals, ...]
 DIRECTION = "direction of the cameras"  # among the doubts of an estimate
-PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
 # What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
 _OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
 
@@ -54,13 +52,11 @@ class Comparison(NamedTuple):
 
     reckoned: Reckoned
     innovation: FloatArray  # (3,) yaw [rad], x and y [m]
-    gain: FloatArray  # (p, 3) of the parameters
     covariance: FloatArray  # (3, 3) of the innovation
     score: float  # chi-square, 3 degrees of freedom
     score_beyond: float  # the same if tyres may slip by any angle
     is_alike: bool  # True: the axles of tractor and trailer contradict the camera's direction of travel alike
-    own_slip: float  # of the trailer's axles, by the camera [rad]; NaN at walking pace
-    own_std: float  # its standard deviation [rad]
+    parameters: Parameters  # at the end of the motion, if it is believed
 
 
 def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> BodyMotion | None:
@@ -72,8 +68,7 @@ def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> Bo
     if anchor.tick not in X_OS or reference not in X_OS:
         return None
     X_PA = inverse(X_OS[reference]) @ X_OS[anchor.tick]
-    R = np.kron(np.eye(2), X_PA[:3, :3])
-    covariance = R @ anchor.covariance @ R.T
+    covariance = along_axes(X_PA[:3, :3], anchor.covariance)
     return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
 
 
@@ -84,31 +79,18 @@ def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
     """
     P = test.reckoned.covariance
     gain = np.linalg.solve(test.covariance, P).T
-    turn, x, y = (test.reckoned.pose + gain @ test.innovation).tolist()
-    own = float(rotation_vector(motion.X_PC[:3, :3])[2])
-    X_PC = transform(so3_exp(np.array([0.0, 0.0, turn - own])) @ motion.X_PC[:3, :3], np.array([x, y, 0.0]))
-    X_PC[2, 3] = motion.X_PC[2, 3]
+    X_PC = with_planar(motion.X_PC, test.reckoned.pose + gain @ test.innovation)
     alike = max(1.0, SLIP_DISTANCE / max(test.reckoned.distance, _SHORTEST_STEP))
     rest = np.eye(3) - gain
-    covariance = np.diag(np.diag(motion.covariance))
-    measured = motion.covariance[np.ix_(PLANAR, PLANAR)]
-    covariance[np.ix_(PLANAR, PLANAR)] = gain @ measured @ gain.T + alike * rest @ P @ rest.T
+    planar = gain @ planar_covariance(motion.covariance) @ gain.T + alike * rest @ P @ rest.T
+    covariance = spatial_covariance(planar, np.diag(np.diag(motion.covariance)))
     return replace(motion, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED, anchor=None)
 
 
 def doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
     """The motion, degraded, with its covariances multiplied by the misfit."""
-    anchor = motion.anchor
-    if anchor is not None:
-        anchor = replace(anchor, covariance=misfit * anchor.covariance)
+    anchor = motion.anchor and replace(motion.anchor, covariance=misfit * motion.anchor.covariance)
     return replace(motion, covariance=misfit * motion.covariance, health=Health.DEGRADED, anchor=anchor)
-
-
-def spatial(covariance: FloatArray) -> FloatArray:
-    """Covariance (6, 6) of a motion from that of its yaw, x and y."""
-    spatial = _OUT_OF_PLANE.copy()
-    spatial[np.ix_(PLANAR, PLANAR)] = covariance
-    return spatial
 
 
 REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
@@ -124,15 +106,15 @@ def extended_history(history: FloatArray, arrived: Sequence[FloatArray], referen
     """
     oldest = max(tick - REMEMBERED, reference - _BEFORE)
     kept = history[np.searchsorted(history[:, 0], oldest) :]
-    new: list[FloatArray] = []
+    rows = list(history[-1:])
     repeats = np.any(np.diff(kept[-_LOOKED_AT:, 1:], axis=0) == 0.0, axis=0)
     may_repeat = bool(2 * np.sum(repeats) > len(repeats))  # most signals have measured the same twice lately
     for row in arrived:
-        last = new[-1] if new else history[-1] if len(history) else None
+        last = rows[-1] if rows else None
         later = last is None or (row[0] > last[0] and (may_repeat or not np.array_equal(row[1:], last[1:])))
         if later and np.all(np.isfinite(row)):
-            new.append(row)
-    return np.vstack([kept, *new]) if new else kept
+            rows.append(row)
+    return np.vstack([kept, *rows[len(history[-1:]) :]])
 
 
 # A correction of 0.1 m over this time moves the axles at 4 deg/s with a law of 0.77 rad/m. Longer would keep a known
@@ -204,7 +186,7 @@ _ROCKING = np.diag([0.0004, 0.004, 0.005]) ** 2  # yaw [rad], x and y [m]
 class Known(NamedTuple):
     """Pose of the path, and the parameters of dead reckoning from there."""
 
-    tick: int
+    tick: int  # below 0: nothing was received yet
     parameters: Parameters
 
 
@@ -212,25 +194,21 @@ class FusionMemory(NamedTuple):
     """Signals, the reference, and the state of the mutual check."""
 
     history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
-    reference: Known | None  # last pose that was measured and believed; None: nothing was received yet
+    monitor: MonitorMemory  # of the signals
+    reference: Known  # last pose that was measured and believed
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
     alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [rad]
     turned: float = 0.0  # largest such angle while it is more than tyres explain: the camera may be turned by it [rad]
     correction: Correction | None = None  # of the off-tracking after the last bridge
-    monitor: MonitorMemory | None = None  # of the signals; None: no message arrived yet
 
 
 class SignalFusion:
     """Path of one trailer from camera motions and the signals of the combination."""
 
     def __init__(self, vehicle: Vehicle, unit: int, follow_distance: float, buffer: OffTrackingBuffer) -> None:
-        """For the ``unit`` of a vehicle with its follow point ``follow_distance`` [m] behind its hitch.
-
-        Raises:
-            ValueError: if the unit is not towed.
-        """
+        """For the towed ``unit`` of a vehicle with its follow point ``follow_distance`` [m] behind its hitch."""
         self._reckoning, self._unit = DeadReckoning(vehicle, unit), unit
         self._follow_distance, self._buffer = follow_distance, buffer
         self._any_error = np.array([_ANY_SPEED, *[_ANY_ANGLE] * unit, *[_ANY_RATE] * (unit + 1)])
@@ -238,24 +216,20 @@ class SignalFusion:
 
     def init(self) -> FusionMemory:
         """Memory before the first message."""
-        return FusionMemory(self._reckoning.no_history(), None)
+        return FusionMemory(self._reckoning.no_history(), self._monitor.init(), Known(-1, self._reckoning.prior()))
 
     def step(
-        self,
-        memory: FusionMemory,
-        path: BufferMemory,
-        tick: int,
-        motion: BodyMotion | None,
-        signals: tuple[CombinationSignals, ...],
+        self, memory: FusionMemory, path: BufferMemory, tick: int, motion: BodyMotion | None, signals: Signals
     ) -> tuple[FusionMemory, BufferMemory, OffTracking | None]:
         """Memory, path and off-tracking at ``tick``, with the motion that arrived, if any, and the new signals.
 
         The motion may end before ``tick``; dead reckoning adds the rest.
         """
-        start = memory.reference or Known(tick if motion is None else motion.previous_tick, self._reckoning.prior())
+        start = memory.reference
+        if start.tick < 0:
+            start = start._replace(tick=tick if motion is None else motion.previous_tick)
         memory, signals = self._monitored(memory, motion, signals)
-        rows = [self._reckoning.row(message) for message in signals]
-        history = extended_history(memory.history, rows, start.tick, tick)
+        history = extended_history(memory.history, [self._reckoning.row(one) for one in signals], start.tick, tick)
         memory = memory._replace(history=history, reference=start)
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
@@ -266,9 +240,8 @@ class SignalFusion:
                 bridge = self._bridged(before, path, motion.tick) if path.reckoned else None
                 path, estimate = self._buffer.step(path if bridge is None else bridge[0], believed)
                 if bridge is not None:
-                    correction = corrected(
-                        memory.correction, bridge[1], estimate, believed.previous_tick, self._follow_distance
-                    )
+                    since, correction = believed.previous_tick, memory.correction
+                    correction = corrected(correction, bridge[1], estimate, since, self._follow_distance)
                     memory = memory._replace(correction=correction)
         if estimate is None or estimate.tick < tick:
             path, estimate = self._bridged(memory, path, tick) or (path, estimate)
@@ -276,8 +249,7 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
-        if memory.monitor is not None and memory.monitor.distrusted:
-            estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
+        estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
         if memory.turned:
             std = math.hypot(estimate.std, memory.turned * self._follow_distance)
             health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
@@ -285,16 +257,15 @@ class SignalFusion:
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(
-        self, memory: FusionMemory, motion: BodyMotion | None, signals: tuple[CombinationSignals, ...]
-    ) -> tuple[FusionMemory, tuple[CombinationSignals, ...]]:
+        self, memory: FusionMemory, motion: BodyMotion | None, signals: Signals
+    ) -> tuple[FusionMemory, Signals]:
         """Memory with the signals compared with the camera, and signals in which one at fault is corrected."""
-        before = monitor = memory.monitor or self._monitor.init()
+        before = monitor = memory.monitor
         for message in signals:
             monitor = self._monitor.received(monitor, message)
         if motion is not None and motion.health is Health.OK:
-            monitor = self._monitor.compared(
-                monitor, MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
-            )
+            reference = MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
+            monitor = self._monitor.compared(monitor, reference)
         memory = memory._replace(monitor=monitor)
         if monitor.distrusted != before.distrusted:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
@@ -306,29 +277,24 @@ class SignalFusion:
     def _bridged(self, memory: FusionMemory, path: BufferMemory, tick: int) -> tuple[BufferMemory, OffTracking] | None:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
         reference, history = memory.reference, memory.history
-        assert reference is not None
         newest = path.samples[0].tick if path.samples else reference.tick
 
         def reckoned(since: int) -> Reckoned | None:
             parameters = self._since(reference, path, since)
             known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
-            misleads = memory.monitor is not None and self._monitor.misleads(memory.monitor)
-            return known._replace(covariance=_CORRECTED * known.covariance) if known and misleads else known
+            if known is None or not self._monitor.misleads(memory.monitor):
+                return known
+            return known._replace(covariance=_CORRECTED * known.covariance)
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
-            return None if whole is None else spatial(whole.covariance)
+            return None if whole is None else spatial_covariance(whole.covariance, _OUT_OF_PLANE)
 
         step = reckoned(newest)
         if step is None or tick <= newest or not agree(history, self._unit):
             return None
-        motion = BodyMotion(
-            tick=tick,
-            previous_tick=newest,
-            X_PC=step.X,
-            covariance=spatial(step.covariance),
-            health=Health.DEGRADED,
-        )
+        covariance = spatial_covariance(step.covariance, _OUT_OF_PLANE)
+        motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
 
@@ -343,11 +309,9 @@ class SignalFusion:
     ) -> tuple[FusionMemory, BodyMotion | None]:
         """Memory with the parameters corrected, and the motion as the path gets it; None: it is not believed."""
         reference = memory.reference
-        assert reference is not None
         continues = not path.samples or any(sample.tick == motion.previous_tick for sample in path.samples)
-        test = self._tested(memory, motion)
+        longer, test = from_reference(path, motion, reference.tick), self._tested(memory, motion)
         if test is None:  # no signals
-            longer = from_reference(path, motion, reference.tick)
             motion, continues = (motion, continues) if longer is None else (longer, True)
             known = Known(motion.tick, reference.parameters)
             return (memory._replace(reference=known), motion) if continues else (memory, None)
@@ -357,24 +321,20 @@ class SignalFusion:
         memory = memory._replace(misfit=misfit, distrusted=distrusted, sudden=sudden)
         if distrusted or test.score_beyond > _GATE or 0 < sudden <= _SUDDEN:
             return memory, None
-        longer = from_reference(path, motion, reference.tick)
-        if longer is not None:
-            spanning = self._tested(memory, longer)
-            if spanning is not None and spanning.score_beyond <= _GATE:
-                test, motion, continues = spanning, longer, True
-        parameters = self._corrected(test)
-        if not continues or self._reckoning.deviation(parameters, memory.history) > _IMPOSSIBLE:
+        spanning = None if longer is None else self._tested(memory, longer)
+        if longer is not None and spanning is not None and spanning.score_beyond <= _GATE:
+            test, motion, continues = spanning, longer, True
+        if not continues or self._reckoning.deviation(test.parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
         if np.any(np.diag(motion.covariance)[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
             motion = weighted(motion, test)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)
-        memory = self._doubted(memory._replace(reference=Known(motion.tick, parameters)), test.reckoned.distance)
+        memory = self._doubted(memory._replace(reference=Known(motion.tick, test.parameters)), test.reckoned.distance)
         return memory, motion
 
     def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
         """Memory after a motion over a distance [m], with the angle by which the camera may be turned."""
-        assert memory.reference is not None
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
@@ -386,15 +346,13 @@ class SignalFusion:
 
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> Comparison | None:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
-        assert memory.reference is not None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
         if reckoned is None or not agree(memory.history, self._unit):
             return None
-        yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
-        innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose
-        S = reckoned.covariance + motion.covariance[np.ix_(PLANAR, PLANAR)]
-        faulty = [] if memory.monitor is None else [k for k in memory.monitor.distrusted if k < len(self._any_error)]
+        innovation = planar_pose(motion.X_PC) - reckoned.pose
+        S = reckoned.covariance + planar_covariance(motion.covariance)
+        faulty = [k for k in memory.monitor.distrusted if k < len(self._any_error)]
         by_faulty = reckoned.by_signals[:, faulty] * self._any_error[faulty]
         S += by_faulty @ by_faulty.T
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
@@ -403,21 +361,16 @@ class SignalFusion:
         any_slip = expected + reckoned.by_slip @ _ANY_SLIP @ reckoned.by_slip.T
         distance = math.copysign(max(reckoned.distance, _SHORTEST_STEP), reckoned.pose[1])
         direction = float(innovation[2]) / distance
+        # slip of the trailer's axles, by the camera
+        own_slip, own_std = reckoned.own_slip + direction, math.sqrt(motion.covariance[4, 4]) / distance
+        mean, covariance = reckoned.parameters
+        corrected = Parameters(mean + gain @ innovation, covariance - gain @ S @ gain.T)
         return Comparison(
             reckoned,
             innovation,
-            gain,
             S,
             score=float(innovation @ np.linalg.solve(expected, innovation)),
             score_beyond=float(innovation @ np.linalg.solve(any_slip, innovation)),
             is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
-            own_slip=reckoned.own_slip + direction,
-            own_std=math.hypot(math.sqrt(motion.covariance[4, 4]) / distance, _ROLLING_STD),
+            parameters=self._reckoning.with_own_slip(corrected, own_slip, math.hypot(own_std, _ROLLING_STD)),
         )
-
-    def _corrected(self, test: Comparison) -> Parameters:
-        """Parameters at the end of the motion."""
-        expected = test.reckoned.parameters
-        mean = expected.mean + test.gain @ test.innovation
-        corrected = Parameters(mean, expected.covariance - test.gain @ test.covariance @ test.gain.T)
-        return self._reckoning.with_own_slip(corrected, test.own_slip, test.own_std)

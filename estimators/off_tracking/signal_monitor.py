@@ -10,8 +10,6 @@ Without a reference a hitch angle and the gyro behind it may contradict each oth
 fault. Both are then replaced by those of a trailer whose axles roll, towed as the tractor's signals say.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -43,34 +41,23 @@ _VALUE, _SLOPE = 0.5, 0.1  # gains of an alpha-beta filter [-]
 _AHEAD: Final = 0.3  # longest extrapolation of an error [s]
 
 
-def stuck(readings: FloatArray) -> list[bool]:
-    """Signals (k,) that repeat themselves exactly in the newest ``readings`` (n, k) while most others are noisy."""
-    recent = readings[-_REPEATED:]
-    repeats = (np.ptp(recent, axis=0) == 0.0) & (len(recent) == _REPEATED)
-    return [bool(one) and 2 * int(np.sum(repeats)) <= len(repeats) for one in repeats]
-
-
-def jumps(step: FloatArray, elapsed: float, rates: FloatArray, noise: FloatArray) -> list[bool]:
-    """Signals whose ``step`` (k,) within ``elapsed`` [s] exceeds their highest rates (k,) and their noise (k,)."""
-    return [bool(one) for one in np.abs(step) > rates * elapsed + _JUMP_SIGMAS * noise]
-
-
 class SignalError(NamedTuple):
     """Error of a signal and its rate, in units of the signal, tracked by an alpha-beta filter."""
 
     value: float = 0.0
     slope: float = 0.0  # [1/s]
     tick: int = -1  # of the last measurement; below 0: none yet
+    small: int = 0  # comparisons in a row at which it was small
 
-    def measured(self, value: float, tick: int, *, exact: bool) -> SignalError:
+    def measured(self, value: float, tick: int, *, exact: bool) -> "SignalError":
         """The error after a measurement; an ``exact`` one is taken as it is."""
         if self.tick < 0:
-            return SignalError(value, 0.0, tick)
+            return self._replace(value=value, tick=tick)
         interval = max(tick - self.tick, 1) * TICK
         expected = self.value + self.slope * interval
         change = value - expected
         slope = self.slope + _SLOPE * change / interval
-        return SignalError(expected + (1.0 if exact else _VALUE) * change, slope, tick)
+        return self._replace(value=expected + (1.0 if exact else _VALUE) * change, slope=slope, tick=tick)
 
     def at(self, tick: int) -> float:
         """The error at a tick, extrapolated for some tenths of a second at most."""
@@ -106,12 +93,14 @@ class MonitorMemory(NamedTuple):
     history: FloatArray  # (n, columns), oldest first
     jumped: tuple[int, ...]  # tick of the last jump of each signal; far in the past: none
     errors: tuple[SignalError | None, ...]  # of each signal that is at fault; None: it is sound
-    suspect: tuple[int, int]  # signal that explains the last contradictions, and their number in a row
-    small: tuple[int, ...]  # comparisons in a row at which the fault of each signal was small
-    compared_at: int  # tick of the last comparison with a reference
-    towed: tuple[float, float]  # last articulation [rad] and yaw rate [rad/s] of a trailer whose axles roll
-    contradicted: bool  # True: nothing tells which of the measured ones is at fault
-    findings: tuple[Finding, ...]
+    suspect: tuple[int, int] = (-1, 0)  # signal that explains the last contradictions, and their number in a row
+    compared_at: int = 0  # tick of the last comparison with a reference
+    towed: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # last articulation [rad] and yaw rate [rad/s] if the axles roll
+    contradicted: bool = False  # True: nothing tells which of the measured ones is at fault
+    findings: tuple[Finding, ...] = ()
 
     @property
     def distrusted(self) -> tuple[int, ...]:
@@ -125,33 +114,18 @@ class SignalMonitor:
     def __init__(self, vehicle: Vehicle, unit: int, axle_distances: tuple[float, ...]) -> None:
         """For the ``unit`` of a vehicle, with the distances of its axles behind its hitch [m]."""
         names = [one.name for one in vehicle.units[: unit + 1]]
-        self.names = (
-            "wheel speed",
-            *(f"hitch angle of {name}" for name in names[1:]),
-            *(f"gyro of {name}" for name in names),
-            "steer angle",
-        )
+        angles, gyros = [f"hitch angle of {name}" for name in names[1:]], [f"gyro of {name}" for name in names]
+        self.names = ("wheel speed", *angles, *gyros, "steer angle")
         self._unit, self._n_axles = unit, len(axle_distances)
         self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
-        noise = (SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE)
-        self._noise = np.array(noise)
-        self._rates = np.array((_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1), _RATES[1]))
+        self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE])
+        self._rates = np.array([_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1), _RATES[1]])
         self._columns = [SPEED, *range(FIRST, FIRST + 2 * unit + 1), STEER]
 
     def init(self) -> MonitorMemory:
         """Memory before the first message: all signals are sound."""
         n = len(self.names)
-        return MonitorMemory(
-            history=np.empty((0, FIRST + n - 1)),
-            jumped=(-_RECENT,) * n,
-            errors=(None,) * n,
-            suspect=(-1, 0),
-            small=(0,) * n,
-            compared_at=0,
-            towed=(0.0, 0.0),
-            contradicted=False,
-            findings=(),
-        )
+        return MonitorMemory(np.empty((0, FIRST + n - 1)), (-_RECENT,) * n, (None,) * n)
 
     def received(self, memory: MonitorMemory, signals: CombinationSignals) -> MonitorMemory:
         """Memory with a message; those without a number, or out of order, are passed over.
@@ -183,27 +157,21 @@ class SignalMonitor:
 
     def corrected(self, memory: MonitorMemory, signals: CombinationSignals) -> CombinationSignals:
         """The message with corrected values of signals at fault; the same object if there are none."""
+        articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
         if memory.contradicted:
-            articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
             articulation[self._unit - 1], yaw_rates[self._unit] = memory.towed
             return replace(signals, articulation=articulation, yaw_rates=yaw_rates)
         if not memory.distrusted:
             return signals
         n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
         repeats = self._stuck(memory)
-        articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
         yaw_rates[: n + 1] -= errors[1 + n : -1]
         articulation[:n] -= errors[1 : 1 + n]
         for k, error in enumerate(memory.errors[1 : 1 + n]):
             if error is not None and repeats[1 + k]:  # the gyros know how it goes on
                 articulation[k] = signals.articulation[k] - error.value + self._turned(memory, k, error.tick)
-        return replace(
-            signals,
-            speed=signals.speed - float(errors[0]),
-            steer=signals.steer - float(errors[-1]),
-            articulation=articulation,
-            yaw_rates=yaw_rates,
-        )
+        speed, steer = signals.speed - float(errors[0]), signals.steer - float(errors[-1])
+        return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
 
     def misleads(self, memory: MonitorMemory) -> bool:
         """True if motion that is reckoned from the signals is not evidence: one at fault is not the steer angle."""
@@ -233,14 +201,15 @@ class SignalMonitor:
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
         """Memory after a contradiction that the known faults do not explain."""
         known = [parity.signatures[k] for k in memory.distrusted]
+
+        def explains(other: FloatArray) -> bool:
+            return misfit(parity.values, [*known, other])[0] <= min(_DETECTED, _BETTER * left)
+
         others = [k for k in range(len(self.names)) if k not in memory.distrusted]
-        limit = min(_DETECTED, _BETTER * left)
-        fitting = [k for k in others if misfit(parity.values, [*known, parity.signatures[k]])[0] <= limit]
+        fitting = [k for k in others if explains(parity.signatures[k])]
         is_evident = self._evident(memory)
         evident = [k for k in fitting if is_evident[k]]
-        doubtful = not is_alone and any(
-            misfit(parity.values, [*known, other])[0] <= limit for other in (*parity.reference, parity.slip)
-        )
+        doubtful = not is_alone and any(explains(other) for other in (*parity.reference, parity.slip))
         if len(evident) == 1:
             return self._distrusted(memory, evident[0])
         if len(fitting) != 1 or doubtful or is_alone:
@@ -271,9 +240,8 @@ class SignalMonitor:
 
     def _distrusted(self, memory: MonitorMemory, signal: int) -> MonitorMemory:
         errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])
-        small = (*memory.small[:signal], 0, *memory.small[signal + 1 :])
         finding = Finding(int(memory.history[-1, 0]), self.names[signal], True)
-        return memory._replace(errors=errors, small=small, suspect=(-1, 0), findings=(*memory.findings, finding))
+        return memory._replace(errors=errors, suspect=(-1, 0), findings=(*memory.findings, finding))
 
     def _measured(self, memory: MonitorMemory, parity: Parity, tick: int) -> MonitorMemory:
         """Memory with the sizes of the known faults measured anew, and without those that are over."""
@@ -285,52 +253,49 @@ class SignalMonitor:
         if left > _DETECTED:
             return memory  # something else is wrong, too
         first = np.cumsum([0, *(signature.shape[1] for signature in known)])
-        errors, small, findings = list(memory.errors), list(memory.small), memory.findings
+        errors, findings = list(memory.errors), memory.findings
         evident, repeats = self._evident(memory), self._stuck(memory)
         for number, k in enumerate(distrusted):
             signature, size = known[number][:, 0], float(sizes[first[number]])
             error = errors[k]
             if error is None or not signature.any():
                 continue  # not measurable now
-            errors[k] = error.measured(size, tick, exact=repeats[k])
             is_small = float(np.max(np.abs(signature * size))) < _SMALL and not evident[k]
-            small[k] = small[k] + 1 if is_small else 0
-            if small[k] >= _OVER:
+            small = error.small + 1 if is_small else 0
+            errors[k] = error.measured(size, tick, exact=repeats[k])._replace(small=small)
+            if small >= _OVER:
                 errors[k] = None
                 findings = (*findings, Finding(int(memory.history[-1, 0]), self.names[k], False))
-        return memory._replace(errors=tuple(errors), small=tuple(small), findings=findings)
+        return memory._replace(errors=tuple(errors), findings=findings)
 
     def _evident(self, memory: MonitorMemory) -> list[bool]:
         """Signals that cannot be true by themselves: they jumped, or are stuck."""
-        now = memory.history[-1, 0]
-        return [
-            bool(now - jumped < _RECENT or repeats)
-            for jumped, repeats in zip(memory.jumped, self._stuck(memory), strict=True)
-        ]
+        jumped = memory.history[-1, 0] - np.array(memory.jumped) < _RECENT
+        return [bool(one) for one in jumped | self._stuck(memory)]
 
     def _stuck(self, memory: MonitorMemory) -> list[bool]:
-        return stuck(memory.history[:, self._columns])
+        """Signals that repeat themselves exactly in the newest messages while most others are noisy."""
+        recent = memory.history[-_REPEATED:, self._columns]
+        repeats = (np.ptp(recent, axis=0) == 0.0) & (len(recent) == _REPEATED)
+        return [bool(one) and 2 * int(np.sum(repeats)) <= len(repeats) for one in repeats]
 
     def _turned(self, memory: MonitorMemory, hitch: int, since: int) -> float:
         """Change of an articulation [rad] since a tick, by the gyros."""
         recent = memory.history[np.searchsorted(memory.history[:, 0], since) :]
         errors = [0.0 if error is None else error.value for error in memory.errors]
         ahead = 1 + self._unit + hitch  # number of the gyro ahead of the hitch
-        rates = (
-            recent[:, self._columns[ahead]] - recent[:, self._columns[ahead + 1]] - errors[ahead] + errors[ahead + 1]
-        )
+        rate, behind = recent[:, self._columns[ahead : ahead + 2]].T
+        rates = rate - behind - errors[ahead] + errors[ahead + 1]
         return float(np.sum(0.5 * np.diff(recent[:, 0]) * TICK * (rates[1:] + rates[:-1])))
 
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
-        last = memory.history[-1]
-        step, elapsed = (row - last)[self._columns], float(row[0] - last[0]) * TICK
-        if not any(jumps(step, elapsed, self._rates, self._noise)):
-            return memory.jumped
-        found = jumps(step, elapsed, self._rates, noise_level(memory.history, self._unit, _LEAST) * self._noise)
-        return tuple(int(row[0]) if jumped else before for jumped, before in zip(found, memory.jumped, strict=True))
+        """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
+        change = row - memory.history[-1]
+        noise = noise_level(memory.history, self._unit, _LEAST) * self._noise
+        jumps = np.abs(change[self._columns]) > self._rates * change[0] * TICK + _JUMP_SIGMAS * noise
+        return tuple(int(row[0]) if one else before for one, before in zip(jumps, memory.jumped, strict=True))
 
     def _row(self, signals: CombinationSignals) -> FloatArray:
-        n = self._unit
         tangent = float(np.sum(np.tan(signals.angles))) / self._n_axles
-        readings = (*signals.articulation[:n], *signals.yaw_rates[: n + 1])
+        readings = (*signals.articulation[: self._unit], *signals.yaw_rates[: self._unit + 1])
         return np.array([signals.tick, signals.speed, signals.steer, tangent, *readings, signals.lateral_acceleration])

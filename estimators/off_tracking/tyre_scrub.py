@@ -13,12 +13,11 @@ The signals have the angles of one trailer. Steered axles of those ahead of it p
 they are steered for.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from estimators.hitch_motion import hitch_motions
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.loads import static_axle_loads
@@ -37,6 +36,10 @@ class _Tyres(NamedTuple):
     load: float  # of the axle [N]
     stiffness: float  # of the axle [N/rad]
     steered: bool
+
+    @classmethod
+    def of(cls, axle: Axle, load: float) -> "_Tyres":
+        return cls(axle.x, load, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)
 
     @property
     def arm(self) -> float:
@@ -58,10 +61,11 @@ class TyreScrub:
     def __init__(self, vehicle: Vehicle, unit: int) -> None:
         """For signals of the towed ``unit``."""
         loads = static_axle_loads(vehicle)
-        self._units = [list(map(_tyres, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
+        self._units = [list(map(_Tyres.of, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
         self._units = self._units[: unit + 1]
-        self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
+        self._hitches = vehicle.hitch_levers(unit)
         self._arms = sum(tyres.arm for tyres in self._units[-1])
+        self._rear = [tyres for tyres in self._units[0] if not tyres.steered]
 
     def slip(self, signals: CombinationSignals) -> float:
         """Slip angle [rad] of the tractor's rear axle, + to the left."""
@@ -82,9 +86,8 @@ class TyreScrub:
 
         Each tyre takes the part of the side force that is its part of the load.
         """
-        rear = [tyres for tyres in self._units[0] if not tyres.steered]
-        stiffness = sum(tyres.stiffness for tyres in rear)
-        return -sum(tyres.load for tyres in rear) / (GRAVITY * stiffness) if rear else 0.0
+        stiffness = sum(tyres.stiffness for tyres in self._rear)
+        return -sum(tyres.load for tyres in self._rear) / (GRAVITY * stiffness) if self._rear else 0.0
 
     def rolling(self, signals: CombinationSignals) -> float:
         """Tangent of the trailer's direction of travel at its hitch, + left, that its axles ask for on a straight."""
@@ -111,27 +114,21 @@ class TyreScrub:
 
     def _motions(self, signals: CombinationSignals) -> list[_Motion]:
         """Motion of every unit at its front hitch, the tractor's at its rear axle, without slip of the tractor."""
-        v_x, v_y = signals.speed, 0.0
+        rates, gammas = signals.yaw_rates.tolist(), signals.articulation.tolist()
         motions = []
-        for unit, rate in enumerate(signals.yaw_rates[: len(self._units)].tolist()):
-            if unit:
-                c, s = math.cos(signals.articulation[unit - 1]), math.sin(signals.articulation[unit - 1])
-                v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
+        for v_x, v_y, yaw_rate in hitch_motions(signals.speed, 0.0, self._hitches, rates, gammas):
             least = math.copysign(max(abs(v_x), _LEAST_SPEED), v_x)
-            motions.append(_Motion(v_x, v_y / least, rate / least))
-            if unit < len(self._hitches):
-                v_y += rate * self._hitches[unit]
+            motions.append(_Motion(v_x, v_y / least, yaw_rate / least))
         return motions
 
     def _rear_slip(self, curvature: float, force_y: float) -> float:
         """Slip at the tractor's origin, from the moments about its foremost axle."""
-        front = self._units[0][0].x
-        rear = [tyres for tyres in self._units[0] if not tyres.steered]
-        if not rear:
+        if not self._rear:
             return 0.0
+        front = self._units[0][0].x
         moment = force_y * (self._hitches[0] - front)
-        moment -= sum(tyres.stiffness * tyres.x * curvature * (tyres.x - front) for tyres in rear)
-        return moment / sum(tyres.stiffness * (tyres.x - front) for tyres in rear)
+        moment -= sum(tyres.stiffness * tyres.x * curvature * (tyres.x - front) for tyres in self._rear)
+        return moment / sum(tyres.stiffness * (tyres.x - front) for tyres in self._rear)
 
 
 def _forces(axles: Sequence[_Tyres], angles: Sequence[float], curvature: float, moment: float) -> tuple[float, float]:
@@ -154,7 +151,3 @@ def _angles(axles: Sequence[_Tyres], steered: Sequence[float]) -> list[float]:
     """Angle of every axle [rad]."""
     given = iter(steered)
     return [next(given, 0.0) if tyres.steered else 0.0 for tyres in axles]
-
-
-def _tyres(axle: Axle, load: float) -> _Tyres:
-    return _Tyres(axle.x, load, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)

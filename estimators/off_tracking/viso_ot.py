@@ -2,12 +2,7 @@
 
 The paper uses the cameras alone. Where the signals of the combination are known, they bridge outages of the cameras and
 check their motions (``estimators.off_tracking.signal_fusion``); as long as the cameras work the estimates are the same.
-
-de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import replace
@@ -23,13 +18,6 @@ from sensors.messages import StereoFrame, TrailerView, stereo_frame
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, raised
 from vehicle.option import PartParameters, option, quantity
-
-
-class Towed(NamedTuple):
-    """A towed unit of a vehicle, by the data sheet."""
-
-    vehicle: Vehicle
-    unit: int
 
 
 class VisoOtMemory(NamedTuple, Generic[Memory]):
@@ -66,14 +54,14 @@ class VisoOt(Generic[Memory]):
         parameters: Parameters | None = None,
         path_height: float = 0.0,
         direction_std: float = 0.0,
-        towed: Towed | None = None,
+        towed: tuple[Vehicle, int] | None = None,
     ) -> None:
         """For the rig of ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
         Paths are those of points at ``path_height`` [m] in the body. At the height of its roll axis a body does not
         move to the side as it rolls. The direction of the left camera in the body is known to ``direction_std`` [rad],
-        1 sigma: an error turns the path about the hitch. Fusion of signals needs to know the trailer as ``towed`` unit
-        of a vehicle; without it the cameras are used alone.
+        1 sigma: an error turns the path about the hitch. Fusion of signals needs to know the trailer as ``towed``: the
+        vehicle and the number of its unit. Without it the cameras are used alone.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive, or ``towed`` is no towed unit.
@@ -85,9 +73,8 @@ class VisoOt(Generic[Memory]):
         self._buffer = OffTrackingBuffer(
             follow_distance, reversing_distance=given.reversing_distance, smoothing=given.smoothing
         )
-        self._fusion: SignalFusion | None = None
-        if given.fusion == "signals" and towed is not None:
-            self._fusion = SignalFusion(towed.vehicle, towed.unit, follow_distance, self._buffer)
+        fuses = towed if given.fusion == "signals" else None
+        self._fusion = None if fuses is None else SignalFusion(*fuses, follow_distance, self._buffer)
         self.fuses_signals = self._fusion is not None
 
     @classmethod
@@ -99,7 +86,7 @@ class VisoOt(Generic[Memory]):
             context.stereo_odometry(),
             parameters=cls.Parameters.of(context.options, "estimator"),
             path_height=context.roll_axis_height,
-            towed=Towed(context.vehicle, context.unit) if context.unit > 0 else None,
+            towed=(context.vehicle, context.unit) if context.unit > 0 else None,
         )
 
     def init(self) -> VisoOtMemory[Memory]:
@@ -118,7 +105,8 @@ class VisoOt(Generic[Memory]):
         if frame is not None:
             odometry, motion = self._odometry.step(odometry, frame)
         body = None if motion is None else body_motion(self._X_SC, motion)
-        fusion, buffer, off_tracking = memory.fusion, memory.buffer, None
+        _, buffer, fusion = memory
+        off_tracking = None
         if self._fusion is not None and fusion is not None and isinstance(message, TrailerView):
             fusion, buffer, off_tracking = self._fusion.step(fusion, buffer, message.tick, body, message.signals)
         elif body is not None:

@@ -66,14 +66,7 @@ class TraceView:
         """Imprint the wheels' motion since the last image, and take the view."""
         self._world.drive(self._driven)
         self._driven = []
-        readings = self._instruments.sample(truth)
-        return RoverView(
-            tick=truth.tick,
-            image=self.camera.sample(truth),
-            heading=readings.heading,
-            wheel_speeds=readings.wheel_speeds,
-            steer=readings.steer,
-        )
+        return self._instruments.sample(truth).seen(self.camera.sample(truth))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

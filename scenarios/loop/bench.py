@@ -1,7 +1,5 @@
 """A controller on a bench in the loop: its protocol, its demands with checks, record, hold and fallback."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -195,7 +193,7 @@ class Bench(Protocol):
     def links(self) -> Sequence[Link]:
         """Open links; at least one."""
 
-    def prepare(self, parts: Assembly, trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
+    def prepare(self, parts: "Assembly", trailers: Sequence[Demands], taken: Sequence[Demands]) -> None:
         """Learn the combination, the demands of all watched ``trailers``, and the demands that are ``taken``.
 
         Raises:
@@ -318,7 +316,7 @@ class Exchange:
         )
 
 
-def opened_exchange(parts: Assembly, bench: Bench | None, *, is_paced: bool) -> Exchange | None:
+def opened_exchange(parts: "Assembly", bench: Bench | None, *, is_paced: bool) -> Exchange | None:
     """The exchange of a run that may keep wall time (``is_paced``); None if nothing goes out or comes in.
 
     Raises:

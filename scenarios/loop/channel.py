@@ -5,8 +5,6 @@ of a message and its delivery, while the loop continues on another core. Cameras
 the two as well, by a thread of their own. The results are bitwise the same as in line.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle
@@ -198,7 +196,7 @@ class _File:
     def __del__(self) -> None:
         os.close(self._descriptor)
 
-    def stored(self, content: bytes) -> _Stored:
+    def stored(self, content: bytes) -> "_Stored":
         """Write behind what is there.
 
         Raises:
@@ -283,7 +281,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
             opened[chunk] = _items(self._older[chunk])
         return opened[chunk][rest]
 
-    def __deepcopy__(self, _: object) -> Kept[ItemT]:
+    def __deepcopy__(self, _: object) -> "Kept[ItemT]":
         copied = Kept[ItemT](self._chunk, recent=self._recent)
         copied._older, copied._newest = list(self._older), list(self._newest)
         return copied

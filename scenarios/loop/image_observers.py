@@ -1,7 +1,5 @@
 """Observers of a run's camera images: hash, recordings, and JPEG pictures for reports and videos."""
 
-from __future__ import annotations
-
 import hashlib
 from array import array
 from bisect import bisect_right
@@ -45,7 +43,7 @@ RoverRecorder = Recorder[RoverView, RoverTruth]
 class _Digest:
     """SHA-256 of images as they come; it can be copied."""
 
-    def __init__(self, sha256: hashlib._Hash | None = None) -> None:
+    def __init__(self, sha256: "hashlib._Hash | None" = None) -> None:
         self._sha256 = sha256 or hashlib.sha256()
 
     def update(self, content: bytes) -> None:
@@ -54,7 +52,7 @@ class _Digest:
     def hexdigest(self) -> str:
         return self._sha256.hexdigest()
 
-    def __deepcopy__(self, _: object) -> _Digest:
+    def __deepcopy__(self, _: object) -> "_Digest":
         return _Digest(self._sha256.copy())
 
 

@@ -1,7 +1,5 @@
 """Judge a trailer's run: end of its course or recorded drive, a mishap, or a vehicle that is stuck."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The loop of a rover: instruments, slip estimator, dead reckoning, driver, and the judge that ends a run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor

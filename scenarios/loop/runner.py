@@ -1,7 +1,5 @@
 """Run a scenario of any kind of vehicle from start to finish."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, closing

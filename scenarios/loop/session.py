@@ -1,7 +1,5 @@
 """The closed loop of every run: sample, deliver, control, log, integrate, judge, always in this order."""
 
-from __future__ import annotations
-
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The closed-loop run of a combination: its driver, its steered trailers, and their session."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -14,7 +12,7 @@ from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from controllers.trailer_steering.actuators import ActuatorFinding
 from controllers.trailer_steering.safeguarded import SafeguardedCommand
-from estimators.estimates import CameraOffTracking, OffTracking
+from estimators.estimates import CameraOffTracking, OffTracking, lost_motion
 from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.adapters import outlines
 from scenarios.assembly.applied_faults import BrakeFaults
@@ -470,14 +468,9 @@ def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
         for estimate in session.trailers[-1].estimates
         if estimate.motion and estimate.motion.tick in shown
     }
-    none = np.empty((0, 4), dtype=np.float32)
+    none = lost_motion(0, 0)
+    shown_by = [(tick, jpeg, motions.get(tick, none)) for tick, jpeg in frames]
     return tuple(
-        CameraFrame(
-            tick=tick,
-            jpeg=jpeg,
-            tracks=motions[tick].tracks if tick in motions else none,
-            matches=motions[tick].matches if tick in motions else 0,
-            inliers=motions[tick].inliers if tick in motions else 0,
-        )
-        for tick, jpeg in frames
+        CameraFrame(tick=tick, jpeg=jpeg, tracks=motion.tracks, matches=motion.matches, inliers=motion.inliers)
+        for tick, jpeg, motion in shown_by
     )

@@ -14,15 +14,16 @@ from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
 from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health, Motion, OffTracking
-from estimators.off_tracking.reference import ReferenceUnitOffTracking
+from estimators.off_tracking import reference
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal, columns_by_parts
 from sensors.instruments.navigation import PERIOD, ReferenceUnit
+from sensors.messages import BodyPose
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import wheels
 from vehicle.combination.truth import Truth, plan_pose
-from vehicle.frames import FloatArray, inverse, planar
+from vehicle.frames import FloatArray, inverse, planar, rotation_zyx, transform
 
 
 def motion_columns(signals: Mapping[str, FloatArray], vehicle: Vehicle) -> Iterator[Column]:
@@ -76,13 +77,17 @@ _EVERY = 100  # every tenth message, at the rate of the cameras it is compared w
 
 
 class ReferenceOffTracking:
-    """Off-tracking by the reference unit on a run whose truths are shown to it part by part, in order."""
+    """Off-tracking by the reference unit on a run whose truths are shown to it part by part, in order.
+
+    It is a GNSS-aided inertial unit, as in the field tests of de Saxe 2018, section 4.1.
+    """
 
     def __init__(self, *, unit: int, follow_distance: float, path_height: float, rng: np.random.Generator) -> None:
         """Paths are those of points at ``path_height`` [m] in the body of a unit of the vehicle."""
         p_SU = np.array([-0.5 * follow_distance, _LATERAL, _FLOOR])
         self._sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
-        self._source = ReferenceUnitOffTracking(p_SU, follow_distance, path_height=path_height)
+        self._X_US = inverse(transform(np.eye(3), p_SU))
+        self._source = reference.ReferenceOffTracking(follow_distance, path_height=path_height)
         self._memory = self._source.init()
 
     def values(self, truths: Sequence[Truth]) -> FloatArray:
@@ -96,7 +101,9 @@ class ReferenceOffTracking:
                 continue
             message = self._sensor.sample(truth)
             if truth.tick % _EVERY == 0:
-                self._memory, estimate = self._source.step(self._memory, message)
+                X_WU = transform(rotation_zyx(message.heading, message.pitch, message.roll), message.p_WU)
+                pose = BodyPose(tick=message.tick, X_WB=X_WU @ self._X_US)
+                self._memory, estimate = self._source.step(self._memory, pose)
                 if estimate is not None and estimate.health is not Health.LOST:
                     values[row] = estimate.value
         return values

@@ -21,15 +21,14 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from controllers.path import Path, Segment
 from scenarios.roads.path_file import PathPoints
-from vehicle.frames import FloatArray, Pose2, arc_length
+from vehicle.frames import FloatArray, Pose2, arc_length, quadrature
 
 _KNOTS: Final = 16  # per smoothing length: linear interpolation between them errs by 0.6 % of a wave of that length
 _MOST_KNOTS: Final = 60_000  # of a path: a second to fit
 _FEWEST_KNOTS: Final = 12
 _ITERATIONS: Final = 40  # usual are 4 to 10
 _CONVERGED: Final = 1e-6  # largest shift of the last step [m]
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # to rounding for turns of up to 0.3 rad between knots
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_NODES, _WEIGHTS = quadrature(6)  # to rounding for turns of up to 0.3 rad between knots
 _LONG_LEG: Final = 5.0  # a leg so many times as long as the shorter of its neighbours is a straight line
 _PROJECTIONS: Final = 4  # Newton steps: the first of them is within a millimetre
 

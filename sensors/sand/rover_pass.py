@@ -181,8 +181,7 @@ def _wheel_velocities(rover: Rover, velocity: FloatArray) -> tuple[FloatArray, F
 
 def _wheel_speeds(rover: Rover, velocity: FloatArray, spin: FloatArray) -> FloatArray:
     along, _ = _wheel_velocities(rover, velocity)
-    speeds: FloatArray = along / (rover.radius * (1.0 - spin[:, None]))
-    return speeds
+    return along / (rover.radius * (1.0 - spin[:, None]))
 
 
 def _on(terrain: Terrain, x: float, y: float, psi: float) -> FloatArray:
@@ -252,14 +251,7 @@ def recorded(
     for truth in truths[lead:]:
         world.drive([truth])
         readings = instruments.sample(truth)
-        view = RoverView(
-            tick=truth.tick,
-            image=camera.sample(truth),
-            heading=readings.heading,
-            wheel_speeds=readings.wheel_speeds,
-            steer=readings.steer,
-        )
-        yield Labelled(view, truth, world.trace_truth(truth))
+        yield Labelled(readings.seen(camera.sample(truth)), truth, world.trace_truth(truth))
 
 
 def route_of(truths: Sequence[RoverTruth]) -> FloatArray:

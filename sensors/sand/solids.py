@@ -273,15 +273,10 @@ class Casters:
         if self.head is not None:
             amplitude, period = _PAN
             turn = amplitude * math.sin(2.0 * math.pi * truth.tick * TICK / period)
-            clouds.append((self.head @ _about_z(turn).T + self.mast) @ R.T + p)
+            clouds.append((self.head @ rotation_zyx(turn, 0.0, 0.0).T + self.mast) @ R.T + p)
         for place, heading in zip(truth.wheel_positions, truth.wheel_headings, strict=True):
-            clouds.append(self.wheel @ _about_z(float(heading)).T + place)
+            clouds.append(self.wheel @ rotation_zyx(float(heading), 0.0, 0.0).T + place)
         return clouds
-
-
-def _about_z(angle: float) -> FloatArray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> FloatArray:

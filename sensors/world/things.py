@@ -37,13 +37,7 @@ class Mesh:
         """The mesh turned by ``yaw`` [rad] about z and then shifted."""
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return Mesh(
-            vertices=self.vertices @ R.T + np.array(by),
-            normals=self.normals @ R.T,
-            uv=self.uv,
-            shade=self.shade,
-            faces=self.faces,
-        )
+        return replace(self, vertices=self.vertices @ R.T + np.array(by), normals=self.normals @ R.T)
 
 
 def joined(*meshes: Mesh) -> Mesh:

@@ -165,19 +165,13 @@ def _wheel(x: float, y: float, radius: float, width: float) -> Mesh:
     tread = pole((radius, -0.5 * width), (radius, 0.5 * width), sides=14)
     turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # its axis from z to y
     middle = np.array([x, y, radius])
-    tyre = Mesh(
-        vertices=tread.vertices @ turned.T + middle,
-        normals=tread.normals @ turned.T,
-        uv=tread.uv,
-        shade=0.5 * tread.shade,
-        faces=tread.faces,
-    )
+    vertices, normals = tread.vertices @ turned.T + middle, tread.normals @ turned.T
+    tyre = replace(tread, vertices=vertices, normals=normals, shade=0.5 * tread.shade)
     angle = np.linspace(0.0, 2.0 * np.pi, 15)[:-1]
     rim = np.column_stack([radius * np.cos(angle), np.zeros(14), radius * np.sin(angle)]) + middle
     sides = [_outward(rim + np.array([0.0, side * 0.5 * width, 0.0]), middle) for side in (-1.0, 1.0)]
-    hubs = [
-        _outward(middle + 0.5 * (rim - middle) + [0.0, side * (0.5 * width + 0.01), 0.0], middle) for side in (-1, 1)
-    ]
+    hub, out = middle + 0.5 * (rim - middle), 0.5 * width + 0.01
+    hubs = [_outward(hub + np.array([0.0, side * out, 0.0]), middle) for side in (-1, 1)]
     return joined(tyre, *sides, *hubs)
 
 

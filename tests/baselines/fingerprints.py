@@ -24,56 +24,53 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 Fingerprint = dict[str, str]  # hash by name of signal or number
 
-_CAMERAS = {
-    "roundabout with cameras": ("roundabout", ["course.turn_deg=90"], ["--record"]),
+
+_RUNS = {  # settings of runs besides those of the scenarios as they are
+    "roundabout with cameras": ("roundabout", ["course.turn_deg=90"]),
     "roundabout, side, self-calibrated": (
         "roundabout-right",
         ["rig.facing=left", "rig.calibration=boards", "rig.self_calibration=true", "course.turn_deg=45"],
-        [],
     ),
-    "constant-slip, viso2": ("constant-slip", ["odometry=viso2", "course.length=30"], []),
+    "constant-slip, viso2": ("constant-slip", ["odometry=viso2", "course.length=30"]),
     "farm-track, ground watching": (
         "farm-track",
         ["off_tracking=ground_watching", "course.entry=20", 'course.turns=[{direction="left",radius=15,turn_deg=45}]'],
-        [],
     ),
     "figure-of-eight, B-double, faults, traffic": (
         "roundabout",
         ["vehicle=b_double_steered", "faults=dropout:0.1;freeze@8+0.3", "traffic=following", "course.turn_deg=45"],
-        [],
     ),
-    "roundabout, surrogate": ("roundabout", ["off_tracking=surrogate"], []),
-    "roundabout, kinematic": ("roundabout", ["off_tracking=kinematic"], []),
+    "roundabout, surrogate": ("roundabout", ["off_tracking=surrogate"]),
+    "roundabout, kinematic": ("roundabout", ["off_tracking=kinematic"]),
+    "rover-slope with a camera": ("rover-slope", ["course.length=5"]),
+    "rover-uphill, ftrace": ("rover-uphill", ["slip_estimator=ftrace", "course.length=2"]),
+    "rover-craters with a camera": ("rover-craters", ["course.length=2"]),
 }
-_ROVERS = {
-    "rover-slope with a camera": ("rover-slope", ["course.length=5"], ["--record"]),
-    "rover-uphill, ftrace": ("rover-uphill", ["slip_estimator=ftrace", "course.length=2"], []),
-    "rover-craters with a camera": ("rover-craters", ["course.length=2"], []),
-}
-_ASSESSED = "eu_tractor_semitrailer"
+_RECORDED = ("roundabout with cameras", "rover-slope with a camera")
 
 
 def cases() -> dict[str, Callable[[Path], Fingerprint]]:
     """Cases by name; each writes into its own folder."""
-    table: dict[str, Callable[[Path], Fingerprint]] = {}
+    runs: dict[str, tuple[str, list[str]]] = {}
     for name in _scenario_names():
-        key = "slip_estimator" if name.startswith("rover") else "off_tracking"
-        table[f"{name} with {key}=truth"] = _run_case(name, [f"{key}=truth"], [])
-    for title, (name, settings, options) in {**_CAMERAS, **_ROVERS}.items():
-        table[title] = _run_case(name, settings, options)
-    table[f"assess {_ASSESSED}"] = _assess_case
-    table["environments"] = _environments_case
-    table["listings"] = _listings_case
-    table["vehicle sheets"] = _sheets_case
-    table["recordings"] = _recordings_case
-    table["study"] = _study_case
-    table["exports"] = _exports_case
-    return table
+        exact = f"{'slip_estimator' if name.startswith('rover') else 'off_tracking'}=truth"
+        runs[f"{name} with {exact}"] = name, [exact]
+    return {
+        **{title: partial(_run_case, title, *of) for title, of in (runs | _RUNS).items()},
+        "assess eu_tractor_semitrailer": _assess_case,
+        "environments": lambda _: json.loads(_output(sys.executable, "-c", _ROLLOUT)),
+        "listings": _listings_case,
+        "vehicle sheets": _sheets_case,
+        "recordings": _recordings_case,
+        "study": _study_case,
+        "exports": _exports_case,
+    }
 
 
 def main() -> int:
@@ -82,57 +79,40 @@ def main() -> int:
     parser.add_argument("table", type=Path, help="JSON file of hashes")
     parser.add_argument("--only", default="", help="run only cases whose name contains this text")
     chosen = parser.parse_args()
-    current = _fingerprints(chosen.only)
+    table = {name: case for name, case in cases().items() if chosen.only in name}
+    with tempfile.TemporaryDirectory() as root, ThreadPoolExecutor(os.cpu_count()) as pool:
+        futures = {name: pool.submit(case, Path(root) / str(k)) for k, (name, case) in enumerate(table.items())}
+        current = {name: future.result() for name, future in futures.items()}
     if chosen.action == "write":
         chosen.table.write_text(json.dumps(current, indent=1) + "\n", encoding="utf-8")
         return 0
-    before = json.loads(chosen.table.read_text(encoding="utf-8"))
+    before = {
+        name: of for name, of in json.loads(chosen.table.read_text(encoding="utf-8")).items() if chosen.only in name
+    }
     worse = 0
-    for case, name, kind in _differences(before, current, chosen.only):
-        worse += kind != "new"
-        print(f"{case}: {name}, {kind}")
+    for case, old in before.items():
+        now = current.get(case, {})
+        for name in sorted(name for name in old.keys() | now.keys() if old.get(name) != now.get(name)):
+            kind = "gone" if name not in now else "changed" if name in old else "new"
+            worse += kind != "new"
+            print(f"{case}: {name}, {kind}")
     print(f"{len(current)} cases, {sum(map(len, current.values()))} hashes, {worse} changed or gone")
     return 1 if worse else 0
 
 
-def _differences(
-    before: dict[str, Fingerprint], now: dict[str, Fingerprint], only: str
-) -> Iterator[tuple[str, str, str]]:
-    for case in before:
-        if only not in case:
-            continue
-        if case not in now:
-            yield case, "all", "gone"
-            continue
-        for name in before[case].keys() | now[case].keys():
-            if name not in now[case]:
-                yield case, name, "gone"
-            elif name not in before[case]:
-                yield case, name, "new"
-            elif before[case][name] != now[case][name]:
-                yield case, name, "changed"
-
-
-def _fingerprints(only: str) -> dict[str, Fingerprint]:
-    table = {name: case for name, case in cases().items() if only in name}
-    with tempfile.TemporaryDirectory() as root, ThreadPoolExecutor(os.cpu_count()) as pool:
-        folders = {name: Path(root) / str(k) for k, name in enumerate(table)}
-        futures = {name: pool.submit(case, folders[name]) for name, case in table.items()}
-        return {name: future.result() for name, future in futures.items()}
-
-
 def _command(*arguments: str) -> str:
-    """Output of an offtrack command; a failing command ends the program with its error."""
+    """Output of an offtrack command."""
+    return _output(sys.executable, "-m", "offtrack", *arguments)
+
+
+def _output(*command: str) -> str:
+    """Output of a program; one that fails ends this one with its error."""
     # One thread per process: the processes share the cores, and sums keep their order.
     single_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, "-m", "offtrack", *arguments],
-        capture_output=True,
-        text=True,
-        env=os.environ | single_thread | {"COLUMNS": "400"},
-    )
+    environment = os.environ | single_thread | {"COLUMNS": "400"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
-        raise SystemExit(f"offtrack {' '.join(arguments)} ended with {done.returncode}\n{done.stderr}")
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}\n{done.stderr}")
     return done.stdout
 
 
@@ -140,56 +120,43 @@ def _scenario_names() -> list[str]:
     return [line.split()[0] for line in _command("scenarios").splitlines() if line.strip()]
 
 
-def _run_case(name: str, settings: list[str], options: list[str]) -> Callable[[Path], Fingerprint]:
-    def case(folder: Path) -> Fingerprint:
-        out = folder / "run"
-        sets = [part for setting in settings for part in ("--set", setting)]
-        recorded = ["--record", str(folder / "recording")] if "--record" in options else []
-        _command("run", name, "--seed", "7", "--no-video", "--quiet", "--out", str(out), *sets, *recorded)
-        hashes = _signals(out / "signals.parquet") | _numbers(json.loads((out / "summary.json").read_text()))
-        hashes["images"] = json.loads((out / "manifest.json").read_text())["frames_sha256"]
-        if recorded:
-            hashes["recording"] = _folder_hash(folder / "recording")
-        return hashes
-
-    return case
+def _run_case(title: str, name: str, settings: list[str], folder: Path) -> Fingerprint:
+    out, recording = folder / "run", folder / "recording"
+    words = [part for setting in settings for part in ("--set", setting)]
+    words += ["--record", str(recording)] if title in _RECORDED else []
+    _command("run", name, "--seed", "7", "--no-video", "--quiet", "--out", str(out), *words)
+    hashes = _signals(out / "signals.parquet") | _numbers(out / "summary.json")
+    hashes["images"] = json.loads((out / "manifest.json").read_text())["frames_sha256"]
+    if title in _RECORDED:
+        hashes["recording"] = _folder_hash(recording)
+    return hashes
 
 
 def _assess_case(folder: Path) -> Fingerprint:
-    return _numbers(json.loads(_command("assess", _ASSESSED, "--json", "--out", str(folder / "assessment"))))
-
-
-def _environments_case(folder: Path) -> Fingerprint:
-    del folder
-    return dict(json.loads(_run_python(_ROLLOUT)))
+    out = folder / "assessment"
+    _command("assess", "eu_tractor_semitrailer", "--json", "--out", str(out))
+    return _numbers(out / "assessment.json")
 
 
 def _listings_case(folder: Path) -> Fingerprint:
     """Keys with units, ranges and defaults, and parts."""
-    del folder
     listed = {f"keys {name}": _command("keys", name, "--json") for name in _scenario_names()}
     return {name: _text_hash(text) for name, text in {**listed, "parts": _command("parts", "--json")}.items()}
 
 
 def _sheets_case(folder: Path) -> Fingerprint:
-    del folder
     names = [file.stem for kind in ("parameters", "rovers") for file in sorted(Path("vehicle", kind).glob("*.toml"))]
     return {name: _text_hash(_command("vehicle", name, "--json")) for name in names}
 
 
 def _recordings_case(folder: Path) -> Fingerprint:
     hashes: Fingerprint = {}
-    for name, length, what in (
-        ("constant-slip", "course.length=25", "off-tracking"),
-        ("rover-slope", "course.length=3", "slip"),
-    ):
-        images = folder / f"{name} images"
-        _command(
-            "run", name, "--quiet", "--no-video", "--set", length, "--record", str(images), "--out", str(folder / name)
-        )
-        out = folder / f"{name} estimated"
-        _command("estimate", what, str(images), "--quiet", "--no-video", "--out", str(out))
-        hashes |= _numbers(json.loads((out / "summary.json").read_text(encoding="utf-8")), name)
+    for name, length, what in (("constant-slip", 25, "off-tracking"), ("rover-slope", 3, "slip")):
+        images, out, options = folder / f"{name} images", folder / f"{name} estimated", ("--quiet", "--no-video")
+        recorded = ("--set", f"course.length={length}", "--record", str(images), "--out", str(folder / name))
+        _command("run", name, *options, *recorded)
+        _command("estimate", what, str(images), *options, "--out", str(out))
+        hashes |= _numbers(out / "summary.json", name)
     return hashes
 
 
@@ -210,13 +177,6 @@ def _exports_case(folder: Path) -> Fingerprint:
 
 def _text_hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _run_python(code: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ)
-    if done.returncode:
-        raise SystemExit(f"environments: {done.stderr}")
-    return done.stdout
 
 
 _ROLLOUT = """
@@ -253,25 +213,25 @@ def _signals(path: Path) -> Fingerprint:
     import numpy as np
     import pyarrow.parquet as pq
 
-    table = pq.read_table(path)
-    return {
-        name: hashlib.sha256(
-            np.nan_to_num(table[name].to_numpy(zero_copy_only=False).astype(float), nan=1e300).tobytes()
-        ).hexdigest()[:16]
-        for name in table.column_names
-    }
+    table, found = pq.read_table(path), {}
+    for name in table.column_names:
+        values = np.nan_to_num(table[name].to_numpy(zero_copy_only=False).astype(float), nan=1e300)
+        found[name] = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    return found
 
 
-def _numbers(summary: Any, prefix: str = "summary") -> Fingerprint:
-    """Every number of a summary by its path, except computing times, which vary between runs."""
-    if isinstance(summary, dict):
-        return {
-            key: value
-            for name, inner in summary.items()
-            if name != "timing"
-            for key, value in _numbers(inner, f"{prefix}.{name}").items()
-        }
-    return {prefix: json.dumps(summary)}
+def _numbers(file: Path, prefix: str = "summary") -> Fingerprint:
+    """Every number of a JSON file by its path, except computing times, which vary between runs."""
+
+    def numbers(value: Any, path: str) -> Iterator[tuple[str, str]]:
+        if isinstance(value, dict):
+            for name, inner in value.items():
+                if name != "timing":
+                    yield from numbers(inner, f"{path}.{name}")
+        else:
+            yield path, json.dumps(value)
+
+    return dict(numbers(json.loads(file.read_text(encoding="utf-8")), prefix))
 
 
 def _folder_hash(folder: Path) -> str:

@@ -16,6 +16,7 @@ import argparse
 import math
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -36,14 +37,16 @@ from offtrack.exchange.recordings.estimation import (
     straight_frames,
 )
 from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.writers import recording_in
 from scenarios.catalogue import ODOMETRY, resolve
+from scenarios.loop.runner import run
+from scenarios.options.scenario import load_scenario
 from sensors.camera.rig import StereoCalibration
-from tests.benchmarks.covariance_drives import SETS, recorded
 from vehicle.frames import FloatArray
 
+_DRIVES: Final = tomllib.loads(Path(__file__).with_name("drives.toml").read_text(encoding="utf-8"))
 _COMPARED: Final = 60  # first frames of a drive that are compared with themselves; that takes the longest
 _HEADER: Final = "halves  backwards  motions   NEES  within  worst     ok"
-_COMPONENTS: Final = ("turn x", "turn y", "turn z", "x", "y", "z")
 
 
 class Figures(NamedTuple):
@@ -69,10 +72,9 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recordings", type=Path, nargs="*")
-    parser.add_argument("--set", choices=[*SETS, "none"], help="drives: of one set; all by default")
+    parser.add_argument("--set", choices=[*_DRIVES["sets"], "none"], help="drives: of one set; all by default")
     parser.add_argument("--odometry", help="names with commas between them; all by default")
     parser.add_argument("--folder", type=Path, help="where rendered drives are kept; by default they are not")
-    parser.add_argument("--components", action="store_true", help="single motions by component, too")
     options = parser.parse_args()
     names = options.odometry.split(",") if options.odometry else sorted(ODOMETRY)
     with ExitStack() as cleanup:
@@ -81,36 +83,39 @@ def main() -> int:
         for name in names:
             kind = resolve("--odometry", name, ODOMETRY)
             print(f"{name:22s} {_HEADER}")
-            for title, numbers in _by_set(options.set, folder, options.recordings, name, kind):
-                _print(title, numbers, components=options.components)
+            for title, rows in _DRIVES["sets"].items():
+                if options.set in (None, title):
+                    whole = []
+                    for drive, place, self_calibration in recorded(folder, rows):
+                        whole.append(measured(place, name, kind, self_calibration=self_calibration))
+                        _print(drive, whole[-1:])
+                    _print(f"all of {title}", whole)
+            for recording in options.recordings:
+                _print(recording.name, [measured(recording, name, kind, self_calibration=True)])
     return 0
 
 
-def _by_set(
-    only: str | None,
-    folder: Path,
-    recordings: Sequence[Path],
-    name: str,
-    kind: Callable[[StereoCalibration], Odometry[Any]],
-) -> Iterator[tuple[str, list[Figures]]]:
-    """Title and figures of every drive and recording, and of every set as a whole."""
-    for title, drives in SETS.items():
-        if only in (None, title):
-            whole = []
-            for drive, options, place in recorded(folder, drives):
-                whole.append(measured(place, name, kind, self_calibration=options.self_calibrating))
-                yield drive, whole[-1:]
-            yield f"all of {title}", whole
-    for recording in recordings:
-        yield recording.name, [measured(recording, name, kind, self_calibration=True)]
+def recorded(folder: Path, rows: Sequence[Sequence[Any]]) -> Iterator[tuple[str, Path, bool]]:
+    """Name and images of each drive, and whether its run estimates the rotation of the right camera.
+
+    Drives that are not in the folder yet are rendered.
+    """
+    for name, scenario_name, seed, *words in rows:
+        settings = [setting for word in ("all", *words) for setting in _DRIVES["groups"].get(word, [word])]
+        scenario, place = load_scenario(scenario_name, settings), folder / f"{scenario_name}-{seed}"
+        if not place.exists():
+            run(scenario, seed, record=recording_in(place))
+        yield name, place, scenario.rig.self_calibration
 
 
 def measured(
     directory: Path, odometry: str, kind: Callable[[StereoCalibration], Odometry[Any]], *, self_calibration: bool
 ) -> Figures:
     """Figures of the recording in a folder, as `offtrack estimate off-tracking` estimates it."""
-    recording = open_recording(directory, options=MountingOptions())
-    source, recording = off_tracking_source(recording, Chosen(odometry=odometry, self_calibration=self_calibration))
+    source, recording = off_tracking_source(
+        open_recording(directory, options=MountingOptions()),
+        Chosen(odometry=odometry, self_calibration=self_calibration),
+    )
     estimation = estimate(recording, source)
     compared = agreement(recording.calibration, straight_frames(estimation, _COMPARED), kind)
     off_tracking, ok = _errors(estimation)
@@ -127,7 +132,7 @@ def _errors(estimation: Estimation) -> tuple[FloatArray, FloatArray]:
     return np.array([error for error, _ in found]), np.array([ok for _, ok in found], dtype=bool)
 
 
-def _print(title: str, figures: Sequence[Figures], *, components: bool) -> None:
+def _print(title: str, figures: Sequence[Figures]) -> None:
     """A line with the means over recordings; of the largest errors the largest, and all shares by their estimates."""
     numbers = np.array([one.numbers() for one in figures])
     mean, largest = np.nanmean(numbers, axis=0), np.nanmax(numbers, axis=0)
@@ -137,10 +142,6 @@ def _print(title: str, figures: Sequence[Figures], *, components: bool) -> None:
         f"{largest[5]:6.2f} {largest[6]:6.2f}",
         flush=True,
     )
-    if components:
-        motions = np.sqrt(np.mean([np.mean(np.square(one.motions), axis=0) for one in figures], axis=0))
-        shown = (f"{name} {value:.2f}" for name, value in zip(_COMPONENTS, motions, strict=True))
-        print(f"    RMS errors of motions: {', '.join(shown)}")
 
 
 def _rms(values: FloatArray) -> float:

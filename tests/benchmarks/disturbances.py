@@ -102,7 +102,7 @@ def _of_images(
     calibration: StereoCalibration, disturbed: Sequence[StereoFrame], rng: np.random.Generator
 ) -> dict[str, Sequence[StereoFrame]]:
     """Seconds of degraded images."""
-    context = _context(calibration, rng)
+    context = FaultContext(message=StereoFrame, camera=calibration, unit=1, rng=rng)
     black = np.zeros((calibration.height, calibration.width), np.uint8)
     noise = rng.integers(0, 256, black.shape).astype(np.uint8)
     faults: dict[str, ImageFault] = {
@@ -114,12 +114,19 @@ def _of_images(
         "right camera knocked": Decalibration((0.3, 0.3, 0.3), context),
     }
     gains = 2.0 ** np.sin(np.arange(len(disturbed)) * 2.0)
+
+    def degraded(frame: StereoFrame, fault: ImageFault) -> StereoFrame:
+        return replace(frame, left=fault.degraded(frame.left, 0), right=fault.degraded(frame.right, 1))
+
+    def brighter(image: GreyImage, gain: float) -> GreyImage:
+        return np.asarray(np.clip(gain * image, 0, 255), dtype=np.uint8)
+
     return {
         "black": [_both(frame, lambda _: black) for frame in disturbed],
         "noise": [replace(frame, left=noise, right=noise[::-1].copy()) for frame in disturbed],
-        **{name: [_degraded(frame, fault) for frame in disturbed] for name, fault in faults.items()},
+        **{name: [degraded(frame, fault) for frame in disturbed] for name, fault in faults.items()},
         "both of varying brightness": [
-            _both(frame, partial(_brighter, gain=gain)) for frame, gain in zip(disturbed, gains.tolist(), strict=True)
+            _both(frame, partial(brighter, gain=gain)) for frame, gain in zip(disturbed, gains.tolist(), strict=True)
         ],
     }
 
@@ -129,9 +136,10 @@ def _nodding(
 ) -> Disturbance:
     """A second in which the mount nods by half a degree: about the axis through both cameras, so the pair stays one."""
     nodding, poses = [], dict(drive.poses)
+    context = FaultContext(message=StereoFrame, camera=drive.calibration, unit=1, rng=rng)
     for frame in disturbed:
         pitch = float(rng.normal(0.0, 0.5))  # [deg]
-        turned = Decalibration((0.0, 0.0, pitch), _context(drive.calibration, rng))
+        turned = Decalibration((0.0, 0.0, pitch), context)
         nodding.append(_both(frame, partial(turned.degraded, camera=1)))
         if poses:
             poses[frame.tick] = poses[frame.tick] @ transform(mount_rotation(0.0, 0.0, np.radians(pitch)), np.zeros(3))
@@ -153,10 +161,6 @@ def _with_halt(last: StereoFrame, after: Sequence[StereoFrame], rng: np.random.G
     return Disturbance([*still, *goes_on], last.tick + pause, {})
 
 
-def _context(calibration: StereoCalibration, rng: np.random.Generator) -> FaultContext:
-    return FaultContext(message=StereoFrame, camera=calibration, unit=1, rng=rng)
-
-
 def _showing(frame: StereoFrame, other: StereoFrame) -> StereoFrame:
     """The frame with the images of another one."""
     return replace(frame, left=other.left, right=other.right)
@@ -165,12 +169,3 @@ def _showing(frame: StereoFrame, other: StereoFrame) -> StereoFrame:
 def _both(frame: StereoFrame, change: ImageChange) -> StereoFrame:
     """The frame with both images changed."""
     return replace(frame, left=change(frame.left), right=change(frame.right))
-
-
-def _degraded(frame: StereoFrame, fault: ImageFault) -> StereoFrame:
-    """The frame with a fault of its images."""
-    return replace(frame, left=fault.degraded(frame.left, 0), right=fault.degraded(frame.right, 1))
-
-
-def _brighter(image: GreyImage, gain: float) -> GreyImage:
-    return np.asarray(np.clip(gain * image, 0, 255), dtype=np.uint8)

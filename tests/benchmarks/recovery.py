@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,14 +26,6 @@ from vehicle.frames import inverse
 
 _SOON: Final = 3  # sound frames within which a motion must be well again
 _SETTLED: Final = 5  # further ones whose errors are looked at
-
-
-class Recovered(NamedTuple):
-    """First sound frames, from 1, whose motion and whose off-tracking are ok, and the largest error of ok motions."""
-
-    motion: int | None  # None: there is none
-    off_tracking: int | None
-    error: float  # from the first disturbed frame on, of any component [stated standard deviations]; NaN: not known
 
 
 def main() -> int:
@@ -53,13 +44,10 @@ def main() -> int:
         memory, _ = source.step(memory, frame)
     for name, disturbance in disturbed.items():
         if options.only in name:
-            found = _recovered(source, memory, disturbance)
-            slow |= found.motion is None or found.motion > _SOON
-            print(
-                f"{name:26s} motion ok at sound frame {found.motion or '-'}, off-tracking at "
-                f"{found.off_tracking or '-'}, ok motions within {found.error:.1f} sigma",
-                flush=True,
-            )
+            motion, value, error = _recovered(source, memory, disturbance)
+            slow |= motion is None or motion > _SOON
+            found = f"motion ok at sound frame {motion or '-'}, off-tracking at {value or '-'}"
+            print(f"{name:26s} {found}, ok motions within {error:.1f} sigma", flush=True)
     return int(slow)
 
 
@@ -74,24 +62,29 @@ def _drive(recording: Recording) -> Drive:
     return Drive(recording.calibration, frames, poses)
 
 
-def _recovered(source: OffTrackingSource, memory: Any, disturbance: Disturbance) -> Recovered:
-    """How an estimator, with its memory before the disturbance, recovers."""
-    motions: list[bool] = []
-    values: list[bool] = []
+def _recovered(
+    source: OffTrackingSource, memory: Any, disturbance: Disturbance
+) -> tuple[int | None, int | None, float]:
+    """First sound frames, from 1, whose motion and whose off-tracking are ok; None: there is none.
+
+    And the largest error of ok motions since the first disturbed frame [stated standard deviations]; NaN: not known.
+    """
+    well: tuple[list[bool], list[bool]] = [], []
     errors = [0.0]
     for frame in disturbance.frames:
         memory, estimate = source.step(memory, frame)
         if not isinstance(estimate, CameraOffTracking):
             continue
-        well = estimate.motion is not None and estimate.motion.health is Health.OK
-        if well and estimate.motion is not None:
-            errors.append(_error(estimate.motion, disturbance))
+        motion = estimate.motion if estimate.motion and estimate.motion.health is Health.OK else None
+        if motion is not None:
+            errors.append(_error(motion, disturbance))
         if frame.tick > disturbance.until:
-            motions.append(well)
-            values.append(estimate.off_tracking.health is Health.OK)
-        if True in motions[:-_SETTLED] and True in values:
+            well[0].append(motion is not None)
+            well[1].append(estimate.off_tracking.health is Health.OK)
+        if True in well[0][:-_SETTLED] and True in well[1]:
             break
-    return Recovered(_first(motions), _first(values), max(errors))
+    first_motion, first_value = (one.index(True) + 1 if True in one else None for one in well)
+    return first_motion, first_value, max(errors)
 
 
 def _error(motion: Motion, disturbance: Disturbance) -> float:
@@ -103,10 +96,6 @@ def _error(motion: Motion, disturbance: Disturbance) -> float:
     turned = rotation_vector(motion.X_PC[:3, :3] @ X_PC[:3, :3].T)
     error = np.concatenate([turned, motion.X_PC[:3, 3] - X_PC[:3, 3]])
     return float(np.abs(error / np.sqrt(np.diag(motion.covariance))).max())
-
-
-def _first(well: Sequence[bool]) -> int | None:
-    return well.index(True) + 1 if True in well else None
 
 
 if __name__ == "__main__":

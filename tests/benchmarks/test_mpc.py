@@ -7,6 +7,7 @@ machine too, and fails beyond the bars of a controller that runs every 20 ms. Ru
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,55 +16,25 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from controllers.trailer import Combination
 from controllers.trailer_steering.mpc import trailer_model
 from controllers.trailer_steering.mpc.law import Mpc
-from estimators.estimates import OffTracking
 from scenarios.assembly.adapters import trailer_geometry
-from tests.trailers import estimate as estimated
-from tests.trailers import signals as readings
+from tests.fmus.proxies import estimate, reading
 from vehicle.combination.description import load_vehicle
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
-RADIUS, SPEED = 12.0, 2.8
 STEPS = 500
 with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 
 
-def circling(tick: int) -> OffTracking:
-    """On a left-hand circle, 0.1 m beside the path."""
-    turned = -np.arange(0.0, 16.0, 0.28) / RADIUS
-    path = RADIUS * np.column_stack([np.sin(turned), 1.0 - np.cos(turned)])
-    lead = np.arcsin(7.0 / RADIUS)
-    c, s = np.cos(lead), np.sin(lead)
-    return estimated(
-        tick,
-        value=0.1,
-        path=path @ np.array([[c, s], [-s, c]]) + np.column_stack([np.zeros(58), -0.1 * turned]),
-        hitch_direction=float(lead),
-        path_tangent=-float(lead),
-        v_x=SPEED * float(c),
-        v_y=SPEED * float(s),
-        yaw_rate=SPEED / RADIUS,
-    )
-
-
 def spent(law: Mpc) -> FloatArray:
-    """Processor time of every step [s]."""
+    """Processor time of every step on a left-hand circle, 0.3 m beside the path [s]."""
     memory, angles, seconds = law.init(), np.zeros(2), []
     for k in range(STEPS):
         tick = 20 * k
-        signals = readings(
-            tick,
-            angles=angles,
-            speed=SPEED,
-            steer=0.3,
-            articulation=np.array([0.5]),
-            yaw_rates=np.full(2, SPEED / RADIUS),
-            lateral_acceleration=SPEED**2 / RADIUS,
-        )
-        seen = circling(tick // 100 * 100 - 100) if tick >= 100 else None
+        seen = estimate(tick // 100 * 100 - 100) if tick >= 100 else None
         begin = time.process_time()
-        memory, command = law.step(memory, tick, seen, signals)
+        memory, command = law.step(memory, tick, seen, replace(reading(tick), angles=angles))
         seconds.append(time.process_time() - begin)
         angles = command.angles
     return np.array(seconds[10:])  # the first ones build what is built once

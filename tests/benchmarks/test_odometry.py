@@ -1,4 +1,4 @@
-"""Cost of the odometries on one core: median of a stereo pair at 1344 x 391.
+"""Cost of a stereo pair at 1344 x 391: rendered, and of the odometries on one core, the median.
 
 Bars on the reference machine: keyframe 20 ms, viso2 40 ms. Run with ``make benchmarks``.
 """
@@ -64,3 +64,12 @@ def test_stereo_pair(
     cv2.setNumThreads(threads)
     benchmark.extra_info["median_pair_ms"] = 1e3 * float(np.median(spent))
     assert inliers > 150
+
+
+@pytest.mark.parametrize("name", ["roundabout", "constant-slip"])
+def test_rendered_pair(benchmark: BenchmarkFixture, name: str) -> None:
+    """Rendering, read-back, grey conversion and noise."""
+    parts = assemble(load_scenario(name, ["viso_ot.fusion=none"]), seed=1)
+    truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, parts.scenario.speed), 0)
+    assert isinstance(benchmark(parts.trailers[-1].sensing.sensor.sample, truth), StereoFrame)
+    parts.close()

@@ -38,6 +38,12 @@ def compiled_for_windows(source: Path, folder: Path) -> Path:
     return program
 
 
+def compiled_by_fmpy(fmu: Path) -> None:
+    """FMPy compiles an FMU's library from its sources."""
+    done = subprocess.run([sys.executable, "-m", "fmpy", "compile", str(fmu)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 @dataclass(frozen=True, kw_only=True)
 class Host:
     command: Sequence[str]

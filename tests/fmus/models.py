@@ -31,130 +31,6 @@ class Quantity(NamedTuple):
 MISHAP: Final = Quantity("mishap", "parameter")
 AT: Final = Quantity("mishap_at", "parameter", "s")
 
-_MODEL: Final = """
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#include <stdio.h>
-#include <signal.h>
-#include <unistd.h>
-#define N %(count)d
-#define TOKEN "%(token)s"
-typedef struct { double v[N]; double x[16]; } Model;
-static double starts[N] = { %(starts)s };
-static double deep(double x) {
-    volatile char filled[4096];
-    filled[0] = (char)x;
-    return deep(x + filled[0]) + filled[0];
-}
-static void ended(Model *m) {
-    if (m->v[%(mishap)d] == 23) *(volatile int *)8 = 1;
-    if (m->v[%(mishap)d] == 24) for (;;) usleep(1000);
-    free(m);
-}
-static int computed(Model *m, double time, double dt) {
-    double *v = m->v, *x = m->x;
-    (void)x;
-    (void)dt;
-    const int due = dt > 0 && time >= v[%(at)d] - 1e-9, mishap = (int)v[%(mishap)d];
-    if (due) switch (mishap) {
-        case 1: *(volatile int *)8 = 1; break;
-        case 2: for (;;) usleep(1000);
-        case 3: v[%(first_output)d] = NAN; return 0;
-        case 4: fprintf(stderr, "the water is too cold\\n"); return 3;
-        case 5: exit(7);
-        case 6: v[%(first_output)d] = INFINITY; return 0;
-        case 7: return 2;
-        case 8: return 4;
-        case 9: return 5;
-        case 10: abort();
-        case 11: exit(0);
-        case 12: return (int)deep(1.0);
-        case 13: kill(getpid(), SIGKILL);
-        case 14: for (int k = 0; k < 64; k++) close(k); for (;;) usleep(1000);
-        case 15: for (int k = 0; k < 20000; k++) printf("blah %%d\\n", k); fflush(stdout); return 3;
-        case 16: for (int k = 0; k < 256; k++) fputc(k, stderr); return 3;
-    }
-    if (dt == 0) switch (mishap) {
-        case 17: *(volatile int *)8 = 1; break;
-        case 18: for (;;) usleep(1000);
-        case 19: v[%(first_output)d] = NAN; return 0;
-        case 20: return 3;
-        case 21: exit(9);
-        case 22: return 2;
-    }
-    %(code)s
-    return 0;
-}
-"""
-_FMI2: Final = """
-void *fmi2Instantiate(const char *n, int t, const char *g, const char *r, void *c, int vis, int log) {
-    if (strcmp(g, TOKEN)) return 0;
-    Model *m = calloc(1, sizeof(Model));
-    memcpy(m->v, starts, sizeof starts);
-    return m;
-}
-void fmi2FreeInstance(void *m) { ended(m); }
-int fmi2SetupExperiment(void *m, int a, double b, double c, int d, double e) { return 0; }
-int fmi2EnterInitializationMode(void *m) { return 0; }
-int fmi2ExitInitializationMode(void *m) { return computed(m, 0, 0); }
-int fmi2Terminate(void *m) { return 0; }
-int fmi2SetReal(void *m, const unsigned *r, size_t n, const double *v) {
-    for (size_t i = 0; i < n; i++) ((Model *)m)->v[r[i]] = v[i];
-    return 0;
-}
-int fmi2GetReal(void *m, const unsigned *r, size_t n, double *v) {
-    for (size_t i = 0; i < n; i++) v[i] = ((Model *)m)->v[r[i]];
-    return 0;
-}
-#define UNUSED(name) int name(void) { return 3; }
-UNUSED(fmi2GetTypesPlatform) UNUSED(fmi2GetVersion) UNUSED(fmi2SetDebugLogging) UNUSED(fmi2Reset)
-UNUSED(fmi2GetInteger) UNUSED(fmi2GetBoolean) UNUSED(fmi2GetString) UNUSED(fmi2SetInteger) UNUSED(fmi2SetBoolean)
-UNUSED(fmi2SetString) UNUSED(fmi2GetDirectionalDerivative) UNUSED(fmi2SetRealInputDerivatives)
-UNUSED(fmi2GetRealOutputDerivatives) UNUSED(fmi2CancelStep) UNUSED(fmi2GetStatus) UNUSED(fmi2GetRealStatus)
-UNUSED(fmi2GetIntegerStatus) UNUSED(fmi2GetBooleanStatus) UNUSED(fmi2GetStringStatus)
-int fmi2DoStep(void *m, double t, double h, int k) { return computed(m, t, h); }
-int fmi2GetFMUstate(void *m, void **s) { *s = malloc(sizeof(Model)); memcpy(*s, m, sizeof(Model)); return 0; }
-int fmi2SetFMUstate(void *m, void *s) { memcpy(m, s, sizeof(Model)); return 0; }
-int fmi2FreeFMUstate(void *m, void **s) { free(*s); *s = 0; return 0; }
-int fmi2SerializedFMUstateSize(void *m, void *s, size_t *n) { *n = sizeof(Model); return 0; }
-int fmi2SerializeFMUstate(void *m, void *s, char *b, size_t n) { memcpy(b, s, n); return 0; }
-int fmi2DeSerializeFMUstate(void *m, const char *b, size_t n, void **s) { *s = malloc(n); memcpy(*s, b, n); return 0; }
-"""
-_FMI3: Final = """
-#include <stdbool.h>
-void *fmi3InstantiateCoSimulation(const char *n, const char *t, const char *r, bool v, bool l, bool e, bool a,
-                                  const unsigned *q, size_t nq, void *env, void *log, void *update) {
-    Model *m = calloc(1, sizeof(Model));
-    memcpy(m->v, starts, sizeof starts);
-    return m;
-}
-void fmi3FreeInstance(void *m) { ended(m); }
-int fmi3EnterInitializationMode(void *m, bool a, double b, double c, bool d, double e) { return 0; }
-int fmi3ExitInitializationMode(void *m) { return computed(m, 0, 0); }
-int fmi3Terminate(void *m) { return 0; }
-int fmi3SetFloat64(void *m, const unsigned *r, size_t n, const double *v, size_t nv) {
-    for (size_t i = 0; i < n; i++) ((Model *)m)->v[r[i]] = v[i];
-    return 0;
-}
-int fmi3GetFloat64(void *m, const unsigned *r, size_t n, double *v, size_t nv) {
-    for (size_t i = 0; i < n; i++) v[i] = ((Model *)m)->v[r[i]];
-    return 0;
-}
-int fmi3DoStep(void *m, double t, double h, bool k, bool *event, bool *end, bool *early, double *last) {
-    *event = *end = *early = false;
-    *last = t + h;
-    return computed(m, t, h);
-}
-int fmi3GetFMUState(void *m, void **s) { *s = malloc(sizeof(Model)); memcpy(*s, m, sizeof(Model)); return 0; }
-int fmi3SetFMUState(void *m, void *s) { memcpy(m, s, sizeof(Model)); return 0; }
-int fmi3FreeFMUState(void *m, void **s) { free(*s); *s = 0; return 0; }
-int fmi3SerializedFMUStateSize(void *m, void *s, size_t *n) { *n = sizeof(Model); return 0; }
-int fmi3SerializeFMUState(void *m, void *s, char *b, size_t n) { memcpy(b, s, n); return 0; }
-int fmi3DeserializeFMUState(void *m, const char *b, size_t n, void **s) { *s = malloc(n); memcpy(*s, b, n); return 0; }
-#define UNUSED(name) int name(void) { return 3; }
-"""
-
 
 def build_fmu(
     folder: Path,
@@ -168,83 +44,66 @@ def build_fmu(
 ) -> Path:
     """An FMU for co-simulation; ``code`` computes ``v[…]``, the variables in their order, and may keep ``x[…]``."""
     everything = (*quantities, MISHAP, AT)
-    names = [one.name for one in everything]
-    source = folder / f"{name}.c"
-    source.write_text(
-        _MODEL
-        % {
-            "count": len(everything),
-            "token": TOKEN,
-            "starts": ", ".join(repr(one.start) for one in everything),
-            "mishap": names.index("mishap"),
-            "at": names.index("mishap_at"),
-            "first_output": next(k for k, one in enumerate(everything) if one.causality == "output"),
-            "code": code,
-        }
-        + (_FMI2 if version == 2 else _FMI3 + _unused(_FMI3)),
-        encoding="utf-8",
-    )
-    library = folder / f"{name}.so"
+    kinds, model = [one.causality for one in everything], Path(__file__).with_name("model.c")
+    defines = {
+        "VERSION": version,
+        "N": len(everything),
+        "TOKEN": f'"{TOKEN}"',
+        "STARTS": ", ".join(repr(one.start) for one in everything),
+        "MISHAP": len(quantities),
+        "AT": len(quantities) + 1,
+        "OUTPUT": kinds.index("output"),
+        "CODE": " ".join(code.split()),
+    }
+    lines = [f"#define {key} {value}" for key, value in defines.items()] + [f'#include "{model}"']
+    if version == 3:  # functions that importers look up, and nothing calls
+        names = {name for name in dir(FMU3Slave) if re.fullmatch(r"fmi3[A-Z]\w+", name)}
+        lines += [f"UNUSED({name})" for name in sorted(names - set(re.findall(r"\w+", model.read_text())))]
+    source, library, path = (folder / f"{name}{suffix}" for suffix in (".c", ".so", ".fmu"))
+    source.write_text("\n".join(lines) + "\n", encoding="utf-8")
     compiler = shutil.which("cc") or "gcc"
     subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-w", "-o", str(library), str(source)], check=True)
-    path = folder / f"{name}.fmu"
+    text = description(name, everything, keeps_state=keeps_state, units=units)
     with zipfile.ZipFile(path, "w") as archive:
-        if version == 2:
-            archive.writestr(
-                "modelDescription.xml", description(name, everything, keeps_state=keeps_state, units=units)
-            )
-            archive.write(library, f"binaries/linux64/{name}.so")
-        else:
-            archive.writestr("modelDescription.xml", description_3(name, everything))
-            archive.write(library, f"binaries/x86_64-linux/{name}.so")
+        archive.writestr("modelDescription.xml", text if version == 2 else description_3(name, everything))
+        archive.write(library, f"binaries/{'linux64' if version == 2 else 'x86_64-linux'}/{name}.so")
     return path
 
 
-def _unused(source: str) -> str:
-    names = [name for name in dir(FMU3Slave) if re.fullmatch(r"fmi3[A-Z]\w+", name) and f" {name}(" not in source]
-    return "\n".join(f"UNUSED({name})" for name in names if f"*{name}(" not in source)
+def _attributes(reference: int, one: Quantity) -> tuple[str, str]:
+    """Attributes of a variable, and of its type."""
+    fixed = ' variability="fixed"' if one.causality == "parameter" else ""
+    start = f' start="{one.start!r}"' if one.causality != "output" else ""
+    unit = f' unit="{one.unit}"' if one.unit else ""
+    return f'name="{one.name}" valueReference="{reference}" causality="{one.causality}"{fixed}', unit + start
 
 
 def description(name: str, quantities: Sequence[Quantity], *, keeps_state: bool = True, units: str = "") -> str:
-    rows, outputs = [], []
-    for k, one in enumerate(quantities):
-        unit = f' unit="{one.unit}"' if one.unit else ""
-        fixed = ' variability="fixed"' if one.causality == "parameter" else ""
-        start = f' start="{one.start!r}"' if one.causality != "output" else ""
-        rows.append(
-            f'<ScalarVariable name="{one.name}" valueReference="{k}" causality="{one.causality}"{fixed}>'
-            f"<Real{unit}{start}/></ScalarVariable>"
-        )
-        if one.causality == "output":
-            outputs.append(f'<Unknown index="{k + 1}"/>')
+    rows = (_attributes(k, one) for k, one in enumerate(quantities))
+    variables = "".join(f"<ScalarVariable {whose}><Real{kind}/></ScalarVariable>" for whose, kind in rows)
+    outputs = "".join(f'<Unknown index="{k}"/>' for k, one in enumerate(quantities, 1) if one.causality == "output")
     state = str(keeps_state).lower()
     return (
         '<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" '
         f'modelName="{name}" guid="{TOKEN}"><CoSimulation modelIdentifier="{name}" canGetAndSetFMUstate="{state}" '
         f'canSerializeFMUstate="{state}" canHandleVariableCommunicationStepSize="true"/>'
-        f"{units}<ModelVariables>{''.join(rows)}</ModelVariables>"
-        f"<ModelStructure><Outputs>{''.join(outputs)}</Outputs></ModelStructure></fmiModelDescription>"
+        f"{units}<ModelVariables>{variables}</ModelVariables>"
+        f"<ModelStructure><Outputs>{outputs}</Outputs></ModelStructure></fmiModelDescription>"
     )
 
 
 def description_3(name: str, quantities: Sequence[Quantity]) -> str:
-    rows = ['<Float64 name="time" valueReference="1000" causality="independent" variability="continuous"/>']
-    outputs = []
-    for k, one in enumerate(quantities):
-        fixed = ' variability="fixed"' if one.causality == "parameter" else ""
-        start = f' start="{one.start!r}"' if one.causality != "output" else ""
-        unit = f' unit="{one.unit}"' if one.unit else ""
-        rows.append(
-            f'<Float64 name="{one.name}" valueReference="{k}" causality="{one.causality}"{fixed}{unit}{start}/>'
-        )
-        if one.causality == "output":
-            outputs.append(f'<Output valueReference="{k}"/>')
+    rows = (_attributes(k, one) for k, one in enumerate(quantities))
+    variables = "".join(f"<Float64 {whose}{kind}/>" for whose, kind in rows)
+    outputs = "".join(
+        f'<Output valueReference="{k}"/>' for k, one in enumerate(quantities) if one.causality == "output"
+    )
     return (
         '<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" '
         f'modelName="{name}" instantiationToken="{TOKEN}"><CoSimulation modelIdentifier="{name}" '
         'canGetAndSetFMUState="true" canSerializeFMUState="true" canHandleVariableCommunicationStepSize="true"/>'
-        f"<ModelVariables>{''.join(rows)}</ModelVariables><ModelStructure>{''.join(outputs)}</ModelStructure>"
-        "</fmiModelDescription>"
+        '<ModelVariables><Float64 name="time" valueReference="1000" causality="independent" variability="continuous"/>'
+        f"{variables}</ModelVariables><ModelStructure>{outputs}</ModelStructure></fmiModelDescription>"
     )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3Slave, fmi3IntermediateUpdateCallback
 
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import command_sizes
@@ -102,6 +102,18 @@ class Slave:
     def outputs(self) -> list[str]:
         return [one.name for one in self.description.modelVariables if one.causality == "output"]
 
+    def again(self, folder: Path, texts: Mapping[str, str] | None = None) -> None:
+        """Make, begin, step and free a further instance of an FMU of version 3 that is unpacked into a folder."""
+        token, resources = self.description.instantiationToken.encode(), f"{folder / 'resources'}/".encode()
+        rest = (False, False, False, False, None, 0, None, self._log, fmi3IntermediateUpdateCallback(0))
+        kept = self.fmu.component
+        self.fmu.component = self.fmu.fmi3InstantiateCoSimulation(b"x", token, resources, *rest)
+        assert self.fmu.component
+        self.begin({}, texts)
+        self.step()
+        self.fmu.fmi3FreeInstance(self.fmu.component)
+        self.fmu.component = kept
+
     def close(self) -> None:
         self.fmu.freeInstance()
 
@@ -147,23 +159,18 @@ def deviations(truths: list[Truth], outputs: Mapping[str, FloatArray]) -> dict[s
     def numbered(name: str, n: int) -> FloatArray:
         return np.column_stack([outputs[f"{name}_{k}"] for k in range(1, n + 1)])
 
-    found: dict[str, float] = {}
-
-    def compare(name: str, of: Callable[[Truth], FloatArray]) -> None:
-        there = np.array([of(truth) for truth in truths])
-        found[name] = float(np.max(np.abs(numbered(name, there.shape[1]) - there)))
-
-    for k, name in enumerate(("x", "y", "psi")):
-        compare(name, lambda truth, k=k: truth.poses[:, k])  # type: ignore[misc]
-    for k, name in enumerate(("v_x", "v_y", "yaw_rate")):
-        compare(name, lambda truth, k=k: truth.velocities[:, k])  # type: ignore[misc]
-    for k, name in enumerate(("body_x", "body_y", "body_z")):
-        compare(name, lambda truth, k=k: truth.bodies[:, k, 3])  # type: ignore[misc]
-    compare("steer_angle", lambda truth: truth.steer)
-    compare("wheel_load", lambda truth: truth.wheel_loads)
-    compare("wheel_slip_angle", lambda truth: truth.wheel_slip_angles)
-    compare("friction_used", lambda truth: truth.friction_used)
-    compare("load_transfer", lambda truth: truth.load_transfer)
+    triples = {"poses": ("x", "y", "psi"), "velocities": ("v_x", "v_y", "yaw_rate")}
+    there = {
+        name: np.array([getattr(truth, field)[:, k] for truth in truths])
+        for field, names in triples.items()
+        for k, name in enumerate(names)
+    }
+    for k, axis in enumerate("xyz"):
+        there[f"body_{axis}"] = np.array([truth.bodies[:, k, 3] for truth in truths])
+    single = {"steer_angle": "steer", "wheel_load": "wheel_loads", "wheel_slip_angle": "wheel_slip_angles"}
+    single |= {name: name for name in ("friction_used", "load_transfer")}
+    there |= {name: np.array([getattr(truth, field) for truth in truths]) for name, field in single.items()}
+    found = {name: float(np.abs(numbered(name, one.shape[1]) - one).max()) for name, one in there.items()}
     angles = [numbered(f"body_{name}", len(truths[0].poses)) for name in ("yaw", "pitch", "roll")]
     found["attitude"] = max(
         float(np.max(np.abs(rotation_zyx(*(float(angle[row, unit]) for angle in angles)) - X[:3, :3])))

@@ -9,9 +9,10 @@ from typing import ClassVar, Final
 import numpy as np
 
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import OffTracking
 from offtrack.exchange.fmi_import.numbered_signals import estimate_signals
 from sensors.messages import CombinationSignals
+from tests import trailers
 
 USED: Final = frozenset(one.name for one in estimate_signals(coarse=False))
 _SCRIPT: Final = """
@@ -77,29 +78,14 @@ class Straightener(SteeringLaw[None]):
 def estimate(tick: int, value: float = 0.3, v_x: float = 2.8, points: int = 60) -> OffTracking:
     """An estimate on a circle of 14 m radius at a speed [m/s], with a path of some points."""
     s = np.linspace(0.0, 16.0, points)
-    return OffTracking(
-        tick=tick,
-        value=value,
-        std=0.02,
-        health=Health.OK,
-        path=np.column_stack([-s, -0.035 * s**2]),
-        hitch_direction=0.5,
-        hitch_direction_rate=0.01,
-        path_tangent=-0.5,
-        v_x=v_x,
-        v_y=0.5 * v_x,
-        yaw_rate=0.07 * v_x,
+    directions = {"hitch_direction": 0.5, "hitch_direction_rate": 0.01, "path_tangent": -0.5}
+    motion = {"v_x": v_x, "v_y": 0.5 * v_x, "yaw_rate": 0.07 * v_x}
+    return trailers.estimate(
+        tick, value=value, std=0.02, path=np.column_stack([-s, -0.035 * s**2]), **directions, **motion
     )
 
 
 def reading(tick: int, speed: float = 2.8, axles: int = 2) -> CombinationSignals:
     """What the sensors of a tractor with a trailer of some steered axles say on that circle."""
-    return CombinationSignals(
-        tick=tick,
-        angles=np.linspace(0.1, 0.05, axles),
-        speed=speed,
-        steer=0.27,
-        articulation=np.array([0.58]),
-        yaw_rates=np.array([0.2, 0.2]),
-        lateral_acceleration=0.56,
-    )
+    turning = {"articulation": np.array([0.58]), "yaw_rates": np.array([0.2, 0.2]), "lateral_acceleration": 0.56}
+    return trailers.signals(tick, angles=np.linspace(0.1, 0.05, axles), speed=speed, steer=0.27, **turning)

@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -34,26 +34,19 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=int(time.time()) % 100_000, help="of the first round of cases")
     parser.add_argument("--children", type=int, default=2, help="processes that work on cases")
     parser.add_argument("--only", default="", help="kinds of cases whose name contains this text")
-    parser.add_argument("--verbose", action="store_true", help="print every case with its ending")
     parser.add_argument("--out", type=Path, default=Path("runs/fuzz"), help="folder for the finds")
     arguments = parser.parse_args()
     out = arguments.out.resolve() / time.strftime("%Y%m%d-%H%M%S")
     print(f"seed {arguments.seed}; finds go to {out}; making valid files of every kind ...", flush=True)
     reads = [read for read in FILES if arguments.only in f"file: {read.name}"]
     make(out / "specimens", {read.specimen for read in reads} - {""})
-    tally = Tally(time.monotonic(), verbose=arguments.verbose)
+    tally = Tally(time.monotonic())
     until, seed = tally.begin + 60.0 * arguments.minutes, arguments.seed
     try:
         while time.monotonic() < until:
             cases = [case for case in _round(seed, reads, out / "specimens") if arguments.only in case.kind]
-            try_all(
-                cases,
-                out / f"round-{seed}",
-                out / "specimens",
-                children=arguments.children,
-                report=tally.add,
-                until=until,
-            )
+            places = out / f"round-{seed}", out / "specimens"
+            try_all(cases, *places, children=arguments.children, report=tally.add, until=until)
             seed += 1
     except KeyboardInterrupt:
         print("interrupted", flush=True)
@@ -77,27 +70,21 @@ def _round(seed: int, reads: Iterable[Read], specimens: Path) -> list[Case]:
 
 
 class Tally:
-    """Counts of what was tried, by kind and ending, and the finds."""
+    """What was tried, by kind and ending, and the finds."""
 
-    def __init__(self, begin: float, *, verbose: bool) -> None:
-        self.begin, self._verbose = begin, verbose
+    def __init__(self, begin: float) -> None:
+        self.begin, self._shown = begin, begin
         self.finds: list[Tried] = []
-        self._kinds: Counter[str] = Counter()
-        self._seconds: dict[str, float] = {}
-        self._endings: dict[str, Counter[str]] = {}
-        self._shown, self._slowest, self._largest = begin, 0.0, 0.0
+        self._endings: dict[str, Counter[str]] = defaultdict(Counter)
+        self._seconds: Counter[str] = Counter()
+        self._slowest, self._largest = 0.0, 0.0
 
     def add(self, tried: Tried) -> None:
-        kind = tried.case.kind
-        self._kinds[kind] += 1
-        self._seconds[kind] = self._seconds.get(kind, 0.0) + tried.result.seconds
-        self._endings.setdefault(kind, Counter())[tried.result.ending] += 1
-        self._largest = max(self._largest, tried.result.memory)
-        if tried.result.refused:
-            self._slowest = max(self._slowest, tried.result.seconds)
-        if self._verbose:
-            said = tried.result.err.strip().partition("\n")[0]
-            print(f"{tried.result.seconds:6.2f} s  {tried.result.ending:12s} {tried.case.title()}  {said}", flush=True)
+        kind, result = tried.case.kind, tried.result
+        self._endings[kind][result.ending] += 1
+        self._seconds[kind] += result.seconds  # type: ignore[assignment]  # a counter of floats
+        self._largest = max(self._largest, result.memory)
+        self._slowest = max(self._slowest, result.seconds if result.refused else 0.0)
         if tried.wrong is not None:
             self.finds.append(tried)
             _save(tried)
@@ -107,17 +94,15 @@ class Tally:
             print(f"{self._shown - self.begin:6.0f} s: {self._counts()}", flush=True)
 
     def show(self) -> None:
-        for kind, count in sorted(self._kinds.items()):
-            endings = ", ".join(f"{ending} {number}" for ending, number in self._endings[kind].most_common())
-            print(f"{kind:44s} {count:5d}, {self._seconds[kind] / count:4.1f} s each: {endings}")
-        print(
-            f"slowest refusal {self._slowest:.1f} s (limit {SLOWEST:g}), largest memory {self._largest:.0f} MB", end=""
-        )
-        print(f" (limit {LARGEST:.0f})\n{self._counts()}, {time.monotonic() - self.begin:.0f} s")
+        for kind, counts in sorted(self._endings.items()):
+            endings, total = ", ".join(f"{ending} {number}" for ending, number in counts.most_common()), counts.total()
+            print(f"{kind:44s} {total:5d}, {self._seconds[kind] / total:4.1f} s each: {endings}")
+        limits = f"slowest refusal {self._slowest:.1f} s (limit {SLOWEST:g}), largest memory {self._largest:.0f} MB"
+        print(f"{limits} (limit {LARGEST:.0f})\n{self._counts()}, {time.monotonic() - self.begin:.0f} s")
 
     def _counts(self) -> str:
-        files = sum(count for kind, count in self._kinds.items() if kind.startswith("file"))
-        return f"{sum(self._kinds.values()) - files} scenarios, {files} hostile files, {len(self.finds)} finds"
+        all_, files = (sum(c.total() for k, c in self._endings.items() if k.startswith(s)) for s in ("", "file"))
+        return f"{all_ - files} scenarios, {files} hostile files, {len(self.finds)} finds"
 
 
 def _save(tried: Tried) -> None:

@@ -104,15 +104,9 @@ def result_of(case: Case, folder: Path) -> Result:
     seconds = time.process_time() - clock[0]
     sys.path[:] = [place for place in sys.path if place != str(folder)]
     os.chdir("/")
-    return Result(
-        code=code,
-        error=error,
-        out=texts[0][:_SHOWN],
-        err=texts[1][:_SHOWN],
-        seconds=seconds,
-        memory=_peak(),
-        outcome=outcome or watch.outcome,
-    )
+    out, err = (text[:_SHOWN] for text in texts)
+    ended = outcome or watch.outcome
+    return Result(code=code, error=error, out=out, err=err, seconds=seconds, memory=_peak(), outcome=ended)
 
 
 def _run_command(arguments: tuple[str, ...]) -> str:

@@ -124,16 +124,11 @@ def _keys(model: type[BaseModel], prefix: str = "") -> dict[str, st.SearchStrate
 
 def _course(table: type[BaseModel]) -> st.SearchStrategy[list[str]]:
     (kind,) = get_args(table.model_fields["kind"].annotation)
-    optional = {
-        f"course.{name}": _value(table, name, field)
-        for name, field in table.model_fields.items()
-        if name != "kind" and not field.is_required()
-    }
-    needed = {
-        f"course.{name}": _value(table, name, field)
-        for name, field in table.model_fields.items()
-        if name != "kind" and field.is_required()
-    }
+    needed: dict[str, st.SearchStrategy[str]] = {}
+    optional: dict[str, st.SearchStrategy[str]] = {}
+    for name, field in table.model_fields.items():
+        if name != "kind":
+            (needed if field.is_required() else optional)[f"course.{name}"] = _value(table, name, field)
     chosen = st.fixed_dictionaries(needed, optional=optional)
     return chosen.map(lambda keys: [f"course.kind={kind}", *(f"{key}={value}" for key, value in keys.items())])
 

@@ -79,10 +79,6 @@ def _npz(members: Mapping[str, bytes], *, packed: bool = True) -> bytes:
     return file.getvalue()
 
 
-def _zip_bomb() -> bytes:
-    return _npz({"W0.npy": _npy("(30000, 10000)", data=bytes(300_000_000))})
-
-
 _EPS: Final = (
     b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(planted) (w) file (boo) writestring {} loop\nshowpage\n%%EOF\n"
 )
@@ -91,13 +87,12 @@ _OTHERS: Final[Mapping[str, Callable[[], bytes]]] = {
     "one line end": lambda: b"\n",
     "eps": lambda: _EPS,
     "gzip bomb": lambda: gzip.compress(bytes(20_000_000)),
-    "zip bomb": _zip_bomb,
+    "zip bomb": lambda: _npz({"W0.npy": _npy("(30000, 10000)", data=bytes(300_000_000))}),
     "zip without members": lambda: _npz({}),
     "png 60000x60000": lambda: _png(60_000, 60_000),
     "png 0x0": lambda: _png(0, 0),
     "png 1x1": lambda: _png(1, 1, data=zlib.compress(b"\x00\x07")),
     "png of 12000x12000 black pixels": lambda: _large_png(12_000),
-    "png of 8500x8500 black pixels": lambda: _large_png(8_500),
     "npy of 10**12 numbers": lambda: _npy("(1000000, 1000000)"),
     "npy with a negative shape": lambda: _npy("(-1, 4)"),
     "npy of objects": lambda: _npy("(4, 4)", "|O", b"cos\nsystem\n(S'touch planted'\ntR."),
@@ -133,10 +128,9 @@ def other_thing(name: str) -> Hostile:
 
 def damaged(content: bytes) -> st.SearchStrategy[Hostile]:
     place = st.floats(0.0, 1.0).map(lambda share: int(share * len(content)))
+    flips = st.lists(st.tuples(place, st.integers(0, 7)), min_size=1, max_size=20)
     return st.one_of(
-        st.lists(st.tuples(place, st.integers(0, 7)), min_size=1, max_size=20).map(
-            lambda flips: _flipped(content, flips)
-        ),
+        flips.map(lambda chosen: _flipped(content, chosen)),
         place.map(lambda k: (content[:k], f"cut at byte {k}")),
         st.tuples(place, st.integers(1, 200)).map(lambda c: (content[: c[0]] + content[sum(c) :], "a part cut out")),
         st.tuples(place, st.sampled_from(_PIECES) | st.binary(min_size=1, max_size=40)).map(
@@ -165,7 +159,7 @@ def _text(content: bytes) -> st.SearchStrategy[Hostile]:
     line = st.integers(0, max(0, len(lines) - 1))
     return st.one_of(
         st.tuples(st.floats(0.0, 1.0), st.sampled_from(ODD_NUMBERS)).map(lambda c: _other_number(content, *c)),
-        st.tuples(line, line).map(lambda c: (b"".join(_moved(lines, *c)), "a line moved")),
+        st.tuples(line, line).map(lambda c: (b"".join([*lines[c[0] :], *lines[: c[1]]]), "parts of lines exchanged")),
         line.map(lambda k: (b"".join([*lines[:k], *lines[k + 1 :]]), "a line left out")),
         line.map(lambda k: (b"".join([*lines[: k + 1], *lines[k:]]), "a line twice")),
         line.map(lambda k: (b"".join(lines[:k]), "the last lines left out")),
@@ -178,11 +172,6 @@ def _text(content: bytes) -> st.SearchStrategy[Hostile]:
         st.just((content.replace(b"\n", b"\r"), "old line ends")),
         st.just((content * 200, "repeated 200 times")),
     )
-
-
-def _moved(lines: list[bytes], k: int, to: int) -> list[bytes]:
-    rest = [*lines[:k], *lines[k + 1 :]]
-    return [*rest[:to], *lines[k : k + 1], *rest[to:]]
 
 
 def _other_number(content: bytes, share: float, number: str) -> Hostile:

@@ -173,7 +173,7 @@ def _results(folder: Path) -> None:
 
 
 def _study(folder: Path) -> None:
-    from tests.fuzz.files import STUDY, TUNING
+    from tests.fuzz.files import STUDY, TUNING  # which names the specimens
 
     for command in (STUDY, TUNING):
         case = Case(kind="specimen", command=command, steps=1_000_000)

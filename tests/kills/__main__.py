@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.kills.campaign import COMMANDS, PATIENCE, RECORDING, SIGNALS, killed, prepare, start
+from tests.kills.campaign import COMMANDS, PATIENCE, RECORDING, SIGNALS, STUDY, killed, start
 
 
 def main() -> int:
@@ -33,11 +33,12 @@ def main() -> int:
             command, number = commands[k % len(commands)], SIGNALS[k // len(commands) % len(SIGNALS)]
             if command not in durations:
                 durations[command] = _finish(COMMANDS[command], _folder(root, f"whole-{command}"))
-            share = rng.random()
-            moment = _after(share * durations[command])
-            finding = killed(command, number, _folder(root, f"{k}"), moment)
-            wrong += bool(finding.problems)
-            print(f"{k + 1:3} at {100 * share:3.0f} % of {durations[command]:4.1f} s  {finding}", flush=True)
+            share, seconds = rng.random(), durations[command]
+            code, kept, problems = killed(command, number, _folder(root, f"{k}"), _after(share * seconds))
+            wrong += bool(problems)
+            verdict = "; ".join(problems) or "ok"
+            found = f"{command:13} {number.name:8} exit {code:4}  kept {kept:3}  {verdict}"
+            print(f"{k + 1:3} at {100 * share:3.0f} % of {seconds:4.1f} s  {found}", flush=True)
     print(f"{options.moments} moments with seed {options.seed}: {wrong} with problems")
     return 1 if wrong else 0
 
@@ -50,14 +51,14 @@ def _after(seconds: float) -> Callable[[], bool]:
 def _folder(root: Path, name: str) -> Path:
     folder = root / name.replace(" ", "")
     folder.mkdir()
-    prepare(folder)
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "images").symlink_to(root / "images")
     return folder
 
 
 def _finish(command: list[str], folder: Path) -> float:
-    begin = time.monotonic()
-    process = start(command, folder)
+    """Run a command to its end; returns the time [s]."""
+    begin, process = time.monotonic(), start(command, folder)
     said = process.communicate(timeout=PATIENCE)[1]
     if process.returncode != 0:
         raise SystemExit(f"{' '.join(command)} ends with {process.returncode}: {said}")

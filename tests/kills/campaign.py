@@ -8,8 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import optuna
@@ -25,7 +25,7 @@ ORPHANS_END = 5.0  # time for all processes to end after the first one [s]
 _SHORT = ("course.length=40", "off_tracking=truth", "surface.roughness=none", "reference_unit=false")
 _TURN = ("course.turn_deg=30", "course.entry=20", "course.exit=5", "speed_kmh=20", "off_tracking=truth")
 _SMALL = ("rig.width=320", "rig.height=200", "world.scenery_density=0", "world.overcast=true")
-_STUDY = """scenario = "cambered-road"
+STUDY = """scenario = "cambered-road"
 seeds = [1, 2]
 [set]
 "course.length" = 40
@@ -55,25 +55,6 @@ RECORDING = ["run", "turn-90", *_set(*_TURN, *_SMALL), "--no-video", "--record",
 SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGINT)
 
 
-@dataclass
-class Finding:
-    """Outcome of a command that was killed, and of the same command after it."""
-
-    command: str
-    number: signal.Signals
-    code: int = 0
-    kept: int = 0  # finished units when it was killed
-    problems: list[str] = field(default_factory=list)
-
-    def __str__(self) -> str:
-        verdict = "; ".join(self.problems) or "ok"
-        return f"{self.command:13} {self.number.name:8} exit {self.code:4}  kept {self.kept:3}  {verdict}"
-
-
-def prepare(folder: Path) -> None:
-    (folder / "study.toml").write_text(_STUDY, encoding="utf-8")
-
-
 def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command in a group of processes of its own; it heeds Ctrl-C even if this process does not."""
     return subprocess.Popen(
@@ -88,35 +69,55 @@ def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     )
 
 
-def killed(command: str, number: signal.Signals, folder: Path, moment: Callable[[], bool]) -> Finding:
-    """Kill a command when it is time, start it again, and see what is wrong then."""
-    finding = Finding(command, number)
+def killed(
+    command: str, number: signal.Signals, folder: Path, is_due: Callable[[], bool]
+) -> tuple[int, int, list[str]]:
+    """Kill a command when it is time, and start it again.
+
+    Returns its exit code, the units that it had finished, and what is wrong.
+    """
     main = start(COMMANDS[command], folder)
     deadline = time.monotonic() + PATIENCE
-    while main.poll() is None and not moment() and time.monotonic() < deadline:
+    while main.poll() is None and not is_due() and time.monotonic() < deadline:
         time.sleep(0.01)
     main.send_signal(number)
+    problems = []
     try:
         said = main.communicate(timeout=60.0)[1]
     except subprocess.TimeoutExpired:
         main.kill()
         said = main.communicate()[1]
-        finding.problems.append("did not end within 60 s")
-    finding.code = main.returncode
-    finding.problems += _ended_badly(finding, said) + _orphans(main.pid)
+        problems.append("did not end within 60 s")
+    if main.returncode not in (0, 128 + number, -number):
+        problems.append(f"exit code {main.returncode}")
+    if main.returncode != -number and ("Traceback" in said or len(said.strip().splitlines()) > 1):
+        problems.append(f"said {said.strip()[-300:]!r}")
+    deadline = time.monotonic() + ORPHANS_END
+    while (left := [*_processes(main.pid)]) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for process in left:
+        os.kill(process, signal.SIGKILL)
+    problems += [f"{len(left)} processes left after {ORPHANS_END:g} s"] if left else []
     units = finished_units(folder)
-    finding.kept = len(units)
-    finding.problems += damaged(folder)
+    problems += damaged(folder)
     if main.returncode != 0 and not _is_complete(folder):
         again = start(COMMANDS[command], folder)
         said = again.communicate(timeout=PATIENCE)[1]
         if again.returncode != 0:
-            finding.problems.append(f"the next one ends with {again.returncode}: {said.strip()[-300:]}")
-        lost = [name for name, time_ns in units.items() if finished_units(folder).get(name) != time_ns]
-        finding.problems += [f"{name} is lost or was repeated" for name in lost]
-        finding.problems += damaged(folder)
-        finding.problems += [f"{path.name} is left over" for path in folder.rglob(".*.unfinished")]
-    return finding
+            problems.append(f"the next one ends with {again.returncode}: {said.strip()[-300:]}")
+        after = finished_units(folder)
+        problems += [f"{name} is lost or was repeated" for name, saved in units.items() if after.get(name) != saved]
+        problems += damaged(folder)
+        problems += [f"{path.name} is left over" for path in folder.rglob(".*.unfinished")]
+    return main.returncode, len(units), problems
+
+
+def _processes(group: int) -> Iterator[int]:
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, its_group = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[:3]
+            if its_group == str(group) and state != "Z":
+                yield int(path.parent.name)
 
 
 def finished_units(folder: Path) -> dict[str, int]:
@@ -159,34 +160,3 @@ def _is_complete(folder: Path) -> bool:
     out = folder / "out"
     names = ("summary.json", "manifest.json", "reina2008-fig6.json")
     return any((out / name).is_file() for name in names) and not (out / ".interrupted").exists()
-
-
-def _ended_badly(finding: Finding, said: str) -> list[str]:
-    problems = []
-    if finding.code not in (0, 128 + finding.number, -finding.number):
-        problems.append(f"exit code {finding.code}")
-    if finding.code != -finding.number and ("Traceback" in said or len(said.strip().splitlines()) > 1):
-        problems.append(f"said {said.strip()[-300:]!r}")
-    return problems
-
-
-def _orphans(group: int) -> list[str]:
-    deadline = time.monotonic() + ORPHANS_END
-    while (left := _processes(group)) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    for process in left:
-        os.kill(process, signal.SIGKILL)
-    return [f"{len(left)} processes left after {ORPHANS_END:g} s"] if left else []
-
-
-def _processes(group: int) -> list[int]:
-    rows = [(path.parent.name, *_status(path)) for path in Path("/proc").glob("[0-9]*/stat")]
-    return [int(pid) for pid, state, pgid in rows if pgid == str(group) and not state.startswith("Z")]
-
-
-def _status(path: Path) -> tuple[str, str]:
-    try:
-        state, _, group = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[:3]
-    except (OSError, ValueError):
-        return "Z", ""
-    return state, group

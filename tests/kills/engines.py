@@ -15,10 +15,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from tests.kills.campaign import PATIENCE, ROOT, start
 
@@ -46,15 +46,12 @@ class Counted(Unsteered):
 _SWEEP: Final = ["sweep", "study.toml", "--out", "out"]
 
 
-class Disturbed(NamedTuple):
-    """A study on one of the engines, while it is made."""
-
-    is_made: Callable[[], bool]
-    kill: Callable[[random.Random], bool]  # one process, which is started again; False if there was none to kill
+# Whether the study is made, and a function that kills one process, which is started again; False: none to kill.
+Engine = tuple[Callable[[], bool], Callable[[random.Random], bool]]
 
 
 @contextmanager
-def _pool(folder: Path) -> Iterator[Disturbed]:
+def _pool(folder: Path) -> Iterator[Engine]:
     sweep = [*_SWEEP, "--jobs", "2"]
     running = [start(sweep, folder)]
 
@@ -68,16 +65,16 @@ def _pool(folder: Path) -> Iterator[Disturbed]:
         return code == 0
 
     def kill(rng: random.Random) -> bool:
-        workers = [pid for pid in _children(running[0].pid) if "popen_loky" in _command(pid)]
+        workers = [*_workers(running[0].pid)]
         if workers:
-            _end(rng.choice(workers))
+            os.kill(rng.choice(workers), signal.SIGKILL)
         return bool(workers)
 
-    yield Disturbed(is_made, kill)
+    yield is_made, kill
 
 
 @contextmanager
-def _dask(folder: Path) -> Iterator[Disturbed]:
+def _dask(folder: Path) -> Iterator[Engine]:
     scheduler_file = folder / "scheduler.json"
     words = ["--scheduler-file", str(scheduler_file), "--host", "127.0.0.1"]
     scheduler = _dask_process(folder, "scheduler", *words, "--port", "0", "--no-dashboard")
@@ -99,7 +96,7 @@ def _dask(folder: Path) -> Iterator[Disturbed]:
             add()
             return True
 
-        yield Disturbed(lambda: command.poll() is not None, kill)
+        yield (lambda: command.poll() is not None), kill
         said = command.communicate(timeout=PATIENCE)[1]
         if command.returncode != 0:
             raise RuntimeError(f"the command ended with {command.returncode}: {said.strip()[-500:]}")
@@ -114,26 +111,26 @@ ENGINES: Final = {"pool": _pool, "dask": _dask}
 def disturbed(engine: str, folder: Path, pauses: tuple[float, float], rng: random.Random) -> tuple[int, float]:
     """Make the study in a folder with kills after pauses of this range [s]; returns their number and the time [s]."""
     begin, kills = time.monotonic(), 0
-    with ENGINES[engine](folder) as study:
+    with ENGINES[engine](folder) as (is_made, kill):
         due = begin + rng.uniform(*pauses)
-        while not study.is_made():
+        while not is_made():
             time.sleep(0.05)
             if time.monotonic() > due:
-                kills += study.kill(rng)
+                kills += kill(rng)
                 due = time.monotonic() + rng.uniform(*pauses)
             if time.monotonic() - begin > 3.0 * PATIENCE:
                 raise RuntimeError(f"not made after {3.0 * PATIENCE:g} s")
     return kills, time.monotonic() - begin
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Repeat studies with kills, and compare their tables with an undisturbed one."""
     parser = argparse.ArgumentParser(description="Kill processes of studies.")
     parser.add_argument("--only", default=",".join(ENGINES), help="engines, separated by commas")
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--pauses", type=float, nargs=2, default=(6.0, 12.0), help="between kills [s]")
-    chosen = parser.parse_args(arguments)
+    chosen = parser.parse_args()
     engines, rng, wrong = chosen.only.split(","), random.Random(chosen.seed), 0
     if "dask" in engines and importlib.util.find_spec("distributed") is None:
         engines.remove("dask")
@@ -142,30 +139,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         calm = _prepared(Path(temporary) / "calm")
         if start([*_SWEEP, "--jobs", "2"], calm).wait() != 0:
             raise RuntimeError("the undisturbed study fails")
-        expected = (calm / "out" / "table.csv").read_text(encoding="utf-8")
         for engine in engines:
             for k in range(chosen.repetitions):
                 folder = _prepared(Path(temporary) / f"{engine}{k}")
                 kills, seconds = disturbed(engine, folder, tuple(chosen.pauses), rng)
-                problems = list(_problems(folder, expected, kills))
-                begun = len((folder / _STARTS).read_bytes())
-                verdict = "; ".join(problems) or "ok"
-                print(
-                    f"{engine}: {kills} kills in {seconds:.0f} s, {begun} of {_RUNS} runs begun: {verdict}", flush=True
-                )
+                begun, out = len((folder / _STARTS).read_bytes()), folder / "out"
+                checks = {
+                    "the table is DIFFERENT": (out / "table.csv").read_bytes() != (calm / "out/table.csv").read_bytes(),
+                    "runs are missing": len(list((out / "cells").glob("*.json"))) != _RUNS,
+                    "runs were begun twice": begun > _RUNS + kills,
+                    "unfinished files are left": any(out.rglob(".*.unfinished")),
+                }
+                problems = "; ".join(problem for problem, found in checks.items() if found)
+                said = f"{kills} kills in {seconds:.0f} s, {begun} of {_RUNS} runs begun: {problems or 'ok'}"
+                print(f"{engine}: {said}", flush=True)
                 wrong += bool(problems)
     return 1 if wrong else 0
-
-
-def _problems(folder: Path, expected: str, kills: int) -> Iterator[str]:
-    out = folder / "out"
-    if (out / "table.csv").read_text(encoding="utf-8") != expected:
-        yield "the table is DIFFERENT"
-    if (cells := len(list((out / "cells").glob("*.json")))) != _RUNS:
-        yield f"{cells} runs are saved"
-    if (begun := len((folder / _STARTS).read_bytes())) > _RUNS + kills:
-        yield f"{begun - _RUNS} runs were begun twice"
-    yield from (f"{path.name} is left" for path in out.rglob(".*.unfinished"))
 
 
 def _prepared(folder: Path) -> Path:
@@ -191,23 +180,13 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _end(process: int) -> None:
-    os.kill(process, signal.SIGKILL)
-
-
-def _children(process: int) -> list[int]:
-    tasks = Path(f"/proc/{process}/task")
-    try:
-        return [int(pid) for task in tasks.iterdir() for pid in (task / "children").read_text().split()]
-    except OSError:  # it has just ended
-        return []
-
-
-def _command(process: int) -> str:
-    try:
-        return Path(f"/proc/{process}/cmdline").read_text()
-    except OSError:
-        return ""
+def _workers(process: int) -> Iterator[int]:
+    """Loky's workers of a process; it or one of them may just have ended."""
+    with suppress(OSError):
+        for task in Path(f"/proc/{process}/task").iterdir():
+            for pid in (task / "children").read_text().split():
+                if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text():
+                    yield int(pid)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,6 @@ from __future__ import annotations
 import importlib.util
 import math
 import shutil
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 from typing import Final
@@ -20,6 +18,7 @@ from fmpy.validation import validate_fmu
 
 from offtrack.exchange.fmi_export.fmu_writer import PLATFORMS, library_path, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from tests.fmus.hosts import compiled_by_fmpy
 from tests.fmus.plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
 from vehicle.combination.chain import smooth_ground_sizes
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
@@ -37,18 +36,21 @@ MAGIC: Final = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
 ROVERS: Final = (("el_dorado_ii", "beach_sand"), ("el_dorado_ii_skid", None), ("six_wheel_rover", "toyoura_sand"))
 
 
+def check_weave(fmu: Path, vehicle: Vehicle, seconds: float) -> None:
+    slave, drive = Slave(fmu, fmu.with_suffix(""), START), weave(seconds)
+    found = deviations(driven_here(vehicle, drive), driven_there(slave, vehicle, drive))
+    slave.close()
+    assert found.pop("wheel_load") < 1e-5  # N, of some 1e5
+    assert max(found.values()) < 1e-9
+
+
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "a_double", "b_double_steered", "rigid_truck"])
 def test_a_truck_weaves_as_the_plant_here(name: str, version: int, tmp_path: Path) -> None:
-    vehicle, fmu, drive = load_vehicle(name), tmp_path / "truck.fmu", weave(20.0)
+    fmu = tmp_path / "truck.fmu"
     write_fmu(fmu, plant_model(name, None, wind=False), version, ("linux64",), optimisation=1)
     assert validate_fmu(str(fmu)) == []
-    slave = Slave(fmu, tmp_path / "unpacked", START)
-    outputs = driven_there(slave, vehicle, drive)
-    slave.close()
-    found = deviations(driven_here(vehicle, drive), outputs)
-    assert found.pop("wheel_load") < 1e-5  # N, of some 1e5
-    assert max(found.values()) < 1e-9
+    check_weave(fmu, load_vehicle(name), 20.0)
 
 
 @pytest.mark.parametrize("name", [*vehicle_names(), *rover_names()])
@@ -224,14 +226,12 @@ def test_a_rover_winds_as_the_plant_here(name: str, soil_name: str | None, versi
 
 def rover_values(truth: RoverTruth) -> dict[str, float]:
     """Outputs that the truth says, by name."""
-    single = dict(zip(("x", "y", "psi"), truth.pose, strict=True))
-    single |= dict(zip(("v_x", "v_y", "yaw_rate"), truth.velocity, strict=True))
-    single |= dict(zip(("body_x", "body_y", "body_z"), truth.X_WB[:3, 3], strict=True))
+    names = ("x", "y", "psi", "v_x", "v_y", "yaw_rate", "body_x", "body_y", "body_z")
+    single = dict(zip(names, (*truth.pose, *truth.velocity, *truth.X_WB[:3, 3]), strict=True))
     by_wheel: dict[str, FloatArray] = {
         **{f"wheel_{axis}": truth.wheel_positions[:, k] for k, axis in enumerate("xyz")},
+        **{f"wheel_v_{way}": truth.wheel_velocities[:, k] for k, way in enumerate(("along", "across"))},
         "wheel_heading": truth.wheel_headings,
-        "wheel_v_along": truth.wheel_velocities[:, 0],
-        "wheel_v_across": truth.wheel_velocities[:, 1],
         "wheel_speed": truth.wheel_speeds,
         "wheel_turn": truth.wheel_turns,
         "steer_angle": truth.steer,
@@ -249,15 +249,8 @@ def rover_values(truth: RoverTruth) -> dict[str, float]:
 def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> None:
     fmu, vehicle = tmp_path / "truck.fmu", load_vehicle("rigid_truck")
     write_fmu(fmu, plant_model("rigid_truck", None, wind=False), version, (), optimisation=1)
-    done = subprocess.run(
-        [sys.executable, "-m", "fmpy", "compile", str(fmu)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    slave, drive = Slave(fmu, tmp_path / "unpacked", START), weave(2.0)
-    found = deviations(driven_here(vehicle, drive), driven_there(slave, vehicle, drive))
-    slave.close()
-    assert found.pop("wheel_load") < 1e-5
-    assert max(found.values()) < 1e-9
+    compiled_by_fmpy(fmu)
+    check_weave(fmu, vehicle, 2.0)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs the extra zig")

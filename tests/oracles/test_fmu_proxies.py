@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fmpy.fmi3 import fmi3IntermediateUpdateCallback
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.validation import validate_fmu
 
@@ -27,7 +26,7 @@ from offtrack.exchange.fmi_proxy.parts import driver_proxy, law_proxy, sensor_pr
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.adapters import vehicle_of
 from scenarios.options.scenario import load_scenario
-from tests.fmus.hosts import host_here
+from tests.fmus.hosts import compiled_by_fmpy, host_here
 from tests.fmus.plants import Slave
 from tests.fmus.proxies import alive, stand_in
 from tests.fmus.systems import off_tracking, run_in_order
@@ -89,25 +88,10 @@ def test_instances_again_and_again_leave_nothing(cycles: int, real: bool, tmp_pa
 
     Half of the cycles warm up. An instance has some 10 kB, so that a thousand of them would be 10 MB.
     """
-    python, file = {"python": sys.executable if real else stand_in(tmp_path)}, law(tmp_path, 3)
-    slave = Slave(file, tmp_path / "unpacked", {}, python)
+    python, folder = {"python": sys.executable if real else stand_in(tmp_path)}, tmp_path / "unpacked"
+    slave = Slave(law(tmp_path, 3), folder, {}, python)
     slave.step()
-    fmu, token = slave.fmu, slave.description.instantiationToken.encode()
-    resources = str(tmp_path / "unpacked" / "resources").encode() + b"/"
-    no_update = fmi3IntermediateUpdateCallback(0)
-
-    def cycle() -> None:
-        one = fmu.fmi3InstantiateCoSimulation(
-            b"x", token, resources, False, False, False, False, None, 0, None, slave._log, no_update
-        )
-        assert one
-        slave.fmu.component, kept = one, slave.fmu.component
-        slave.begin({}, python)
-        slave.step()
-        fmu.fmi3FreeInstance(one)
-        slave.fmu.component = kept
-
-    assert soaked(cycle, usage(), cycles).wrong(0.0) is None
+    assert soaked(lambda: slave.again(folder, python), usage(), cycles).wrong(0.0) is None
     slave.close()
 
 
@@ -141,10 +125,7 @@ def test_the_process_ends_when_its_host_is_killed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> None:
     file = law(tmp_path, version, platforms=())
-    done = subprocess.run(
-        [sys.executable, "-m", "fmpy", "compile", str(file)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    compiled_by_fmpy(file)
     assert validate_fmu(str(file)) == []
     slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
     slave.step()

@@ -21,7 +21,6 @@ from offtrack.exchange.fmi_export.fmu_writer import fmu_bytes
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_export.plant_model import Exported, exported_plant
 from offtrack.exchange.fmi_proxy.parts import driver_proxy, ground_proxy, law_proxy, sensor_proxy
-from offtrack.exchange.fmi_proxy.proxy import Proxy
 from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.options.scenario import load_scenario
 from vehicle.combination.description import load_vehicle
@@ -42,16 +41,15 @@ def tool(name: str, *arguments: str) -> str:
 
 def exported(name: str, version: int) -> Exported:
     scenario = load_scenario("roundabout", ["off_tracking=truth"])
-    if name in ("truck", "rover"):
-        kind, soil = ("rigid_truck", None) if name == "truck" else ("el_dorado_ii", "beach_sand")
-        return exported_plant(plant_model(kind, soil, wind=False), version)
-    proxies: dict[str, Callable[[], Proxy]] = {
-        "law": lambda: law_proxy("path_preview", load_vehicle("uk_longer_semitrailer"), {}),
-        "sensor": lambda: sensor_proxy(scenario, 1),
-        "driver": lambda: driver_proxy(scenario),
-        "ground": lambda: ground_proxy(scenario, 1),
+    exports: dict[str, Callable[[], Exported]] = {
+        "truck": lambda: exported_plant(plant_model("rigid_truck", None, wind=False), version),
+        "rover": lambda: exported_plant(plant_model("el_dorado_ii", "beach_sand", wind=False), version),
+        "law": lambda: law_proxy("path_preview", load_vehicle("uk_longer_semitrailer"), {}).exported(version),
+        "sensor": lambda: sensor_proxy(scenario, 1).exported(version),
+        "driver": lambda: driver_proxy(scenario).exported(version),
+        "ground": lambda: ground_proxy(scenario, 1).exported(version),
     }
-    return proxies[name]().exported(version)
+    return exports[name]()
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,33 +97,32 @@ def test_a_law_behind_can_is_the_law_inside() -> None:
     can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
     database = cantools.database.load_file(str(files("offtrack.exchange.bench") / "example.dbc"))
     demand = database.get_message_by_name("TrailerDemand")
-    bus = can.Bus("bench", interface="virtual")
     ended = threading.Event()
 
-    def control() -> None:
+    def control(bus: Any) -> None:
         controller, signals, tick = Controller("command_steer"), dict[str, float](), 0
         while not ended.is_set():
-            frame = bus.recv(0.1)
-            if frame is None:
+            if (frame := bus.recv(0.1)) is None:
                 continue
             message = database.get_message_by_frame_id(frame.arbitration_id)
             signals |= message.decode(frame.data)
             if message.name == "OfftrackTractor":  # the last one of a step
-                demands = {signal.name: 0.0 for signal in demand.signals} | controller.demands(tick, signals)
+                data = demand.encode({one.name: 0.0 for one in demand.signals} | controller.demands(tick, signals))
                 tick += 20
-                data = demand.encode(demands)
                 bus.send(can.Message(arbitration_id=demand.frame_id, data=data, is_extended_id=True))
 
-    thread = threading.Thread(target=control)
-    thread.start()
-    link = CanLink("dbc=example,channel=bench")
-    try:
-        result = run(load_scenario("roundabout", (*OUTSIDE, "outside.wait=5")), 1, bench=LinkedBench([link]))
-    finally:
-        ended.set()
-        thread.join()
-        link.close()
-        bus.shutdown()
+    scenario = load_scenario("roundabout", (*OUTSIDE, "outside.wait=5"))
+    with (
+        can.Bus("bench", interface="virtual") as bus,
+        ThreadPoolExecutor(1) as bench,
+        closing(CanLink("dbc=example,channel=bench")) as link,
+    ):
+        controlling = bench.submit(control, bus)
+        try:
+            result = run(scenario, 1, bench=LinkedBench([link]))
+        finally:
+            ended.set()
+        controlling.result()
     inside = run(load_scenario("roundabout", (*EXACT, "trailer_steering=command_steer")), 1)
     assert result.outside is not None
     assert result.outside.fresh_steps == result.outside.sent

@@ -38,9 +38,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Memory of one long run.")
     parser.add_argument("--minutes", type=int, default=60)
     parser.add_argument("--cameras", action="store_true")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     arguments = parser.parse_args()
-    settings = [*_STRAIGHT, *(_CAMERAS if arguments.cameras else _TRUTH), *arguments.set]
+    settings = [*_STRAIGHT, *(_CAMERAS if arguments.cameras else _TRUTH)]
     scenario = load_scenario("cambered-road", settings)
     print(f"cambered-road, {' '.join(settings)}", flush=True)
     memory, begin = [], time.monotonic()

@@ -192,6 +192,19 @@ class Vehicle(Frozen):
             rears.append(origin + unit.rear_x)
         return self.units[0].front_x - min(rears)
 
+    def check_towed(self, unit: int) -> None:
+        """Refuse the index of a unit that is not towed.
+
+        Raises:
+            ValueError: if the unit is not towed.
+        """
+        if not 1 <= unit < len(self.units):
+            raise ValueError(f"unit = {unit} must be a towed unit of {self.name}, 1 to {len(self.units) - 1}")
+
+    def hitch_levers(self, unit: int) -> list[float]:
+        """Rear hitches of the units ahead of a unit, each before the origin of its own unit [m]."""
+        return [ahead.rear_hitch[0] for ahead in self.units[:unit]]
+
     def supports(self, unit: int) -> tuple[float, float]:
         """Positions along x of a unit's supports, front and rear [m]: hitch and axles if towed, else its axles."""
         axles = self.units[unit].axles

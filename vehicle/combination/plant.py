@@ -239,8 +239,7 @@ class ConstantSlipPlant:
     """
 
     def __init__(self, vehicle: Vehicle, surface: Surface, *, unit: int, slip_angle: float, speed: float) -> None:
-        if not 1 <= unit < len(vehicle.units):
-            raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
+        vehicle.check_towed(unit)
         if not abs(slip_angle) <= math.radians(80.0):
             raise ValueError(f"slip_angle = {slip_angle} rad must be within +-{math.radians(80.0):.4f} rad (80 deg)")
         if not speed > 0.0:

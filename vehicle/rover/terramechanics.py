@@ -26,8 +26,8 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple, Protocol
 
 import casadi as ca
-import numpy as np
 
+from vehicle.frames import quadrature
 from vehicle.rover.description import Rover, Soil
 from vehicle.tyres import Num
 
@@ -140,14 +140,13 @@ def _stressed(soil: Soil, contact: _RimContact, points: int) -> Iterator[tuple[N
 
     Behind its crest the pressure has the profile of the front zone, stretched over the angle of the rear zone.
     """
-    places, weights = np.polynomial.legendre.leggauss(points)
+    shares, weights = quadrature(points)
     for end in (contact.leave, contact.entry):
-        for place, weight in zip(places.tolist(), weights.tolist(), strict=True):
-            share = 0.5 * (1.0 + place)  # 0 at the crest, 1 at the end
+        for share, weight in zip(shares.tolist(), weights.tolist(), strict=True):  # 0 at the crest, 1 at the end
             theta = contact.crest + share * (end - contact.crest)
             in_front = contact.crest + share * (contact.entry - contact.crest)
             rise = ca.fmax(ca.cos(in_front) - ca.cos(contact.entry), 1e-12)
-            yield theta, 0.5 * weight * ca.fabs(end - contact.crest), contact.stiffness * rise**contact.exponent
+            yield theta, weight * ca.fabs(end - contact.crest), contact.stiffness * rise**contact.exponent
 
 
 def _shear_moduli(soil: Soil, side_slip: Num) -> tuple[Num, Num]:

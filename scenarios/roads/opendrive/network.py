@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.path import Path, Segment
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray, Pose2, quadrature
 
 _INTERVALS: Final = 64  # of a cubic polynomial, whose length is summed up
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)  # in each of them: to rounding for curves of roads
-_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_NODES, _WEIGHTS = quadrature(8)  # in each of them: to rounding for curves of roads
 _NEWTON: Final = 3  # steps from the linear guess within an interval
 
 

@@ -104,25 +104,17 @@ import numpy as np
 from controllers.trailer import SteerCommand
 
 class Proportional:
-    def __init__(self, trailer, *, gain=0.2):
-        self.trailer, self.gain = trailer, gain
-
-    def init(self):
-        return None
-
+    def __init__(self, trailer, *, gain=0.2): self.gain = gain
+    def init(self): return None
     def step(self, memory, tick, off_tracking, steer):
-        e = off_tracking.value if off_tracking else 0.0
-        angle = np.clip(self.gain * e, -self.trailer.max_steer, self.trailer.max_steer)
+        angle = np.clip(self.gain * off_tracking.value if off_tracking else 0.0, -0.5, 0.5)
         return memory, SteerCommand(angles=np.full(len(steer.angles), angle))
 """,
         encoding="utf-8",
     )
     law = ["--set", "trailer_steering=mine:Proportional", "--set", "steering.gain=0.4"]
-    own = invoked("run", "roundabout", *QUICK, *law, "--json")
-    assert own.exit_code == 0, own.stderr
-    without = invoked("run", "roundabout", *QUICK, "--set", "trailer_steering=none", "--json")
-    assert without.exit_code == 0, without.stderr
-    steered, unsteered = (json.loads(done.stdout)["off_tracking"]["true_max_m"] for done in (own, without))
+    runs = (invoked("run", "roundabout", *QUICK, *more, "--json") for more in (law, ["--set", "trailer_steering=none"]))
+    steered, unsteered = (json.loads(done.stdout)["off_tracking"]["true_max_m"] for done in runs)
     assert steered < 0.8 * unsteered
 
 

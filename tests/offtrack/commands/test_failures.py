@@ -144,7 +144,6 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
     ("broken", "error", "told"),
     [
         ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
-        ("run_files.write_film", IndexError("no such colour"), "IndexError: no such colour"),
         (
             "run_files.write_film",
             OSError(errno.ENOSPC, "No space left on device"),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -105,20 +104,6 @@ OPENED: Final[dict[str, tuple[str, Callable[[Path], object]]]] = {
     "curve": ("curve.parquet", read_curve),
     "training": ("training.json", lambda path: check_directory(Plan(), path.parent)),
 }
-
-
-@pytest.fixture(autouse=True)
-def _at_once() -> Iterator[None]:
-    """End a test that waits for a pipe, which without this would be for ever."""
-
-    def late(*_: object) -> None:
-        raise TimeoutError("took a minute")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.parametrize("kind", HOSTILE)

@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import assemble
-from scenarios.loop.rover_session import RoverSession
 from scenarios.loop.trailer_session import TrailerSession
-from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
+from scenarios.options.scenario import load_scenario
 from scenarios.results import log as parts
 from scenarios.results.log import Log, Signal, columns_by_parts
-from scenarios.results.rover_result import rover_log
 from scenarios.results.trailer_signals import run_log
 
 TICK, SQUARE = Signal("tick", "ms", "time"), Signal("square", "-", "its square")
@@ -76,27 +73,17 @@ def traced(make: Callable[[], Any]) -> tuple[int, Any]:
     return peak, made
 
 
-@pytest.mark.parametrize("kind", ["trailer", "rover"])
-def test_the_log_takes_little_more_memory_than_itself(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_log_takes_little_more_memory_than_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 1000 rows in parts of 50, which would take over 4 times as much as their log."""
     monkeypatch.setattr(parts, "_PART", 50)
-    made: Callable[[Any], Log]
-    session: TrailerSession | RoverSession
-    if kind == "trailer":
-        trailer = TrailerSession(assemble(load_scenario("roundabout", ["off_tracking=truth"]), 1))
-        session, period, made = trailer, 10, lambda rows: run_log(rows, [], trailer.parts.vehicle)
-    else:
-        scenario = load_any_scenario("rover-slope", ["slip_estimator=truth"])
-        assert isinstance(scenario, RoverScenario)
-        rover = RoverSession(assemble_rover(scenario, 1))
-        session, period, made = rover, 50, lambda rows: rover_log(rover.parts.rig, rows, [], rover.parts.path)
-    with session:
+    with TrailerSession(assemble(load_scenario("roundabout", ["off_tracking=truth"]), 1)) as session:
         for _ in range(20):
             session.advance()
-        whole, rows = made(session.rows), Repeated(session.rows, 1000, period)
+        rows = Repeated(session.rows, 1000, 10)
+        whole = run_log(session.rows, [], session.parts.vehicle)
         rows_in_memory, _ = traced(lambda: list(rows))
-        peak, log = traced(lambda: made(rows))
-    for name in ("x_tractor", "wheel_load_min") if kind == "trailer" else ("x",):
+        peak, log = traced(lambda: run_log(rows, [], session.parts.vehicle))
+    for name in ("x_tractor", "wheel_load_min"):
         assert log[name][: len(whole)].tobytes() == whole[name].tobytes()
     assert rows_in_memory > 4.0 * log.rows.nbytes
     assert peak < 2.6 * log.rows.nbytes  # twice the log: its columns and, empty, its table; and one part of rows

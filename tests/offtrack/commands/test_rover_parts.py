@@ -19,7 +19,6 @@ SHORT = ("slip_estimator=truth", "course.length=0.6", "surface.slope_from=0.1")
 PARTS = '''
 import math
 from dataclasses import replace
-from vehicle.option import Option
 from vehicle.rover.command import RoverCommand
 from sensors.instruments.navigation import ExactSlip
 
@@ -27,32 +26,27 @@ from sensors.instruments.navigation import ExactSlip
 class Veering:
     """Drives a circle, whatever the path is."""
 
-    options = (Option("turn", 0.3, "difference of the sides' speeds"),)
-
-    def __init__(self, turn, wheels, speed):
-        self.turn, self.wheels, self.speed = turn, wheels, speed
+    def __init__(self, context):
+        self.wheels = context.rover.places().tolist()
+        self.speed = context.speed / context.rover.wheel_radius
 
     @classmethod
     def of(cls, context):
-        geometry = context.rover
-        turn = float(context.options.get("turn", 0.3))
-        return cls(turn, geometry.places().tolist(), context.speed / geometry.wheel_radius)
+        return cls(context)
 
     def init(self):
         return None
 
     def step(self, memory, pose):
-        speeds = tuple(self.speed * (1.0 - self.turn * math.copysign(1.0, y)) for _, y in self.wheels)
-        angles = tuple(math.copysign(0.3, x) for x, _ in self.wheels)
-        return None, RoverCommand(wheel_speed=speeds, steer=angles)
+        speeds = tuple(self.speed * (1.0 - math.copysign(0.3, y)) for _, y in self.wheels)
+        return None, RoverCommand(wheel_speed=speeds, steer=tuple(math.copysign(0.3, x) for x, _ in self.wheels))
 
 
 class Broken(Veering):
     """Demands nothing that a wheel could do."""
 
     def step(self, memory, pose):
-        _, command = super().step(memory, pose)
-        return None, command._replace(steer=(math.nan,) * len(self.wheels))
+        return None, super().step(memory, pose)[1]._replace(steer=(math.nan,) * len(self.wheels))
 
 
 class Instrument:

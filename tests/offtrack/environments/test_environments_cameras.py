@@ -13,16 +13,12 @@ from gymnasium.utils.env_checker import check_env
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments.camera_observations import CameraObservations
 from offtrack.environments.registry import vector
-from offtrack.environments.rewards import Domain, Variation
+from offtrack.environments.rewards import Domain
 from scenarios.assembly.trailer_sensors import built_world
 from scenarios.courses import straight
 from scenarios.options.scenario import load_scenario
 from sensors.world.world import World
-from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.plant import Plant, SurfaceLookup
-from vehicle.frames import Pose2
-from vehicle.surface import Surface
 
 TRAILER, ROVER = "offtrack/TrailerSteering-v0", "offtrack/RoverSteering-v0"
 VEHICLE = load_vehicle("uk_longer_semitrailer")
@@ -140,15 +136,19 @@ def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observat
 
 
 @pytest.mark.slow
-def test_a_spawned_process_has_cameras_of_its_own() -> None:
+def test_a_spawned_process_has_cameras_of_its_own_that_show_the_same() -> None:
+    """A rover's images are decided by the seed to the bit; on hard ground too, where there is no trace to see."""
+
     def make() -> Any:
         return gymnasium.make(f"offtrack:{ROVER}", observation="camera", image_scale=4)
 
     spawned, here = gymnasium.vector.AsyncVectorEnv([make], context="spawn"), make()
-    seen, _ = spawned.reset(seed=101)
+    seen, _ = spawned.reset(seed=101, options={"soil": "none"})
     spawned.close()
-    expected, _ = here.reset(seed=101)
-    assert np.array_equal(seen["image"][0], expected["image"])
+    expected, _ = here.reset(seed=101, options={"soil": "none"})
+    assert expected["image"].shape == (1, 120, 160)
+    assert expected["image"].std() > 5.0
+    assert all(np.array_equal(seen[part][0], expected[part]) for part in ("image", "features"))
 
 
 @pytest.mark.slow
@@ -172,29 +172,6 @@ def test_an_episodes_seed_decides_its_world() -> None:
     assert seen["features"][-1] == true[-1]  # the trailer's length
 
 
-def test_a_vehicle_of_a_fleet_is_looked_at_as_a_plant_looks_at_its_own() -> None:
-    """On conical ground; so far back on a plane it is the same, so far back."""
-    surface = Surface(friction=0.8, cross_fall=0.04, centre=(10.0, 20.0))
-    plant = Plant(VEHICLE, surface)
-    expected = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 40)
-    domain = Domain(load=(1.0, 1.0), length=(1.0, 1.0), actuator_lag=(1.0, 1.0))
-    fleet, nominal = PlantBatch(VEHICLE, 2, "auto"), Variation(VEHICLE).numbers(domain.drawn(np.zeros((1, 7))))
-    look = LaneObserver(VEHICLE, fleet)
-    for centre, cross_fall in (((10.0, 20.0), 0.04), ((np.nan, np.nan), 0.03)):
-        ground = BatchGround(np.array([0.8]), np.array([cross_fall]), np.array([centre]))
-        fleet.place(np.array([1]), nominal, ground, np.array([3.0]))
-        if np.isfinite(centre).all():
-            there = look.truth(1, SurfaceLookup(surface, VEHICLE), 40)
-            assert there.tick == 40
-            for part in ("poses", "velocities", "bodies", "steer", "wheel_loads", "load_transfer"):
-                assert getattr(there, part) == pytest.approx(getattr(expected, part), rel=1e-9, abs=1e-9)
-    plane = SurfaceLookup(Surface(friction=0.8, cross_fall=0.03), VEHICLE)
-    here, back = look.truth(1, plane, 0), look.truth(1, plane, 0, back=5.0)
-    moved = here.bodies.copy()
-    moved[:, 0, 3] -= 5.0
-    assert back.bodies == pytest.approx(moved, abs=1e-12)
-
-
 @pytest.mark.slow
 def test_rover_sees_its_trace_and_estimates_its_slip() -> None:
     """Nothing is known while there is no trace; on a side slope then its slip, within 2 deg once it is 1 m long."""
@@ -212,16 +189,3 @@ def test_rover_sees_its_trace_and_estimates_its_slip() -> None:
     picture = env.render()
     assert isinstance(picture, np.ndarray)
     assert picture.shape == (600, 1400, 3)
-
-
-@pytest.mark.slow
-def test_rovers_pictures_are_decided_by_the_seed() -> None:
-    """To the bit; on hard ground too, where there is no trace to see."""
-    env = gymnasium.make(ROVER, observation="camera", image_scale=4)
-    seen = []
-    for _ in range(2):
-        env.reset(seed=101, options={"soil": "none"})
-        seen.append([env.step(np.full(2, 0.5, dtype=np.float32))[0] for _ in range(2)][-1])
-    assert seen[0]["image"].shape == (1, 120, 160)
-    assert seen[0]["image"].std() > 5.0
-    assert all(np.array_equal(seen[0][part], seen[1][part]) for part in ("image", "features"))

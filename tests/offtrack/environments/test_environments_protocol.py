@@ -220,35 +220,20 @@ same = np.testing.assert_equal  # bitwise
 @pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
 @pytest.mark.parametrize(("name", "options"), KINDS)
 def test_a_copy_continues_the_episode_bitwise(name: str, options: dict[str, Any], copied: Any) -> None:
-    """Single environments: what the original does after the copy, the copy does too, also in the next episode."""
-    env = single(name, **options)
-    rng = np.random.default_rng(1)
-    actions = rng.uniform(-0.3, 0.5, (12, 2)).astype(np.float32)
-    env.reset(seed=3)
-    for action in actions[:6]:
-        env.step(action)
-    twin = copied(env)
-    original: list[Any] = [env.step(action) for action in actions[6:]]
-    original.append((env.reset(), env.step(actions[0])))
-    for expected, action in zip(original, actions[6:], strict=False):
-        same(twin.step(action), expected)
-    same((twin.reset(), twin.step(actions[0])), original[-1])
-
-
-@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
-@pytest.mark.parametrize("name", [STEERING, DOCKING, SANDY])
-def test_a_copied_vector_environment_continues_bitwise(name: str, copied: Any) -> None:
-    env = many_of(name, 3, **({"endings": {"off path": off_path}} if name == STEERING else {}))
-    rng = np.random.default_rng(2)
-    actions = rng.uniform(-1.0, 1.0, (160, *(env.action_space.shape or ()))).astype(np.float32)
-    if name == SANDY:
-        actions = actions[:25]
-    env.reset(seed=3)
-    for action in actions[:20]:
-        env.step(action)
-    twin = copied(env)
-    for action in actions[20:]:
-        same(twin.step(action), env.step(action))
+    """One and many: what the original does after the copy, the copy does too, also in the next episode."""
+    endings = {"endings": {"off path": off_path}} if name == STEERING else {}
+    for env in (single(name, **options), many_of(name, 3, **options, **endings)):
+        steps = 160 if endings and env.action_space.shape != (2,) else 25
+        actions = (
+            np.random.default_rng(1).uniform(-0.3, 0.5, (steps, *(env.action_space.shape or ()))).astype(np.float32)
+        )
+        env.reset(seed=3)
+        for action in actions[:6]:
+            env.step(action)
+        twin = copied(env)
+        for action in actions[6:]:
+            same(twin.step(action), env.step(action))
+        same((twin.reset(), twin.step(actions[0])), (env.reset(), env.step(actions[0])))
 
 
 @pytest.mark.parametrize("name", [STEERING, DOCKING, SANDY])
@@ -399,22 +384,3 @@ def test_wrong_constructor_arguments_are_named(make: Callable[[], Any], says: st
     with pytest.raises(ValueError, match=says) as error:
         make()
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.slow
-def test_the_adapter_for_stable_baselines_refuses_the_same() -> None:
-    """Actions pass through the many_of environment; a copy in mid-episode continues."""
-    pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
-    from offtrack.environments.sb3 import sb3_vector
-
-    env = sb3_vector(STEERING, 2)
-    with pytest.raises(ResetNeeded):
-        env.step(np.zeros((2, 2), np.float32))
-    env.reset()
-    with pytest.raises(ValueError, match=r"actions\[0, 1\] = nan must be a finite number"):
-        env.step(np.array([[0.0, NAN], [0.0, 0.0]], np.float32))
-    twin = pickle.loads(pickle.dumps(env))
-    for _ in range(12):
-        same(twin.step(np.full((2, 2), 0.4, np.float32)), env.step(np.full((2, 2), 0.4, np.float32)))
-    with pytest.raises(ValueError, match="reward_scale = nan must be a finite number"):
-        sb3_vector(STEERING, 2, reward_scale=NAN)

@@ -75,6 +75,8 @@ def test_it_is_one_object() -> None:
     assert len(env.get_images()) == 2
     with pytest.raises(ValueError, match="one object"):
         env.set_attr("num_envs", 1, indices=[0])
+    with pytest.raises(ValueError, match="reward_scale = nan must be a finite number"):
+        sb3_vector("TrailerSteering-v0", 2, reward_scale=np.nan)
     with pytest.raises(ValueError, match="SAME_STEP"):
         Sb3VecEnv(offtrack.environments.registry.vector("TrailerSteering-v0", 2))
 

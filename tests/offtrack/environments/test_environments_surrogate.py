@@ -21,12 +21,9 @@ from scenarios.assembly.surrogate import (
     surrogate_toml,
 )
 from sensors.messages import BodyPose
+from tests.environments import PERFECT
 from vehicle.frames import FloatArray
 
-PERFECT = SurrogateParameters(
-    bias=0.0, drift=0.0, drift_time=2.0, noise=0.0, loss_rate=0.0, loss_duration=0.5, velocity_noise=0.0,
-    yaw_rate_noise=0.0,
-)  # fmt: skip
 N = 200
 
 
@@ -190,18 +187,16 @@ def test_in_a_scenario_its_errors_are_the_same() -> None:
             assert alone == pytest.approx(together, abs=0.12)
 
 
-def test_in_a_scenario_the_path_and_the_value_belong_together() -> None:
-    """The estimated path passes the follow point at the estimated value; its tangent turns with the path."""
+def test_in_a_scenario_path_and_value_belong_together_and_health_is_lost_as_often() -> None:
+    """The estimated path passes the follow point at the estimated value; its tangent turns with the path.
+
+    Lost a fifth of the time; there is no value then, and an infinite deviation.
+    """
     estimate = run_of(replace(PERFECT, bias=0.1, velocity_noise=0.01), 3, 5)[-1]
     assert abs(estimate.value) > 0.01
     assert np.interp(10.0, -estimate.path[:, 0], estimate.path[:, 1]) == pytest.approx(estimate.value)
-    assert estimate.path_tangent == pytest.approx(-estimate.value / 10.0)
-    assert estimate.std == pytest.approx(0.1)
+    assert (estimate.path_tangent, estimate.std) == pytest.approx((-estimate.value / 10.0, 0.1))
     assert estimate.v_x != 10.0
-
-
-def test_in_a_scenario_health_is_lost_as_often() -> None:
-    """A fifth of the time; there is no value then, and an infinite deviation."""
     told = run_of(replace(PERFECT, loss_rate=0.5, loss_duration=0.5), 3, 600)
     lost = [one for one in told if one.health is Health.LOST]
     assert len(lost) / len(told) == pytest.approx(0.2, abs=0.06)

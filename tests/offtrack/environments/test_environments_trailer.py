@@ -19,7 +19,7 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import true_off_tracking
 from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import to_ticks
-from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
+from vehicle.combination.batch import BatchMotion
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.functions import numbers
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -84,40 +84,24 @@ def test_left_and_right_are_mirror_images() -> None:
     assert flipped == pytest.approx(seen[0], abs=1e-5)  # rounding of 32 bits
 
 
-def test_a_fleet_steps_every_vehicle_as_a_plant_of_its_own() -> None:
-    """Two vehicles of other numbers on other ground in one fleet, against a plant for each, over two seconds."""
-    variation, fleet = Variation(VEHICLE), PlantBatch(VEHICLE, 2, "auto")
-    loads, frictions = [1.0, 0.5], [0.8, 0.3]
-    both = [drawn(load=load) for load in loads]
-    rows = np.concatenate([variation.numbers(one) for one in both])
-    ground = BatchGround(np.array(frictions), np.array([0.0, 0.04]), np.full((2, 2), np.nan))
-    fleet.place(np.arange(2), rows, ground, np.array([3.0, 6.0]))
-    demand = (np.full(2, 0.2), np.full(2, 0.3), np.full((2, 2), -0.1))
-    for _ in range(100):
-        seen = fleet.step(*demand, STEP)
-    for k, (load, friction) in enumerate(zip(loads, frictions, strict=True)):
-        trailer = VEHICLE.units[1]
-        assert trailer.roll is not None
-        roll = trailer.roll.model_copy(update={"inertia": load * trailer.roll.inertia})
-        lighter = {"mass": load * trailer.mass, "yaw_inertia": load * trailer.yaw_inertia, "roll": roll}
-        own = VEHICLE.model_copy(update={"units": (VEHICLE.units[0], trailer.model_copy(update=lighter))})
-        assert rows[k] == pytest.approx(numbers(own), rel=1e-12)
-        plant = Plant(own, Surface(friction=friction, cross_fall=[0.0, 0.04][k]))
-        state = plant.initial_state(course_of(load_scenario("roundabout"), VEHICLE).start, [3.0, 6.0][k])
-        for _ in range(100):
-            state = plant.step(state, VehicleCommand(0.2, 0.3, (-0.1, -0.1)), STEP)
-        assert seen.poses[k] == pytest.approx(plant.observe(state, 0).poses, abs=1e-9)  # rounding over 2000 ticks
+def test_a_half_laden_vehicle_has_the_numbers_of_one_with_half_its_trailers_mass() -> None:
+    """What moves by them moves as a plant of its own (tests/vehicle/combination/test_batch.py)."""
+    trailer = VEHICLE.units[1]
+    assert trailer.roll is not None
+    roll = trailer.roll.model_copy(update={"inertia": 0.5 * trailer.roll.inertia})
+    lighter = {"mass": 0.5 * trailer.mass, "yaw_inertia": 0.5 * trailer.yaw_inertia, "roll": roll}
+    own = VEHICLE.model_copy(update={"units": (VEHICLE.units[0], trailer.model_copy(update=lighter))})
+    assert Variation(VEHICLE).numbers(drawn(load=0.5))[0] == pytest.approx(numbers(own), rel=1e-12)
 
 
 def test_encoders_err_throughout_an_episode_as_much_as_their_data_sheet_says() -> None:
     """Biases of 0.1 deg and 0.1 deg/s, 1 sigma, over 500 episodes; 3 sigma of such a sample's deviation are 10 %."""
     encoders, n = Encoders(500, 2), 500
     encoders.begin(np.arange(n), [np.random.default_rng(k) for k in range(n)], np.ones(n))
-    seen = BatchMotion(np.zeros((n, 2, 3)), np.zeros((n, 2, 3)), np.zeros((n, 3)), np.zeros((n, 2)))
-    articulation, yaw_rates = encoders.read(seen)
-    assert np.degrees(articulation.std()) == pytest.approx(0.1, rel=0.1)
-    assert np.degrees(yaw_rates.std()) == pytest.approx(0.1, rel=0.1)
-    assert np.array_equal(encoders.read(seen)[0], articulation)
+    seen = BatchMotion(*(np.zeros((n, *shape)) for shape in ((2, 3), (2, 3), (3,), (2,))))
+    for errors in encoders.read(seen):
+        assert np.degrees(errors.std()) == pytest.approx(0.1, rel=0.1)
+    np.testing.assert_equal(encoders.read(seen), encoders.read(seen))
 
 
 def test_a_longer_trailer_is_longer_everywhere() -> None:
@@ -165,17 +149,9 @@ def test_options_narrow_the_domain_and_seeds_and_numbers_decide() -> None:
 
 
 def moment(**values: Any) -> Moment:
-    fine = Moment(
-        off_tracking=np.zeros(1),
-        curvature=np.zeros(1),
-        steer_rate=np.zeros((1, 2)),
-        articulation=np.zeros((1, 1)),
-        load_transfer=np.zeros((1, 2)),
-        road_offset=np.zeros(1),
-        speed=np.ones(1),
-        finite=np.ones(1, dtype=bool),
-    )
-    return fine._replace(**values)
+    shapes = {"steer_rate": (1, 2), "articulation": (1, 1), "load_transfer": (1, 2)}
+    nothing = {name: np.zeros(shapes.get(name, (1,))) for name in Moment._fields}
+    return Moment(**nothing | {"speed": np.ones(1), "finite": np.ones(1, dtype=bool)} | values)
 
 
 def test_rewards_cost_nothing_at_best_and_have_their_units() -> None:

@@ -34,13 +34,12 @@ from offtrack.environments.training.training_directory import (
     read_curve,
     write_curve,
 )
-from scenarios.assembly.surrogate import SurrogateParameters
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import no_progress
 from scenarios.results.metrics import rms, true_off_tracking
-from tests.environments import features
+from tests.environments import PERFECT, features
 from vehicle.combination.description import load_vehicle
 
 needs_extra = pytest.mark.skipif(
@@ -176,12 +175,6 @@ def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, m
     assert not (tmp_path / "was here").exists()
 
 
-EXACT = SurrogateParameters(
-    bias=0.0, drift=0.0, drift_time=1.0, noise=0.0, loss_rate=0.0, loss_duration=0.1, velocity_noise=0.0,
-    yaw_rate_noise=0.0,
-)  # fmt: skip
-
-
 NOMINAL = {"friction": 0.8, "cross_fall": 0.0, "speed": 10.0 / 3.6, "load": 1.0, "length": 1.0, "actuator_lag": 1.0}
 
 
@@ -201,8 +194,8 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
     session.close()
     x, y, psi = np.array([row.truth.poses[1] for row in session.rows]).T
     in_scenario = true_off_tracking(x, y, psi, 14.0)
-    env = vector("TrailerSteering-v0", 1, courses=(parts.course,), surrogate=EXACT, autoreset_mode="Disabled")
-    pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), law, EXACT)  # type: ignore[arg-type]
+    env = vector("TrailerSteering-v0", 1, courses=(parts.course,), surrogate=PERFECT, autoreset_mode="Disabled")
+    pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), law, PERFECT)  # type: ignore[arg-type]
     seen, _ = env.reset(seed=1, options={**NOMINAL, "sensor_error": 0.0})
     pilot.begin(features(seen))
     told, ended = [], False
@@ -218,7 +211,7 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
 
 def test_errors_of_the_estimate_reach_the_law() -> None:
     """It steers to where the estimate says that the path is: decimetres beside it, by a bias that is drawn."""
-    biased = replace(EXACT, bias=0.25)
+    biased = replace(PERFECT, bias=0.25)
     env = vector("TrailerSteering-v0", 1, surrogate=biased, courses=("turn-90",), autoreset_mode="Disabled")
     pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), "path_preview", biased)  # type: ignore[arg-type]
     (seen, info), aim = env.reset(seed=3, options={**NOMINAL, "sensor_error": 1.0}), []

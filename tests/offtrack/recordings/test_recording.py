@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import subprocess
 import tomllib
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from estimators.estimates import Health, Motion
+from estimators.estimates import Health, Motion, lost_motion
 from offtrack.exchange.recordings.estimation import drift
 from offtrack.exchange.recordings.stereo_reader import camera_poses, kitti_text, read_kitti_poses, tum_text
 from offtrack.exchange.recordings.writers import RecordingWriter
@@ -139,17 +141,9 @@ def circle(count: int, step: float = 0.5, turn: float = 0.03) -> FloatArray:
 
 
 def motion(poses: FloatArray, previous: int, current: int, health: Health = Health.OK) -> Motion:
-    lost = health is Health.LOST
-    return Motion(
-        tick=current * PERIOD,
-        previous_tick=previous * PERIOD,
-        X_PC=np.eye(4) if lost else inverse(poses[previous]) @ poses[current],
-        covariance=np.diag(np.full(6, np.inf if lost else 1e-6)),
-        matches=0 if lost else 300,
-        inliers=0 if lost else 280,
-        health=health,
-        tracks=np.zeros((0, 4), np.float32),
-    )
+    lost = lost_motion(current * PERIOD, previous * PERIOD)
+    known: dict[str, Any] = {"X_PC": inverse(poses[previous]) @ poses[current], "covariance": np.diag(np.full(6, 1e-6))}
+    return lost if health is Health.LOST else replace(lost, **known, matches=300, inliers=280, health=health)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimators.estimates import Health, Motion
+from estimators.estimates import Health, Motion, lost_motion
 from offtrack.exchange.recordings.camera_files import (
     Facing,
     MountingOptions,
@@ -201,11 +201,8 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
             return None
 
         def step(self, memory: None, frame: StereoFrame) -> tuple[None, Motion]:
-            X_PC, tracks = transform(np.eye(3), 0.4 * np.array(way)), np.zeros((0, 4), np.float32)
-            return None, Motion(
-                tick=frame.tick, previous_tick=frame.tick - 100, X_PC=X_PC, covariance=np.eye(6), health=Health.OK,
-                tracks=tracks, matches=300, inliers=300,
-            )  # fmt: skip
+            X_PC, lost = transform(np.eye(3), 0.4 * np.array(way)), lost_motion(frame.tick, frame.tick - 100)
+            return None, replace(lost, X_PC=X_PC, covariance=np.eye(6), health=Health.OK, matches=300, inliers=300)
 
     monkeypatch.setattr("offtrack.exchange.recordings.camera_files.CircularOdometry", Moving)
     grey = np.zeros((32, 64), np.uint8)

@@ -159,14 +159,12 @@ def test_images_that_are_no_pairs_are_refused_before_anything_is_estimated(tmp_p
 
 def test_broken_images_are_dropped_with_the_reason_and_the_rest_is_read(tmp_path: Path) -> None:
     """Cut off, empty, with flipped bits, of another size: each is one frame less, and its file is named."""
-    make(tmp_path, range(12))
-    left = tmp_path / "image_0"
+    left = make(tmp_path, range(12)) / "image_0"
     whole = (left / "000003.png").read_bytes()
-    (left / "000003.png").write_bytes(whole[: len(whole) // 2])
-    (left / "000004.png").write_bytes(b"")
-    flipped = bytearray((left / "000005.png").read_bytes())
-    flipped[len(flipped) // 2] ^= 0xFF
-    (left / "000005.png").write_bytes(bytes(flipped))
+    middle = len(whole) // 2
+    flipped = whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :]
+    for k, content in ((3, whole[:middle]), (4, b""), (5, flipped)):
+        (left / f"{k:06d}.png").write_bytes(content)
     write_images(tmp_path / "image_1", ["000006.png"], (12, 8))
     read = [frame for _, frame in stream(find_sequence(tmp_path, 10.0).frames, SIZE)]
     reasons = {k: frame.reason for k, frame in enumerate(read) if isinstance(frame, Dropped)}

@@ -82,23 +82,20 @@ def bag(folder: Path, messages: Messages) -> Path:
 
 def finished_run(folder: Path) -> Path:
     """A run's directory with a log of one second and the images of its recording in ``images``."""
-    (folder / "scenario.toml").write_text(
-        load_scenario("constant-slip", ("off_tracking=truth",)).to_toml(), encoding="utf-8"
-    )
-    time = np.arange(0.0, 1.0, 0.01)
-    names = [
-        f"{name}_{unit}" for unit in ("tractor", "semitrailer") for name in ("x", "y", "psi", "v_x", "v_y", "yaw_rate")
-    ]
+    scenario, images = load_scenario("constant-slip", ("off_tracking=truth",)), folder / "images"
+    (folder / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
+    time, units = np.arange(0.0, 1.0, 0.01), ("tractor", "semitrailer")
+    names = [f"{name}_{unit}" for unit in units for name in ("x", "y", "psi", "v_x", "v_y", "yaw_rate")]
     rows = np.column_stack([time, *(time + k for k in range(len(names))), np.where(time < 0.5, np.nan, time)])
     signals = [Signal("time", "s", "time"), *(Signal(name, "m", name) for name in names), Signal("value", "m", "v")]
     write_log(Log(tuple(signals), rows), folder / "signals.parquet")
     for side in (0, 1):
-        (folder / "images" / f"image_{side}").mkdir(parents=True)
+        (images / f"image_{side}").mkdir(parents=True)
         for k in range(3):
-            cv2.imwrite(str(folder / "images" / f"image_{side}" / f"{k:06d}.png"), picture(k, side))
-    (folder / "images" / "times.txt").write_text("0.0\n0.123456789\n0.2\n", encoding="utf-8")
+            cv2.imwrite(str(images / f"image_{side}" / f"{k:06d}.png"), picture(k, side))
+    (images / "times.txt").write_text("0.0\n0.123456789\n0.2\n", encoding="utf-8")
     calibration = "".join(f"P{k}: 60 0 31.5 {-30.0 * k} 0 60 23.5 0 0 0 1 0\n" for k in (0, 1))
-    (folder / "images" / "calib.txt").write_text(calibration, encoding="utf-8")
+    (images / "calib.txt").write_text(calibration, encoding="utf-8")
     return folder
 
 

@@ -13,6 +13,7 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.run_summary import number_at
 from scenarios.results.trailer_result import RunResult, error_of_estimate
 from scenarios.results.trailer_signals import ReferenceOffTracking
+from tests import trailers
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform
@@ -64,12 +65,8 @@ def circle() -> Iterator[Truth]:
     for k in range(4700):
         angle = 4.0 * 0.01 * k / 20.0
         x, y = 20.0 * np.sin(angle), 20.0 - 20.0 * np.cos(angle)
-        X_WS = transform(rotation_zyx(angle, 0.0, 0.0), np.array([x, y, 0.0]))
-        yield Truth(
-            tick=10 * k, poses=np.array([[x, y, angle]]), velocities=np.array([[4.0, 0.0, 0.2]]), bodies=X_WS[None],
-            steer=np.zeros(1), wheel_loads=np.ones(4), wheel_slip_angles=np.zeros(4), friction_used=np.zeros(4),
-            load_transfer=np.zeros(1),
-        )  # fmt: skip
+        X_WS, poses = transform(rotation_zyx(angle, 0.0, 0.0), np.array([x, y, 0.0])), np.array([[x, y, angle]])
+        yield trailers.truth(10 * k, bodies=X_WS[None], poses=poses, velocities=np.array([[4.0, 0.0, 0.2]]))
 
 
 @pytest.mark.slow

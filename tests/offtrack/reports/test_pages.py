@@ -5,10 +5,8 @@ All of them are put together from the same kinds of content.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from html import escape
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Final
 
@@ -34,70 +32,12 @@ from offtrack.reports.page import (
 from offtrack.reports.player.encoding import explorer_script, player_script
 from offtrack.reports.plots import drawn
 from offtrack.reports.run_page import report_html
-from scenarios.results.log import Log
 from scenarios.results.trailer_result import RunResult
 
 BAD: Final = "<script>alert('$x^')</script>"  # a tag, quotes, and mathematics that matplotlib can not parse
-VOID: Final = {"meta", "link", "br", "input", "img", "image", "path", "use", "circle", "rect"}
-
-
-class Balance(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.wrong: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Closed in itself."""
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag not in VOID and (not self.open or self.open.pop() != tag):
-            self.wrong.append(tag)
 
 
 TEMPLATES: Final = Path(__file__).resolve().parents[3] / "offtrack" / "reports" / "templates"
-
-
-@pytest.mark.slow
-def test_a_page_shows_hostile_names_as_text(camera_run: RunResult) -> None:
-    """A name with a tag in it is shown with its brackets; it opens no element, in the page or in a figure.
-
-    Trailer, scenario, outcome and manifest of the run have that name.
-    """
-    run = camera_run
-
-    def renamed(name: str) -> str:
-        return re.sub("trailer$", lambda _: BAD, name)
-
-    signals = tuple(dataclasses.replace(signal, name=renamed(signal.name)) for signal in run.log.signals)
-    units = tuple(
-        dataclasses.replace(
-            unit,
-            name=renamed(unit.name),
-            steer_signals=tuple(None if name is None else renamed(name) for name in unit.steer_signals),
-        )
-        for unit in run.units
-    )
-    bad = dataclasses.replace(
-        run,
-        scenario=BAD,
-        scenario_toml=BAD,
-        outcome=BAD,
-        log=Log(signals, run.log.rows),
-        units=units,
-        trailers=tuple(dataclasses.replace(trailer, name=renamed(trailer.name)) for trailer in run.trailers),
-        manifest={BAD: BAD},
-    )
-    html = without_own_scripts(report_html(bad, bad.summary()))
-    assert "<script" not in html
-    assert "&lt;script&gt;alert(" in html
-    balance = Balance()
-    balance.feed(html)
-    assert (balance.wrong, balance.open) == ([], [])
 
 
 @pytest.mark.slow

@@ -110,13 +110,10 @@ def test_the_flow_is_drawn_where_the_features_are() -> None:
 
 def test_a_long_course_is_followed(blind_run: RunResult) -> None:
     """On 600 m the whole course would leave a vehicle of a few pixels: the view moves, the vehicle stays in it."""
-    rows = blind_run.log.rows.copy()
-    names = blind_run.log.names
-    time = rows[:, names.index("time")]
+    rows, column = blind_run.log.rows.copy(), blind_run.log.names.index
     for unit in ("tractor", "trailer"):
-        for quantity in ("y", "psi"):
-            rows[:, names.index(f"{quantity}_{unit}")] = 0.0
-        rows[:, names.index(f"x_{unit}")] = 25.0 * time
+        rows[:, [column(f"{name}_{unit}") for name in ("y", "psi")]] = 0.0
+        rows[:, column(f"x_{unit}")] = 25.0 * rows[:, column("time")]
     road = np.column_stack([np.linspace(-50.0, 700.0, 400), np.zeros(400)])
     run = dataclasses.replace(blind_run, log=Log(blind_run.log.signals, rows), road=road)
     early, late = still(run, 5.0)[60:, :600], still(run, 20.0)[60:, :600]

@@ -61,16 +61,12 @@ def test_two_runs_play_together_and_their_numbers_stand_side_by_side(
 
 
 @pytest.mark.slow
-def test_a_run_alone_is_rebuilt_as_it_was(runs: list[Path]) -> None:
+def test_a_run_alone_is_rebuilt_as_it_was_and_a_rover_is_viewed_too(runs: list[Path], tmp_path: Path) -> None:
     run = finished_run(runs[0], "one")
     assert isinstance(run.result, RunResult)
     assert run.result.outcome == "completed"
     assert [trailer.n_steered for trailer in run.result.trailers] == [2]
     assert run.result.trailers[0].follow_distance == pytest.approx(14.0)
-
-
-@pytest.mark.slow
-def test_a_rover_is_viewed_too(runs: list[Path], tmp_path: Path) -> None:
     assert offtrack("view", str(runs[2]), "--out", str(tmp_path / "rover.html")).exit_code == 0
 
 

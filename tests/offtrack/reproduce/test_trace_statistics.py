@@ -49,19 +49,12 @@ def one(there: TraceTruth, guess: SlipAngle) -> Judgement:
     return compared_with_truth([guess], [there], RIG)[0]
 
 
-def test_estimate_on_bare_ground_is_a_false_positive() -> None:
-    """Two images without a trace, one of them with an estimate: 50 %."""
-    table = compared_with_truth([estimate(0), estimate(200, health=Health.LOST)], [truth(0, 0.0), truth(200, 0.0)], RIG)
-    assert (statistics(table).without, statistics(table).false_positives) == (2, 50.0)
-
-
-def test_degraded_estimate_counts_as_an_estimate() -> None:
-    """Health DEGRADED says that the value is used: what is used has to be right."""
-    assert statistics([one(truth(0, 0.0), estimate(0, health=Health.DEGRADED))]).false_positives == 100.0
-
-
-def test_trace_without_an_estimate_is_a_false_negative() -> None:
-    """One of four is not seen: 25 %."""
+def test_estimates_without_a_trace_and_traces_without_an_estimate_are_counted() -> None:
+    """One of two images without a trace has an estimate, a degraded one is used too; one of four is not seen."""
+    bare = [truth(0, 0.0), truth(200, 0.0)]
+    for health in (Health.OK, Health.DEGRADED):
+        table = compared_with_truth([estimate(0, health=health), estimate(200, health=Health.LOST)], bare, RIG)
+        assert (statistics(table).without, statistics(table).false_positives) == (2, 50.0)
     table = [one(truth(k, 1.0), estimate(k, health=Health.LOST if k == 0 else Health.OK)) for k in range(4)]
     assert statistics(table).false_negatives == 25.0
 
@@ -98,23 +91,15 @@ def test_steered_wheel_is_judged_by_where_it_travels_not_where_it_points() -> No
 
 
 def test_errors_are_taken_at_their_own_moments() -> None:
-    """Now against now; the later, better estimate against the slip that was at its moment."""
+    """Now against now; the later, better estimate against the slip that was at its moment.
+
+    RMS of 3 and -1, one of them beyond 2.5 standard deviations. An estimate belongs to the image it was made of.
+    """
     truths = [truth(0, 1.0, slip=0.12), truth(200, 1.0, slip=0.10)]
     got = compared_with_truth([estimate(0, 0.12), estimate(200, 0.13)], truths, RIG)[1]
-    assert got.error == pytest.approx(0.03)
-    assert got.lagged_error == pytest.approx(0.01)
-    assert got.sigmas == pytest.approx(1.5)
-
-
-def test_sums_over_errors_are_those_of_their_definitions() -> None:
-    """RMS of 3 and -1, one of them beyond 2.5 standard deviations."""
+    assert (got.error, got.lagged_error, got.sigmas) == pytest.approx((0.03, 0.01, 1.5))
     table = [Judgement(True, True, False, error, sigmas, error) for error, sigmas in ((3.0, 2.6), (-1.0, -2.4))]
-    got = statistics(table)
-    assert got.rms == got.lagged_rms == pytest.approx(math.sqrt(5.0))
-    assert got.within == 50.0
-
-
-def test_estimates_of_other_moments_are_refused() -> None:
-    """An estimate belongs to the image it was made of."""
+    found = statistics(table)
+    assert (found.rms, found.lagged_rms, found.within) == pytest.approx((math.sqrt(5.0), math.sqrt(5.0), 50.0))
     with pytest.raises(ValueError, match="ticks must be equal"):
         compared_with_truth([estimate(0)], [truth(200, 1.0)], RIG)

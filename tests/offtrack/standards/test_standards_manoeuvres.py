@@ -40,7 +40,6 @@ from offtrack.studies.standards.proving_ground import (
     KINDS,
     STANDARD,
     Conditions,
-    Manoeuvre,
     amplification,
     damping,
     lateral_acceleration,
@@ -51,7 +50,7 @@ from offtrack.studies.standards.steady_driving import set_speed, steady_circle
 from offtrack.studies.validation.linear_checks import audited_vehicle
 from offtrack.studies.validation.stopping_checks import without_abs
 from scenarios.results.log import Log, Signal
-from scenarios.results.swept_path import UnitOutline, tail_swings
+from scenarios.results.swept_path import UnitOutline
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.handling import rearward_amplification, understeer_gradient
 from vehicle.combination.layout import State, slices, state_sizes
@@ -209,24 +208,11 @@ def rolled(path: Path) -> FloatArray:
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_bodies_in_a_turn_reach_where_geometry_says(side: float) -> None:
-    """Beside the rear axle's circle: inside half the width, outside hypot(R + w/2, front) - R, at any one station.
-
-    A rear corner 2 m behind the axle is at hypot(R + w/2, 2) from the centre: 0.15 m beyond the straight at entry. At
-    exit it comes from the inside, unless the body is yawed 5 degrees too far: 2 sin(5) - 1.25 (1 - cos(5)) outside.
-    The rear axle's own corners never leave the straight. Rows are 3 cm apart.
-    """
+    """Beside the rear axle's circle: inside half the width, outside hypot(R + w/2, front) - R, at any one station."""
     path = rear_path(side)
     poses, outermost = rolled(path), math.hypot(RADIUS + 1.25, 6.0) - RADIUS
     assert reach((BODY,), (poses,), path).width == pytest.approx(outermost + 1.25, abs=0.01)  # stations 0.1 m apart
     assert np.nanmax(front_reach(BODY, poses, path)) == pytest.approx(outermost, abs=1e-3)
-    swing = math.hypot(RADIUS + 1.25, 2.0) - RADIUS - 1.25
-    assert tail_swings((BODY,), (poses,)) == pytest.approx((swing, 0.0), abs=1e-4)
-    turned, travelled = ENTRY + 0.5 * math.pi * RADIUS, np.arange(len(poses)) * 0.03
-    bump = np.where((travelled > turned) & (travelled < turned + 6.0), side * math.radians(5.0), 0.0)
-    out = 2.0 * math.sin(math.radians(5.0)) - 1.25 * (1.0 - math.cos(math.radians(5.0)))
-    assert tail_swings((BODY,), (poses + np.outer(bump, [0.0, 0.0, 1.0]),))[1] == pytest.approx(out, abs=1e-9)
-    stump = UnitOutline("truck", 6.0, 0.0, 2.5, (5.0, 0.0), (2.0, 2.0))
-    assert tail_swings((stump,), (poses,)) == pytest.approx((0.0, 0.0), abs=1e-12)
     straight = np.column_stack([np.arange(0.0, 20.0, 0.1), np.zeros(200), np.zeros(200)])
     assert reach((BODY,), (straight,), Path(Pose2(0.0, 0.0, 0.0), (line(20.0),))).width == pytest.approx(2.5, abs=1e-9)
 
@@ -325,11 +311,6 @@ def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) ->
         assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03
 
 
-@pytest.fixture(scope="module")
-def driven() -> Manoeuvre:
-    return lane_change(load_vehicle("eu_tractor_semitrailer"), "none")
-
-
 def test_the_prescribed_motion_is_the_standards() -> None:
     """0.15 g over 2 pi (0.4 Hz)^2 is 1.4637 m; the path is the acceleration's second integral at 88 km/h."""
     assert pytest.approx(1.4637, abs=5e-5) == CHANGE_OFFSET
@@ -345,11 +326,15 @@ def test_the_prescribed_motion_is_the_standards() -> None:
     assert path[-1] == pytest.approx(CHANGE_OFFSET)
 
 
-def test_the_robot_does_what_is_prescribed(driven: Manoeuvre) -> None:
+@pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck"])
+def test_the_robot_does_what_is_prescribed(name: str) -> None:
     """Front axle within 1 % of 0.15 g and within 20 mm of its path, a 70th of the offset."""
-    assert driven.outcome == "completed"
-    assert driven.figures["front_peak_acceleration_m_s2"] == pytest.approx(CHANGE_PEAK, rel=0.01)
-    assert driven.figures["front_path_error_m"] < 0.020
+    done = lane_change(load_vehicle(name), "none")
+    assert done.outcome == "completed"
+    assert done.figures["front_peak_acceleration_m_s2"] == pytest.approx(CHANGE_PEAK, rel=0.01)
+    assert done.figures["front_path_error_m"] < 0.020
+    assert math.isfinite(done.figures["transient_off_tracking_m"])
+    assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0) or name != "rigid_truck"
 
 
 def test_linear_theory_gives_the_reference_figures_of_the_audited_set() -> None:
@@ -358,10 +343,3 @@ def test_linear_theory_gives_the_reference_figures_of_the_audited_set() -> None:
     assert figures["rearward_amplification"] == pytest.approx(1.122, abs=1e-3)
     assert figures["rearward_amplification_yaw"] == pytest.approx(1.082, abs=1e-3)
     assert figures["transient_off_tracking_m"] == pytest.approx(0.336, abs=1e-3)
-
-
-def test_a_rigid_truck_is_driven_too() -> None:
-    done = lane_change(load_vehicle("rigid_truck"), "none")
-    assert done.outcome == "completed"
-    assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0)
-    assert math.isfinite(done.figures["transient_off_tracking_m"])

@@ -12,7 +12,7 @@ import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from controllers.path import Path as Course
 from controllers.path import arc
@@ -162,29 +162,18 @@ def test_other_steps_are_the_plants_own_where_they_are_as_long() -> None:
 # --- page and command ---
 
 
-def sections(*values: float | None) -> list[CheckSection]:
-    plot = Plot(
-        title="a < b", x_label="x [m]", y_label="y [m]", to_scale=True,
-        series=(Series("model", np.arange(3.0), np.arange(3.0) ** 2, "model"),),
-    )  # fmt: skip
+def section(*values: float | None) -> CheckSection:
+    series = (Series("model", np.arange(3.0), np.arange(3.0) ** 2, "model"),)
+    plot = Plot(title="a < b", x_label="x [m]", y_label="y [m]", to_scale=True, series=series)
     checks = tuple(check(value, remark="not installed" if value is None else "") for value in values)
-    return [CheckSection(title="Turns", text="Slowly round.", checks=checks, plots=(plot,))]
+    return CheckSection(title="Turns", text="Slowly round.", checks=checks, plots=(plot,))
 
 
-def test_the_page_says_everything_and_needs_nothing() -> None:
-    page = validation_page(sections(1.05, 1.2, None), {"python": "3.x"})
+def test_the_page_says_everything() -> None:
+    page = validation_page([section(1.05, 1.2, None)], {"python": "3.x"})
     for text in ("1.05 m", "1.20 m", "1.00 m", "± 0.1", "a &amp; b", "radius of &lt;the&gt; turn (not installed)",
                  "1 passed, 1 failed, 1 skipped", "a &lt; b", "Slowly round.", "<svg", "3.x"):  # fmt: skip
         assert text in page, text
-    for foreign in ("<script", "href=", "src="):
-        assert foreign not in page.replace('xlink:href="#', "").replace('href="data:,"', ""), foreign
-
-
-def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *arguments: str) -> Result:
-    monkeypatch.setattr(assess, "TASKS", {"Turns": lambda quick: sections(*values)[0]})
-    app = typer.Typer()
-    app.command()(validate)
-    return CliRunner().invoke(app, list(arguments))
 
 
 @pytest.mark.parametrize(
@@ -197,7 +186,10 @@ def test_the_command_writes_a_page_and_fails_when_a_number_is_out(
 
     JSON is all that is printed.
     """
-    done = run(monkeypatch, values, "--json", "--out", str(tmp_path / "new" / "one"))
+    monkeypatch.setattr(assess, "TASKS", {"Turns": lambda quick: section(*values)})
+    app = typer.Typer()
+    app.command()(validate)
+    done = CliRunner().invoke(app, ["--json", "--out", str(tmp_path / "new" / "one")])
     assert done.exit_code == bool(verdicts[1]), done.output
     told = json.loads(done.stdout)
     assert (told["passed"], told["failed"], told["skipped"]) == verdicts

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -234,9 +235,8 @@ def test_bisection_finds_the_smallest_value_that_fails(campaign: Campaign, tmp_p
     def make(cases: Sequence[Case]) -> list[Outcome]:
         rounds.append([amount(case) for case in cases])
         fails = [amount(case) >= 3.3 and dict(case.axes)["trailer_steering"] == "mpc" for case in cases]
-        template = made(campaign, tmp_path, 2)
-        numbers = [{**template.numbers, "off_tracking": {"true_max_m": 0.9 if f else 0.1}} for f in fails]
-        return [Outcome(case=c, numbers=n, signals=template.signals) for c, n in zip(cases, numbers, strict=True)]
+        outcomes = (made(campaign, tmp_path, 2, off=0.9 if fail else 0.1) for fail in fails)
+        return [dataclasses.replace(one, case=case) for one, case in zip(outcomes, cases, strict=True)]
 
     preview, mpc = bisected(campaign, [], make)
     assert (preview.law, preview.finding, preview.exceptions) == ("path_preview", "never fails", ())
@@ -250,16 +250,14 @@ def test_bisection_finds_the_smallest_value_that_fails(campaign: Campaign, tmp_p
 
 def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tmp_path: Path) -> None:
     """All runs of the search pass and one of the campaign failed, at 5; or all fail and one of the campaign passed."""
-    template = made(campaign, tmp_path, 2)
 
-    def outcome(case: Case, *, fails: bool) -> Outcome:
-        numbers = {**template.numbers, "off_tracking": {"true_max_m": 0.9 if fails else 0.1}}
-        return Outcome(case=case, numbers=numbers, signals=template.signals)
+    def outcome(case: Case, fails: bool) -> Outcome:
+        return dataclasses.replace(made(campaign, tmp_path, 2, off=0.9 if fails else 0.1), case=case)
 
-    runs = [
-        campaign.judge(outcome(case, fails="gyro_bias:5" in dict(case.axes)["faults"])) for case in campaign.cases()
-    ]
-    searches = bisected(campaign, runs, lambda cases: [outcome(case, fails=False) for case in cases])
-    assert [(search.finding, search.exceptions) for search in searches] == [("never fails", (5.0,))] * 2
-    always = bisected(campaign, runs, lambda cases: [outcome(case, fails=True) for case in cases])
-    assert [(search.finding, search.exceptions) for search in always] == [("always fails", (1.0,))] * 2
+    def outcomes(fails: bool, cases: Sequence[Case]) -> list[Outcome]:
+        return [outcome(case, fails) for case in cases]
+
+    runs = [campaign.judge(outcome(case, "gyro_bias:5" in dict(case.axes)["faults"])) for case in campaign.cases()]
+    for fails, finding, exceptions in ((False, "never fails", (5.0,)), (True, "always fails", (1.0,))):
+        searches = bisected(campaign, runs, partial(outcomes, fails))
+        assert [(search.finding, search.exceptions) for search in searches] == [(finding, exceptions)] * 2

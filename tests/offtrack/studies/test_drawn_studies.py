@@ -12,7 +12,7 @@ from scipy.stats import binom, kstest, lognorm, norm
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from offtrack.studies.case import Case, Outcome
+from offtrack.studies.case import Outcome
 from offtrack.studies.draws import made_in_batches
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.table import Exceeding, running_mean
@@ -51,12 +51,12 @@ def test_draws_have_their_distributions(tmp_path: Path, method: str) -> None:
     assert study(tmp_path, read.to_toml()).cases() == cases
 
 
-def test_latin_and_sobol_fill_every_part_of_a_range(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["latin", "sobol"])
+def test_latin_and_sobol_fill_every_part_of_a_range(tmp_path: Path, method: str) -> None:
     """One value in each of as many equal parts."""
-    for method in ("latin", "sobol"):
-        read = study(tmp_path, HEAD + SAMPLE.format(count=64, method=method) + DRAW)
-        friction = np.array([float(dict(case.drawn)["surface.friction"]) for case in read.cases()])
-        assert len(set(np.floor((friction - 0.3) / 0.6 * 64).astype(int))) == 64
+    read = study(tmp_path, HEAD + SAMPLE.format(count=64, method=method) + DRAW)
+    friction = np.array([float(dict(case.drawn)["surface.friction"]) for case in read.cases()])
+    assert len(set(np.floor((friction - 0.3) / 0.6 * 64).astype(int))) == 64
 
 
 def test_intervals_are_those_of_clopper_and_pearson() -> None:
@@ -71,12 +71,8 @@ def test_intervals_are_those_of_clopper_and_pearson() -> None:
 
 def test_the_interval_of_the_mean_holds_as_often_as_it_says() -> None:
     """95 % of 2000 samples of 20 values."""
-    rng = np.random.default_rng(1)
-    held = 0
-    for _ in range(2000):
-        mean, half = running_mean(rng.normal(3.0, 2.0, 20))
-        held += abs(mean[-1] - 3.0) < half[-1]
-    assert held / 2000 == pytest.approx(0.95, abs=0.015)
+    means = [running_mean(sample) for sample in np.random.default_rng(1).normal(3.0, 2.0, (2000, 20))]
+    assert np.mean([abs(mean[-1] - 3.0) < half[-1] for mean, half in means]) == pytest.approx(0.95, abs=0.015)
 
 
 @pytest.mark.slow
@@ -124,11 +120,6 @@ def test_a_wrong_study_is_refused_in_one_line(tmp_path: Path, text: str, says: s
     assert refusal.match(f".*{says}")
 
 
-def outcome_of(case: Case, worst: float) -> Outcome:
-    numbers = {"outcome": "completed", "off_tracking": {"true_max_m": worst}}
-    return Outcome(case=case, numbers=numbers)
-
-
 def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
     """Nothing beyond the limit is known within 2.5 % after 80 draws; a share of a half is not within 400."""
     text = HEAD + SAMPLE.format(count=400, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
@@ -140,7 +131,9 @@ def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
 
     def make(chosen: Sequence[int]) -> list[Outcome]:
         asked.extend(chosen)
-        return [outcome_of(cases[k], 0.6 * (k % 2) if cases[k].axes == cases[0].axes else 0.1) for k in chosen]
+        worst = [0.6 * (k % 2) if cases[k].axes == cases[0].axes else 0.1 for k in chosen]
+        numbers = ({"outcome": "completed", "off_tracking": {"true_max_m": one}} for one in worst)
+        return [Outcome(case=cases[k], numbers=one) for k, one in zip(chosen, numbers, strict=True)]
 
     outcomes = made_in_batches(cases, read.intervals, read.stop, make)
     made = [sum(one.case.axes == axes for one in outcomes) for axes in (cases[0].axes, cases[-1].axes)]
@@ -151,19 +144,3 @@ def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
         low, high = Exceeding(0, count).interval()
         assert (high - low <= 0.05) == narrow
     assert [outcome.case for outcome in outcomes] == [cases[k] for k in sorted(asked)]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("runs_here")
-def test_a_study_that_stops_runs_what_it_needs(tmp_path: Path) -> None:
-    """Everything is beyond an impossible limit: six draws are enough for 25 %; repeated, nothing more is run."""
-    text = HEAD + SAMPLE.format(count=40, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
-    text += "[limits]\noff_tracking.true_max_m = -1\n[stop]\nhalf_width = 0.25\nbatch = 3\n"
-    study(tmp_path, text)
-    arguments = ["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1", "--json"]
-    for _ in range(2):
-        answer = CliRunner().invoke(app, arguments)
-        assert answer.exit_code == 0, answer.output
-        assert json.loads(answer.stdout)[0]["runs"] == 6
-        assert len(list((tmp_path / "out" / "cells").glob("*.json"))) == 6
-    assert "At most 40 draws" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

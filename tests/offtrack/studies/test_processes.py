@@ -17,7 +17,7 @@ from scenarios.progress import no_progress, postponed_interrupts
 
 STUCK = """
 import time
-from scenarios.processes import WorkerDiedError, each_in_a_worker, workers
+from scenarios.processes import workers
 
 with workers(2) as pool:
     busy = [pool.submit(time.sleep, 600) for _ in range(2)]

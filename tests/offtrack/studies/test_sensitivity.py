@@ -35,12 +35,10 @@ def study(tmp_path: Path, text: str) -> Study:
 
 def outcomes_of(read: Study, function: Callable[[Mapping[str, float]], float | None]) -> list[Outcome]:
     """Made-up outcomes of the study's own cases; None: the run failed."""
-    made = []
-    for case in read.cases():
-        value = function({key: float(text) for key, text in case.drawn})
-        numbers = {"outcome": "completed", "off_tracking": {"true_rms_m": value}}
-        made.append(Outcome(case=case, numbers=numbers if value is not None else {"outcome": "jackknifed"}))
-    return made
+    values = [function({key: float(text) for key, text in case.drawn}) for case in read.cases()]
+    ends = ("jackknifed" if value is None else "completed" for value in values)
+    numbers = [{"outcome": end, "off_tracking": {"true_rms_m": value}} for end, value in zip(ends, values, strict=True)]
+    return [Outcome(case=case, numbers=one) for case, one in zip(read.cases(), numbers, strict=True)]
 
 
 def ishigami(x: Mapping[str, float]) -> float:

@@ -7,6 +7,7 @@ import os
 import platform
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import optuna
 import pytest
@@ -20,6 +21,8 @@ from offtrack.studies.trials import database, finished, former, hidden, in_datab
 from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_directory import digest
+
+SHORT = ("course.turn_deg=30", "course.entry=20", "course.exit=5", "speed_kmh=20", "off_tracking=truth")
 
 
 def trial(number: int, *values: float) -> Trial:
@@ -35,9 +38,7 @@ def test_the_front_is_what_no_other_trial_beats_and_a_compromise_is_chosen() -> 
 
 
 def arguments(out: Path, trials: int) -> list[str]:
-    course = ["course.turn_deg=30", "course.entry=20", "course.exit=5", "speed_kmh=20"]
-    short = [*course, "off_tracking=truth", "reference_unit=false"]
-    fixed = [part for setting in short for part in ("--set", setting)]
+    fixed = [part for setting in (*SHORT, "reference_unit=false") for part in ("--set", setting)]
     sets = ["--seeds", "11", "--judge-seeds", "12", "--range", "gain=0.1:1.0", "--jobs", "1"]
     return ["tune", "roundabout", "--trials", str(trials), *sets, *fixed, "--json", "--out", str(out)]
 
@@ -62,12 +63,13 @@ def test_trials_are_gone_on_with_and_the_defaults_come_first(tmp_path: Path, mon
     assert load_scenario(str(out / "tuned.toml")).steering["gain"] == told["parameters"]["gain"]
 
 
-def tuning(identity: str) -> Tuning:
+def tuning(identity: str, **changes: Any) -> Tuning:
     runs = Study(scenario="roundabout", fixed=(), axes={}, seeds=(1,))
-    return Tuning(
+    plain = Tuning(
         law="path_preview", ranges={"gain": Range(low=0.0, high=1.0)}, defaults={"gain": 0.77}, objectives=("a",),
         tuned_on=runs, judged_on=runs, identity=identity,
     )  # fmt: skip
+    return replace(plain, **changes)
 
 
 def stored(directory: Path, name: str) -> optuna.Study:
@@ -125,19 +127,15 @@ def test_a_damaged_journal_is_named_and_nothing_is_written(damage: str, tmp_path
     assert [path.name for path in out.iterdir()] == ["journal.log"]
 
 
-def shared_tuning(folder: Path) -> Tuning:
-    fixed = (("course.turn_deg", "30"), ("course.entry", "20"), ("course.exit", "5"), ("off_tracking", "truth"))
-    runs = Study(scenario="roundabout", fixed=(*fixed, ("speed_kmh", "20")), axes={}, seeds=(1,))
-    objectives, ranges = ("off_tracking.true_rms_m",), {"gain": Range(low=0.1, high=1.0)}
-    one = replace(tuning(runs.identity()), objectives=objectives, tuned_on=runs, judged_on=runs, ranges=ranges)
-    return in_database(one, f"sqlite:///{folder / 'trials.db'}")
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Heartbeat of storage")  # of trials that the test begins by itself
 def test_trials_in_a_database_are_shared_and_dead_ones_are_tried_again(tmp_path: Path) -> None:
     """The trial of a process that has ended is failed at once, and its parameters are the next; the others' are not."""
-    task = shared_tuning(tmp_path)
+    fixed = tuple((key, value) for key, _, value in (setting.partition("=") for setting in SHORT))
+    runs = Study(scenario="roundabout", fixed=fixed, axes={}, seeds=(1,))
+    parts: dict[str, Any] = {"objectives": ("off_tracking.true_rms_m",), "tuned_on": runs, "judged_on": runs}
+    one = tuning(runs.identity(), ranges={"gain": Range(low=0.1, high=1.0)}, **parts)
+    task = in_database(one, f"sqlite:///{tmp_path / 'trials.db'}")
     other = in_database(replace(task, ranges={"gain": Range(low=0.1, high=2.0)}), task.storage or "")
     assert task.shared_name != other.shared_name  # other ranges, other trials; the machine does not count
     assert in_database(task, task.storage or "").shared_name == task.shared_name
