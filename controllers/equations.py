@@ -104,5 +104,4 @@ def settle(
     """`settled` for arrays."""
     angle, demand = np.asarray(angle, dtype=np.float64), np.asarray(demand, dtype=np.float64)
     duration = np.asarray(duration, dtype=np.float64)
-    angles: FloatArray = settled(ARRAYS, angle, demand, duration, lag=lag, max_rate=max_rate)
-    return angles
+    return settled(ARRAYS, angle, demand, duration, lag=lag, max_rate=max_rate)

@@ -202,15 +202,13 @@ def _extension(points: FloatArray, s: FloatArray, beyond: FloatArray) -> FloatAr
     half = 0.5 * (s[-1] - low)
     curvature = math.remainder(second - first, math.tau) / half
     headings = second + curvature * (0.5 * half + beyond - 0.5 * _SPACING)
-    extension: FloatArray = c + _SPACING * np.cumsum(_along(headings), axis=0)
-    return extension
+    return c + _SPACING * np.cumsum(_along(headings), axis=0)
 
 
 def _directions(path: FloatArray) -> FloatArray:
     """Direction of a path at each of its points [rad], continuous."""
     tangents = np.gradient(path, axis=0)
-    directions: FloatArray = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
-    return directions
+    return np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
 
 
 def _towing(hitch_path: FloatArray, hitch: float) -> FloatArray:

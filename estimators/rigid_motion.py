@@ -38,8 +38,7 @@ def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion
 def along_axes(R_AB: FloatArray, covariance: FloatArray) -> FloatArray:
     """Covariance (6, 6) along the axes of A, from that along the axes of B."""
     R = np.kron(np.eye(2), R_AB)
-    turned: FloatArray = R @ covariance @ R.T
-    return turned
+    return R @ covariance @ R.T
 
 
 def inverted(motion: UncertainMotion) -> UncertainMotion:

@@ -222,5 +222,4 @@ def is_message(kind: object) -> bool:
 
 def image_fields(kind: type[Message]) -> tuple[str, ...]:
     """Names of the fields of a message class that hold images; empty if there are none."""
-    names: tuple[str, ...] = getattr(kind, "IMAGES", ())
-    return names
+    return getattr(kind, "IMAGES", ())

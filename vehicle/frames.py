@@ -183,12 +183,10 @@ def is_left(line: FloatArray, nearest: NDArray[np.intp], xy: FloatArray) -> NDAr
     """True for positions (..., 2) [m] to the left of their nearest points (...) of a line (n, 2) [m]."""
     before, after = np.maximum(nearest - 1, 0), np.minimum(nearest + 1, len(line) - 1)
     along, away = line[after] - line[before], xy - line[nearest]
-    left: NDArray[np.bool_] = along[..., 0] * away[..., 1] > along[..., 1] * away[..., 0]
-    return left
+    return along[..., 0] * away[..., 1] > along[..., 1] * away[..., 0]
 
 
 def rows_every(points: FloatArray, spacing: float) -> NDArray[np.intp]:
     """Indices of points (n, 2) about ``spacing`` [m] of arc length apart."""
     along = arc_length(points)
-    rows: NDArray[np.intp] = np.unique(np.searchsorted(along, np.arange(0.0, along[-1], spacing)))
-    return rows
+    return np.unique(np.searchsorted(along, np.arange(0.0, along[-1], spacing)))

@@ -403,8 +403,7 @@ class AxleGrip:
             return angles
         friction = memory.friction.friction * math.exp(math.sqrt(memory.friction.variance[0]))
         slip = friction * self._slip
-        limited: FloatArray = np.clip(angles, memory.travel - slip, memory.travel + slip)
-        return limited
+        return np.clip(angles, memory.travel - slip, memory.travel + slip)
 
     def _forces(self, slip: FloatArray, friction: float) -> FloatArray:
         """Side forces (n_axles,) over loads, + left, of axles that point left of their travel by ``slip`` [rad]."""

@@ -88,8 +88,7 @@ class AxleGroup:
 
     def steer_moment(self, angles: FloatArray) -> FloatArray:
         """``sum(x_i tan(delta_i))`` [m] of angles (..., n_steered) [rad]."""
-        moment: FloatArray = np.tan(angles) @ self.steered
-        return moment
+        return np.tan(angles) @ self.steered
 
     def steer_angles(self, hitch_direction: float, follow_direction: float, mean_slip: float) -> FloatArray:
         """Angles (n_steered,) [rad], within the limit, for travel of the follow point along ``follow_direction`` [rad].

@@ -101,8 +101,7 @@ class Plant(NamedTuple):
 def path_nodes(follow_distance: float) -> FloatArray:
     """Positions of the path nodes behind the hitch, (nodes,) x in S from front to rear [m]."""
     points: FloatArray = np.cos(np.pi * np.arange(1, _NODES + 1) / _NODES)
-    nodes: FloatArray = 0.5 * follow_distance * (points - 1.0)
-    return nodes
+    return 0.5 * follow_distance * (points - 1.0)
 
 
 @lru_cache(maxsize=16)

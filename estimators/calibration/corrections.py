@@ -92,8 +92,7 @@ def doubt_covariance(calibration: StereoCalibration, X: FloatArray, angles: Floa
     turn = np.hypot(_TURN * across, _SHIFT_TURN * relative) * distance
     covariance = np.diag([turn**2] * 3 + [sideways**2] * 3)
     covariance[3:, 3:] += (along**2 + (_SHIFT_ALONG * relative) ** 2) * np.outer(p, p)
-    factored: FloatArray = max(1.0, _CONSTANT_OVER / max(distance, _LEAST_DISTANCE)) * covariance
-    return factored
+    return max(1.0, _CONSTANT_OVER / max(distance, _LEAST_DISTANCE)) * covariance
 
 
 _SYSTEMATIC = np.radians([0.001, 0.001, 0.0005])  # error common to all views: measured over rendered drives [rad]
@@ -183,5 +182,4 @@ def with_calibration(
 
 def _std(state: MountState) -> FloatArray:
     """Standard deviations (3,) of the angles, with the common error of all views."""
-    std: FloatArray = np.hypot(state.std[:3], _SYSTEMATIC)
-    return std
+    return np.hypot(state.std[:3], _SYSTEMATIC)

@@ -57,8 +57,7 @@ def straightened(calibration: StereoCalibration, image: GreyImage, R_ClCr: Float
 def moved(H: FloatArray, points: FloatArray | NDArray[np.float32]) -> FloatArray:
     """Map points (n, 2) [px] by a homography (3, 3)."""
     homogeneous = points @ H[:, :2].T + H[:, 2]
-    flat: FloatArray = homogeneous[:, :2] / homogeneous[:, 2:]
-    return flat
+    return homogeneous[:, :2] / homogeneous[:, 2:]
 
 
 def sensitivity(calibration: StereoCalibration, points: FloatArray) -> FloatArray:

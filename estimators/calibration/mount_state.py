@@ -68,8 +68,7 @@ class MountState(NamedTuple):
     @property
     def std(self) -> FloatArray:
         """Standard deviations (6,)."""
-        result: FloatArray = np.sqrt(np.diag(self.covariance))
-        return result
+        return np.sqrt(np.diag(self.covariance))
 
 
 def initial() -> MountState:
@@ -151,8 +150,7 @@ def with_information(
 
 def _noise(fit: EpipolarFit) -> FloatArray:
     """Covariance (4, 4) of a fit."""
-    noise: FloatArray = _NEIGHBOURS * fit.covariance + np.diag(_SINGLE**2)
-    return noise
+    return _NEIGHBOURS * fit.covariance + np.diag(_SINGLE**2)
 
 
 def _twist_variance(twist: Twist) -> FloatArray:
@@ -181,8 +179,7 @@ class PairGeometry(NamedTuple):
 
     def attitude(self, rotation: RightRotation) -> FloatArray:
         """R_ClCr (3, 3) of a right camera that is turned by ``rotation`` on its mount."""
-        R: FloatArray = self.R_delay @ rotation.matrix()
-        return R
+        return self.R_delay @ rotation.matrix()
 
 
 def geometry(delay: float, twist: Twist, baseline: float) -> PairGeometry:

@@ -128,8 +128,7 @@ def _edges(camera: CameraModel) -> Iterator[FloatArray]:
 def _turned(rays: FloatArray, R: FloatArray) -> FloatArray:
     """Rays (..., 2) of depth 1 in axes rotated by R (3, 3)."""
     turned = rays @ R[:, :2].T + R[:, 2]
-    flat: FloatArray = turned[..., :2] / turned[..., 2:]
-    return flat
+    return turned[..., :2] / turned[..., 2:]
 
 
 def _map(calibration: StereoCalibration, camera: CameraModel, R: FloatArray) -> _Map | None:

@@ -88,5 +88,4 @@ def _rms(motions: Sequence[Motion], others: Sequence[Motion]) -> FloatArray:
             turn = rotation_vector(motion.X_PC[:3, :3] @ other.X_PC[:3, :3].T)
             difference = np.concatenate([turn, motion.X_PC[:3, 3] - other.X_PC[:3, 3]])
             ratios.append(difference / np.sqrt(np.diag(motion.covariance + other.covariance)))
-    rms: FloatArray = np.sqrt(np.mean(np.square(ratios), axis=0)) if ratios else np.full(6, np.nan)
-    return rms
+    return np.sqrt(np.mean(np.square(ratios), axis=0)) if ratios else np.full(6, np.nan)

@@ -123,8 +123,7 @@ def _mixed(of_scores: FloatArray, normal: FloatArray, scale: FloatArray, count: 
 
 def _corrected(scatter: FloatArray, count: FloatArray) -> FloatArray:
     """Scatter without the bias by six degrees of freedom of 3 n."""
-    corrected: FloatArray = scatter * (count / (count - 2.0))[..., None, None]
-    return corrected
+    return scatter * (count / (count - 2.0))[..., None, None]
 
 
 _HALVES = 3  # left and right, near and far, newest keyframe and older ones
@@ -226,5 +225,4 @@ def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
 
 def _scaled(covariance: FloatArray, by: FloatArray) -> FloatArray:
     """Covariance (6, 6) with its standard deviations multiplied by factors (6,)."""
-    larger: FloatArray = covariance * np.outer(by, by)
-    return larger
+    return covariance * np.outer(by, by)

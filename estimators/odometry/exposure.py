@@ -138,8 +138,7 @@ def _clipped(image: Image) -> GreyImage:
 def _beside(calibration: StereoCalibration, cells: FloatArray) -> FloatArray:
     """Cells of the right image, shifted to where the left image shows the same; NaN where it does not."""
     source = _beside_columns(calibration, *cells.shape)
-    shifted: FloatArray = np.where(source >= 0, np.take_along_axis(cells, np.maximum(source, 0), axis=1), np.nan)
-    return shifted
+    return np.where(source >= 0, np.take_along_axis(cells, np.maximum(source, 0), axis=1), np.nan)
 
 
 @lru_cache(maxsize=4)
@@ -260,8 +259,7 @@ def _in_range(exposure: Exposure, x: FloatArray, y: FloatArray) -> NDArray[np.bo
 
 def _distance(exposure: Exposure, x: FloatArray, y: FloatArray) -> FloatArray:
     """Distances (n,) of points from the line, in units of the axes' mean."""
-    distance: FloatArray = np.abs(y - exposure.gain * x - exposure.offset) * 2.0 / (1.0 + exposure.gain)
-    return distance
+    return np.abs(y - exposure.gain * x - exposure.offset) * 2.0 / (1.0 + exposure.gain)
 
 
 def _exposed(change: Exposure) -> FloatArray:

@@ -53,8 +53,7 @@ def strongest_in_buckets(points: NDArray[np.float64], strength: NDArray[np.float
     position = np.arange(len(order))
     new = np.diff(bucket[order], prepend=-1) > 0
     rank = position - np.maximum.accumulate(np.where(new, position, 0))
-    chosen: NDArray[np.intp] = order[rank < count]
-    return chosen
+    return order[rank < count]
 
 
 _HYPOTHESES = 150  # triples for the ground plane; enough if a third of the points lie on it

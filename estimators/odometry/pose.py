@@ -150,8 +150,7 @@ def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
     """Covariance (n, 3, 3) of points triangulated from images with ``variance`` (n, 3) or (3,)."""
     to_point = triangulation_jacobian(calibration, points)
-    covariance: FloatArray = (to_point * variance[..., None, :]) @ to_point.transpose(0, 2, 1)
-    return covariance
+    return (to_point * variance[..., None, :]) @ to_point.transpose(0, 2, 1)
 
 
 def _information(
@@ -234,8 +233,7 @@ def _agreeing(
     calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray, z: FloatArray, gate: float
 ) -> NDArray[np.bool_]:
     """Mask (n,) of the columns of points and images (3, n) that agree with a motion."""
-    agreeing: NDArray[np.bool_] = _squared(residuals(calibration, R, p, points, z)) < gate**2
-    return agreeing
+    return _squared(residuals(calibration, R, p, points, z)) < gate**2
 
 
 def _from_triples(

@@ -98,8 +98,7 @@ def _light(board: Checkerboard, xy: FloatArray) -> FloatArray:
     level = 0.5 * (_WHITE + _BLACK) - squares * 0.5 * (_WHITE - _BLACK) * black_and_white
     level += (1.0 - squares) * 0.5 * (_WHITE - _BLACK)
     level *= 1.0 - _SHADE * np.clip(xy[..., 0] / size[0], 0.0, 1.0)
-    light: FloatArray = paper * level + (1.0 - paper) * _WALL
-    return light
+    return paper * level + (1.0 - paper) * _WALL
 
 
 def random_board_pose(
@@ -127,8 +126,7 @@ def _stripes(x: FloatArray, pixel: FloatArray) -> FloatArray:
     """Stripes of width 1, alternately -1 and +1, averaged over each pixel at the edges."""
     to_edge = x - np.rint(x)
     sign = np.where(np.rint(x) % 2.0 == 0.0, 1.0, -1.0)
-    stripes: FloatArray = sign * np.clip(2.0 * to_edge / pixel, -1.0, 1.0)
-    return stripes
+    return sign * np.clip(2.0 * to_edge / pixel, -1.0, 1.0)
 
 
 def _inside(xy: FloatArray, pixel: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

@@ -344,8 +344,7 @@ def twist_between(X_before: FloatArray, X_now: FloatArray, seconds: float) -> Tw
 def moved(X_WB: FloatArray, twist: Twist, seconds: float) -> FloatArray:
     """Pose (4, 4) of a body that starts at X_WB (4, 4) and moves with a constant twist."""
     turn, shift = twist.w * seconds, twist.v * seconds
-    X: FloatArray = X_WB @ transform(so3_exp(turn), shift + 0.5 * cross(turn, shift))
-    return X
+    return X_WB @ transform(so3_exp(turn), shift + 0.5 * cross(turn, shift))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

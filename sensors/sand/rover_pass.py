@@ -181,8 +181,7 @@ def _wheel_velocities(rover: Rover, velocity: FloatArray) -> tuple[FloatArray, F
 
 def _wheel_speeds(rover: Rover, velocity: FloatArray, spin: FloatArray) -> FloatArray:
     along, _ = _wheel_velocities(rover, velocity)
-    speeds: FloatArray = along / (rover.radius * (1.0 - spin[:, None]))
-    return speeds
+    return along / (rover.radius * (1.0 - spin[:, None]))
 
 
 def _on(terrain: Terrain, x: float, y: float, psi: float) -> FloatArray:

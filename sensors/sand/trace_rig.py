@@ -35,8 +35,7 @@ class TraceRig:
     def image_of_ground(self) -> FloatArray:
         """Homography (3, 3) from ground points (x, y, 1) in R [m] to undistorted pixels (u, v, w)."""
         X_CR = inverse(self.X_RC)
-        H: FloatArray = self.camera.matrix @ np.column_stack([X_CR[:3, 0], X_CR[:3, 1], X_CR[:3, 3]])
-        return H
+        return self.camera.matrix @ np.column_stack([X_CR[:3, 0], X_CR[:3, 1], X_CR[:3, 3]])
 
 
 # The paper gives the field of view and says that the camera is a webcam on a frame on the body. The rest follows or is

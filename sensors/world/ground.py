@@ -212,8 +212,7 @@ class _Uneven:
     def touches(self, middles: FloatArray, side: float) -> NDArray[np.bool_]:
         """True for squares (n, 2) with that side [m] that hold such a place, or nearly."""
         distance, _ = self._tree.query(middles, distance_upper_bound=0.5 * side + 1.5 * self.cell, p=np.inf)
-        touching: NDArray[np.bool_] = np.isfinite(distance)
-        return touching
+        return np.isfinite(distance)
 
 
 def _squares(places: FloatArray, side: float) -> int:

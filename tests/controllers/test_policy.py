@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import gymnasium
@@ -27,7 +26,6 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms
 from vehicle.combination.description import load_vehicle
-from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 NAMES = feature_names(2, [unit.name for unit in VEHICLE.units])
@@ -79,17 +77,14 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
 @pytest.mark.parametrize(("hidden", "limit"), [("tanh", "clip"), ("relu", "tanh")])
 def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit: str) -> None:
     """Every array and function, and what it makes of features; functions that are unknown are refused."""
-    functions: dict[str, Callable[[FloatArray], FloatArray]] = {
-        "tanh": np.tanh,
-        "relu": lambda x: np.maximum(x, 0.0),
-        "clip": lambda x: np.clip(x, -1.0, 1.0),
-    }
     rng, n = np.random.default_rng(1), len(NAMES)
     weights, biases = (rng.normal(size=(4, n)), rng.normal(size=(2, 4))), (rng.normal(size=4), np.zeros(2))
     deep = Network(weights, biases, rng.normal(size=n), np.ones(n), NAMES, hidden, limit)
     save_network(deep, tmp_path / "deep.npz")
     read, x = load_network(tmp_path / "deep.npz"), rng.normal(size=n)
-    expected = functions[limit](weights[1] @ functions[hidden](weights[0] @ (x - deep.mean) + biases[0]))
+    first = weights[0] @ (x - deep.mean) + biases[0]
+    last = weights[1] @ (np.tanh(first) if hidden == "tanh" else np.maximum(first, 0.0))
+    expected = np.tanh(last) if limit == "tanh" else np.clip(last, -1.0, 1.0)
     assert read(x) == pytest.approx(expected, rel=1e-12)
     save_network(deep._replace(hidden="sin"), tmp_path / "sin.npz")
     arrays = dict(np.load(tmp_path / "deep.npz")) | {"functions": np.array([hidden, limit, "clip"])}

@@ -183,7 +183,6 @@ def test_a_frozen_sensor_repeats_its_last_message_under_new_times(truth_of: Trut
 
 
 def test_duplicates_repeat_the_message_before(truth_of: TruthOf) -> None:
-    """Of 200 messages a fifth is the one sent before."""
     messages = sent(truth_of, fault("duplicate", (0.2,)), 200)
     twice = sum(np.array_equal(image(a), image(b)) for a, b in zip(messages[1:], messages[:-1], strict=True))
     assert twice == pytest.approx(40, abs=4.0 * math.sqrt(200 * 0.2 * 0.8))  # four standard deviations

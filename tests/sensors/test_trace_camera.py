@@ -44,11 +44,14 @@ def truths(rover: Rover) -> list[RoverTruth]:
 @pytest.fixture(scope="module")
 def sand(rover: Rover, truths: list[RoverTruth]) -> SandWorld:
     """Uniform sand with the traces of that metre."""
-    world = SandWorld(
-        "uniform", rng=np.random.default_rng(4), rover=rover, terrain=SLOPE, route=route_of(truths), sun=LEFT
-    )
+    world = world_of(rover, truths, LEFT)
     world.drive(truths)
     return world
+
+
+def world_of(rover: Rover, truths: list[RoverTruth], sun: Sun, *, overcast: bool = False) -> SandWorld:
+    rng, route = np.random.default_rng(4), route_of(truths)
+    return SandWorld("uniform", rng=rng, rover=rover, terrain=SLOPE, route=route, sun=sun, overcast=overcast)
 
 
 def camera_of(world: SandWorld, rig: TraceRig, webcam: Webcam = PLAIN) -> TraceCamera:
@@ -151,16 +154,7 @@ def test_nothing_casts_a_shadow_under_clouds(rover: Rover, rig: TraceRig, truths
     behind = Sun(azimuth=math.radians(-20.0), elevation=math.radians(40.0))  # would cast the rover's shadow into view
 
     def image(sun: Sun, overcast: bool) -> GreyImage:
-        world = SandWorld(
-            "uniform",
-            rng=np.random.default_rng(4),
-            rover=rover,
-            terrain=SLOPE,
-            route=route_of(truths),
-            sun=sun,
-            overcast=overcast,
-        )
-        return camera_of(world, rig).sample(truths[0])
+        return camera_of(world_of(rover, truths, sun, overcast=overcast), rig).sample(truths[0])
 
     clouds = image(LEFT, overcast=True)
     assert np.array_equal(clouds, image(behind, overcast=True))

@@ -182,8 +182,7 @@ class LateralModel:
 
     def eigenvalues(self) -> ComplexArray:
         """Eigenvalues [1/s], by real part, the fastest decay first."""
-        eigenvalues: ComplexArray = np.sort_complex(np.linalg.eigvals(self.A).astype(np.complex128))
-        return eigenvalues
+        return np.sort_complex(np.linalg.eigvals(self.A).astype(np.complex128))
 
     def response(self, output: str, frequencies: ArrayLike, to: str = "steer") -> ComplexArray:
         """Complex gain of an output over an input at ``frequencies`` [Hz], of their shape."""

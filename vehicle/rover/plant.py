@@ -248,8 +248,7 @@ def settled_sinkage(rover: Rover, soil: Soil, load: float) -> float:
         raise ValueError(f"{soil.name} does not carry {load:.1f} N on a wheel of {rover.name}: it sinks to its axle")
     if load <= float(lift(0.0)):
         return 0.0
-    sinkage: float = brentq(lambda h: float(lift(h)) - load, 0.0, rover.radius, xtol=1e-9)
-    return sinkage
+    return brentq(lambda h: float(lift(h)) - load, 0.0, rover.radius, xtol=1e-9)
 
 
 @lru_cache(maxsize=16)

@@ -92,8 +92,7 @@ class LineFriction:
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Friction coefficient [-] at x, y [m] of one shape."""
-        friction: FloatArray = self._values[self._tree.query(np.stack([x, y], axis=-1))[1]]
-        return friction
+        return self._values[self._tree.query(np.stack([x, y], axis=-1))[1]]
 
 
 class FrictionImage:
@@ -135,8 +134,7 @@ def _between(values: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
     a, b = u - i, v - j
     lower = values[j, i] + a * (values[j, i + 1] - values[j, i])
     upper = values[j + 1, i] + a * (values[j + 1, i + 1] - values[j + 1, i])
-    value: FloatArray = lower + b * (upper - lower)
-    return value
+    return lower + b * (upper - lower)
 
 
 _SHARP = 1e-9  # width of a sharp edge; avoids division by zero [m]

@@ -79,8 +79,7 @@ class Potholes:
         """
         square = (x[..., None] - self.x) ** 2 + (y[..., None] - self.y) ** 2
         inside = np.maximum(1.0 - square * self._inverse_square, 0.0)
-        depth: FloatArray = (inside * inside) @ self._drop
-        return depth
+        return (inside * inside) @ self._drop
 
 
 class RoughProfile:
@@ -223,8 +222,7 @@ class Gust:
         """Velocity along W's y [m/s] at x [m], of its shape."""
         x = np.asarray(x, dtype=np.float64)
         inside = np.minimum(x - self.start, self.start + self.length - x)
-        velocity: FloatArray = self.speed * np.clip(inside / self.edge + 0.5, 0.0, 1.0)
-        return velocity
+        return self.speed * np.clip(inside / self.edge + 0.5, 0.0, 1.0)
 
 
 _APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuous there [m]

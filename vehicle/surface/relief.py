@@ -98,8 +98,7 @@ class RoadRelief:
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height [m] at x, y [m] in W, of their common shape."""
         s, across, _, _ = self._beside.at(x, y)
-        height: FloatArray = self._height(s) + self._bank(s) * np.clip(across, -self._reach, self._reach)
-        return height
+        return self._height(s) + self._bank(s) * np.clip(across, -self._reach, self._reach)
 
     def gradient(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Slope (dz/dx, dz/dy) [-] at x, y [m]; shape (..., 2)."""
@@ -259,5 +258,4 @@ def _cross_sections(heights: FloatArray, v: FloatArray) -> tuple[FloatArray, Flo
 def _faded(outside: FloatArray, length: float) -> FloatArray:
     """Weight 1 inside, falling smoothly to 0 over a length [m] outside."""
     share = np.clip(1.0 - outside / length, 0.0, 1.0)
-    weight: FloatArray = share * share * (3.0 - 2.0 * share)
-    return weight
+    return share * share * (3.0 - 2.0 * share)

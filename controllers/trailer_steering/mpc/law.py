@@ -192,8 +192,7 @@ class Mpc(SteeringLaw[MpcMemory]):
         """The demand [rad] at the start of a plan, within reach of the actuators."""
         reach = self._trailer.max_steer_rate * elapsed
         start = outlook.state[-len(rate) :]
-        demand: FloatArray = np.clip(start + np.clip(rate * elapsed, -reach, reach), -self._max_steer, self._max_steer)
-        return demand
+        return np.clip(start + np.clip(rate * elapsed, -reach, reach), -self._max_steer, self._max_steer)
 
     def _outlook(self, memory: MpcMemory, path: MeasuredPath, steer: FloatArray) -> Outlook | None:
         """Inputs of the plan; None if the path is too short for a reference."""

@@ -79,8 +79,7 @@ def denser(path: FloatArray) -> FloatArray:
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)
     stations = np.append(np.repeat(s[:-1], pieces) + share * np.repeat(np.diff(s), pieces), s[-1])
-    points: FloatArray = CubicSpline(s, path)(stations)
-    return points
+    return CubicSpline(s, path)(stations)
 
 
 def reference(ahead: FloatArray, behind: FloatArray, distance: float) -> Reference | None:

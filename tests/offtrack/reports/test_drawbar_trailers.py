@@ -12,7 +12,7 @@ from offtrack.studies.standards.proving_ground import drive
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import Turn, turns
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.unit import Axle, Steering, Unit
+from vehicle.combination.unit import Steering, Unit
 from vehicle.surface import Surface
 
 _SPACING = 1.31  # of axles [m]
@@ -22,8 +22,7 @@ _DRAWBAR = 3.0  # of the dolly: eye to axle [m]
 
 def centre_axle(length: float, axles: int = 1) -> Vehicle:
     """Rigid truck and a trailer whose steered axles are ``length`` [m] behind the eye on average."""
-    truck, trailer = _truck(), _body("trailer", length, axles, ahead=0.4, load=0.97)
-    return Vehicle(name="centre_axle", drive=load_vehicle("rigid_truck").drive, units=(truck, trailer))
+    return _towed("centre_axle", _body("trailer", length, axles, ahead=0.4, load=0.97))
 
 
 def full_trailer(length: float, axles: int = 1) -> Vehicle:
@@ -37,19 +36,20 @@ def full_trailer(length: float, axles: int = 1) -> Vehicle:
             "hitch_height": 1.1, "follow_x": None, "steering": None, "axles": (axle,),
         }
     )  # fmt: skip
-    drive = load_vehicle("rigid_truck").drive
-    return Vehicle(name="full_trailer", drive=drive, units=(_truck(), dolly, body))
+    return _towed("full_trailer", dolly, body)
 
 
-def _truck() -> Unit:
-    truck = load_vehicle("rigid_truck").units[0]
-    return truck.model_copy(update={"hitch_x": truck.rear_x, "hitch_height": 0.7})
+def _towed(name: str, *towed: Unit) -> Vehicle:
+    truck, drive = load_vehicle("rigid_truck").units[0], load_vehicle("rigid_truck").drive
+    truck = truck.model_copy(update={"hitch_x": truck.rear_x, "hitch_height": 0.7})
+    return Vehicle(name=name, drive=drive, units=(truck, *towed))
 
 
 def _body(name: str, length: float, axles: int, *, ahead: float, load: float) -> Unit:
     """A laden body; ``ahead`` is from the hitch to its front end, ``load`` its share of the mass on its own axles."""
     semi = load_vehicle("uk_longer_semitrailer").units[1]
     steered = next(axle for axle in semi.axles if axle.steered)
+    steered = steered.model_copy(update={"steered": True, "ackermann_x": None, "steer_group": None})
     mass, first = _AXLE_LOAD * axles / load, length - 0.5 * _SPACING * (axles - 1)
     places = [first + _SPACING * k for k in range(axles)]
     rear = places[-1] + 1.5
@@ -59,13 +59,9 @@ def _body(name: str, length: float, axles: int, *, ahead: float, load: float) ->
             "name": name, "mass": mass, "yaw_inertia": mass * (rear - front) ** 2 / 12.0, "cg_x": -load * length,
             "cg_height": 1.7, "front_x": -front, "rear_x": -rear, "hitch_x": None, "hitch_height": None,
             "follow_x": -rear, "payload": None, "steering": Steering(lag=0.15, limit_deg=30.0, rate_limit_deg=20.0),
-            "axles": tuple(_axle(steered, -place) for place in places),
+            "axles": tuple(steered.model_copy(update={"x": -place}) for place in places),
         }
     )  # fmt: skip
-
-
-def _axle(axle: Axle, x: float) -> Axle:
-    return axle.model_copy(update={"x": x, "steered": True, "ackermann_x": None, "steer_group": None})
 
 
 @pytest.mark.slow
