@@ -210,8 +210,8 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
 
 
 def test_errors_of_the_estimate_reach_the_law() -> None:
-    """It steers to where the estimate says that the path is: decimetres beside it, by a bias that is drawn."""
-    biased = replace(PERFECT, bias=0.25)
+    """It steers to where the estimate says that the path is: beside it by a bias that is drawn, and stated."""
+    biased = replace(PERFECT, bias=0.12)
     env = vector("TrailerSteering-v0", 1, surrogate=biased, courses=("turn-90",), autoreset_mode="Disabled")
     pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), "path_preview", biased)  # type: ignore[arg-type]
     (seen, info), aim = env.reset(seed=3, options={**NOMINAL, "sensor_error": 1.0}), []
@@ -220,5 +220,5 @@ def test_errors_of_the_estimate_reach_the_law() -> None:
         seen, *_, info = env.step(pilot.act(features(seen), np.ones(1, dtype=bool)))
         aim.append(features(seen)[0, 0] - info["off_tracking"][0])
     bias = float(np.median(aim))
-    assert abs(bias) > 0.1
+    assert abs(bias) > 0.05
     assert info["off_tracking"][0] == pytest.approx(-bias, abs=0.03)
