@@ -4,8 +4,6 @@ As a program it is one by UDP: ``python tests/bench_controller.py LAW PORT [SKIP
 answers where the signals come from, but for the steps ``k % SKIP == 0``.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 import sys

@@ -1,7 +1,5 @@
 """Pages in a browser, for tests; the fixture ``browser`` skips them with the reason where there is none."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Set-up of all tests, before numpy is loaded: for this process, pytest's workers and all that they start."""
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

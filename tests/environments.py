@@ -1,7 +1,5 @@
 """What tests of environments share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files that no command may hang on, run out of memory on, or end in a traceback on."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs of studies in the process of the tests: a worker takes two seconds of processor time to start."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small OpenDRIVE files, made of pieces whose ends are closed forms."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple

@@ -3,8 +3,6 @@
 And the worlds of runs with cameras, each of which takes as long to build as some seconds of driving through it.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 from collections.abc import Iterator

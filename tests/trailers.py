@@ -1,7 +1,5 @@
 """Trailers, truths, readings and estimates that tests share."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, Final

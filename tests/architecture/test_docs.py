@@ -1,7 +1,5 @@
 """The documents: links and pictures resolve, the README is short, and every command in them is one that would start."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

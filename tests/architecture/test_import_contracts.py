@@ -1,7 +1,5 @@
 """The house's walls: every import contract holds, and each one fails when it is broken."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The READMEs of the rooms: what they say of files and of imports is so."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

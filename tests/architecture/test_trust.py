@@ -1,7 +1,5 @@
 """The page docs/trust.md: its limits are those of the code, and the code uses nothing that it excludes."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

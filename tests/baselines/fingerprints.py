@@ -13,8 +13,6 @@ A difference is printed as ``case: signal, changed|gone|new``. The exit code is 
 signals and new numbers are listed but are no failure.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

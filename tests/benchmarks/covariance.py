@@ -10,8 +10,6 @@ after them. A line each:
   the largest error in these, and the largest while the health is ok.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

@@ -1,7 +1,5 @@
 """Seconds of a stereo drive, disturbed by what happens to cameras and by the faults of the catalogue."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial

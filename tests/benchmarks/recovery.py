@@ -5,8 +5,6 @@ for the double rate and for a right camera that is 50 ms late, with 100 also tho
 ``offtrack run constant-slip --set rig.rate_hz=20 --set speed_kmh=40 --set course.length=75 --record RECORDING``.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -4,8 +4,6 @@ Overhead: processor time of the study over that of its runs alone (scenario reso
 less one. Scaling: wall time with one process over that with two.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import sys

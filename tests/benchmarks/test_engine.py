@@ -4,8 +4,6 @@ Each benchmark notes ``us_per_tick``, the least of its rounds for one vehicle an
 Processor time is measured, so that other programs on the machine do not count. Run with ``make benchmarks``.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Environments: steps a second on one core, all of them with slip, surrogate, driver, rewards and info."""
 
-from __future__ import annotations
-
 import time
 
 import gymnasium

@@ -1,7 +1,5 @@
 """What an imported FMU costs a step beyond its own computation: at most 50 microseconds."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Each benchmark reports ``median_ms`` and ``p99_ms`` of the processor time of a s
 machine too, and fails beyond the bars of a controller that runs every 20 ms. Run with ``make benchmarks``.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Bars on the reference machine: keyframe 20 ms, viso2 40 ms. Run with ``make benchmarks``.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Deadlines of paced runs, for two cores that do nothing else: less than 1 % of the steps of 10 ms may end late."""
 
-from __future__ import annotations
-
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 

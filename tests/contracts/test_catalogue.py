@@ -1,7 +1,5 @@
 """Whatever the catalogue offers by name can be had by that name, and runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

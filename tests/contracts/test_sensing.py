@@ -1,7 +1,5 @@
 """Contracts of every odometry, off-tracking estimator and slip estimator of the catalogue, on rendered images."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import pickle

@@ -1,7 +1,5 @@
 """The contract of every trailer steering law of the catalogue."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import pickle

@@ -1,7 +1,5 @@
 """A kinematic tractor and semitrailer that roll without slip, to close the loop around a controller without a plant."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

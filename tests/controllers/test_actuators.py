@@ -1,7 +1,5 @@
 """Steering actuators: monitor of their faults, and grip of the axles."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

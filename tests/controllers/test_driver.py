@@ -1,7 +1,5 @@
 """Tractor drivers: preview driver with its design, recorded drives, and speed along a path."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Kinematics of a trailer led at its hitch, its prediction, the tractor's motion, and the model of an actuator."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Linear-quadratic steering at speed, and the law for all speeds made of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Model predictive steering: closed loops, the law alone, its parts and its model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

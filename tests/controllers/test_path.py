@@ -1,7 +1,5 @@
 """Paths by arc length."""
 
-from __future__ import annotations
-
 import math
 import pickle
 

@@ -1,7 +1,5 @@
 """Laws on the measured path: path preview and virtual driver, in closed loops and on given estimates."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A trained policy in the loop: it is given there what it was given in its environment."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium

@@ -1,7 +1,5 @@
 """Reversing: geometry of a rolling chain, the reference that it leaves, the law, and a driver with stops."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

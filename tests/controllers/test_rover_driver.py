@@ -1,7 +1,5 @@
 """A rover's path following, on wheels that slip as they are told to."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

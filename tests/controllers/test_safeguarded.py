@@ -1,7 +1,5 @@
 """Safeguards around a steering law: bad estimates and signals, reversing, failed actuators, wrong output; fallback."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

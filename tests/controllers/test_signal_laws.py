@@ -1,7 +1,5 @@
 """Command steer and CT-AT, laws on the combination's own signals, and claims that hold for several laws."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from dataclasses import replace

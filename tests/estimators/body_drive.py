@@ -1,7 +1,5 @@
 """Drives of a trailer's body as motions from frame to frame, and the off-tracking buffer that follows them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

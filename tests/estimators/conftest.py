@@ -1,7 +1,5 @@
 """The stereo drive that all tests of odometries share; it takes seconds to draw."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stereo views with exact truth: a textured ground plane and a few textured walls, ray-cast without any renderer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias

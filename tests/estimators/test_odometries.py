@@ -1,7 +1,5 @@
 """Every odometry of the catalogue on good, bad and missing views: synthetic ones, with exact truth."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Uncertain motions: composed, seen from elsewhere, stretched."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

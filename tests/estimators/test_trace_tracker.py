@@ -1,7 +1,5 @@
 """The trace tracker on simulated sand that its templates have not been learned from."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import ClassVar

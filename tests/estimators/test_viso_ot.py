@@ -1,7 +1,5 @@
 """From stereo frames to off-tracking, and from exact poses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A drive of a tractor with one trailer by kinematics alone: poses of the trailer, its signals and exact motions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """FMUs driven by `host.c`, a host that is no Python: on this machine, and compiled for Windows under Wine."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

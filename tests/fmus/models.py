@@ -1,7 +1,5 @@
 """Small FMUs, compiled from a few lines of C: a proportional law, a driver, a plant, and what can go wrong."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

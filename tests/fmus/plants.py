@@ -1,7 +1,5 @@
 """Exported plants in FMPy, stepped through a weave, and the plants of this process beside them."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Small processes in place of the Python behind an FMU, for what can go wrong with it."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import ClassVar, Final

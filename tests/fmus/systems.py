@@ -1,7 +1,5 @@
 """Systems of FMUs, run by FMPy or component after component, and their off-tracking."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ Tries random scenarios, studies, campaigns, uses of environments and hostile fil
 and every find with the command that shows it again. The exit code is 1 if there are finds.
 """
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import shutil

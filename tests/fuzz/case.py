@@ -1,7 +1,5 @@
 """A case of the fuzz suite: a command or a script in a folder of its own, its result, and what makes it a find."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A case in this process, a worker: modules and compiled plants stay loaded between cases."""
 
-from __future__ import annotations
-
 import ast
 import io
 import os
@@ -10,17 +8,15 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import gymnasium.error
 
 from tests.fuzz.case import Case, Result
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 _ADDRESS_SPACE: Final = 8 * 1024**3  # a reservation beyond it fails instead of filling the machine [bytes]
 _LONGEST: Final = 8.0  # of a loop; then it is interrupted [s]
@@ -28,7 +24,7 @@ _SHOWN: Final = 20_000  # characters that are kept of an output
 
 
 @cache
-def _prepared() -> _Loop:
+def _prepared() -> "_Loop":
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

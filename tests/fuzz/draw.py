@@ -1,7 +1,5 @@
 """Cases drawn by Hypothesis: it generates them, and children try them several at a time."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import hypothesis

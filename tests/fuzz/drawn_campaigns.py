@@ -1,7 +1,5 @@
 """Random fault campaigns by file or scenario: any fault, lists and distributions, requirements, bisections."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """Random uses of the environments as scripts: constructor, reset options, actions, also in the wrong order."""
 
-from __future__ import annotations
-
 import types
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Final, Literal, Union, get_args, get_origin, get_type_hints

@@ -1,7 +1,5 @@
 """Random scenarios and studies from the models behind ``offtrack keys``: a new key, part or file needs no line here."""
 
-from __future__ import annotations
-
 import math
 import types
 from collections.abc import Mapping

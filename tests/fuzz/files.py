@@ -1,7 +1,5 @@
 """The table of files that the program reads, with the commands that read them; hostile versions of each are tried."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple

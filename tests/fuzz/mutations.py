@@ -4,8 +4,6 @@ A format is a name in ``FORMATS``. Every format gets damaged bytes and other thi
 mutations. Strategies give the content and a note on what was done.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

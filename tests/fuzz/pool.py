@@ -1,7 +1,5 @@
 """Runs of cases in worker processes, with limits of time and memory; what dies, hangs or grows is a find."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """Valid files of every kind that the program reads, made once; hostile ones are versions of these."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

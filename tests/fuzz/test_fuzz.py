@@ -1,7 +1,5 @@
 """A short, always equal run of the fuzz suite, and that the suite notices what it looks for."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Kill commands at random moments: ``python -m tests.kills --moments 40 [--seed N] [--only run,compare]``."""
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import random

@@ -1,7 +1,5 @@
 """Commands that are killed at some moment, and started again: nothing may be lost, left behind or in the way."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

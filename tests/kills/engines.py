@@ -4,8 +4,6 @@ Killed commands and workers are started anew, as a cluster would do. In the end 
 be those of an undisturbed study, and no more runs may have been begun than there are, and one for each kill.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import os

@@ -7,8 +7,6 @@ Each mutant lives in a copy of the tree, and is tried by the few test files that
 survives has survived these, not all tests. The first run tries every test file once, to see what runs in it.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import random

@@ -4,8 +4,6 @@ Left out are docstrings, annotations, decorators, texts, messages of exceptions,
 type checkers read.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Which test files say most about a function: by what ran in a clean run of each of them."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable

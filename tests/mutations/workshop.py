@@ -1,7 +1,5 @@
 """Runs of pytest in forks of one process that has loaded the heavy libraries, in a copy of the tree."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os

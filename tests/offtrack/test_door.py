@@ -1,7 +1,5 @@
 """``import offtrack``: runs, sweeps and sessions from Python."""
 
-from __future__ import annotations
-
 import copy
 import math
 import os

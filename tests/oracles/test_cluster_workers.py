@@ -1,7 +1,5 @@
 """Dask workers that do not fit, in processes of their own: each is refused in one line, before any run."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

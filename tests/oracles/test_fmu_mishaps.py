@@ -1,7 +1,5 @@
 """Everything that an FMU can do wrong at its start, in a step and at its end: one line each, and no process left."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Libraries of other platforms need the extra ``zig``.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import shutil

@@ -3,8 +3,6 @@
 The library for Windows needs the extra ``zig``; it is compiled, not run.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

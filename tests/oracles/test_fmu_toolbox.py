@@ -3,8 +3,6 @@
 The package is needed for nothing else: ``pip install fmu-manipulation-toolbox``.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import subprocess

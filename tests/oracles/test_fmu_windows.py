@@ -3,8 +3,6 @@
 It needs the extra ``zig``, and Wine for 64 bits (Debian's package wine64).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 The FMUs are in the package gemseo-fmu (LGPL), which is needed for nothing else: ``pip install --no-deps gemseo-fmu``.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import shutil
 from pathlib import Path

@@ -3,8 +3,6 @@
 UDP goes to a process of its own over loopback, CAN to a thread over python-can's virtual bus.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

@@ -4,8 +4,6 @@ Differences remain: the file's heights are averaged by the tyre twice, and its w
 of the ground.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

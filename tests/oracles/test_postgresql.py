@@ -1,7 +1,5 @@
 """Tuning with trials in PostgreSQL, on this machine alone: several commands at once, one of them killed."""
 
-from __future__ import annotations
-
 import os
 import pwd
 import secrets

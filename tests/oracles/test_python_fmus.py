@@ -3,8 +3,6 @@
 The exporters (MIT) are needed for nothing else: ``pip install pythonfmu pythonfmu3``.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import math

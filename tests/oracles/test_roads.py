@@ -3,8 +3,6 @@
 ``OFFTRACK_ROADS`` may name a folder with more files (``*.xodr``); netconvert takes those of one road each.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """A small world and its renderer, shared by the tests of this folder: both take seconds to make."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """Faults: their effect on messages, their time, and the sensors that they apply to."""
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Callable

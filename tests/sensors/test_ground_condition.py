@@ -1,7 +1,5 @@
 """The ground in pictures: friction and potholes, and what wheels leave different for cameras that look down."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

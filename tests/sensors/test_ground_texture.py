@@ -1,7 +1,5 @@
 """The rendered ground is good for odometry: aperiodic, full of corners, and stable from frame to frame."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

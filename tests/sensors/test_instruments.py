@@ -1,7 +1,5 @@
 """Instruments: what they say of a known motion, how wrong they are, and frames and signals as one sensor."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Cameras: the lens against OpenCV's, the file of a raw rig, which way rigs look, noise and frames."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Cameras with imperfections: position, time and brightness of what their images show."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 

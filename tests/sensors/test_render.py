@@ -1,7 +1,5 @@
 """Rendered points lie where geometry says: the renderer as a source of truth."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

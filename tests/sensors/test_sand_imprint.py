@@ -1,7 +1,5 @@
 """Imprint of a wheel in sand: depth, width, berms and lug marks follow from its motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

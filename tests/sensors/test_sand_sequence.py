@@ -1,7 +1,5 @@
 """Labelled sequences: consistent kinematics, and sand of the kind that its name says."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Camera behind a rover's wheel: sand, trace, wheel and shadows are at the places that geometry gives."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Traffic: vehicles keep to the ways they are said to, out of the trailer, and are seen as geometry with shadows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 

@@ -1,7 +1,5 @@
 """The world as plain data: where things stand, where the road runs, what the seed decides."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

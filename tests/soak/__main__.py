@@ -4,8 +4,6 @@ Repeats what programs do again and again, and prints memory, open descriptors, t
 the middle and after each part. The exit code is 1 if one of them grows in the second half of a part.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

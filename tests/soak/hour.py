@@ -5,8 +5,6 @@ to make the log at the end. The exit code is 1 if memory grows by more than 5 %,
 own size.
 """
 
-from __future__ import annotations
-
 import argparse
 import resource
 import sys

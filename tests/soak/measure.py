@@ -1,7 +1,5 @@
 """Memory, descriptors, threads and children of this process, and the judgement of their growth."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

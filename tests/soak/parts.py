@@ -1,7 +1,5 @@
 """Parts of the soak: each is something that a program does again and again, and must leave nothing behind."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

@@ -1,7 +1,5 @@
 """The soak notices what grows, and its cheapest parts in short."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The chain's equations by name, and vehicles with other numbers, for tests."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Vehicles to test with, each also as a chain of one to four units; engines."""
 
-from __future__ import annotations
-
 import pytest
 
 from vehicle.combination.description import Vehicle, load_vehicle

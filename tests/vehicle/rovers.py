@@ -1,7 +1,5 @@
 """Rovers that are driven, for tests."""
 
-from __future__ import annotations
-
 import math
 
 from vehicle.frames import Pose2

@@ -1,7 +1,5 @@
 """Calibration: known cameras are found again from photographs of a board, and poor sets are refused with the reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Right cameras that expose late, or are knocked: what single pairs tell of them, and what becomes of the motions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Rectification: what both cameras see lies in one row, where the calibration says, and nothing is lost on the way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Self-calibration: a right camera that is turned is noticed, by how much, and its images are straightened."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Matching of exposures, within a pair and over time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

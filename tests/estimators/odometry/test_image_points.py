@@ -1,7 +1,5 @@
 """Points of an image: planes around them from disparities, the warps these make, and corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

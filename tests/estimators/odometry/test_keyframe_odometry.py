@@ -1,7 +1,5 @@
 """Keyframe-anchored odometry on synthetic stereo views with exact truth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce

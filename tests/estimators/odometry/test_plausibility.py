@@ -1,7 +1,5 @@
 """Plausibility of motions: when a jump of velocity is believed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

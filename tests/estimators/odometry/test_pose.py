@@ -1,7 +1,5 @@
 """RANSAC and Gauss-Newton on matches of points with known motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

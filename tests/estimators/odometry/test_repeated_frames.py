@@ -1,7 +1,5 @@
 """Repeated frames and views: what tells them from those of a vehicle at standstill."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Covariances: what halves of the features tell about them, and the features' own residuals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

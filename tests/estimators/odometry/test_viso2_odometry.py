@@ -1,7 +1,5 @@
 """VISO2-S as the paper has it, on synthetic stereo views and piece by piece."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

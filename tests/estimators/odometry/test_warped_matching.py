@@ -1,7 +1,5 @@
 """Warped patches found to sub-pixels."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Dead reckoning of a trailer against closed forms, finite differences and drawn noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Ground-watching on drawn ground: two cameras under a trailer, and what ground does to them that keeps not still."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Crossings and tangents of paths whose points repeat or turn back."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The no-slip estimate: exact where nothing slips, askew by the slip angle where the tractor does."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Kalman filter of the motions: consistent where its model holds, without lag, deaf to single outliers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

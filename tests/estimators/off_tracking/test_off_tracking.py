@@ -1,7 +1,5 @@
 """The off-tracking buffer on exact and on uncertain motions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

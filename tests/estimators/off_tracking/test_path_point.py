@@ -1,7 +1,5 @@
 """True and estimated off-tracking mean the same points, whatever bank, crest and roll do."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The buffer of a trailer that goes back: the path it takes up, how long this lasts, and what follows forwards."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Fusion of camera motions with signals: outages are bridged, and wrong motions are not believed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Container, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Fault detection and isolation of the combination's own signals, on drives by kinematics with exact references."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

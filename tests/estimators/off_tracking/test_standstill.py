@@ -1,7 +1,5 @@
 """The buffer of a trailer that stands: noise that must not move it, a start that must not be missed, blind cameras."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scrub of tyres: closed forms of the hitch's force, and signs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """FTrace (Reina 2008) on drawn ruts whose pose is known: no renderer, no sand."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Slip angles from a laser tracker and the compass, as the field tests of Reina et al. (2008) had their truth."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A rover's dead reckoning."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Parts of the trace tracker beside closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial

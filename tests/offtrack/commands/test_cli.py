@@ -1,7 +1,5 @@
 """The command as a user meets it: what it prints, how it refuses, what it leaves behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A part that raises an exception ends its run with an outcome; what was computed until then is kept."""
 
-from __future__ import annotations
-
 import errno
 import json
 import re

@@ -1,7 +1,5 @@
 """Something else in place of every file that a user gives: whoever reads it refuses it at once, in one line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final

@@ -1,7 +1,5 @@
 """The log of a long run is made of few rows at a time, and is the log of all of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """What commands refuse: one line on standard error that names the mistake, exit code 2, and nothing written."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """Rovers take drivers, sensors and faults of one's own, and are compared like trailers."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

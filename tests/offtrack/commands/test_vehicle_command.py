@@ -1,7 +1,5 @@
 """`offtrack vehicle` as a user meets it, and the sheet it draws."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Observations through rendered cameras: estimates and images."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

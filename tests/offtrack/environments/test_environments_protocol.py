@@ -1,7 +1,5 @@
 """Environments in gymnasium's protocol: seeds, autoreset modes, one and many; copies, wrong order and wrong values."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The adapter for stable-baselines3; without the extra there is nothing to adapt to."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The surrogate of an off-tracking estimator: its errors are those it is said to have, and can be fitted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Physics of environments: that of the scenarios, for any number of vehicles."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Environments of single kinds: driving into a bay, the rover on its slope, and actions that hold for several steps."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Training: plan, curve, comparison with laws of the scenarios; with the extra, learning itself and resuming it."""
 
-from __future__ import annotations
-
 import base64
 import importlib.util
 import io

@@ -1,7 +1,5 @@
 """FMUs that are broken in their files or functions: one line each, nothing hangs, nothing is left or escapes."""
 
-from __future__ import annotations
-
 import shutil
 import stat
 import struct

@@ -1,7 +1,5 @@
 """Plants out as FMUs: one small truck, compiled without optimisation; more of them in ``tests/oracles``."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from concurrent.futures import ThreadPoolExecutor

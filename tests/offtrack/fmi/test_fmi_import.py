@@ -1,7 +1,5 @@
 """FMUs of other tools as law, driver and plant of a run: equal numbers, mishaps, maps, broken files."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import math

@@ -1,7 +1,5 @@
 """Laws as FMUs with a Python process behind them: the same law, and what happens to the process."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Hardware in the loop: signals out, demands in, by UDP and CAN; hold, fallback, record and replay."""
 
-from __future__ import annotations
-
 import json
 import math
 import socket

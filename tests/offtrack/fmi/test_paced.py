@@ -1,7 +1,5 @@
 """Runs that keep wall time: the clock decides when a step is computed, never what comes out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A run's cameras calibrated with rendered boards: near the truth, and what its estimators are given."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`offtrack calibrate` as a user meets it: photographs in, a file that the estimators take out, or one clear line."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

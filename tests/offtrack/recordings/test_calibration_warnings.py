@@ -1,7 +1,5 @@
 """What runs and recordings say about cameras that are turned, or not exposed together."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Any
 

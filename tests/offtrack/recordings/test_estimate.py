@@ -1,7 +1,5 @@
 """`offtrack estimate off-tracking` as a user meets it: what it writes, what it survives, how it refuses."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import json
@@ -131,7 +129,7 @@ class HeldValue:
         self.value, self.follow_distance = value, follow_distance
 
     @classmethod
-    def of(cls, context: TrailerContext) -> HeldValue:
+    def of(cls, context: TrailerContext) -> "HeldValue":
         assert context.roll_axis_height == 0.0
         assert context.odometry is not None
         return cls(float(option_values(cls.options, context.options, "estimator")["value"]), context.follow_distance)

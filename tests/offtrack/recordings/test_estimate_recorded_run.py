@@ -1,7 +1,5 @@
 """Recordings of a run give the estimates of the run again; self-calibration in the loop."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recordings as KITTI's readers take them; trajectories: chained motions, text formats, and drift."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import tomllib

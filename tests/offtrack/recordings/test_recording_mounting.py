@@ -1,7 +1,5 @@
 """Mounting of recorded cameras: from calibration files, from users, or assumed and said so."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

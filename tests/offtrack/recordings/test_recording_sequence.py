@@ -1,7 +1,5 @@
 """Folders of images become frames with the right times, or are refused in one line that says what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

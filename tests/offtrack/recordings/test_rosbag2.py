@@ -1,7 +1,5 @@
 """ROS 2 bags and MCAP: runs read by other packages, and bags by ``offtrack estimate``; bags of others."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Default steering laws on short drawbar trailers: no weaving on the straight after a turn."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

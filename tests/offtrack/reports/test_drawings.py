@@ -1,7 +1,5 @@
 """Drawings of drives for CAD: closed polylines on named layers in metres, exact, and the same each time."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Signals for other tools: read back by other packages without a deviation, with their units."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

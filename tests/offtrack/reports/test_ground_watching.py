@@ -1,7 +1,5 @@
 """Ground-watching and the reference unit as a scenario asks for them: from the options to the log."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

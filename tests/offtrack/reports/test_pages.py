@@ -3,8 +3,6 @@
 All of them are put together from the same kinds of content.
 """
 
-from __future__ import annotations
-
 import re
 from html import escape
 from pathlib import Path

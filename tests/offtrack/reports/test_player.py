@@ -1,7 +1,5 @@
 """Pages that play runs, recordings, assessments and studies show at every time what the log holds."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

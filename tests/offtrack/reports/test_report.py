@@ -1,7 +1,5 @@
 """The report is one page that needs nothing else, and says only what the run can tell."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

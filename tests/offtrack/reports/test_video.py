@@ -1,7 +1,5 @@
 """Videos play, show what they should, and are drawn fast enough."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Finished runs are laid over each other in one page, from their files alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

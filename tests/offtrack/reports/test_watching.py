@@ -1,7 +1,5 @@
 """A run that is watched goes on as if nobody watched, and shows itself to those alone who have the link."""
 
-from __future__ import annotations
-
 import dataclasses
 import http.client
 import json

@@ -1,7 +1,5 @@
 """`offtrack reproduce`: what is made and refused; drives of de Saxe & Cebon (2018), and what an interrupt leaves."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -289,7 +287,7 @@ def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
 
 class Blind:
     @classmethod
-    def of(cls, context: RoverContext) -> Blind:
+    def of(cls, context: RoverContext) -> "Blind":
         return cls()
 
     def init(self) -> None:

@@ -1,7 +1,5 @@
 """Rates and errors of slip estimators on made-up verdicts whose numbers are known."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

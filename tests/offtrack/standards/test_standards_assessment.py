@@ -1,7 +1,5 @@
 """The standard manoeuvres of whole vehicles against reference figures, and what an assessment makes of them."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

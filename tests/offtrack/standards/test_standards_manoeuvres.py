@@ -1,7 +1,5 @@
 """Standard manoeuvres: what is prescribed, what is measured of known motions, and what linear theory says."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The validation: its closed_forms are right, its verdicts honest, its page and command complete."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Campaign files, which runs they ask for and how they are refused; and the command."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Verdicts, response times, probabilities and bisection of campaigns, on made-up runs."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

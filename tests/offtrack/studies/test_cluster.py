@@ -1,7 +1,5 @@
 """Studies on a Dask cluster: what is sent to workers, what comes back, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import logging
 import threading

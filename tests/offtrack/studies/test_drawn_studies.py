@@ -1,7 +1,5 @@
 """Studies with drawn values: distributions, samples, intervals and what the report says of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

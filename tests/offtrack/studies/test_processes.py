@@ -1,7 +1,5 @@
 """Workers never outlive the command that started them."""
 
-from __future__ import annotations
-
 import operator
 import os
 import signal

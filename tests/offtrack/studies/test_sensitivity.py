@@ -1,7 +1,5 @@
 """Sensitivity analyses: designs, indices against closed forms, failed runs, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Mapping

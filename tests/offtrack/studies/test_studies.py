@@ -1,7 +1,5 @@
 """Grids of runs: what they are made of, that nothing finished is lost, and what they show."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """A saved run stands for its case only as long as nothing that it depends on has changed."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Tuning: trials that survive, in a journal or in a database that machines share, and what is chosen of them."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

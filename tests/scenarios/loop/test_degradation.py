@@ -1,7 +1,5 @@
 """Faults in the closed loop: the combination stays whole, and within the limits of its steering."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The preview driver in closed loop with whole combinations: stable at any speed, and on the path."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The ground that a scenario asks for: sides, images and patches, roughness and potholes, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

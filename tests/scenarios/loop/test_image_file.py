@@ -1,7 +1,5 @@
 """Images that a user gives: only pictures are decoded, only to a limit, and nothing else happens."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """What a run collects is whole and in order, wherever it is kept."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -62,8 +60,8 @@ def test_copies_go_on_by_themselves() -> None:
 class Asking:
     """An item that is read by another thread while it is being written to the file."""
 
-    kept: ClassVar[Kept[Asking]] = Kept(2)
-    read: ClassVar[list[Asking]] = []
+    kept: ClassVar["Kept[Asking]"] = Kept(2)
+    read: ClassVar["list[Asking]"] = []
 
     def __reduce__(self) -> tuple[object, ...]:
         with ThreadPoolExecutor() as threads:

@@ -1,7 +1,5 @@
 """Commands killed at a moment that matters; ``make kills`` tries random ones, of all commands."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The loop as a whole: its timetable, its determinism, its symmetry."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

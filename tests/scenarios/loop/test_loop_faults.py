@@ -1,7 +1,5 @@
 """Faults of the loop beyond its sensors: messages, steering actuators, brakes."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The rover's closed loop: what it does with its slip, and what it leaves behind."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

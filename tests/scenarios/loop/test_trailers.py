@@ -1,7 +1,5 @@
 """Several steered trailers in one loop, steer groups, no-slip estimates, and recorded drives."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cameras as they are, light and faults from a scenario's keys to what the run sees."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Options, import paths and arguments that are wrong in every way: one line, exit code 2, nothing written."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Drives that the vehicle can not do, and vehicles far from where they should be, end in outcomes that say so."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

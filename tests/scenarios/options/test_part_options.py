@@ -1,7 +1,5 @@
 """Options of parts: a sensor that suits the estimator, brake systems, and the buffer of VISO-OT."""
 
-from __future__ import annotations
-
 import pytest
 
 from estimators.off_tracking.viso_ot import VisoOt

@@ -1,7 +1,5 @@
 """The log is a faithful, read-only table, in memory and on disk."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

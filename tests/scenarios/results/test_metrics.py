@@ -1,7 +1,5 @@
 """Metrics against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

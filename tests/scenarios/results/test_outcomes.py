@@ -1,7 +1,5 @@
 """Mishaps of runs: jackknifed, rolled over, left the road."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

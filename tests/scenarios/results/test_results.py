@@ -1,7 +1,5 @@
 """The summary has the promised names, and a run directory keeps what is finished."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Files and own modules that a run depended on are kept with it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

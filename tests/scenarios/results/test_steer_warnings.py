@@ -1,7 +1,5 @@
 """Warnings of sustained oscillation, of steering at its limits, and of signals and actuators at fault."""
 
-from __future__ import annotations
-
 import math
 from typing import ClassVar
 

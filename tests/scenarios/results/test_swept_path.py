@@ -1,7 +1,5 @@
 """Swept path against closed forms; the validation holds it against a table of roundabouts."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

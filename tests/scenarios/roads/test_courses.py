@@ -1,7 +1,5 @@
 """The geometry of the courses."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

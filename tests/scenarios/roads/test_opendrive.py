@@ -1,7 +1,5 @@
 """OpenDRIVE: reference lines, lanes and routes against closed forms, and one line for every file that is wrong."""
 
-from __future__ import annotations
-
 import math
 import time
 from pathlib import Path

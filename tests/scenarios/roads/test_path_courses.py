@@ -1,7 +1,5 @@
 """Courses along points of files: the fit, the road around it, and one line for every file that makes no course."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

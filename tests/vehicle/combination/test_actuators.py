@@ -1,7 +1,5 @@
 """Service brakes, driveline and steering actuators: lags, limits of force, power, angle and rate, and ABS."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

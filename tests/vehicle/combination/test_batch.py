@@ -1,7 +1,5 @@
 """Each vehicle of a batch moves as a plant of its own would move it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The whole equations of motion: forces between bodies, symmetries, relaxation rates, slip angles."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from itertools import accumulate, pairwise

@@ -1,7 +1,5 @@
 """Vehicle files: every number has a source, every mistake one clear line."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

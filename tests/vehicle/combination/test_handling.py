@@ -1,7 +1,5 @@
 """Handling figures against closed forms, and against what they claim of the motion."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The linearised lateral motion: against kinematics, python-control and the moving vehicle itself."""
 
-from __future__ import annotations
-
 import casadi as ca
 import control
 import numpy as np

@@ -1,7 +1,5 @@
 """Vertical loads: the weighed ones at rest, equilibrium in motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The plant: what a heavy vehicle does on a road, and what it refuses."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from collections.abc import Callable

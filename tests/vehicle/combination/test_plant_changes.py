@@ -1,7 +1,5 @@
 """Changes of the plant's numbers: what each scales, what it leaves, and how wrong ones are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Unlikely and impossible vehicle files: refused with the reason of the limit, or warned of by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

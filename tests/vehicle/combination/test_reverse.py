@@ -1,7 +1,5 @@
 """The reverse gear: what drives forward drives backward, and a pushed trailer runs away as its geometry says."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Roll on suspensions and tyres, coupled through the hitches: equilibrium, lift-off, fifth wheel, static rollover."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

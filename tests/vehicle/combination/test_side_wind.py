@@ -1,7 +1,5 @@
 """Side wind on the bodies: force, moments, and nothing without a gust."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sprung bodies: where they settle, how they swing, and what they do to the wheels' loads."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

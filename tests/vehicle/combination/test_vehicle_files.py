@@ -1,7 +1,5 @@
 """The vehicles that come with the program: published figures, legal loads, and what the variants are there for."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

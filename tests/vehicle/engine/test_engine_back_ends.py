@@ -1,7 +1,5 @@
 """Every back end computes what CasADi's own machine computes, operation by operation and tick by tick."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Compiled code is kept, and what is picked up is always what the source says."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat

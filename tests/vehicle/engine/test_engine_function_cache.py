@@ -1,7 +1,5 @@
 """Derived equations are kept between processes, and what is read is always what would be derived."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

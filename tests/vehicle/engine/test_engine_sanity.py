@@ -1,7 +1,5 @@
 """Random vehicles, ground and commands: the state is sane, or the plant reports that it diverged."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

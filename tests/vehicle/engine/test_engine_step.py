@@ -1,7 +1,5 @@
 """One tick of a vehicle four ways: CasADi's machine, compiled C, and many at a time in numpy and in C."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames, polylines and the clock: poses compose, angles wrap, arc length adds up, samples keep their period."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Declared parameters of replaceable parts."""
 
-from __future__ import annotations
-
 import pytest
 
 from vehicle.option import Option, Parameter, check_options, option_values

@@ -1,7 +1,5 @@
 """Files that a user names: regular, small enough, of the kind that they should be, or one line."""
 
-from __future__ import annotations
-
 import io
 import socket
 import struct

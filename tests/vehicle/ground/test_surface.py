@@ -1,7 +1,5 @@
 """The ground: slopes are the derivative of height, bodies stand along its normal; along a road, and as measured."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

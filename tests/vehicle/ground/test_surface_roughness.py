@@ -1,7 +1,5 @@
 """Rough roads: as uneven as their class of ISO 8608, alike in every direction, the same from a seed; and potholes."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from itertools import pairwise

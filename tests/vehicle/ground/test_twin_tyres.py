@@ -1,7 +1,5 @@
 """Twin tyres: two contact patches on one wheel, which scrub when the wheel turns about the vertical."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tyres: each law's closed form is what the bristle settles to, and friction times load is the bound."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

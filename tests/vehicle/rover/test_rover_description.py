@@ -1,7 +1,5 @@
 """Shipped rovers and soils, and errors in their files."""
 
-from __future__ import annotations
-
 import math
 from importlib import resources
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A rover on firm ground, compared with closed forms."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

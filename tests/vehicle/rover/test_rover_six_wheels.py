@@ -1,7 +1,5 @@
 """A rover with six wheels: its loads, its symmetry, and that four wheels behave as they did when they were the rule."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A rover on loose soil and on uneven ground."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A wheel in soil, against reference figures, measurements and symmetry."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
