@@ -306,7 +306,7 @@ class RoverRecordingWriter(RecordingFolder):
         steer = np.degrees(view.steer)
         numbers = [math.degrees(view.heading), *view.wheel_speeds.tolist(), *steer.tolist()]
         write_png(self._folder / IMAGES / f"{self._count:06d}.png", view.image)
-        self._append(READINGS, ",".join([time, *(f"{number:.9g}" for number in numbers)]))
+        self._append(READINGS, ",".join([time, *(f"{number:.17g}" for number in numbers)]))
         self._append(SLIP, f"{time},{math.degrees(truth.slip_angle):.9g}")
         self._count += 1
 
