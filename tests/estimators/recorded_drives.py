@@ -1,10 +1,8 @@
 """Messages of rendered drives, kept as small files: camera motions, signals, and the true off-tracking.
 
-Without a motion a row of a file is NaN from its third column on. ``python -m tests.estimators.recorded_drives`` drives
-and records all of them anew, in some minutes.
+``python -m tests.estimators.recorded_drives`` drives and records all of them anew, in some minutes.
 """
 
-import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +23,6 @@ from vehicle.frames import FloatArray
 FOLDER = Path(__file__).parent / "recorded"
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 _HEALTH = list(Health)
-_UPPER = np.triu_indices(6)
 _ICE = {"surface.grade": 0.0, "speed_kmh": 14.0, "course.turn_deg": 60.0, "course.exit": 15.0}
 _BANK = {"surface.grade": 0.0, "surface.cross_fall": 0.05}
 _FAULT = {"course.turn_deg": 90.0, "surface.friction": 0.2}
@@ -114,73 +111,38 @@ class Recorded(VisoOt[Any]):
 def load(name: str) -> Drive:
     """The drive of a name."""
     with np.load(FOLDER / f"{name}.npz") as kept:
-        motions, signals, truth = (kept[key].astype(float) for key in ("motions", "signals", "truth"))
-        messages = [_signals(row) for row in signals]
-        last, rows = -1, []
-        for row in motions:
-            tick = int(row[0])
-            arrived = tuple(message for message in messages if last < message.tick <= int(row[1]))
-            last = arrived[-1].tick if arrived else last
-            rows.append(Row(tick, None if math.isnan(row[3]) else _motion(row[2:]), arrived))
-        return Drive(float(kept["follow_distance"]), rows, {int(t): v for t, v in truth})
-
-
-def _motion(row: FloatArray) -> BodyMotion:
-    tick, previous, health = (int(value) for value in row[:3])
-    anchor = None
-    if not math.isnan(row[3]):
-        anchor = Anchor(tick=int(row[3]), X_AC=_pose(row[37:49]), covariance=_symmetric(row[49:]))
-    return BodyMotion(
-        tick=tick,
-        previous_tick=previous,
-        X_PC=_pose(row[4:16]),
-        covariance=_symmetric(row[16:37]),
-        health=_HEALTH[health],
-        anchor=anchor,
-    )
-
-
-def _row(row: Row) -> list[float]:
-    newest = float(row.signals[-1].tick) if row.signals else -1.0
-    motion = row.motion
-    if motion is None:
-        return [float(row.tick), newest, *[math.nan] * 70]
-    anchor = motion.anchor
-    measured = [math.nan] * 33 if anchor is None else [*anchor.X_AC[:3].ravel(), *anchor.covariance[_UPPER]]
-    return [
-        *(
-            float(row.tick),
-            newest,
-            float(motion.tick),
-            float(motion.previous_tick),
-            float(_HEALTH.index(motion.health)),
-        ),
-        math.nan if anchor is None else float(anchor.tick),
-        *motion.X_PC[:3].ravel(),
-        *motion.covariance[_UPPER],
-        *measured,
+        data = {key: kept[key].astype(float) for key in kept.files}
+    messages = [
+        CombinationSignals(
+            tick=int(row[0]),
+            angles=row[1:3],
+            speed=float(row[3]),
+            steer=float(row[4]),
+            articulation=row[5:6],
+            yaw_rates=row[6:8],
+            lateral_acceleration=float(row[8]),
+        )
+        for row in data["signals"]
     ]
+    rows, last = [], -1
+    for k, (tick, newest, *_) in enumerate(data["ticks"]):
+        rows.append(Row(int(tick), _motion(data, k), tuple(one for one in messages if last < one.tick <= newest)))
+        last = int(newest)
+    return Drive(float(data["follow_distance"]), rows, {int(tick): value for tick, value in data["truth"]})
 
 
-def _pose(values: FloatArray) -> FloatArray:
-    return np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
-
-
-def _symmetric(upper: FloatArray) -> FloatArray:
-    matrix = np.zeros((6, 6))
-    matrix[_UPPER] = upper
-    return matrix + np.triu(matrix, 1).T
-
-
-def _signals(row: FloatArray) -> CombinationSignals:
-    return CombinationSignals(
-        tick=int(row[0]),
-        angles=row[1:3],
-        speed=float(row[3]),
-        steer=float(row[4]),
-        articulation=row[5:6],
-        yaw_rates=row[6:8],
-        lateral_acceleration=float(row[8]),
+def _motion(data: dict[str, FloatArray], k: int) -> BodyMotion | None:
+    _, _, tick, previous, health, anchor = data["ticks"][k].tolist()
+    if tick < 0.0:
+        return None
+    (X_PC, X_AC), (covariance, of_anchor) = data["poses"][k], data["covariances"][k]
+    return BodyMotion(
+        tick=int(tick),
+        previous_tick=int(previous),
+        X_PC=X_PC,
+        covariance=covariance,
+        health=_HEALTH[int(health)],
+        anchor=None if anchor < 0.0 else Anchor(tick=int(anchor), X_AC=X_AC, covariance=of_anchor),
     )
 
 
@@ -188,28 +150,33 @@ def record(name: str) -> None:
     """Drive and keep the messages of a name."""
     scenario, seed, settings = DRIVES[name]
     result = offtrack.run(scenario, seed=seed, settings={**settings, "off_tracking": f"{__name__}:Recorded"})
-    truth = np.column_stack([1e3 * result.log["time"], result.log["off_tracking_true"]])
-    truth = truth[np.isfinite(truth[:, 1]) & (np.round(truth[:, 0]) % 100 == 0)]
-    messages = [message for row in Recorded.kept for message in row.signals]
-    np.savez_compressed(
-        FOLDER / f"{name}.npz",
-        follow_distance=Recorded.follow_distance,
-        motions=np.array([_row(row) for row in Recorded.kept], dtype=np.float32),
-        signals=np.array([_of(message) for message in messages], dtype=np.float32),
-        truth=np.round(truth, 4).astype(np.float32),
-    )
+    truth = np.column_stack([np.round(1e3 * result.log["time"]), result.log["off_tracking_true"]])
+    save(name, Drive(Recorded.follow_distance, Recorded.kept, dict(truth[np.isfinite(truth[:, 1])].tolist())))
 
 
-def _of(message: CombinationSignals) -> list[float]:
-    return [
-        float(message.tick),
-        *message.angles.tolist(),
-        message.speed,
-        message.steer,
-        *message.articulation.tolist(),
-        *message.yaw_rates.tolist(),
-        message.lateral_acceleration,
-    ]
+def save(name: str, drive: Drive) -> None:
+    """Keep a drive."""
+    ticks, poses, covariances = [], [], []
+    for tick, motion, signals in drive.rows:
+        newest, anchor = signals[-1].tick if signals else -1, motion.anchor if motion else None
+        own = (motion.tick, motion.previous_tick, _HEALTH.index(motion.health)) if motion else (-1, -1, -1)
+        ticks.append((tick, newest, *own, anchor.tick if anchor else -1))
+        poses.append([motion.X_PC if motion else np.eye(4), anchor.X_AC if anchor else np.eye(4)])
+        covariances.append([motion.covariance if motion else np.eye(6), anchor.covariance if anchor else np.eye(6)])
+    arrays: dict[str, Any] = {
+        "follow_distance": drive.follow_distance,
+        "ticks": ticks,
+        "poses": poses,
+        "covariances": covariances,
+        "signals": [
+            (m.tick, *m.angles, m.speed, m.steer, *m.articulation, *m.yaw_rates, m.lateral_acceleration)
+            for row in drive.rows
+            for m in row.signals
+        ],
+        "truth": [(tick, value) for tick, value in drive.truth.items() if tick % 100 == 0],
+    }
+    arrays = {key: np.array(value, dtype=np.float32) for key, value in arrays.items()}
+    np.savez_compressed(FOLDER / f"{name}.npz", **arrays)
 
 
 if __name__ == "__main__":
