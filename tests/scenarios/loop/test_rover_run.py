@@ -268,7 +268,7 @@ def test_it_holds_its_path_across_a_slope(compensation: str) -> None:
 def test_the_trace_of_three_wheels_in_line_shows_the_slip(tmp_path: Path) -> None:
     """Heading compensation lets the body slip by some 4 degrees; FTrace+ sees it within its 1.4 degrees of accuracy.
 
-    From the recording, whose rig names six wheels, the estimates are the same but for the rounding of angles in degrees.
+    From the recording, whose rig names six wheels, the estimates are the same but for rounding of degrees.
     """
     result = on_six_wheels("course.length=1.2", "slip_compensation=heading", record=tmp_path / "recording")
     assert np.degrees(np.sqrt(np.nanmean(result.slip_error**2))) < 1.4
