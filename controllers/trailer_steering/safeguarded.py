@@ -121,11 +121,14 @@ def usable(estimate: OffTracking, tick: int, criteria: Degradation) -> bool:
     return not lost and estimate.std <= criteria.max_std and estimate.age(tick) <= criteria.max_age
 
 
+def _is_slower(estimate: OffTracking, motion: HitchMotion) -> bool:
+    return abs(motion.v_x - estimate.v_x) > _SPEED + _SPEED_SHARE * abs(motion.v_x)
+
+
 def motion_agrees(estimate: OffTracking, travel: Travel, motion: HitchMotion, follow_distance: float) -> bool:
     """True if the motion of the trailer in the estimate agrees with its wheels and gyro."""
-    slower = abs(motion.v_x - estimate.v_x) > _SPEED + _SPEED_SHARE * abs(motion.v_x)
     turns = abs(motion.yaw_rate - estimate.yaw_rate) > _YAW_RATE
-    return not (slower or turns or abs(travel.missing) > _MISSING * follow_distance)
+    return not (_is_slower(estimate, motion) or turns or abs(travel.missing) > _MISSING * follow_distance)
 
 
 def jumps(before: OffTracking, estimate: OffTracking, follow_distance: float, largest: float) -> bool:
@@ -217,9 +220,8 @@ class EstimateGuard:
         motion = hitch_motion(self._combination, signals)
         if off_tracking is not None and _is_new(memory, off_tracking):
             # front wheels that slide to the side turn slower than the vehicle travels
-            ways = (motion, self._tractor.of_hitch(signals))
-            agreeing = min(ways, key=lambda way: abs(way.v_x - off_tracking.v_x))
-            memory = self._with_estimate(memory, tick, off_tracking, agreeing)
+            travelled = self._tractor.of_hitch(signals) if _is_slower(off_tracking, motion) else motion
+            memory = self._with_estimate(memory, tick, off_tracking, travelled)
         memory = self._with_handover(memory, tick, motion)
         if memory.law_steers and memory.good is not None:
             return memory, self._expected(memory.good)

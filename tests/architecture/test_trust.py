@@ -31,6 +31,9 @@ ALLOWED: Final = {
     ("offtrack/exchange/bench/links.py", "socket"),  # to the bench that --udp names
     ("offtrack/reports/watching.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
     ("offtrack/reports/watching.py", "urllib"),  # splits addresses
+    ("offtrack/exchange/fmi_proxy/proxy.py", "urllib"),  # splits addresses
+    ("offtrack/exchange/fmi_import/host.py", "import_module"),  # FMPy's module of the version of FMI
+    ("scenarios/extras.py", "import_module"),  # packages of an extra, by a table
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
     ("offtrack/commands/cli.py", "import_module"),  # own commands, when they are called
     ("offtrack/__init__.py", "import_module"),  # own names, on their first use
