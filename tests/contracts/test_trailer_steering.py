@@ -214,7 +214,7 @@ def test_losing_the_estimate_for_good_ends_with_straight_wheels(law: TrailerStee
     """Old news must not steer a trailer forever: straight ahead, without an estimate, the axles become straight.
 
     The trailer rolls without slip, so that signals fit together and integrals unwind. It straightens exponentially, and
-    so do axles that are steered by its articulation, which no angle that is kept does. The estimates, of another circle,
+    so do axles steered by its articulation, which no angle that is kept does. The estimates, of another circle,
     have taught the fallback a gyro's bias of 1 mrad/s: 0.2 degrees of steer.
     """
     memory, newest, angles, folded = law.init(), None, np.zeros(2), math.atan(9.3 * 0.08)
