@@ -1,4 +1,4 @@
-"""The rendered ground is good for odometry: aperiodic, full of corners, and stable from frame to frame."""
+"""The rendered ground is good for odometry, and shows its friction, potholes, and what wheels leave."""
 
 import math
 from dataclasses import replace
@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from sensors.camera.image_formation import NoiseBank, grey
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, ground_watching_pair
+from sensors.messages import ColourImage
 from sensors.render import StereoRenderer
-from sensors.world.ground import Centreline, line_map, road_map
-from sensors.world.world import World
+from sensors.world.ground import Centreline, Landscape, condition_of, line_map, road_map
+from sensors.world.world import ReformedGround, World
 from tests.sensors.conftest import SURFACE
-from vehicle.frames import FloatArray, inverse, transform
+from tests.sensors.test_render import points_seen
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+from vehicle.surface import Friction, PatchedFriction, Potholes, Roughness, RoughProfile, SplitFriction, Surface, circle
 
 STRAIGHT = SURFACE.pose_on(-12.0, 0.0, 0.0, (0.0, -8.0))  # X_WB on the straight before the roundabout
 
@@ -158,3 +161,244 @@ def test_lines_are_seen_where_they_are(bare_world: World) -> None:
     assert across[solid].mean() > 30.0
     assert across[broken].mean() == pytest.approx(0.25 * across[solid].mean(), rel=0.4)  # 3 m of 12, 20 m in view
     assert np.abs(across[~(np.abs(y + 3.5) < 0.3) & ~(np.abs(y) < 0.3)]).max() == 0.0
+
+
+LEVEL = Surface(friction=0.8)
+SLOPE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py
+POSE = SLOPE.pose_on(-12.0, 0.0, 0.0, (0.0, -8.0))  # cameras 25.6 m before the circle, looking back along the entry
+MIDDLE = (-37.0, 0.5)  # of what is there to be seen, 11 m from the cameras, which see the ground from 9 m on [m]
+
+
+@pytest.fixture(scope="module")
+def plain(bare_world: World, calibration: StereoCalibration) -> ColourImage:
+    return seen(bare_world, calibration)
+
+
+@pytest.fixture(scope="module")
+def places(bare_world: World, calibration: StereoCalibration) -> FloatArray:
+    """x, y in W of what each pixel shows (height, width, 2) [m], far away where it is not the ground."""
+    renderer = StereoRenderer(bare_world, calibration)
+    depth = renderer.render_depth_from(*renderer.cameras(POSE))[0]
+    renderer.close()
+    return points_seen(depth, calibration, POSE @ calibration.X_SC)[..., :2]
+
+
+def seen(world: World, calibration: StereoCalibration) -> ColourImage:
+    renderer = StereoRenderer(world, calibration)
+    image = renderer.render(POSE)[0]
+    renderer.close()
+    return image
+
+
+def with_condition(world: World, surface: Surface) -> World:
+    return replace(world, condition=condition_of(surface, world.road))
+
+
+def changed(image: ColourImage, plain: ColourImage) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(image.astype(int) - plain).max(axis=-1) > 3)  # [levels] of 8-bit rounding: 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("friction", "tint"),
+    [(0.12, (0, 1, 2)), (0.35, (2, 1, 0))],  # ice is blue, mud is brown: channels from the weakest to the strongest
+)
+def test_a_patch_is_seen_where_it_is_and_nowhere_else(
+    bare_world: World,
+    calibration: StereoCalibration,
+    plain: ColourImage,
+    places: FloatArray,
+    friction: float,
+    tint: tuple[int, ...],
+) -> None:
+    """A circle of 2 m on the road, in the colour of its friction; ragged by less than the map's cell."""
+    patch = PatchedFriction(0.8, [circle(*MIDDLE, 2.0, friction)])
+    image = seen(with_condition(bare_world, Surface(friction=patch)), calibration)
+    distance = np.linalg.norm(places - MIDDLE, axis=-1)
+    inside, beyond = distance < 1.75, distance > 2.5  # [m] of the outline, more than a cell of 0.25 m and its mipmap
+    assert inside.sum() > 2000
+    assert changed(image, plain)[inside].mean() > 0.9
+    assert not changed(image, plain)[beyond].any()
+    level = image[inside].astype(float).mean(axis=0) - plain[inside].astype(float).mean(axis=0)
+    assert tuple(np.argsort(level)) == tint
+
+
+def test_a_wet_lane_is_darker_than_the_dry_one(
+    bare_world: World, calibration: StereoCalibration, plain: ColourImage, places: FloatArray
+) -> None:
+    """Split along the entry, y = 0: near the cameras the wet side has lost a third of its light, the dry none."""
+    line = np.array([[-60.0, 0.0], [60.0, 0.0]])
+    world = with_condition(bare_world, Surface(friction=SplitFriction(0.5, 0.8, line)))
+    image = seen(world, calibration)
+    near = np.linalg.norm(places - MIDDLE, axis=-1) < 6.0
+    wet, dry = near & (places[..., 1] > 0.6) & (places[..., 1] < 3.0), near & (places[..., 1] < -0.6)
+    assert image[wet].mean() < 0.8 * plain[wet].mean()
+    assert np.array_equal(image[dry], plain[dry])
+
+
+def test_a_pothole_is_a_dark_hole_of_its_size(
+    bare_world: World, calibration: StereoCalibration, plain: ColourImage, places: FloatArray
+) -> None:
+    """0.8 m wide, 80 mm deep: rubble and shadow inside, cracks around it, the road as ever from 1.5 radii on."""
+    hole = Potholes(*(np.array([value]) for value in (*MIDDLE, 0.8, 0.08)))
+    image = seen(with_condition(bare_world, Surface(friction=0.8, roughness=Roughness(potholes=hole))), calibration)
+    distance = np.linalg.norm(places - MIDDLE, axis=-1)
+    inside, beyond = distance < 0.3, distance > 0.85
+    assert inside.sum() > 150
+    assert image[inside].mean() < 0.8 * plain[inside].mean()
+    assert not changed(image, plain)[beyond].any()
+
+
+def test_ground_of_one_friction_without_holes_is_drawn_as_before(bare_world: World) -> None:
+    """Nothing is looked up for what is not there, however slippery; the frames of such a world stay what they were."""
+    for surface in (LEVEL, Surface(friction=0.2), Surface(friction=0.8, roughness=Roughness())):
+        condition = condition_of(surface, bare_world.road)
+        assert condition.looks is None
+        assert condition.holes is None
+
+
+@pytest.mark.parametrize(("friction", "look"), [(0.8, None), (0.55, 0), (0.35, 1), (0.15, 2)])
+def test_friction_decides_the_look(bare_world: World, friction: float, look: int | None) -> None:
+    """Dry, wet, muddy, icy on the road; and meadows beyond are left alone."""
+    everywhere: Friction = PatchedFriction(0.8, [circle(0.0, 0.0, 400.0, friction)])
+    looks = condition_of(Surface(friction=everywhere), bare_world.road).looks
+    assert looks is not None
+    expected = np.zeros(3)
+    if look is not None:
+        expected[look] = 1.0
+    on_road = bare_world.road.edge_distance < 0.0
+    np.testing.assert_allclose(looks[on_road], np.broadcast_to(expected, looks[on_road].shape), atol=1e-6)  # float32
+    assert looks[bare_world.road.edge_distance > 10.0].max() == 0.0
+
+
+def test_every_pothole_is_found_from_all_around_it() -> None:
+    """Each node of the map near a hole names it: its middle, its radius and its depth."""
+    rng = np.random.default_rng(0)
+    line = Centreline(np.array([[0.0, 0.0], [40.0, 0.0]]), 4.0)
+    road = road_map(rng, line, np.array([-20.0, -20.0]), np.array([60.0, 20.0]))
+    holes = Potholes(np.array([5.0, 30.1]), np.array([1.0, -2.2]), np.array([0.9, 0.4]), np.array([0.08, 0.03]))
+    table = condition_of(Surface(friction=0.8, roughness=Roughness(potholes=holes)), road).holes
+    assert table is not None
+    for i in range(2):
+        around = np.arange(-1, 2) * 0.5 * holes.diameter[i]
+        column = np.round((holes.x[i] + around - road.origin[0]) / road.cell).astype(int)
+        row = np.round((holes.y[i] + around - road.origin[1]) / road.cell).astype(int)
+        hole = (holes.x[i], holes.y[i], 0.5 * holes.diameter[i], holes.depth[i])
+        np.testing.assert_allclose(table[np.ix_(row, column)], np.broadcast_to(hole, (3, 3, 4)), rtol=1e-6)  # float32
+    assert np.unique(table[..., 2]) == pytest.approx([0.2, 0.45, 1.0])  # the last one: there is none
+
+
+def test_the_drawn_ground_rises_and_falls_with_a_rough_road() -> None:
+    """Rendered and driven heights agree, except for potholes, which are narrower than a triangle."""
+    profile = RoughProfile(np.random.default_rng(0), "D")
+    holes = Potholes(*(np.array([value]) for value in (0.0, 0.0, 0.8, 0.08)))
+    surface = Surface(friction=0.8, grade=0.03, roughness=Roughness(profile=profile, potholes=holes))
+    landscape = Landscape(np.random.default_rng(0), surface, np.zeros(2), np.ones(2))
+    xy = np.random.default_rng(1).uniform(-40.0, 40.0, (50, 2))
+    xy[0] = 0.0
+    expected = 0.03 * xy[:, 0] + profile.height(xy[:, 0], xy[:, 1])
+    np.testing.assert_allclose(landscape.height(xy), expected, atol=1e-12)  # sums in another order
+
+
+# Cameras under the trailer: where they look, and ground that wheels leave different
+
+
+RIG = ground_watching_pair(200, 160, math.radians(70.0), front_x=-1.5, rear_x=-13.5, z=1.0)
+WHEELS = np.array([[-8.0, 1.0], [-8.0, -1.0]])
+FLAT = Surface(friction=0.8)
+
+
+class PaintedGround:
+    """A source whose pixels carry where on the ground they look, W of x and y in centimetres modulo 256."""
+
+    calibration = RIG
+
+    def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
+        X_WCl = X_WB @ self.calibration.X_SC
+        left, right = (painted(self.calibration, X_WC) for X_WC in (X_WCl, X_WCl @ self.calibration.X_ClCr))
+        return left, right
+
+
+def looked_at(c: StereoCalibration, X_WC: FloatArray) -> FloatArray:
+    """W of the ground z = 0 behind every pixel (height, width, 2) [m]."""
+    v, u = np.mgrid[0 : c.height, 0 : c.width]
+    rays = np.stack([(u - c.cx) / c.focal_length, (v - c.cy) / c.focal_length, np.ones(u.shape)], axis=-1)
+    along = rays @ X_WC[:3, :3].T
+    return np.asarray(X_WC[:2, 3] - X_WC[2, 3] / along[..., 2:] * along[..., :2])
+
+
+def painted(c: StereoCalibration, X_WC: FloatArray) -> ColourImage:
+    centimetres = np.floor(100.0 * looked_at(c, X_WC)) % 256
+    return np.concatenate([centimetres, np.zeros((c.height, c.width, 1))], axis=-1).astype(np.uint8)
+
+
+def body(x: float, y: float = 0.0, yaw: float = 0.0) -> FloatArray:
+    return transform(rotation_zyx(yaw, 0.0, 0.0), np.array([x, y, 0.0]))
+
+
+def test_both_cameras_look_straight_down_from_where_they_hang() -> None:
+    """The middle of each image is the ground right below; columns run to the rear, rows to the left."""
+    c = RIG
+    for X_SC, x in ((c.X_SC, -1.5), (c.X_SC @ c.X_ClCr, -13.5)):
+        seen = looked_at(c, X_SC)
+        np.testing.assert_allclose(seen.mean(axis=(0, 1)), [x, 0.0], atol=1e-9)
+        assert seen[80, 150, 0] < seen[80, 50, 0]
+        assert seen[120, 100, 1] > seen[40, 100, 1]
+    width = 2.0 * math.tan(math.radians(35.0)) * 199 / 200  # between the centres of the outer pixels, 1 m up
+    assert np.ptp(looked_at(c, c.X_SC)[..., 0]) == pytest.approx(width)
+
+
+def driven(ground: ReformedGround, way: float) -> tuple[ColourImage, ColourImage]:
+    for x in np.arange(0.0, way, 0.5):
+        ground.render(body(x))
+    return ground.render(body(way))
+
+
+def test_only_what_wheels_have_rolled_on_looks_different() -> None:
+    """At y = +-0.5 m wheels 0.4 m wide leave strips in the rear view; the front camera is ahead of them."""
+    ground = ReformedGround(PaintedGround(), FLAT, [np.array([[-8.0, 0.5], [-8.0, -0.5]])], width=0.4)
+    left, right = driven(ground, 20.0)
+    plain_left, plain_right = PaintedGround().render(body(20.0))
+    np.testing.assert_array_equal(left, plain_left)
+    different = (right != plain_right).any(axis=-1)
+    y = looked_at(RIG, body(20.0) @ RIG.X_SC @ RIG.X_ClCr)[..., 1]
+    pixel = 0.008  # two pixels: drawn lines have round ends and whole thicknesses [m]
+    assert different[np.abs(np.abs(y) - 0.5) < 0.2 - pixel].all()
+    assert not different[np.abs(np.abs(y) - 0.5) > 0.2 + pixel].any()
+
+
+def test_reformed_ground_stays_where_it_is() -> None:
+    ground = ReformedGround(PaintedGround(), FLAT, [WHEELS], width=2.2)
+    _, before = driven(ground, 20.0)
+    c = RIG
+    shift = round(0.1 * c.focal_length)  # 10 cm at 1 m [px]
+    _, after = ground.render(body(20.0 + shift / c.focal_length))
+    same = (before[:, :-shift].astype(int) - after[:, shift:].astype(int))[..., :2]
+    assert (np.abs(same) <= 1).mean() > 0.99  # whole centimetres may flip by rounding
+
+
+def test_flowing_ground_moves_along_with_the_vehicle() -> None:
+    """At a tenth of the vehicle's velocity a pattern passes the camera at nine tenths of it."""
+    ground = ReformedGround(PaintedGround(), FLAT, [WHEELS], width=2.2, flow=0.1)
+    _, before = driven(ground, 20.0)
+    _, after = ground.render(body(20.5))
+    moved = (after[80, 100, 0].astype(int) - before[80, 100, 0].astype(int)) % 256
+    assert moved == pytest.approx(45, abs=1)  # [cm]
+
+
+def test_ground_that_one_group_left_is_changed_again_by_the_next() -> None:
+    """Two groups on the same strip: what the rear camera sees is neither as it was nor as the first one left it."""
+    first, second = (np.array([[x, 0.0]]) for x in (-4.0, -8.0))
+    pictures = [
+        driven(ReformedGround(PaintedGround(), FLAT, groups, width=2.2), 20.0)[1]
+        for groups in ([first], [first, second])
+    ]
+    middle = [picture[80, 100, :2].astype(int) for picture in (PaintedGround().render(body(20.0))[1], *pictures)]
+    assert not (middle[0] == middle[1]).all()
+    assert not (middle[0] == middle[2]).all()
+    assert not (middle[1] == middle[2]).all()
+
+
+def test_more_groups_than_can_be_told_apart_are_refused() -> None:
+    with pytest.raises(ValueError, match="3 groups of wheels: at most 2"):
+        ReformedGround(PaintedGround(), FLAT, [WHEELS] * 3, width=1.0)

@@ -1,4 +1,4 @@
-"""Crossings and tangents of paths whose points repeat or turn back."""
+"""Path of the hitch: where it crosses the follow point, its tangent, and the point at the height of the roll axis."""
 
 import math
 
@@ -7,8 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estimators.estimates import Health
+from estimators.off_tracking.buffer import BodyMotion, OffTrackingBuffer
 from estimators.off_tracking.hitch_path import crossing, tangent
-from vehicle.frames import FloatArray
+from scenarios.results.metrics import true_off_tracking
+from vehicle.combination.truth import plan_pose
+from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
+from vehicle.surface import Surface
 
 RADIUS = 20.0  # [m]
 
@@ -69,3 +74,83 @@ def test_where_a_path_turns_back_it_has_no_direction() -> None:
     short = 0.01 * circle()[:6]  # 25 mm: the direction would be that of the noise
     assert tangent(short, arc_length(short), 0.0, 1.0) == (0.0, 0.0)
     assert tangent(path, s, 0.3, 0.2).direction == pytest.approx(0.0, abs=1e-9)
+
+
+FOLLOW, AXLE = 13.0, 9.0  # hitch to follow point and to the axles [m]
+HEIGHT = 0.7  # of the roll axis [m]
+STEP = 0.1  # [m]
+
+
+def bodies_on(surface: Surface, roll: float) -> FloatArray:
+    """X_WB (n, 4, 4) of a trailer that is pulled along a straight, a left turn of R = 14 m by 180 deg and a straight.
+
+    Its body rolls by up to ``roll`` [rad] about its roll axis, a full swing every 7 m.
+    """
+    s = np.arange(0.0, 100.0, STEP)
+    heading = np.clip((s - 30.0) / 14.0, 0.0, math.pi)
+    x, y = (STEP * np.cumsum(part(heading)) for part in (np.cos, np.sin))
+    psi, poses = 0.0, []
+    for k, station in enumerate(s):
+        psi += STEP / AXLE * math.sin(heading[k] - psi)
+        stands = surface.pose_on(float(x[k]), float(y[k]), psi, (0.0, -AXLE))
+        leans = rotation_zyx(0.0, 0.0, roll * math.sin(2.0 * math.pi * station / 7.0))
+        poses.append(stands @ raised(HEIGHT) @ transform(leans, np.zeros(3)) @ raised(-HEIGHT))
+    return np.array(poses)
+
+
+def true_of(bodies: FloatArray, height: float) -> FloatArray:
+    """True off-tracking (n,) of points at a height [m] in the body."""
+    x, y, psi = plan_pose(bodies, height).T
+    return true_off_tracking(x, y, np.unwrap(psi), FOLLOW)
+
+
+def errors_and_stds(bodies: FloatArray, height: float) -> tuple[FloatArray, FloatArray]:
+    """Errors of the estimates from exact motions of points at a height [m], and their stated deviations [m]."""
+    true, buffer, every = true_of(bodies, HEIGHT), OffTrackingBuffer(FOLLOW), 4
+    memory, errors, stds = buffer.init(), [], []
+    for k in range(every, len(bodies), every):
+        X_PC = inverse(bodies[k - every] @ raised(height)) @ bodies[k] @ raised(height)
+        motion = BodyMotion(
+            tick=100 * k, previous_tick=100 * (k - every), X_PC=X_PC, covariance=np.zeros((6, 6)), health=Health.OK
+        )
+        memory, estimate = buffer.step(memory, motion)
+        if estimate.health is not Health.LOST and np.isfinite(true[k]):
+            errors.append(estimate.value - true[k])
+            stds.append(estimate.std)
+    return np.array(errors), np.array(stds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("roll", [0.0, 0.02])
+@pytest.mark.parametrize("cross_fall", [0.0, 0.025, -0.025])
+def test_exact_motions_give_the_true_off_tracking_on_a_bank(cross_fall: float, roll: float) -> None:
+    """Conical ground turns its normal with the path: points at another height have another off-tracking.
+
+    What is left is the tilt of the path's mean plane, and what is stated for it.
+    """
+    bodies = bodies_on(Surface(friction=0.8, cross_fall=cross_fall, centre=(30.0, 14.0)), roll)
+    errors, stds = errors_and_stds(bodies, HEIGHT)
+    assert np.sqrt(np.mean(errors**2)) < 0.0025
+    # 0.5 mm: the path between samples, 0.4 m apart, is a cubic
+    assert np.mean(np.abs(errors) < 2.5 * stds + 0.0005) > 0.95
+    if cross_fall or roll:
+        on_ground, _ = errors_and_stds(bodies, 0.0)
+        assert np.sqrt(np.mean(on_ground**2)) > 0.003
+
+
+def test_points_lie_beside_those_on_the_ground_by_bank_times_height() -> None:
+    """On a plane that falls by 5 % to the right, a point 0.7 m up in a body lies 35 mm to the right of its foot."""
+    plane = Surface(friction=0.8, cross_fall=0.05)
+    foot = plane.pose_on(3.0, 4.0, 0.0, (0.0, -AXLE))
+    x, y, psi = plan_pose(foot, HEIGHT).tolist()
+    assert (x, psi) == pytest.approx((3.0, 0.0), abs=1e-12)
+    assert y == pytest.approx(4.0 - HEIGHT * math.sin(math.atan(0.05)), abs=1e-12)
+
+
+def test_roll_about_the_roll_axis_does_not_move_the_points() -> None:
+    """On level ground the pose in plan is that of the unit, however the body rolls."""
+    level = Surface(friction=0.8)
+    stands = level.pose_on(3.0, 4.0, 0.6, (0.0, -AXLE))
+    leans = stands @ raised(HEIGHT) @ transform(rotation_zyx(0.0, 0.0, 0.1), np.zeros(3)) @ raised(-HEIGHT)
+    np.testing.assert_allclose(plan_pose(leans, HEIGHT), [3.0, 4.0, 0.6], atol=1e-12)
+    assert abs(plan_pose(leans, 0.0)[1] - 4.0) > 0.05

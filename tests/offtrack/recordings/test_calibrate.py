@@ -1,19 +1,28 @@
-"""`offtrack calibrate` as a user meets it: photographs in, a file that the estimators take out, or one clear line."""
+"""Calibration from pictures of boards, by command and by function, and warnings about a calibration."""
 
 import json
+import math
 import shutil
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from estimators.calibration.corrections import SelfCalibratedMotion
+from estimators.calibration.epipolar import RightRotation
 from estimators.calibration.rectification import Rectifier
+from estimators.estimates import lost_motion
 from estimators.rigid_motion import rotation_vector
 from offtrack.commands.cli import app
+from scenarios.assembly import trailer_sensors
+from scenarios.assembly.trailer_sensors import calibrated_with_boards
+from scenarios.results.run_warnings import calibration_warnings
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
-from sensors.camera.rig import CameraModel, load_raw_rig
+from sensors.camera.rig import CameraModel, RawStereoRig, StereoRig, load_raw_rig
 from vehicle.frames import inverse, so3_exp, transform
 
 CAMERA = CameraModel(
@@ -101,3 +110,84 @@ def test_too_few_and_unequal_images_are_refused(photos: Path, tmp_path: Path) ->
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
         assert reason in result.stderr
     assert not out.exists()
+
+
+def small(baseline: float = 0.5) -> RawStereoRig:
+    """Half the resolution of the usual cameras."""
+    place = {"x": -14.0, "y": 0.0, "z": 4.2, "baseline": baseline}
+    rig = StereoRig(facing="rear", width=672, height=240, hfov=math.radians(100.0), **place)
+    return rig.raw((-0.12, 0.01, 0.0005, -0.0005, 0.0))
+
+
+@pytest.mark.slow
+def test_cameras_are_found_again_near_the_truth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rotation to some 0.03 deg, which self-calibration reduces later; a millimetre in 0.5 m: 0.2 % of all depths.
+
+    A point 20 m behind the trailer is where the calibrated left camera's ray to its true image goes: within 2 cm.
+    Principal point and pose on the trailer may each be off by more, as long as they make up for one another.
+    """
+    monkeypatch.setattr(trailer_sensors, "_HELD", 14)  # fewer pictures than a run takes: a third of the time
+    monkeypatch.setattr(trailer_sensors, "_SURVEYED", 6)
+    reports: list[tuple[float, float]] = []
+    true = small()
+    found = calibrated_with_boards(
+        true,
+        noise_std=2.0,
+        rng=np.random.default_rng(1),
+        progress=lambda done, total, *_: reports.append((done, total)),
+    )
+    assert reports == [(k + 1, 20) for k in range(20)]
+    error = inverse(true.X_ClCr) @ found.rig.X_ClCr
+    assert np.abs(rotation_vector(error[:3, :3])).max() < 3.0 * found.rotation_std
+    assert 0.0 < math.degrees(found.rotation_std) < 0.05  # 14 pairs at half the resolution
+    assert np.linalg.norm(error[:3, 3]) < 1e-3
+    assert found.rms < 0.15  # corners at a few hundredths of a pixel; misplaced ones would show [px]
+    assert np.abs(found.rig.X_ClCr - true.X_ClCr).max() > 1e-6  # corners are noisy: it is no copy
+    assert found.rig.left.cx != true.left.cx
+    for y in (0.0, 10.0, -10.0):
+        in_camera = inverse(true.X_SC) @ np.array([-34.0, y, 1.0, 1.0])
+        ray = found.rig.left.rays(true.left.project(in_camera[None, :3]))[0]
+        seen = found.rig.X_SC @ np.append(in_camera[2] * np.append(ray, 1.0), 1.0)
+        assert abs(seen[1] - y) < 0.02
+        assert abs(seen[2] - 1.0) < 0.03
+
+
+def test_a_rig_that_no_board_fits_before_is_refused() -> None:
+    """Cameras 5 m apart see nothing of the same board within 4.5 m."""
+    with pytest.raises(ValueError, match="boards: no position found"):
+        calibrated_with_boards(small(baseline=5.0), noise_std=2.0, rng=np.random.default_rng(1))
+
+
+def motion(tick: int, **changes: Any) -> SelfCalibratedMotion:
+    plain = lost_motion(tick, tick - 100)
+    values: dict[str, Any] = {field.name: getattr(plain, field.name) for field in fields(plain)}
+    values |= {"right_rotation": RightRotation(0.0, float(np.radians(0.09)), 0.0), "miscalibrated": False}
+    values |= {"right_rotation_std": RightRotation(1e-4, 1e-4, 1e-4), "right_delay": 0.0, "right_delay_std": 1e-3}
+    return SelfCalibratedMotion(**(values | changes))
+
+
+SOUND = [motion(100 * k) for k in range(9)]
+
+
+@pytest.mark.parametrize(
+    ("motions", "says"),
+    [
+        ([None, lost_motion(100, 0), *SOUND], []),
+        ([*SOUND, motion(900, miscalibrated=True), motion(901, miscalibrated=True)], []),
+        ([motion(k, right_delay=3e-3) for k in range(9)], []),  # 3 sigma
+        (
+            [motion(100 * k, miscalibrated=k >= 5) for k in range(10)],
+            ["roll 0.00, yaw 0.09, pitch 0.00 deg", "5 of 10 motions", "or do this"],
+        ),
+        (
+            [motion(k, right_delay=0.02 + 1e-3 * k) for k in range(4)],  # the newest significant value counts
+            ["23.0 ms after the left one (standard deviation 1.0 ms)"],
+        ),
+        ([motion(k, right_delay=-0.02) for k in range(4)], ["before the left one"]),
+    ],
+)
+def test_refuted_calibrations_and_late_images_are_warned_of(motions: list[Any], says: list[str]) -> None:
+    """With their remedy; sound cameras and single doubtful motions are not."""
+    lines = calibration_warnings(motions, "do this")
+    assert len(lines) == bool(says)
+    assert all(part in lines[0] for part in says)
