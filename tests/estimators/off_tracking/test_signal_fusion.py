@@ -10,12 +10,12 @@ import pytest
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.off_tracking.signal_fusion import Correction, FusionMemory, SignalFusion, blended, doubted
+from estimators.off_tracking.signal_fusion import DIRECTION, Correction, FusionMemory, SignalFusion, blended, doubted
 from sensors.messages import CombinationSignals
 from tests.estimators.body_drive import motion
 from tests.estimators.towed_drive import FOLLOW, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
 from tests.trailers import estimate
-from vehicle.frames import so3_exp, transform
+from vehicle.frames import inverse, so3_exp, transform
 
 BUFFER = OffTrackingBuffer(FOLLOW)
 FUSION = SignalFusion(VEHICLE, 1, FOLLOW, BUFFER)
@@ -176,6 +176,24 @@ def test_a_camera_that_is_wrong_for_long_is_never_called_good(drive: TowedDrive,
     ticks = [tick for tick in filled(exact) if tick > 10_000]
     assert all(estimates[tick].health is Health.DEGRADED for tick in ticks)
     assert np.all(np.abs(errors(estimates, exact, ticks)) < 2.5 * np.array([estimates[tick].std for tick in ticks]))
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_turned_is_doubted_by_its_angle(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
+    """By 5 degrees about the vertical: the axles of both units contradict its direction of travel alike."""
+    turned = transform(so3_exp(np.array([0.0, 0.0, math.radians(5.0)])), np.zeros(3))
+
+    def spoilt(tick: int, motion: BodyMotion) -> BodyMotion:
+        return replace(motion, X_PC=turned @ motion.X_PC @ inverse(turned)) if tick > 16_000 else motion
+
+    estimates = run(drive, spoilt)
+    ticks = [tick for tick in filled(exact) if tick > 16_000]
+    assert not any(estimates[tick].doubts for tick in filled(exact) if tick < 16_000)
+    assert min(tick for tick in ticks if estimates[tick].health is not Health.OK) <= 16_400
+    doubted = [tick for tick in ticks if DIRECTION in estimates[tick].doubts]
+    assert len(doubted) > 0.5 * len(ticks)
+    ratios = errors(estimates, exact, doubted) / [estimates[tick].std for tick in doubted]
+    assert np.abs(ratios).max() < 2.5
 
 
 def test_a_keyframe_from_before_the_outage_corrects_the_bridge(

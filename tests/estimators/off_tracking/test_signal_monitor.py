@@ -159,3 +159,16 @@ def test_messages_that_are_no_numbers_or_late_are_passed_over() -> None:
     memory = MONITOR.received(MONITOR.init(), message)
     for bad in (message, replace(message, tick=20, speed=math.nan)):
         assert len(MONITOR.received(memory, bad).history) == 1
+
+
+def test_front_wheels_that_slide_are_no_fault() -> None:
+    """Ploughing straight ahead at full lock: they turn slower than the vehicle travels."""
+
+    def ploughing(message: CombinationSignals) -> CombinationSignals:
+        steer = message.steer + 0.5 * min(1.0, message.tick * 1e-4)
+        c, s = math.cos(steer), math.sin(steer)
+        rolled = message.speed * c * c + TRACTOR.steered_axles[0].x * float(message.yaw_rates[0]) * s * c
+        return replace(message, steer=steer, speed=rolled)
+
+    memory, _ = watched(ploughing)
+    assert memory.findings == ()
