@@ -231,8 +231,6 @@ class EstimateGuard:
 
     def _expected(self, estimate: OffTracking) -> OffTracking:
         """The off-tracking that is to be expected with a vague estimate: the least squares of it and of none at all."""
-        if estimate.health is Health.LOST:
-            return estimate
         believed = _USUAL**2 / (_USUAL**2 + estimate.std**2)
         return estimate.sheared((believed - 1.0) * estimate.value, self._trailer.follow_distance)
 

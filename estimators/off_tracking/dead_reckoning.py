@@ -41,7 +41,7 @@ _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolat
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
-_TANGENT, _BANK = -2, -1  # columns of the tangent of the trailer's axles, and of the bank's pull
+_BANK = -1  # column of the bank's pull
 _LATELY = 25  # samples of the last half second
 _SWAY = 2000  # time that it is averaged over: bodies sway, and trailers drift to the side as they turn in [ticks]
 # Speed at which that drift (slip changes by 0.03 rad in the time) is as large as the usual bank of 2.5 %. There half of
@@ -69,8 +69,8 @@ _ROLLING = 0.3  # slower than this, directions of travel are noise [m/s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
 # or steered trailer axles) on friction of 0.3 to 0.8, at 5 to 88 km/h; no combination needed more than three of it.
 _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of 0.5 m, and what the next one leaves [-]
-# Slip of braked wheels per deceleration: 0.008 on dry road, some 0.1 where the ABS acts on ice [s2/m].
 _SLIDING = 1.3  # deceleration that slows a wheel as rolling resistance does at a slip angle of 1 rad [m/s2]
+# Slip of braked wheels per deceleration: 0.008 on dry road, some 0.1 where the ABS acts on ice [s2/m].
 _SLIP_PER_BRAKING = Prior(0.01, 0.03, 30.0, _FOR_EVER)
 # What data sheets leave of the slip. With 4 mrad and 8 m, outages of 20 s have sigmas nearer to their errors. But in
 # the closed loop the estimate is then 15 mm off after 2 s without images, not 9 mm, and states 6 mm.
@@ -80,7 +80,7 @@ _SLIP_PER_ACCELERATION = Prior(-0.02, 0.004, _FOR_EVER, _FOR_EVER)  # its mean i
 _SLIP_PER_SCRUB = Prior(0.9, 0.15, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
 _SLIP_PER_ARTICULATION = Prior(0.0, 0.005, _FOR_EVER, _FOR_EVER)
 _SLIP_OFFSET = Prior(0.0, 0.002, _FOR_EVER, _FOR_EVER)  # an angle sensor is right to 0.1 deg [rad]
-# Slip of the trailer's axles beyond 1/(2.5 g) of the lateral acceleration, by which their load and tyres differ.
+# Slip of the trailer's axles beyond that of the data sheet, and its spread per lateral acceleration.
 _OWN_SLIP = Prior(0.0, 0.02, 6.0, _FOR_EVER)  # [rad]
 _OWN_SPREAD = 0.02  # [rad s2/m]
 # Spread of slips to the side per acceleration along: drive and brakes use the grip that holds an axle [rad s2/m].
@@ -91,7 +91,6 @@ _OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two direct
 # Direction of travel by which the camera may differ from the axles of both units alike [rad], and for each m/s2.
 _TURNED = (0.03, 0.05)
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
-
 
 _SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
 
@@ -176,8 +175,11 @@ class DeadReckoning:
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
+        level = noise_level(history, self._unit)
+        if level == 1.0:
+            return np.zeros((3, 3))
         by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
-        excess = 0.5 * (noise_level(history, self._unit) ** 2 - 1.0)
+        excess = 0.5 * (level**2 - 1.0)
         return np.asarray(excess * (by_parameters + by_parameters.T), dtype=np.float64)
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
@@ -273,7 +275,9 @@ class DeadReckoning:
         braking = np.maximum(-gained, 0.0) + _SLIDING * np.abs(front_slip)
         rolled = speed * (1.0 - scale + per_braking * braking)
         spread = np.tile(self._spread(parameters), (len(speed), 1))
-        v_x, v_y, _ = self._carried(at_axle(rolled, slip), slip, gammas, gyros)[-1]
+        at_tractor = at_axle(rolled, slip)
+        carried = self._carried(at_tractor, slip, gammas, gyros)
+        v_x, v_y, _ = carried[-1]
         # slip of the trailer's axles beyond the usual one, and its change by the yaw rate; unknown at walking pace
         is_known, per_speed, push = np.abs(v_x) > _ROLLING, 1.0 / _away_from_zero(v_x), v_x * gyros[unit] + bank
         rolling_direction = np.arctan(rolling + self._axle_distance * gyros[unit] * per_speed)
@@ -296,15 +300,15 @@ class DeadReckoning:
             slip = slip - share * apart
             by_slip *= (1.0 - share)[:, None]
             by_slip[:, OWN], by_slip[:, of_gyro + unit] = share, share * per_rate
-        v_x = at_axle(rolled, slip)
+            at_tractor = at_axle(rolled, slip)
+            carried = self._carried(at_tractor, slip, gammas, gyros)
         along = np.cos(steer) ** 2 + slip * aside
         D = np.zeros((len(speed), 3, p + 2 * unit + 2))
         D[:, 1, _SCALE_OF], D[:, 1, _BRAKING], D[:, 1, p] = -speed, speed * braking, 1.0 - scale
         sliding = speed * per_braking * _SLIDING * np.sign(front_slip)  # derivative of the rolled speed by that slip
-        D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(v_x) - aside)
-        D[:, 1] = (D[:, 1] + (sliding - v_x * aside)[:, None] * by_slip) / along[:, None]
-        D[:, 2] = slip[:, None] * D[:, 1] + v_x[:, None] * by_slip
-        carried = self._carried(v_x, slip, gammas, gyros)
+        D[:, 1, of_gyro] = self._front * (sliding / _away_from_zero(at_tractor) - aside)
+        D[:, 1] = (D[:, 1] + (sliding - at_tractor * aside)[:, None] * by_slip) / along[:, None]
+        D[:, 2] = slip[:, None] * D[:, 1] + at_tractor[:, None] * by_slip
         for k, (v_x, v_y, R) in enumerate(carried):
             D[:, 2, of_gyro + k] += self._levers[k]
             D[:, 1:] = R @ D[:, 1:]

@@ -7,8 +7,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 
 - A motion that is precise goes into the buffer as it is. One that is vague by its stated covariance is weighted with
   dead reckoning.
-- Slip is what the camera measures, and no reason to refuse a motion, as long as the trailer's axles roll as the camera
-  says. If they do not, a sudden slip is not believed for a second.
+- Slip is what the camera measures, and no reason to refuse a motion. But a sudden one is not believed for three seconds
+  if the axles of both units agree with each other against the camera.
 - Where the axles of both units contradict the direction of travel of the camera alike, it may be turned: the
   estimate is degraded, and the angle counts as an error of the path's direction.
 - Without a motion that is believed the path goes on by dead reckoning. The error of the off-tracking is that of dead
@@ -16,8 +16,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   ever: parameters that change are forgotten over the distance.
 - The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
   frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
-- Signals that contradict each other are not used; the camera is then alone. So it is while a single signal is found at
-  fault (``estimators.off_tracking.signal_monitor``), but outages are bridged with its corrected value.
+- Signals that contradict each other are not used; the camera is then alone. What depends on a single signal at fault
+  (``estimators.off_tracking.signal_monitor``) is no evidence; outages are bridged with its corrected value.
 - A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
   asks for errors of sensors that are out of the question, no motion is believed.
 """
@@ -356,8 +356,7 @@ class SignalFusion:
         by_faulty = reckoned.by_signals[:, faulty] * self._any_error[faulty]
         S += by_faulty @ by_faulty.T
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
-        expected = S + self._reckoning.noise_margin(memory.history, parameters, reckoned)
-        expected += _ROCKING
+        expected = S + self._reckoning.noise_margin(memory.history, parameters, reckoned) + _ROCKING
         any_slip = expected + reckoned.by_slip @ _ANY_SLIP @ reckoned.by_slip.T
         distance = math.copysign(max(reckoned.distance, _SHORTEST_STEP), reckoned.pose[1])
         direction = float(innovation[2]) / distance

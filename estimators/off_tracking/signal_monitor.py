@@ -95,11 +95,8 @@ class MonitorMemory(NamedTuple):
     errors: tuple[SignalError | None, ...]  # of each signal that is at fault; None: it is sound
     suspect: tuple[int, int] = (-1, 0)  # signal that explains the last contradictions, and their number in a row
     compared_at: int = 0  # tick of the last comparison with a reference
-    towed: tuple[float, float] = (
-        0.0,
-        0.0,
-    )  # last articulation [rad] and yaw rate [rad/s] if the axles roll
-    contradicted: bool = False  # True: nothing tells which of the measured ones is at fault
+    contradicted: bool = False  # True: nothing tells whether the hitch angle or its gyro is at fault
+    towed: tuple[float, float] = (0.0, 0.0)  # meanwhile: articulation [rad] and yaw rate [rad/s] if the axles roll
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -140,7 +137,9 @@ class SignalMonitor:
         if len(history) >= _LEAST:
             memory = memory._replace(jumped=self._jumped(memory, row))
         kept = history[np.searchsorted(history[:, 0], row[0] - _KEPT) :]
-        memory = memory._replace(history=np.vstack([kept, row]), towed=self._towed(memory, row))
+        if memory.contradicted:
+            memory = memory._replace(towed=self._towed(memory, row))
+        memory = memory._replace(history=np.vstack([kept, row]))
         if signals.tick - memory.compared_at > _ALONE and signals.tick % 100 == 0:
             return self._compared(memory, None, signals.tick)
         return memory
@@ -157,12 +156,12 @@ class SignalMonitor:
 
     def corrected(self, memory: MonitorMemory, signals: CombinationSignals) -> CombinationSignals:
         """The message with corrected values of signals at fault; the same object if there are none."""
+        if not (memory.contradicted or memory.distrusted):
+            return signals
         articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
         if memory.contradicted:
             articulation[self._unit - 1], yaw_rates[self._unit] = memory.towed
             return replace(signals, articulation=articulation, yaw_rates=yaw_rates)
-        if not memory.distrusted:
-            return signals
         n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
         repeats = self._stuck(memory)
         yaw_rates[: n + 1] -= errors[1 + n : -1]
@@ -223,12 +222,13 @@ class SignalMonitor:
         """Memory with the contradiction between the hitch angle and the gyro of the trailer, or without."""
         if contradicted == memory.contradicted:
             return memory
-        name = f"{self.names[self._unit]} or its gyro"
-        finding = Finding(int(memory.history[-1, 0]), name, contradicted)
-        return memory._replace(contradicted=contradicted, findings=(*memory.findings, finding))
+        newest, name = memory.history[-1], f"{self.names[self._unit]} or its gyro"
+        towed = self._towed(memory, newest) if contradicted else memory.towed
+        findings = (*memory.findings, Finding(int(newest[0]), name, contradicted))
+        return memory._replace(contradicted=contradicted, towed=towed, findings=findings)
 
     def _towed(self, memory: MonitorMemory, row: FloatArray) -> tuple[float, float]:
-        """Articulation and yaw rate of a trailer whose axles roll, from the last or, if sound, those measured."""
+        """Articulation and yaw rate of a trailer whose axles roll, from the last ones or at first from the measured."""
         angle = FIRST + self._unit - 1
         gamma = float(row[angle])
         if memory.contradicted:
@@ -291,8 +291,10 @@ class SignalMonitor:
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
         change = row - memory.history[-1]
-        noise = noise_level(memory.history, self._unit, _LEAST) * self._noise
-        jumps = np.abs(change[self._columns]) > self._rates * change[0] * TICK + _JUMP_SIGMAS * noise
+        beyond = np.abs(change[self._columns]) - self._rates * change[0] * TICK
+        if not np.any(beyond > _JUMP_SIGMAS * self._noise):  # more noise only hides more
+            return memory.jumped
+        jumps = beyond > _JUMP_SIGMAS * noise_level(memory.history, self._unit, _LEAST) * self._noise
         return tuple(int(row[0]) if one else before for one, before in zip(jumps, memory.jumped, strict=True))
 
     def _row(self, signals: CombinationSignals) -> FloatArray:
