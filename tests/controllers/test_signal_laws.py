@@ -159,7 +159,7 @@ def learnt(until: int, speed: float, period: int = 100, bias: float = 0.0, v_y: 
 
 
 def test_dead_reckoning_learns_the_errors_of_its_signals_from_estimates() -> None:
-    """Wheels that say a twentieth too little and a gyro's bias, within 5 s; not from estimates 0.6 s apart, nor at a creep."""
+    """Wheels that say too little and a gyro's bias, within 5 s; not from estimates 0.6 s apart, nor at a creep."""
     for seconds in (1.1, 15.0):
         found, share = learnt(round(1000 * seconds), 2.66, bias=0.01), 1.0 - math.exp(-seconds / 5.0)
         assert found.scale - 1.0 == pytest.approx(share * (2.8 / 2.66 - 1.0), rel=0.02)
