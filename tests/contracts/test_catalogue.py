@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from scenarios.assembly.rover_run import assemble_rover
-from scenarios.assembly.trailer_run import assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, TRAILER_STEERING, resolve
-from scenarios.loop.rover_session import RoverSession
-from scenarios.loop.trailer_session import TrailerSession
+from scenarios.loop.runner import KINDS
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -33,38 +30,23 @@ def test_every_entry_names_a_class_with_init_and_step(key: str, name: str) -> No
     assert callable(part.step)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TRAILERS)
+@pytest.mark.parametrize("name", [*ROVERS, *(pytest.param(name, marks=pytest.mark.slow) for name in TRAILERS)])
 def test_every_scenario_is_named_after_its_file_and_starts(name: str) -> None:
-    """Two seconds with exact estimates: finite signals, the vehicle on its way at set speed."""
-    scenario = load_any_scenario(name, ["off_tracking=truth"])
-    assert isinstance(scenario, Scenario)
+    """Two seconds with exact estimates: finite signals, trailers at set speed; rovers lose a tenth or two to slip."""
+    scenario = load_any_scenario(name, ["slip_estimator=truth" if name in ROVERS else "off_tracking=truth"])
     assert scenario.name == name
     assert scenario.description
-    session = TrailerSession(assemble(scenario, seed=1))
-    for _ in range(200):
-        session.advance()
-    session.close()
+    kind = KINDS[scenario.vehicle_kind]
+    with kind.session(kind.assemble(scenario, 1)) as session:
+        while session.tick < 2000:
+            session.advance()
     truth = session.rows[-1].truth
-    assert np.isfinite(truth.bodies).all()
-    assert truth.velocities[0, 0] == pytest.approx(scenario.speed, rel=0.05)  # a grade costs some until it is held
-    assert session.outcome is None
-
-
-@pytest.mark.parametrize("name", ROVERS)
-def test_every_rover_scenario_is_named_after_its_file_and_starts(name: str) -> None:
-    """Two seconds with the exact slip angle: the rover on its way, a tenth or two of its wheels' speed lost to slip."""
-    scenario = load_any_scenario(name, ["slip_estimator=truth"])
-    assert not isinstance(scenario, Scenario)
-    assert scenario.name == name
-    assert scenario.description
-    session = RoverSession(assemble_rover(scenario, seed=1))
-    for _ in range(40):
-        session.advance()
-    session.close()
-    truth = session.rows[-1].truth
-    assert np.isfinite(truth.X_WB).all()
-    assert 0.5 * scenario.speed < truth.velocity[0] < 1.05 * scenario.speed
+    if isinstance(scenario, Scenario):
+        assert np.isfinite(truth.bodies).all()
+        assert truth.velocities[0, 0] == pytest.approx(scenario.speed, rel=0.05)  # a grade costs until it is held
+    else:
+        assert np.isfinite(truth.X_WB).all()
+        assert 0.5 * scenario.speed < truth.velocity[0] < 1.05 * scenario.speed
     assert session.outcome is None
 
 

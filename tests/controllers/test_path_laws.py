@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from controllers.trailer import TrailerGeometry
-from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview, VirtualDriver
+from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from estimators.estimates import Health, OffTracking
 from scenarios.courses import roundabout, straight
 from tests.trailers import ALL_STEERED as TRAILER
-from tests.trailers import TWO_OF_THREE, estimate, signals
+from tests.trailers import TWO_OF_THREE, estimate, signals, steps
 
 SINGLE = replace(TRAILER, axle_distances=(9.31,), steered=(True,))
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
@@ -105,17 +105,6 @@ PATH = estimate(0).path
 def beside(tick: int, *, offset: float = 0.0, **changes: Any) -> OffTracking:
     """Straight travel with the path ``offset`` to the left of the trailer's axis."""
     return estimate(tick, value=offset, path=PATH + np.array([0.0, offset]), **changes)
-
-
-def steps(law: PathPreview, until: int, seen: Any, memory: PathLawMemory | None = None, start: int = 0) -> Any:
-    """Memory after, and commands (n, axles) of the steps in between; ``seen(tick)`` is what has arrived by then."""
-    memory = law.init() if memory is None else memory
-    angles, commands = np.array(memory.demand), []
-    for tick in range(start, until, 20):
-        memory, command = law.step(memory, tick, seen(tick), signals(tick, angles=angles))
-        angles = command.angles
-        commands.append(angles)
-    return memory, np.array(commands)
 
 
 def arriving(**about: Any) -> Any:

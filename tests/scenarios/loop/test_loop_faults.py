@@ -15,12 +15,7 @@ from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
-from scenarios.loop_faults.fault import (
-    ActuatorFault,
-    LoopFault,
-    LoopFaultContext,
-    MessageFault,
-)
+from scenarios.loop_faults.fault import ActuatorFault, LoopFault, LoopFaultContext, MessageFault
 from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
 from scenarios.options.tables import FaultOptions
 from tests.trailers import estimate
@@ -191,23 +186,6 @@ def test_brakes_of_one_side_of_an_axle_fail() -> None:
 
 def assembled(name: str, *settings: str) -> Assembly:
     return assemble(load_scenario(name, ("off_tracking=truth", *settings)), 1)
-
-
-@pytest.mark.parametrize(
-    ("scenario", "settings", "complaint"),
-    [
-        ("roundabout", "actuator_stuck:4", r"actuator_stuck: axle = 4: semitrailer has 2 steered axles"),
-        ("roundabout", "brake_fault:0.5,3", r"brake_fault: unit = 3: \S+ has 2 units"),
-        ("roundabout", "brake_fault:0.5,2,9", r"brake_fault: axle = 9: semitrailer has 3 axles"),
-        ("constant-slip", "actuator_stuck", r"actuator_stuck needs a steered trailer; plant.kind = constant_slip"),
-        ("constant-slip", "brake_fault", r"brake_fault needs plant.kind = multibody; constant_slip has brakes"),
-        ("lane-change", "actuator_dead", r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered"),
-    ],
-)
-def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, settings: str, complaint: str) -> None:
-    vehicle = ("vehicle=eu_tractor_semitrailer", "trailer_steering=none") if scenario == "lane-change" else ()
-    with pytest.raises(ValueError, match=f"^faults: {complaint}[^\n]*$"):
-        assembled(scenario, f"faults={settings}", *vehicle)
 
 
 def test_loss_draws_the_same_numbers_whether_active_or_not() -> None:

@@ -262,14 +262,7 @@ REFUSED: Final = {
     "empty": ("", "not XML"),
     "no road": ("<OpenDRIVE/>", "has no <road>"),
     "other XML": ("<gpx/>", "must be <OpenDRIVE>"),
-    "page of an error": ("<html><body>404</body></html>", "must be <OpenDRIVE>"),
-    "entities": (changed('<?xml version="1.0"?>', "<!DOCTYPE x>"), "document type"),
-    "deep": ("<OpenDRIVE>" * 100, "nested at most 32 deep"),
-    "cut off": (ROAD[:300], "not XML"),
-    "encoding": (changed('"1.0"?', '"1.0" encoding="klingon"?'), "unknown encoding"),
     "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "line 2: <geometry>: hdg = 'nan' is not a finite number"),
-    "infinite": (changed('x="30.0"', 'x="1e999"'), "not a finite number"),
-    "a word": (changed('length="30.0">', 'length="long">'), "length = 'long'"),
     "backwards": (changed('length="30.0">', 'length="-30">'), "must be positive"),
     "a gap": (changed('x="30.0"', 'x="35"'), "a gap of 5 m in the reference line at s = 30.0 m"),
     "a kink": (changed('x="30.0" y="0.0" hdg="0.0"', 'x="30.0" y="0.0" hdg="0.3"'), "a kink of 0.3 rad"),
@@ -278,7 +271,6 @@ REFUSED: Final = {
     "no plan view": (ROAD.replace("planView", "plan"), "<road> has no <planView>"),
     "no shape": (changed("<line/>", ""), "has 0 shapes: must be one of line, arc"),
     "two shapes": (changed("<line/>", "<line/><line/>"), "has 2 shapes"),
-    "unknown shape": (changed("<line/>", "<circle/>"), "has 0 shapes"),
     "no lanes": (ROAD.replace("lanes>", "l>"), "<road> has no <lanes>"),
     "no section": (ROAD.replace("laneSection", "part"), "has no <laneSection>"),
     "late section": (changed('laneSection s="0"', 'laneSection s="900"'), "lane sections from s = 900"),
@@ -319,25 +311,6 @@ def test_a_file_that_makes_no_road_is_refused_in_one_line(tmp_path: Path, case: 
         course(tmp_path, text)
     assert "road.xodr" in str(refusal.value)
     assert refusal.match(wanted)
-
-
-@pytest.mark.parametrize(
-    ("settings", "wanted"),
-    [
-        (["course.road=5"], "course.road = 5; known: 1"),
-        (["course.lane=2"], "has the lanes -1"),
-        (["course.lane=a"], "course.lane = 'a' must be a whole number"),
-        (["course.route=7"], "course.route = 7 is not reached"),
-        (["course.route=left,right"], "course.route = left is not reached"),
-        (["course.route=[[1]]"], "must be a text"),
-        (["course.edges=kerb"], "course.edges = 'kerb'; known: lane, road"),
-        (["course.begin=5000"], "course.begin = 5000 m leaves nothing of it"),
-    ],
-)
-def test_a_route_that_is_not_there_is_refused_in_one_line(tmp_path: Path, settings: list[str], wanted: str) -> None:
-    with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
-        course(tmp_path, ROAD, *settings)
-    assert wanted in str(refusal.value)
 
 
 # Lines between the lanes: where the file has them, as the driven lane sees them
