@@ -86,6 +86,8 @@ def test_the_hitch_moves_as_a_lever_on_the_tractor() -> None:
     assert motion.direction == pytest.approx(0.3 + math.atan(0.2 * HITCH_X / 2.0))
     backwards = hitch_motion(COMBINATION, replace(turning(10.0, 0.3), speed=-3.0, yaw_rates=np.full(2, -0.3)))
     assert backwards.direction == pytest.approx(0.3 + math.atan(0.1 * HITCH_X))  # the same line, backwards
+    alone = hitch_motion(Combination(COMBINATION.vehicle, 0), replace(turning(10.0, 0.3), yaw_rates=np.zeros(2)))
+    assert alone.direction == pytest.approx(math.atan(3.8 / 10.0))  # led by the foremost axle, where it is steered to
 
 
 @pytest.mark.parametrize("length", [0.5, 40.0])

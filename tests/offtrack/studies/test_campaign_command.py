@@ -33,9 +33,6 @@ outcomes = ["completed", "timed out"]
 BIAS = '[[fault]]\nkind = "gyro_bias"\namounts = [1, 5]\nonsets = [6, 8]\ndurations = [2, "end"]\n'
 
 
-BISECT = '[[bisect]]\nfault = "{}"\nlow = {}\nhigh = {}\ntolerance = 0.1\n'
-
-
 DRAWN = """[[fault]]
 kind = "dropout"
 amounts.uniform = [0.2, 1]

@@ -17,7 +17,6 @@ from offtrack.studies.table import Exceeding, running_mean
 
 HEAD = 'scenario = "cambered-road"\nseeds = [1, 2]\n[set]\noff_tracking = "truth"\ncourse.length = 20\n'
 SAMPLE = '[sample]\ncount = {count}\nmethod = "{method}"\nseed = 3\n'
-STOPPED = SAMPLE.format(count=8, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
 DRAW = """[draw]
 surface.friction = { uniform = [0.3, 0.9] }
 speed_kmh = { normal = [50, 5] }
