@@ -73,6 +73,11 @@ def test_an_entry_runs_with_its_seeds_and_values_alone_and_so_does_its_reference
     assert campaign(tmp_path, read.to_toml()) == read
 
 
+def test_a_campaign_needs_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^campaign [^\n]+: a table \[\[fault\]\] or \[pairs\] is missing"):
+        campaign(tmp_path, HEAD)
+
+
 def test_drawn_numbers_are_words_of_the_fault_and_the_reference_is_not_repeated(tmp_path: Path) -> None:
     """Each draw has an onset of whole milliseconds; runs without a fault are as many as there are seeds."""
     read = campaign(tmp_path, HEAD + DRAWN)

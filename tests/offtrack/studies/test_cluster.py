@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("distributed")
 
 from offtrack.studies.case import Case, installed
-from offtrack.studies.cluster_executor import DaskExecutor, connected
+from offtrack.studies.cluster_executor import DaskExecutor, connected, job_queue
 from offtrack.studies.cluster_workshop import Workshop, difference, packed, renders
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.study import load_study
@@ -173,3 +173,18 @@ def test_only_rendered_cameras_need_opengl() -> None:
 def test_what_is_no_address_is_one_line() -> None:
     with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
         pass
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("jobqueue: {slrm: {cores: 1}}", "did you mean 'slurm'"),
+        ("jobqueue: [", "not YAML"),
+        ("slurm: {cores: 1}", "expected 'jobqueue:'"),
+        ("jobqueue: {slurm: 3}", "must be a table"),
+    ],
+)
+def test_a_wrong_queue_is_one_line(text: str, line: str, tmp_path: Path) -> None:
+    (tmp_path / "queue.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=line):
+        job_queue(tmp_path / "queue.yaml")
