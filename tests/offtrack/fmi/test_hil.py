@@ -265,6 +265,7 @@ def test_a_bench_drives_the_tractor() -> None:
     assert result.outcome == "completed"
     assert result.outside is not None
     assert result.outside.fallback_steps == 0
+    assert 'record = "' in result.scenario_toml  # a run of it again repeats the demands
     errors = [abs(values["lateral_error"]) for values in bench.signals]
     assert max(errors) < 1.5  # without preview it meets the bend late, and finds back
     assert errors[-1] < 0.5 * max(errors)

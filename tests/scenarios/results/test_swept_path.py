@@ -83,6 +83,7 @@ def test_more_than_a_full_turn_is_still_one_roundabout(start: Pose2) -> None:
     inner, outer = swept_radii((RIGID,), (poses,), (centre.x, centre.y))
     assert inner == pytest.approx(10.0 - 1.25, abs=1e-6)
     assert outer == pytest.approx(math.hypot(10.0 + 1.25, 5.0), abs=1e-3)
+    assert swept_path((RIGID,), (poses,), (centre.x, centre.y)).max_width == outer - inner
 
 
 def test_tail_swing_at_entry_has_the_closed_form() -> None:
