@@ -58,7 +58,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
             black(folder / f"yard/image_{side}/{k:06d}.png")
     for missing in ("image_1", "calib.txt", "times.txt"):
         shutil.copytree(folder / "yard", folder / f"no-{missing}", ignore=shutil.ignore_patterns(missing))
-    shutil.copytree(folder / "yard", folder / "cut")
+    for name in ("cut", "wrong-poses", "wrong-calib", "wrong-rig"):
+        shutil.copytree(folder / "yard", folder / name)
     for image in (folder / "cut" / "image_0").iterdir():
         image.write_bytes(image.read_bytes()[:40])
     for name in ("left/0", "left/1", "right/0", "right/1"):
