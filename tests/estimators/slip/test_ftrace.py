@@ -216,9 +216,11 @@ def test_drawn_line_is_the_strongest(phi: float, rho: float) -> None:
     assert len(lines) <= 5
 
 
-def test_no_edges_no_lines() -> None:
-    """An image without edges is no error."""
-    assert strongest_lines(np.zeros((480, 640), np.uint8), 5, 60).shape == (0, 3)
+def test_as_many_lines_are_returned_as_there_are_and_are_asked_for() -> None:
+    image = np.zeros((480, 640), np.uint8)
+    assert strongest_lines(image, 5, 60).shape == (0, 3)
+    image[:, 40::80] = 255
+    assert strongest_lines(image, 5, 60).shape == (5, 3)
 
 
 def test_a_line_has_one_name() -> None:
