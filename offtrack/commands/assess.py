@@ -24,7 +24,6 @@ from offtrack.commands.console import (
     Quiet,
     listing,
     new_directory,
-    one_line_errors,
     progress_bar,
     progress_display,
     remark,
@@ -77,11 +76,10 @@ def vehicle(
     A vehicle's sheet has axle loads, steering reach and handling; a rover's sheet has wheel loads, tipping angles and
     its traction in every soil.
     """
-    with one_line_errors():
-        if name is None:
-            _list_vehicles(as_json=as_json)
-        else:
-            _show(name, out, quiet=quiet, as_json=as_json)
+    if name is None:
+        _list_vehicles(as_json=as_json)
+    else:
+        _show(name, out, quiet=quiet, as_json=as_json)
 
 
 def _list_vehicles(*, as_json: bool) -> None:
@@ -184,7 +182,7 @@ def assess(
     A missed limit is a result, not an error. Manoeuvres under other conditions than the standard's (--speed, --radius,
     --friction) are not compared with limits.
     """
-    with one_line_errors(), ExitStack() as cleanup:
+    with ExitStack() as cleanup:
         chosen = load_vehicle(vehicle)
         directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
@@ -278,7 +276,7 @@ def validate(
     Prints every number with its target, tolerance and source, and writes a page with plots. The exit code is 1 if a
     number is out of tolerance.
     """
-    with one_line_errors(), results_directory(out, "validate") as directory:
+    with results_directory(out, "validate") as directory:
         begin = time.perf_counter()
         sections = _run_checks(quick, shown=not as_json)
         _write_validation(sections, directory, _run_information(time.perf_counter() - begin, quick))
@@ -375,34 +373,33 @@ def reproduce(
     Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives. With all and --out,
     the same command makes those that are missing.
     """
-    with one_line_errors():
-        names = names_of(name)
-        directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
-        settings = {"quick": quick}
-        several, shown = len(names) > 1, not (quiet or as_json)
-        earlier = {
-            one: earlier_reproduction(one, directory, settings) if several else None
-            for one, directory in zip(names, directories, strict=True)
-        }
-        for one, directory in zip(names, directories, strict=True):
-            if not earlier[one]:
-                check_run_directory(directory)
-        results: list[dict[str, Any]] = []
-        for one, directory in zip(names, directories, strict=True):
-            kept = earlier[one]
-            if kept:
-                remark(f"{one}: finished earlier, in {directory}")
-                results.append(kept)
-                continue
-            reproduction = _reproduce(one, quick, shown=shown)
-            write_reproduction(reproduction, directory, settings)
-            results.append(reproduction.as_plain())
-            if shown:
-                _print_reproduction(reproduction, directory)
-            if reproduction.interrupted:
-                break
-        if as_json:
-            typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
+    names = names_of(name)
+    directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
+    settings = {"quick": quick}
+    several, shown = len(names) > 1, not (quiet or as_json)
+    earlier = {
+        one: earlier_reproduction(one, directory, settings) if several else None
+        for one, directory in zip(names, directories, strict=True)
+    }
+    for one, directory in zip(names, directories, strict=True):
+        if not earlier[one]:
+            check_run_directory(directory)
+    results: list[dict[str, Any]] = []
+    for one, directory in zip(names, directories, strict=True):
+        kept = earlier[one]
+        if kept:
+            remark(f"{one}: finished earlier, in {directory}")
+            results.append(kept)
+            continue
+        reproduction = _reproduce(one, quick, shown=shown)
+        write_reproduction(reproduction, directory, settings)
+        results.append(reproduction.as_plain())
+        if shown:
+            _print_reproduction(reproduction, directory)
+        if reproduction.interrupted:
+            break
+    if as_json:
+        typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
     if results[-1]["interrupted"]:
         remark(f"interrupted; what is finished is in {directory}")
         raise typer.Exit(INTERRUPTED)
