@@ -313,8 +313,8 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
 def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
     playback = recording_playback(estimation, log)
     yield Section("Playback", content=[Player(encoded(playback))])
-    yield Section("Trajectory", "Seen from above, in the trailer's frame at the first image.",
-                  [plots.plan_figure(playback)])  # fmt: skip
+    trajectory = plots.plan_figure(playback, bodies=False)
+    yield Section("Trajectory", "Seen from above, in the trailer's frame at the first image.", [trajectory])
     yield from plots.chart_sections(playback, _TEXTS)
     frame = _shown_frame(estimation)
     if frame is not None:
