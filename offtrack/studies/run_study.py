@@ -8,12 +8,13 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv as pa_csv
 
+from offtrack.reports.run_files import read_summary
 from offtrack.studies.case import RUN, Case, FinishedCase, Outcome, Provenance, identities
 from offtrack.studies.draws import made_in_batches
 from offtrack.studies.pool import RunOptions, run_cases, summary_file
@@ -22,7 +23,6 @@ from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.study_page import finished_runs_page, names_of_runs, page_link, sensitivity_csv, study_page
 from offtrack.studies.table import QUANTITIES, Row, rows_of, shown_quantities, table_csv
 from scenarios.results.run_directory import replaced, replacing, unfinished_files, user_of
-from vehicle.foundation.user_file import FileKind, read_text
 
 
 def runs_table(outcomes: Sequence[Outcome]) -> pa.Table:
@@ -184,14 +184,6 @@ def compare_runs(directories: Sequence[Path], out: Path) -> list[Row]:
 
 
 def _outcome(directory: Path, name: str) -> Outcome:
-    for file in ("summary.json", "scenario.toml", "signals.parquet"):
-        if not (directory / file).is_file():
-            raise ValueError(f"{directory}: is no finished run: it has no {file}")
-    try:
-        numbers: Any = json.loads(read_text(directory / "summary.json", FileKind.RECORD))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
-    if not isinstance(numbers, dict) or "outcome" not in numbers:
-        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
+    numbers = read_summary(directory)
     case = FinishedCase(scenario=str(directory / "scenario.toml"), fixed=(), axes=((RUN, name),), seed=0)
     return Outcome(case=case, numbers=numbers, signals=directory / "signals.parquet")

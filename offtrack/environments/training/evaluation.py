@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
-from typing import Any, Final, NamedTuple, Protocol, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -185,16 +185,6 @@ CONDITIONS: Final = (
 )
 
 
-class _Pilot(Protocol):
-    """Steers the trailers of all episodes."""
-
-    def begin(self, observation: Features) -> None:
-        """Start new episodes."""
-
-    def act(self, observation: Features, active: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Actions for all episodes; those of finished episodes are ignored."""
-
-
 class NetworkPilot:
     """A network that steers all episodes."""
 
@@ -240,13 +230,13 @@ def scored(plan: Plan, condition: Condition, law: str, network: Network, episode
     with ExitStack() as cleanup:
         cleanup.callback(env.close)
         core = cast(TrailerSteeringCore, env.core)
-        pilot: _Pilot = NetworkPilot(network)
+        pilot: LawPilot | NetworkPilot = NetworkPilot(network)
         if law != POLICY:
             pilot = cleanup.enter_context(closing(LawPilot(core, load_vehicle(plan.vehicle), law, load_surrogate())))
         return _score(driven(env, pilot, _SEED + plan.seed))
 
 
-def driven(env: Any, pilot: _Pilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
+def driven(env: Any, pilot: LawPilot | NetworkPilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
     """Info at the end of one episode of every sub-environment."""
     observation, _ = env.reset(seed=seed, options=options)
     pilot.begin(observation)
