@@ -236,7 +236,9 @@ def scored(plan: Plan, condition: Condition, law: str, network: Network, episode
         return _score(driven(env, pilot, _SEED + plan.seed))
 
 
-def driven(env: Any, pilot: LawPilot | NetworkPilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
+def driven(
+    env: Any, pilot: LawPilot | NetworkPilot, seed: int, options: dict[str, Any] | None = None
+) -> list[dict[str, Any]]:
     """Info at the end of one episode of every sub-environment."""
     observation, _ = env.reset(seed=seed, options=options)
     pilot.begin(observation)

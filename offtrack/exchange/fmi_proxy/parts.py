@@ -14,6 +14,7 @@ from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
 from controllers.trailer import Combination
 from controllers.trailer_steering.safeguarded import Degradation
+from offtrack.exchange.fmi_import.fmu_parts import steered_unit
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
@@ -76,18 +77,6 @@ from vehicle.surface import Surface
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
 _FIRST: Final = "first_step"
-
-
-def steered_unit(vehicle: Vehicle) -> int:
-    """Index of the last trailer with steered axles.
-
-    Raises:
-        ValueError: one line, if there is none.
-    """
-    steered = [unit for unit, one in enumerate(vehicle.units) if unit > 0 and one.steered_axles]
-    if not steered:
-        raise ValueError(f"vehicle {vehicle.name}: no axle of a trailer is steered; choose another --vehicle")
-    return steered[-1]
 
 
 def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | None = None) -> Proxy:

@@ -9,7 +9,6 @@ import contextlib
 import json
 import os
 import pkgutil
-import re
 import struct
 import sys
 import tempfile
@@ -32,7 +31,6 @@ _COMMON: Final = (
     Signal("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
 )
 _PROCESS: Final = ("process.h", "process.c", "proxy.c")
-_LONGEST_NAME: Final = 60
 
 
 class Text(NamedTuple):
@@ -69,7 +67,6 @@ class Proxy:
         """The FMU before it is compiled."""
         return Exported(
             name=self.name,
-            identifier="offtrack_" + re.sub(r"\W", "_", self.name, flags=re.ASCII)[:_LONGEST_NAME],
             summary=self.summary,
             variables=self._variables(),
             sources={
