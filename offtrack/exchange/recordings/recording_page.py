@@ -32,6 +32,7 @@ from offtrack.reports.player.playback import (
     Trail,
     elapsed,
     health_spans,
+    off_tracking_charts,
 )
 from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
@@ -240,19 +241,8 @@ def write_video(
 
 
 def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:
-    yield Chart(
-        "Off-tracking, + when the hitch's path lies left",
-        "m",
-        (
-            Curve("off_tracking_std", "±2 σ", "estimated", "band", base="off_tracking"),
-            Curve("off_tracking", "estimated", "estimated", "dots"),
-            *((Curve("off_tracking_poses", "by the recorded poses", "true"),) if compared else ()),
-        ),
-    )
-    if compared:
-        error = Curve("off_tracking", "error", "estimated", "dots", 1e3, less="off_tracking_poses")
-        band = Curve("off_tracking_std", "±2 σ", "estimated", "band", 1e3)
-        yield Chart("Error against the recorded poses", "mm", (band, error), 1)
+    reference = Curve("off_tracking_poses", "by the recorded poses", "true") if compared else None
+    yield from off_tracking_charts("the hitch's path", "off_tracking", reference, "Error against the recorded poses")
     yield Chart("Speed of the hitch", "m/s", (Curve("v_x", "forward", "true"), Curve("v_y", "to the left", "third")), 2)
     yield Chart("Yaw rate", "°/s", (Curve("yaw_rate", "yaw rate", "true", scale=_DEGREES),), 2)
     features = Curve("matches", "matches", "grey"), Curve("inliers", "inliers", "true")

@@ -26,7 +26,7 @@ from offtrack.reports.page import (
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail, unit_body
+from offtrack.reports.player.playback import Chart, Line, Playback, PlayedRun, Reading, Trail, curves, unit_body
 from offtrack.reports.sections import groups
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
@@ -220,9 +220,8 @@ def _charts(vehicle: Vehicle, runs: Sequence[PlayedRun]) -> Iterator[Chart]:
         ("Roll", "°", [f"roll_{name}" for name in units if f"roll_{name}" in names], _DEGREES),
         ("Speed", "km/h", [f"v_x_{units[0]}"], 3.6),
     ):
-        curves = tuple(Curve(name, _label(name), SERIES[k % len(SERIES)], scale=scale) for k, name in enumerate(shown))
-        if curves:
-            yield Chart(title, unit, curves, 2)
+        if shown:
+            yield Chart(title, unit, curves({name: _label(name) for name in shown}, scale), 2)
 
 
 def _label(name: str) -> str:
