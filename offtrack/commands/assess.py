@@ -117,9 +117,8 @@ def _print_sheet(sheet: VehicleSheet, directory: Path) -> None:
 
 def _print_table(console: PlainConsole, sheet_table: SheetTable) -> None:
     head, *rows = sheet_table.rows
-    table = Table()
-    for title, (_, align) in zip(head, sheet_table.columns, strict=True):
-        table.add_column(title, justify=align)
+    columns = zip(head, sheet_table.columns, strict=True)
+    table = table_of(*((">" if align == "right" else "") + title for title, (_, align) in columns))
     for row in rows:
         table.add_row(*row)
     console.print(table)
@@ -374,9 +373,9 @@ def reproduce(
     the same command makes those that are missing.
     """
     names = names_of(name)
-    directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
-    settings = {"quick": quick}
     several, shown = len(names) > 1, not (quiet or as_json)
+    directories = [(out / one if out and several else out) or next_run_directory(one) for one in names]
+    settings = {"quick": quick}
     earlier = {
         one: earlier_reproduction(one, directory, settings) if several else None
         for one, directory in zip(names, directories, strict=True)
@@ -403,10 +402,6 @@ def reproduce(
     if results[-1]["interrupted"]:
         remark(f"interrupted; what is finished is in {directory}")
         raise typer.Exit(INTERRUPTED)
-
-
-def _directory(out: Path | None, name: str, several: bool) -> Path | None:
-    return out / name if out and several else out
 
 
 def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:

@@ -312,7 +312,7 @@ def compare(
     axes = {subject.compared: chosen, subject.estimator: sources}
     axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
     study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
-    _run_study(f"compare-{_short(scenario)}", study, options)
+    _run_study(f"compare-{Path(scenario).stem if scenario.endswith('.toml') else scenario}", study, options)
 
 
 @takes_study_options
@@ -347,10 +347,6 @@ def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
         typer.echo(json.dumps([plain(row) for row in rows], indent=2))
     elif not options.quiet:
         print_rows(rows, directory)
-
-
-def _short(scenario: str) -> str:
-    return Path(scenario).stem if scenario.endswith(".toml") else scenario
 
 
 def _run_study(title: str, study: Study, options: StudyOptions) -> None:

@@ -429,15 +429,11 @@ def _line(path: str, number: Any, runs: Sequence[FinishedRun]) -> Row:
 
 
 def _facts(runs: Sequence[FinishedRun]) -> Table:
-    return Table(
-        (Column("name", "run"), Column("text", "outcome"), Column("text", "of"), Column("note", "changed keys")),
-        list(_fact_rows(runs)),
-    )
-
-
-def _fact_rows(runs: Sequence[FinishedRun]) -> Iterator[Row]:
+    rows: list[Row] = []
     for run in runs:
         scenario = tomllib.loads(run.result.scenario_toml)
         outcome = Cell(run.result.outcome, "good" if run.result.outcome == "completed" else "bad")
         facts = f"{scenario['name']} · {scenario_facts(scenario)} · seed {run.result.seed}"
-        yield [run.name, outcome, facts, changes(scenario).removeprefix("Changed: ")]
+        rows.append([run.name, outcome, facts, changes(scenario).removeprefix("Changed: ")])
+    columns = Column("name", "run"), Column("text", "outcome"), Column("text", "of"), Column("note", "changed keys")
+    return Table(columns, rows)

@@ -212,7 +212,8 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
         self.curve.append(self._point())
         self._ended, self._rewards = [], []
         newest = self.curve[-1]
-        self._progress(min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps{_explored(newest.rms_m)}")
+        explored = f", {newest.rms_m:.3f} m RMS while exploring" if math.isfinite(newest.rms_m) else ""
+        self._progress(min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps{explored}")
 
     def _seconds(self) -> float:
         before = self.curve[-1].wall_s if self.curve else 0.0
@@ -234,11 +235,6 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
             divergence=float(logged.get("train/approx_kl", nan)),
             explained_variance=float(logged.get("train/explained_variance", nan)),
         )
-
-
-def _explored(rms: float) -> str:
-    """The result so far, once an episode has ended."""
-    return f", {rms:.3f} m RMS while exploring" if math.isfinite(rms) else ""
 
 
 def _steps(model: Any) -> int:

@@ -3,7 +3,7 @@
 Readings, motion and poses go in; demands come out, friction, heights and wind, or off-tracking.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Final
@@ -400,7 +400,10 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}
-    readings = _measured(reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units)))
+    readings = [  # by other names than those of the motion that goes in
+        one._replace(name=MEASURED + one.name)
+        for one in reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units))
+    ]
     return Proxy(
         kind="sensor",
         name=f"{scenario.name}_sensor",
@@ -423,11 +426,6 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         ),
         step=LOG_PERIOD * TICK,
     )
-
-
-def _measured(signals: Iterable[Signal]) -> list[Signal]:
-    """Readings by other names than those of the motion that goes in."""
-    return [signal._replace(name=MEASURED + signal.name) for signal in signals]
 
 
 class SensorComputation(Computation):

@@ -260,7 +260,7 @@ def _pictures(playback: Playback, runs: list[dict[str, Any]], block: _Block, roo
         table["pictures"] = {
             "first": len(lines),
             "times": [one.picture.time for one in small],
-            "captions": _captions([one.picture for one in small]),
+            "captions": [one.picture.caption for one in small] if any(one.picture.caption for one in small) else None,
             "counts": [len(one) for one in strokes],
             "strokes": block.add(np.concatenate([*strokes, np.zeros((0, 4), np.int16)]), "<i2"),
             "lines": [list(one.picture.lines) for one in small] if any(one.picture.lines for one in small) else None,
@@ -270,10 +270,6 @@ def _pictures(playback: Playback, runs: list[dict[str, Any]], block: _Block, roo
             if table["rows"] < table["all_rows"]]  # fmt: skip
     thinned = f"Of the signals, {', '.join(rows)} are on this page; signals.parquet has all." if rows else ""
     return lines, " ".join(filter(None, (*dict.fromkeys(notes), thinned)))
-
-
-def _captions(pictures: list[Picture]) -> list[str] | None:
-    return [picture.caption for picture in pictures] if any(picture.caption for picture in pictures) else None
 
 
 _SCRIPTS: Final = ("uPlot.iife.min", "theme", "data", "charts", "pictures", "plan", "scene", "live", "player")

@@ -97,7 +97,8 @@ def campaign_page(
     link_of = {id(run): link for run, link in zip(runs, links, strict=True)}
     faulty = [run for run in runs if run.fault != NONE]
     changed = ", ".join(f"{key} = {value}" for key, value in campaign.fixed)
-    facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {_listed(campaign.seeds)}")
+    seeds = ", ".join(map(str, campaign.seeds))
+    facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {seeds}")
     made_on = machines([run.outcome.provenance for run in runs])
     return Page(
         title=title,
@@ -130,10 +131,6 @@ _INTERVALS = (
     "had been drawn independently from the mixture of amounts, onsets, durations and seeds of the campaign."
 )
 _WORST = "The run of each fault and of each law that broke a requirement by most, or came nearest to it."
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    return ", ".join(map(str, numbers))
 
 
 def _verdict(campaign: Campaign, cells: Sequence[Cell]) -> Verdict | None:

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimators.estimates import Health, SlipAngle
+from estimators.estimates import Health
 from estimators.slip.rover_odometry import LaserSlip
 from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
@@ -207,12 +207,9 @@ def _driven(calm: float, length: float, progress: Progress) -> Iterator[list[flo
         fixes, reference = laser.step(fixes, tracker.sample(truth), view.heading)
         time = (truth.tick - truths[lead].tick) * TICK
         at = [math.nan if reference is None else reference, *truth.pose[:2].tolist()]
-        yield [time, truth.slip_angle, _value(estimate), *at]
+        slip_angle = math.nan if estimate.health is Health.LOST else estimate.value
+        yield [time, truth.slip_angle, slip_angle, *at]
     progress(len(truths) - lead, len(truths) - lead, "")
-
-
-def _value(estimate: SlipAngle) -> float:
-    return math.nan if estimate.health is Health.LOST else estimate.value
 
 
 def _ground(begin: float, length: float) -> Terrain:
