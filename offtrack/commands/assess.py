@@ -32,6 +32,7 @@ from offtrack.commands.console import (
 from offtrack.exchange.drawings import formats_of
 from offtrack.reports import page
 from offtrack.reports.page import Cell, Emphasis
+from offtrack.reports.run_files import write_json
 from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
@@ -278,7 +279,10 @@ def validate(
     with results_directory(out, "validate") as directory:
         begin = time.perf_counter()
         sections = _run_checks(quick, shown=not as_json)
-        _write_validation(sections, directory, _run_information(time.perf_counter() - begin, quick))
+        facts = _run_information(time.perf_counter() - begin, quick)
+        with appearing_at_once(directory) as folder:
+            (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
+            write_json(folder / "validation.json", _plain(sections))
         if as_json:
             typer.echo(json.dumps(_plain(sections), indent=2))
         else:
@@ -295,12 +299,6 @@ def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
             report(done, len(TASKS), title)
             sections.append(work(quick))
     return sections
-
-
-def _write_validation(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
-    with appearing_at_once(directory) as folder:
-        (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
-        (folder / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
 
 
 def _run_information(seconds: float, quick: bool) -> dict[str, str]:
@@ -390,7 +388,8 @@ def reproduce(
             remark(f"{one}: finished earlier, in {directory}")
             results.append(kept)
             continue
-        reproduction = _reproduce(one, quick, shown=shown)
+        with progress_display(shown=shown) as display:
+            reproduction = maker(one)(quick, progress_bar(display, one))
         write_reproduction(reproduction, directory, settings)
         results.append(reproduction.as_plain())
         if shown:
@@ -402,11 +401,6 @@ def reproduce(
     if results[-1]["interrupted"]:
         remark(f"interrupted; what is finished is in {directory}")
         raise typer.Exit(INTERRUPTED)
-
-
-def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
-    with progress_display(shown=shown) as display:
-        return maker(name)(quick, progress_bar(display, name))
 
 
 def _print_reproduction(result: Reproduction, directory: Path) -> None:

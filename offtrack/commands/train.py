@@ -318,18 +318,15 @@ def tune(
         write_result(tuning, finished(tuning, directory), best, directory)
         replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
     if as_json:
-        typer.echo(json.dumps(_plain(tuning, best, compared), indent=2))
+        result = {
+            "law": tuning.law,
+            "parameters": dict(best.parameters),
+            "tuned_on": dict(zip(tuning.objectives, best.values, strict=True)),
+            "judged": {name: dict(zip(tuning.objectives, values, strict=True)) for name, values in compared.items()},
+        }
+        typer.echo(json.dumps(result, indent=2))
     elif not quiet:
         _print_tuning(tuning, best, compared, directory)
-
-
-def _plain(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]]) -> dict[str, Any]:
-    return {
-        "law": tuning.law,
-        "parameters": dict(best.parameters),
-        "tuned_on": dict(zip(tuning.objectives, best.values, strict=True)),
-        "judged": {name: dict(zip(tuning.objectives, values, strict=True)) for name, values in compared.items()},
-    }
 
 
 def _print_tuning(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]], directory: Path) -> None:

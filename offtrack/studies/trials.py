@@ -195,7 +195,10 @@ def former(tuning: Tuning, directory: Path) -> int:
     try:
         for line in lines[:-1]:  # what follows the last line end was cut off by a kill
             json.loads(line)  # Optuna would notice a damaged last line only after the next one is written
-        trials = {study.study_name: study.get_trials(states=(TrialState.COMPLETE,)) for study in _studies(directory)}
+        storage = journal(directory)
+        names = optuna.get_all_study_names(storage)
+        studies = {name: optuna.load_study(study_name=name, storage=storage) for name in names}
+        trials = {name: study.get_trials(states=(TrialState.COMPLETE,)) for name, study in studies.items()}
         own = trials.pop(_name(tuning), [])
         return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
     except Exception as error:  # whatever a damaged line leads to in Optuna
@@ -295,9 +298,3 @@ def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
         directions=["minimize"] * len(tuning.objectives),
         load_if_exists=True,
     )
-
-
-def _studies(directory: Path) -> list[optuna.Study]:
-
-    storage = journal(directory)
-    return [optuna.load_study(study_name=name, storage=storage) for name in optuna.get_all_study_names(storage)]

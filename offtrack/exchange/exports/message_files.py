@@ -353,7 +353,8 @@ def _write_topics(bag: _Bag, log: Log, units: list[tuple[str, str]]) -> Iterator
     every = max(1, round(_FRAME_PERIOD / float(log["time"][1] - log["time"][0]))) if len(log) > 1 else 1
     joints = [name for name in log.names if name.startswith(("articulation_", "steer_")) and "command" not in name]
     angles = np.column_stack([log[name] for name in joints]) if joints else np.zeros((len(log), 0))
-    motions = [_motion(log, ending) for _, ending in units]
+    moving = ("x", "y", "psi", "v_x", "v_y", "yaw_rate")
+    motions = [np.column_stack([log[f"{name}{ending}"] for name in moving]) for _, ending in units]
     names = [f"/signals/{name}" for name in log.names]
     for k, (time, row) in enumerate(zip(log["time"].tolist(), log.rows.tolist(), strict=True)):
         stamp = round(time * _NANOSECONDS)
@@ -378,11 +379,6 @@ def _write_topics(bag: _Bag, log: Log, units: list[tuple[str, str]]) -> Iterator
                 ),
             )
         yield k + 1
-
-
-def _motion(log: Log, ending: str) -> FloatArray:
-    """x, y, psi, forward and lateral speed and yaw rate of a unit, (n, 6)."""
-    return np.column_stack([log[f"{name}{ending}"] for name in ("x", "y", "psi", "v_x", "v_y", "yaw_rate")])
 
 
 def _write_state(bag: _Bag, stamp: int, motions: list[tuple[Any, ...]]) -> None:

@@ -362,14 +362,9 @@ class GroundUnder:
         columns = dict(zip(_NAMES, (inputs[part] for part in self._parts), strict=True))
         columns[_HEIGHT] = smooth[self._smooth.height]
         for axis, of_supports in (("x", self._smooth.slope_x), ("y", self._smooth.slope_y)):
-            columns[f"body_slope_{axis}"] = _means(smooth[of_supports]) - columns[f"ground_slope_{axis}"]
+            means = smooth[of_supports].reshape(-1, 2).mean(axis=1)  # of the front and rear support of every unit
+            columns[f"body_slope_{axis}"] = means - columns[f"ground_slope_{axis}"]
         return {key: x for name, column in columns.items() for key, x in numbered_values(name, column).items()}
-
-
-def _means(of_supports: FloatArray) -> FloatArray:
-    """Means (N,) of the front and rear support of every unit."""
-    means: FloatArray = 0.5 * (of_supports[0::2] + of_supports[1::2])
-    return means
 
 
 def _places(poses: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -77,7 +77,8 @@ def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequen
     keys = sorted(left.keys() | right.keys())
     every = range(keys[0], keys[-1] + 1)
     if rate_hz is not None:
-        times = _times_at(rate_hz, len(every))
+        check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
+        times = [k / rate_hz for k in range(len(every))]
         timed = _TimedFrames(tuple(every), 0)
     else:
         times = _read_times(directory / "times.txt")
@@ -165,11 +166,6 @@ def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered:
         f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames; it needs one line per frame. "
         "Repair it or use --rate HZ"
     )
-
-
-def _times_at(rate_hz: float, count: int) -> list[float]:
-    check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
-    return [k / rate_hz for k in range(count)]
 
 
 def _read_times(path: Path) -> list[float]:

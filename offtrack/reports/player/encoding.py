@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from offtrack.reports.player.playback import Body, Chart, Picture, Playback, PlayedRun
+from offtrack.reports.player.playback import Body, Picture, Playback, PlayedRun
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import FrictionPicture
 from vehicle.frames import FloatArray
@@ -157,7 +157,9 @@ def encoded(playback: Playback, limit: int = LIMIT, values: int = _VALUES) -> En
         "road": None if road is None else {"left": _line(road.left, block), "right": _line(road.right, block)},
         "together": playback.together,
         "friction": None if friction is None else _friction(friction),
-        "charts": [_chart(chart) for chart in playback.charts],
+        "charts": [
+            chart._asdict() | {"curves": [curve._asdict() for curve in chart.curves]} for chart in playback.charts
+        ],
         "readings": [reading._asdict() for reading in playback.readings],
         "nearest": playback.nearest,
     }
@@ -221,15 +223,6 @@ def _body(body: Body) -> dict[str, Any]:
         "pose": body.pose,
         "tilt": body.tilt,
         "heights": body.heights,
-    }
-
-
-def _chart(chart: Chart) -> dict[str, Any]:
-    return {
-        "title": chart.title,
-        "unit": chart.unit,
-        "digits": chart.digits,
-        "curves": [curve._asdict() for curve in chart.curves],
     }
 
 

@@ -148,13 +148,9 @@ def _matrix(campaign: Campaign, cells: Sequence[Cell], link_of: Mapping[int, str
     for fault in dict.fromkeys(cell.place[0] for cell in cells):
         places = [(fault, of, law) for of in further for law in laws[of]]
         rows.append((fault, [_shade(of_place.get(place), link_of) for place in places]))
-    groups = [(_further_title(campaign, of), [_breakable(law) or "runs" for law in laws[of]]) for of in further]
+    names = {of: [law.replace("_", "_\u200b") or "runs" for law in laws[of]] for of in further}  # a break may follow
+    groups = [(_further_title(campaign, of), names[of]) for of in further]
     return Matrix(groups, rows, "Share of the runs that failed")
-
-
-def _breakable(name: str) -> str:
-    """The name with places at which a narrow column may break it."""
-    return name.replace("_", "_\u200b")
 
 
 def _further_title(campaign: Campaign, text: str) -> str:

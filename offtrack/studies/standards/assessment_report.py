@@ -1,6 +1,5 @@
 """Result directory of an assessment: report with figures and playback, numbers, log and drawing of every manoeuvre."""
 
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
@@ -27,6 +26,7 @@ from offtrack.reports.page import (
 )
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Chart, Line, Playback, PlayedRun, Reading, Trail, curves, unit_body
+from offtrack.reports.run_files import write_json
 from offtrack.reports.sections import groups
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
@@ -414,7 +414,7 @@ def write_assessment(assessment: AssessmentMatrix, directory: Path, drawings: Se
     """
     with appearing_at_once(directory) as folder:
         (folder / "report.html").write_text(assessment_page(assessment), encoding="utf-8")
-        (folder / "assessment.json").write_text(json.dumps(assessment.summary(), indent=2) + "\n", encoding="utf-8")
+        write_json(folder / "assessment.json", assessment.summary())
         for case in assessment.cases:
             before = f"{case.load}-{case.conditions.hand}-" if len(assessment.cases) > 1 else ""
             for manoeuvre in case.manoeuvres:

@@ -114,16 +114,11 @@ def _plot(turns: dict[float, list[_SettledTurn]]) -> Plot:
         x_label="speed [m/s]",
         y_label="distance [m]",
         series=(
-            *(_series(f"friction {friction:g}", at) for friction, at in turns.items()),
+            *(Series(f"friction {friction:g}", *np.array(at).T, "model") for friction, at in turns.items()),
             Series("square of speed", speeds, distances[0] * (speeds / speeds[0]) ** 2, "reference"),
         ),
         logarithmic=True,
     )
-
-
-def _series(label: str, turns: list[_SettledTurn]) -> Series:
-    speeds, distances = np.array(turns).T
-    return Series(label, speeds, distances, "model")
 
 
 def slalom_checks() -> tuple[Check, ...]:
