@@ -127,12 +127,6 @@ def scale_bar(picture: Picture, scale: float, length: float) -> None:
     write(picture, f"{length:g} m", ((left + right) // 2, bottom - 22), size=14, colour=SOFT, anchor=0.5)
 
 
-def known_part(time: FloatArray, values: FloatArray, every: int = 1) -> tuple[FloatArray, FloatArray]:
-    """Time and value of the rows whose value is finite; of these only every so many-th."""
-    rows = np.flatnonzero(np.isfinite(values))[::every]
-    return time[rows], values[rows]
-
-
 def newest_row(times: FloatArray, time: float) -> int:
     """The last row at or before a time; the first row if there is none."""
     return max(0, int(np.searchsorted(times, time, side="right")) - 1)

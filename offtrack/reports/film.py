@@ -197,8 +197,9 @@ class Film:
     def _curve(self, curve: Curve) -> canvas.Curve:
         dots = curve.style == "dots"
         every = 1 if dots else max(1, len(self._time) // _POINTS)
-        values = canvas.known_part(self._time, curve.scale * self._run.log[curve.signal], every)
-        return *values, rgb(PALETTE[curve.colour]), 4 if dots else 2
+        values = curve.scale * self._run.log[curve.signal]
+        rows = np.flatnonzero(np.isfinite(values))[::every]
+        return self._time[rows], values[rows], rgb(PALETTE[curve.colour]), 4 if dots else 2
 
     def picture(self, now: float) -> canvas.Picture:
         """The picture at a time [s], RGB; the camera shows the newest frame by then."""

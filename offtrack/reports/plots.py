@@ -116,13 +116,6 @@ def limit_lines(ax: Axes, limit: float, label: str, *, colour: str = LIMIT) -> N
         ax.axhline(value, color=colour, linewidth=0.9, dashes=(6, 3), label=None if k else label)
 
 
-def swept_bodies(ax: Axes, bodies: Sequence[FloatArray]) -> None:
-    """Ground swept by bodies, each with corners (n, 4, 2) over time."""
-    for corners in bodies:
-        ax.add_collection(PolyCollection(list(corners), facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4))
-    ax.plot([], [], color=SWEPT, linewidth=7, label="swept by the bodies")
-
-
 def outlines(ax: Axes, corners: FloatArray) -> None:
     """Outlines of bodies with corners (n, 4, 2)."""
     ax.add_collection(PolyCollection(list(corners), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
@@ -190,7 +183,11 @@ def plan_figure(playback: Playback, *, bodies: bool = True) -> Figure:
             band = np.concatenate([playback.road.left, playback.road.right[::-1]])
             ax.add_collection(PolyCollection([band], facecolor=_ROAD, zorder=0.5))
         if bodies:
-            swept_bodies(ax, [corners[rows_every(poses[0][:, :2], 0.15)] for corners in swept])
+            shown = rows_every(poses[0][:, :2], 0.15)
+            for corners in swept:
+                area = PolyCollection(list(corners[shown]), facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4)
+                ax.add_collection(area)
+            ax.plot([], [], color=SWEPT, linewidth=7, label="swept by the bodies")
         if playback.friction is not None:
             _slippery(ax, playback.friction)
         if bodies and drawing.to_scale:

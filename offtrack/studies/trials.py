@@ -276,15 +276,13 @@ def resume(tuning: Tuning, directory: Path) -> None:
         _fail_dead_trials(study)
         with without_warnings():
             optuna.storages.fail_stale_trials(study)
-        if set(tuning.defaults) == set(tuning.ranges):
-            study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
-        return
-    if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
-        optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
-        study = _study(tuning, directory, 0)
-    for trial in study.get_trials(states=(TrialState.RUNNING,)):
-        study.tell(trial.number, state=TrialState.FAIL)
-        study.enqueue_trial(trial.params)
+    else:
+        if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
+            optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
+            study = _study(tuning, directory, 0)
+        for trial in study.get_trials(states=(TrialState.RUNNING,)):
+            study.tell(trial.number, state=TrialState.FAIL)
+            study.enqueue_trial(trial.params)
     if set(tuning.defaults) == set(tuning.ranges):
         study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
 

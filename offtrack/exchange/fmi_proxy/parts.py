@@ -72,7 +72,6 @@ from vehicle.combination.description import Vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 from vehicle.option import Option, Parameter, declared_options
-from vehicle.surface import Surface
 
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
@@ -310,14 +309,10 @@ class LaidGround:
         nominal = vehicle_of(scenario)
         course: Course = course_of(scenario, nominal)
         self.surface, _ = opened_ground(scenario, course, seed)
-        self.vehicle = in_wind_of(self.surface, plant_vehicle(scenario))
+        vehicle = plant_vehicle(scenario)
+        self.vehicle = vehicle if self.surface.gust is None else vehicle.in_wind()
         self.under = GroundUnder(self.surface, self.vehicle)
         self.at_start = self.under.values(pose_of_all(self.vehicle, course.start))
-
-
-def in_wind_of(surface: Surface, vehicle: Vehicle) -> Vehicle:
-    """The vehicle with inputs for the wind where it blows."""
-    return vehicle if surface.gust is None else vehicle.in_wind()
 
 
 def ground_proxy(scenario: Scenario, seed: int) -> Proxy:

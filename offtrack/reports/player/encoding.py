@@ -163,16 +163,11 @@ def encoded(playback: Playback, limit: int = LIMIT, values: int = _VALUES) -> En
         "readings": [reading._asdict() for reading in playback.readings],
         "nearest": playback.nearest,
     }
-    room = int(0.74 * (limit - 1.35 * block_size(block)))  # of their bytes in base64
+    room = int(0.74 * (limit - 1.35 * (block._length // 2)))  # of their bytes in base64; numbers compress to half
     pictures, note = _pictures(playback, runs, block, max(room, 0))
     table |= {"runs": runs, "note": note}
     text = json.dumps(table, separators=(",", ":"), allow_nan=False)
     return EncodedPlayback(playback.title, text, block.text(), "\n".join(pictures))
-
-
-def block_size(block: _Block) -> int:
-    """Bytes of the block once they are compressed: about half."""
-    return block._length // 2
 
 
 def _run(run: PlayedRun, block: _Block, values: int) -> dict[str, Any]:

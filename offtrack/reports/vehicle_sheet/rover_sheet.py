@@ -44,11 +44,6 @@ _BODY_HEIGHT: Final = 0.5  # of the sketched body, over the height of its floor
 _ON_PLAN: Final = 0.45  # half length of the sketched body, over the wheelbase
 
 
-def height_above_ground(data: RoverSheet) -> float:
-    """Height of the drawn rover [m]."""
-    return (1.0 + _BODY_HEIGHT) * _floor(data)
-
-
 def _floor(data: RoverSheet) -> float:
     """Height of the sketched body's floor [m]: above the wheels, at least at the centre of gravity."""
     return max(1.9 * data.rover.radius, 0.9 * data.rover.cg_height)
@@ -140,7 +135,8 @@ def _draw(data: RoverSheet, tables: tuple[SheetTable, ...], note: str) -> Figure
     """Sheet with side view and plan next to each other, and tables."""
     scale = Scale(_VIEW / data.length)
     text = height_of(tables)
-    views = max(height_above_ground(data), data.width + data.rover.radius) * scale.inches + BELOW_GROUND
+    height = (1.0 + _BODY_HEIGHT) * _floor(data)
+    views = max(height, data.width + data.rover.radius) * scale.inches + BELOW_GROUND
     rover = data.rover
     figure = new_sheet(TITLE + views + text, name=rover.name, summary=rover.summary, key=_KEY, note=note)
     middle = MARGIN + 0.5 * data.length * scale.inches
