@@ -45,10 +45,10 @@ from offtrack.studies.tuning import (
     description,
     objective_means,
     tuning_of,
+    tuning_page,
     with_parameters,
     write_result,
 )
-from offtrack.studies.tuning_page import tuning_page
 from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Polygon, Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
 from offtrack.reports.vehicle_sheet.sheet import (
@@ -20,8 +20,10 @@ from offtrack.reports.vehicle_sheet.sheet import (
     Scale,
     centre_of_gravity,
     horizontal_dimension,
+    load_arrow,
     vertical_dimension,
     wheel_from_above,
+    wheel_from_side,
 )
 from vehicle.combination.chain_forces import wheel_plane
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, origins, reach
@@ -114,15 +116,6 @@ def _box(
     ax.add_patch(Rectangle(corner, *size, facecolor=colour, edgecolor=INK, linewidth=1.0, zorder=zorder))
 
 
-def wheel_from_side(ax: Axes, x: float, axle: Axle) -> None:
-    """A wheel; blue if steered, with a dark hub if driven, grey and off the ground if lifted."""
-    radius, z = axle.wheel_radius, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
-    edge = TRUE if axle.steered else INK
-    tyre = GREY if axle.lifted else edge
-    for share, colour in ((1.0, tyre), (0.58, "white"), (0.25, INK if axle.driven else "white")):
-        ax.add_patch(Circle((x, z), share * radius, facecolor=colour, edgecolor=tyre, zorder=4.0 - share))
-
-
 def pivot(ax: Axes, x: float, y: float) -> None:
     """A hitch."""
     ax.plot(x, y, "o", color="white", markeredgecolor=INK, markersize=6.0, zorder=5.0)
@@ -202,7 +195,9 @@ def side_view(ax: Axes, drawing: CombinationDrawing) -> None:
     for unit, origin, ahead, behind in drawing.units():
         body_from_side(ax, unit, origin, ahead, behind)
         for axle in (*unit.axles, *unit.lifted_axles):
-            wheel_from_side(ax, origin - axle.x, axle)
+            middle = origin - axle.x, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
+            colour = GREY if axle.lifted else TRUE if axle.steered else INK
+            wheel_from_side(ax, middle, axle.wheel_radius, colour, 0.58, driven=axle.driven)
         centre_of_gravity(ax, origin - unit.cg_x, unit.cg_height, 0.16)
         middle = origin - 0.5 * (unit.front_x + unit.rear_x)
         ax.text(middle, top, f"{unit.name}, {unit.mass / 1e3:.2f} t", ha="center", va="bottom", fontsize=9.0, color=INK)
@@ -245,14 +240,10 @@ def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
     """Loads of axles and groups of axles, as arrows under the ground."""
     largest = max(axle.load for unit in drawing.data.units for axle in unit.axles)
     row = -drawing.scale.metres(_LOAD)
-    arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
     for unit in drawing.data.units:
         for axle in unit.axles:
-            if axle.load > 0.0:
-                length = drawing.scale.metres(_ARROW) * axle.load / largest
-                ax.annotate("", (axle.behind_front, 0.0), (axle.behind_front, -length), arrowprops=arrow)
             text = "lifted" if axle.lifted else f"{axle.load / GRAVITY / 1e3:.2f}"
-            ax.text(axle.behind_front, row, text, ha="center", va="top", fontsize=8.0, color=LOAD)
+            load_arrow(ax, axle.behind_front, drawing.scale.metres(_ARROW) * axle.load / largest, row, text)
         for group in _groups([axle for axle in unit.axles if not axle.lifted]):
             _bracket(ax, drawing, group)
     ax.text(-drawing.scale.metres(0.12), row, "load [t]", ha="right", va="top", fontsize=8.0, color=LOAD)

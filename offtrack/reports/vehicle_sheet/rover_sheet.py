@@ -10,7 +10,7 @@ from typing import Final
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
 from offtrack.reports.vehicle_sheet.sheet import (
@@ -26,12 +26,14 @@ from offtrack.reports.vehicle_sheet.sheet import (
     draw_table,
     height_of,
     horizontal_dimension,
+    load_arrow,
     new_sheet,
     scale_bar,
     scaled_axes,
     sources_note,
     vertical_dimension,
     wheel_from_above,
+    wheel_from_side,
 )
 from vehicle.rover import data_sheet
 from vehicle.rover.data_sheet import STANDARD_SLIP, RoverSheet, Traction
@@ -55,34 +57,24 @@ def side_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
     ax.plot((-half - scale.metres(0.3), half + scale.metres(0.3)), (0.0, 0.0), color=INK, linewidth=1.0, zorder=1.0)
     wheels = sorted((wheel for wheel in rover.wheels if wheel.y > 0.0), key=lambda wheel: -wheel.x)
     stations = [-wheel.x for wheel in wheels]
+    carried: dict[float, float] = defaultdict(float)  # by both wheels of an axle on level ground
+    for wheel, load in zip(rover.wheels, data.loads, strict=True):
+        carried[-wheel.x] += load
     reach = _ON_PLAN * rover.wheelbase
     box = Rectangle((-reach, floor), 2.0 * reach, _BODY_HEIGHT * floor, facecolor=_BODY, edgecolor=INK, zorder=2.4)
     ax.add_patch(box)
     for wheel in wheels:
         x = -wheel.x
         ax.plot((0.0, x), (floor, rover.radius), color=_ROCKER, linewidth=5.0, solid_capstyle="round", zorder=2.0)
-        edge = TRUE if wheel.steered else INK
-        for share, colour in ((1.0, edge), (0.86, "white"), (0.2, INK if wheel.driven else "white")):
-            disc = Circle((x, rover.radius), share * rover.radius, facecolor=colour, edgecolor=edge, zorder=4.0 - share)
-            ax.add_patch(disc)
-        _axle_load(ax, scale, data, x)
+        colour = TRUE if wheel.steered else INK
+        wheel_from_side(ax, (x, rover.radius), rover.radius, colour, 0.86, driven=wheel.driven)
+        length = scale.metres(_ARROW) * carried[x] / max(carried.values())
+        load_arrow(ax, x, length, -scale.metres(_LOAD_TEXT), f"{carried[x]:.0f}")
     ax.text(-half - scale.metres(0.1), -scale.metres(_LOAD_TEXT), "[N]", ha="right", va="top", fontsize=8.0, color=LOAD)
     centre_of_gravity(ax, -rover.cg_x, rover.cg_height, scale.metres(0.1))
     horizontal_dimension(ax, scale, -scale.metres(_AXLES), [-half, *stations, half])
     horizontal_dimension(ax, scale, -scale.metres(_LENGTH), [-half, half])
     vertical_dimension(ax, scale, half + scale.metres(0.25), 0.0, rover.cg_height)
-
-
-def _axle_load(ax: Axes, scale: Scale, data: RoverSheet, x: float) -> None:
-    """Load of both wheels of an axle on level ground."""
-    carried: dict[float, float] = defaultdict(float)
-    for wheel, load in zip(data.rover.wheels, data.loads, strict=True):
-        carried[-wheel.x] += load
-    load = carried[x]
-    arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
-    length = scale.metres(_ARROW) * load / max(carried.values())
-    ax.annotate("", (x, 0.0), (x, -length), arrowprops=arrow)
-    ax.text(x, -scale.metres(_LOAD_TEXT), f"{load:.0f}", ha="center", va="top", fontsize=8.0, color=LOAD)
 
 
 def plan_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
