@@ -133,7 +133,7 @@ class StudyOptions:
             open_client = partial(queued, self.job_queue, jobs)
         waits, timeout = self.job_queue is not None, self.timeout
         with DaskExecutor(open_client, waits=waits, timeout=timeout, patience=self.patience, remark=remark) as executor:
-            yield executor
+            yield executor.results
 
 
 def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -73,7 +73,6 @@ from offtrack.environments.observations import (
     EpisodeStart,
     HitchPaths,
     ObservationKind,
-    ObservationSource,
     PathOffset,
     TrueOrSurrogate,
 )
@@ -312,7 +311,7 @@ def _limit(vehicle: Vehicle, options: TrailerSteeringOptions) -> tuple[float, in
 
 def _observation_source(
     options: TrailerSteeringOptions, vehicle: Vehicle, fleet: PlantBatch, courses: Sequence[Course]
-) -> ObservationSource:
+) -> TrueOrSurrogate | CameraObservations:
     """Source of the observations that the options select."""
     if options.observation in ("surrogate", "truth"):
         surrogate = options.surrogate or load_surrogate()
