@@ -118,13 +118,13 @@ def train(
     registry.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
     with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
         budget = Budget(steps, None if minutes is None else 60.0 * minutes)
-        learned = learn(plan, budget, directory, progress_bar(display, "train"))
+        learned, curve = learn(plan, budget, directory, progress_bar(display, "train"))
         with postponed_interrupts():
-            keep_network(learned.network, network)
+            keep_network(learned, network)
         scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
         command = shlex.join(["offtrack", *sys.argv[1:]])
-        result = summary(plan, learned.curve, scores, described(), command)
-        keep_summary(result, learned.curve, scores, directory)
+        result = summary(plan, curve, scores, described(), command)
+        keep_summary(result, curve, scores, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     elif not quiet:

@@ -58,13 +58,6 @@ class Budget(NamedTuple):
     seconds: float | None
 
 
-class Learned(NamedTuple):
-    """Result of a training."""
-
-    network: Network
-    curve: list[Point]
-
-
 class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # untyped: the extra may not be installed
     """Features normalised by fixed means and standard deviations."""
 
@@ -79,8 +72,8 @@ class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # untyped: the extra
         return (features - self.mean) / self.scale
 
 
-def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Learned:
-    """Train to the end of the budget, from the directory's checkpoint if there is one.
+def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> tuple[Network, list[Point]]:
+    """Train to the end of the budget, from the directory's checkpoint if there is one; return network and curve.
 
     Raises:
         ValueError: one line, if an option does not fit, or if the checkpoint belongs to another training.
@@ -95,7 +88,7 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Le
             model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no states of random generators
             model.learn(left, callback=recorder, reset_num_timesteps=False)
             recorder.keep(model)
-        return Learned(_network(model, [feature.name for feature in _features(env)]), recorder.curve)
+        return _network(model, [feature.name for feature in _features(env)]), recorder.curve
     finally:
         env.close()
 

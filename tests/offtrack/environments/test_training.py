@@ -169,7 +169,7 @@ def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, m
         with pytest.raises(ValueError, match=r"^[^\n]*checkpoint\.zip: training can not be resumed[^\n]*$"):
             learn(plan, Budget(2048, None), directory, no_progress)
     else:
-        assert len(learn(plan, Budget(2048, None), directory, no_progress).curve) == 2
+        assert len(learn(plan, Budget(2048, None), directory, no_progress)[1]) == 2
     assert not (tmp_path / "was here").exists()
 
 
