@@ -79,8 +79,14 @@ def vehicle(
     """
     if name is None:
         _list_vehicles(as_json=as_json)
-    else:
-        _show(name, out, quiet=quiet, as_json=as_json)
+        return
+    with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
+        sheet = open_sheet(name)
+        write_sheet(sheet, directory)
+    if as_json:
+        typer.echo(json.dumps(sheet.numbers, indent=2))
+    elif not quiet:
+        _print_sheet(sheet, directory)
 
 
 def _list_vehicles(*, as_json: bool) -> None:
@@ -92,16 +98,6 @@ def _list_vehicles(*, as_json: bool) -> None:
     for kind, summaries in known.items():
         rows += [(Text(kind, style="bold"), ""), *((f"  {name}", summary) for name, summary in summaries.items())]
     PlainConsole().print(listing(rows))
-
-
-def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-    with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
-        sheet = open_sheet(name)
-        write_sheet(sheet, directory)
-    if as_json:
-        typer.echo(json.dumps(sheet.numbers, indent=2))
-    elif not quiet:
-        _print_sheet(sheet, directory)
 
 
 def _print_sheet(sheet: VehicleSheet, directory: Path) -> None:
@@ -278,7 +274,12 @@ def validate(
     """
     with results_directory(out, "validate") as directory:
         begin = time.perf_counter()
-        sections = _run_checks(quick, shown=not as_json)
+        sections = []
+        with progress_display(shown=not as_json) as progress:
+            report = progress_bar(progress, "validation")
+            for done, (title, work) in enumerate(TASKS.items()):
+                report(done, len(TASKS), title)
+                sections.append(work(quick))
         facts = _run_information(time.perf_counter() - begin, quick)
         with appearing_at_once(directory) as folder:
             (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
@@ -289,16 +290,6 @@ def validate(
             _print_sections(sections, directory)
     if tally(sections)["failed"]:
         raise typer.Exit(CHECK_FAILED)
-
-
-def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
-    sections = []
-    with progress_display(shown=shown) as progress:
-        report = progress_bar(progress, "validation")
-        for done, (title, work) in enumerate(TASKS.items()):
-            report(done, len(TASKS), title)
-            sections.append(work(quick))
-    return sections
 
 
 def _run_information(seconds: float, quick: bool) -> dict[str, str]:

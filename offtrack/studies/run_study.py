@@ -91,7 +91,13 @@ def opened_study(directory: Path, file: str, content: str) -> Iterator[None]:
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
     """Write the table of points and that of runs (CSV, Parquet), pages of runs, and the report of a finished study."""
     replaced(directory / "table.csv", table_csv(rows))
-    _write_parquet(rows, directory / "table.parquet")
+    columns: dict[str, list[str | int | float | None]] = {
+        key: [dict(row.axes)[key] for row in rows] for key in (dict(rows[0].axes) if rows else {})
+    }
+    columns |= {"runs": [row.runs for row in rows], "completed": [row.completed for row in rows]}
+    columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
+    with replacing(directory / "table.parquet") as unfinished:
+        pq.write_table(pa.table(columns), unfinished)
     runs = runs_table(outcomes)
     for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
         with replacing(directory / name) as unfinished:
@@ -100,16 +106,6 @@ def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Seq
         replaced(directory / "sensitivity.csv", sensitivity_csv(study.draws.sensitivity, outcomes))
     links = write_run_pages(outcomes, directory)
     replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
-
-
-def _write_parquet(rows: Sequence[Row], path: Path) -> None:
-    columns: dict[str, list[str | int | float | None]] = {
-        key: [dict(row.axes)[key] for row in rows] for key in (dict(rows[0].axes) if rows else {})
-    }
-    columns |= {"runs": [row.runs for row in rows], "completed": [row.completed for row in rows]}
-    columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
-    with replacing(path) as unfinished:
-        pq.write_table(pa.table(columns), unfinished)
 
 
 MakeMore = Callable[[Sequence[Case]], list[Outcome]]  # makes further runs, or takes those that are saved

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer import Combination, TrailerSteering
 from controllers.trailer_steering.policy import Network, feature_names
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
@@ -98,7 +98,9 @@ class LawPilot:
         self._lanes = []
 
     def _opened(self, follow_distance: float) -> _Lane:
-        geometry = _lengthened(self._geometry, follow_distance)
+        longer = follow_distance - self._geometry.follow_distance  # the axles have moved with the trailer's end
+        distances = tuple(distance + longer for distance in self._geometry.axle_distances)
+        geometry = replace(self._geometry, follow_distance=follow_distance, axle_distances=distances)
         combination = Combination(self._vehicle, len(self._vehicle.units) - 1)
         law = trailer_law(self._law, geometry, combination, {})
         return _Lane(law, law.init(), follow_distance, None)
@@ -154,13 +156,6 @@ class LawPilot:
             yaw_rates=row[self._yaw_rates],
             lateral_acceleration=speed * turning,  # steady turn: the observation has no accelerometer
         )
-
-
-def _lengthened(nominal: TrailerGeometry, follow_distance: float) -> TrailerGeometry:
-    """Geometry of a trailer whose axles have moved with its end."""
-    longer = follow_distance - nominal.follow_distance
-    distances = tuple(distance + longer for distance in nominal.axle_distances)
-    return replace(nominal, follow_distance=follow_distance, axle_distances=distances)
 
 
 LAWS: Final = ("none", "command_steer", "path_preview")

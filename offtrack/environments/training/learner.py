@@ -183,14 +183,10 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
         self._rewards.append(float(np.mean(self.locals["rewards"])))
         return self._budget.seconds is None or self._seconds() < self._budget.seconds
 
-    def _set_exploration(self) -> None:
-        """Set the scheduled standard deviation of the actions."""
-        first, last = (math.log(deviation) for deviation in EXPLORATION)
+    def _on_rollout_start(self) -> None:
+        first, last = (math.log(deviation) for deviation in EXPLORATION)  # scheduled, of the actions
         log_std = self.model.policy.log_std.requires_grad_(False)
         log_std.fill_(first + (last - first) * min(self.share, 1.0))
-
-    def _on_rollout_start(self) -> None:
-        self._set_exploration()
         self._record()
         if time.monotonic() - self._kept > _BETWEEN_CHECKPOINTS:
             self.keep(self.model)

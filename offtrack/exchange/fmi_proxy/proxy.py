@@ -244,7 +244,10 @@ class Server:
             parameters=dict(zip(names, values, strict=True)),
             texts=dict(zip(self._description["texts"], texts, strict=True)),
         )
-        self._computation = _opened(self._description["kind"], opening)
+        kind = self._description["kind"]
+        if kind not in _COMPUTATIONS:
+            raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
+        self._computation = pkgutil.resolve_name(_COMPUTATIONS[kind])(opening)
         return b""
 
     def step(self, content: bytes) -> bytes:
@@ -264,13 +267,6 @@ class Server:
         """Finish the model's files."""
         if self._computation is not None:
             self._computation.close()
-
-
-def _opened(kind: str, opening: Opening) -> Computation:
-    if kind not in _COMPUTATIONS:
-        raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
-    computation: Computation = pkgutil.resolve_name(_COMPUTATIONS[kind])(opening)
-    return computation
 
 
 def folder_of(resources: str) -> Path:

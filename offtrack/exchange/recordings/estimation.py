@@ -172,7 +172,9 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
     Raises:
         ValueError: one line, if a part is unknown, needs other messages than images, or an option does not fit.
     """
-    odometry = _opened_odometry(recording, chosen)
+    kind = resolve("--odometry", chosen.odometry, ODOMETRY)
+    motions = constructed("--odometry", chosen.odometry, lambda: kind(recording.calibration))
+    odometry = SelfCalibratedOdometry(recording.calibration, motions, correcting=chosen.self_calibration)
     part: type[OffTrackingEstimator] = resolve("--estimator", chosen.estimator, OFF_TRACKING, in_scenario=False)
     if part.sensor != _IMAGES:
         raise ValueError(
@@ -207,12 +209,6 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
     source = constructed("--estimator", chosen.estimator, lambda: part.of(context))
     check_made("--estimator", chosen.estimator, source, ("init", "step"))
     return source, recording
-
-
-def _opened_odometry(recording: Recording, chosen: Chosen) -> Odometry[Any]:
-    kind = resolve("--odometry", chosen.odometry, ODOMETRY)
-    motions = constructed("--odometry", chosen.odometry, lambda: kind(recording.calibration))
-    return SelfCalibratedOdometry(recording.calibration, motions, correcting=chosen.self_calibration)
 
 
 def _data_sheet(recording: Recording, name: str) -> Vehicle:

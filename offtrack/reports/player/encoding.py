@@ -7,6 +7,7 @@ others, as many as have room.
 
 import base64
 import gzip
+import io
 import json
 import os
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from offtrack.reports.player.playback import Body, Picture, Playback, PlayedRun
 from scenarios.results.log import Log
@@ -64,7 +66,10 @@ def small_pictures(pictures: Sequence[Picture], room: int) -> tuple[list[SmallPi
 
 def _small(picture: Picture, width: int, quality: int) -> SmallPicture | None:
     data = np.frombuffer(picture.jpeg, np.uint8)
-    original = _width(picture.jpeg)
+    try:
+        original = Image.open(io.BytesIO(picture.jpeg)).width  # reads the header alone
+    except OSError:
+        return None
     factor = max((k for k in _HALVED if original >= k * width), default=1)
     image = cv2.imdecode(data, _HALVED[factor])
     if image is None:
@@ -73,17 +78,7 @@ def _small(picture: Picture, width: int, quality: int) -> SmallPicture | None:
         size = (width, max(1, round(width * image.shape[0] / image.shape[1])))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-    return SmallPicture(picture=picture, jpeg=jpeg, scale=image.shape[1] / max(original, 1))
-
-
-def _width(jpeg: bytes) -> int:
-    """Width of a JPEG image [px], from its frame header; 0 if there is none."""
-    at = 2
-    while at + 9 < len(jpeg) and jpeg[at] == 0xFF:
-        if jpeg[at + 1] in (0xC0, 0xC1, 0xC2):
-            return int.from_bytes(jpeg[at + 7 : at + 9], "big")
-        at += 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
-    return 0
+    return SmallPicture(picture=picture, jpeg=jpeg, scale=image.shape[1] / original)
 
 
 def live_picture(picture: Picture) -> dict[str, Any]:
