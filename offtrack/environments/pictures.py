@@ -67,15 +67,11 @@ class TopView:
             body = _pixels(placed(unit.corners, pose[None])[0], centre)
             canvas.vehicle_body(picture, body, _pixels(placed_wheels(unit, pose[None], angles[None])[0], centre))
         if goal is not None:
-            self._goal(picture, goal, centre)
+            half = 0.5 * self._units[-1].width + _MARGIN  # of a bay around the last unit, its end at the goal
+            bay = np.array([[_BAY, half], [0.0, half], [0.0, -half], [_BAY, -half]])
+            curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
         write(picture, caption, (12, 10), colour=SOFT)
         return picture
-
-    def _goal(self, picture: Picture, goal: FloatArray, centre: FloatArray) -> None:
-        """Draw a bay around the last unit, its end at the goal."""
-        last = self._units[-1]
-        bay = np.array([[_BAY, 1.0], [0.0, 1.0], [0.0, -1.0], [_BAY, -1.0]]) * [1.0, 0.5 * last.width + _MARGIN]
-        curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
 
 
 def side_by_side(plan: Picture, view: Picture | None) -> Picture:

@@ -32,10 +32,8 @@ from vehicle.combination.unit import Axle, Unit
 
 _BODY, _CAB, _FRAME = "#eef2f6", "#dbe5ef", "#aab4be"
 _FLAT = 1.6  # a unit no higher than this has no body on its frame [m]: a dolly
-_TOP_OF_FRAME, _DEPTH_OF_FRAME = (
-    0.98,
-    0.23,
-)  # [m] of motor vehicles and dollies; a semi-trailer's frame lies on its hitch
+# of motor vehicles and dollies [m]; a semi-trailer's frame lies on its hitch
+_TOP_OF_FRAME, _DEPTH_OF_FRAME = 0.98, 0.23
 _TYRE_WIDTH = 0.30  # [m] of every wheel in the plan view; not in the files
 _LIFT = 0.15  # height of a raised axle above the ground [m]
 _CAB_LENGTH, _CAB_HEIGHT, _GAP = 2.3, 3.1, 0.1  # [m] of a rigid truck; a tractor's cab is as high as its unit

@@ -191,15 +191,8 @@ def _soil_table(data: RoverSheet) -> SheetTable:
     ]
     for one in data.traction:
         trapped = "never" if one.entrapped_from is None else f"{one.entrapped_from:.0%}"
-        rows.append(
-            (
-                one.soil.replace("_", " "),
-                _text(one.sinkage, 1e3),
-                _text(one.pull),
-                f"{math.degrees(one.steepest_climb):.1f}°",
-                trapped,
-            )
-        )
+        sinkage, pull, climb = _text(one.sinkage, 1e3), _text(one.pull), f"{math.degrees(one.steepest_climb):.1f}°"
+        rows.append((one.soil.replace("_", " "), sinkage, pull, climb, trapped))
     offsets = (2.25, 3.4, 4.3, 5.4)
     return SheetTable(rows=rows, start=9.3, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
 

@@ -350,9 +350,8 @@ def _radii(vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[float, 
     """Smallest radius of the trailer axle's inner end, and largest of the tractor's outer front corner [m]."""
     centre = course.path.start @ Pose2(_ENTRY, _RADIUS, 0.0)
     corner, inner = (np.hypot(path[:, 0] - centre.x, path[:, 1] - centre.y) for path in _paths(vehicle, poses))
-    on_circle = int(
-        np.argmax(_paths(vehicle, poses)[0][:, 0] >= centre.x)
-    )  # it approaches along x, from outside the circle
+    # it approaches along x, from outside the circle
+    on_circle = int(np.argmax(_paths(vehicle, poses)[0][:, 0] >= centre.x))
     return float(inner.min()), float(corner[on_circle:].max())
 
 
