@@ -1,7 +1,8 @@
 """Core of single and vector environments: n episodes at once; and checks of actions, seeds and options."""
 
 import math
-from typing import Any, Final, NamedTuple, Self
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from gymnasium import spaces
@@ -9,6 +10,7 @@ from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from numpy.typing import NDArray
 from pydantic import ConfigDict, ValidationError
 
+from offtrack.reports.canvas import Picture
 from vehicle.foundation.quantity import Frozen, complaint
 from vehicle.frames import FloatArray
 
@@ -33,6 +35,43 @@ class Result(NamedTuple):
     terminated: NDArray[np.bool_]  # (n,) a mishap
     truncated: NDArray[np.bool_]  # (n,) course completed, or time limit
     outcome: NDArray[np.object_]  # (n,) name of the end; "" while the episode continues
+
+
+class Core(Protocol):
+    """n episodes at once."""
+
+    n: int
+    action_space: spaces.Box[np.float32]  # of one episode
+
+    @property
+    def observation_space(self) -> spaces.Space[Any]:
+        """Space of one episode."""
+
+    @property
+    def control_rate(self) -> float:
+        """Steps per second of simulated time [Hz]."""
+
+    def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
+        """Begin episodes in these lanes, each drawn by its generator; the others continue.
+
+        Raises:
+            ValueError: one line, if an option is unknown or exceeds its limits.
+        """
+
+    def step(self, actions: NDArray[np.float32]) -> Result:
+        """Advance all episodes by a control step, with actions (n, n_action) within -1 .. 1."""
+
+    def observe(self) -> Observation:
+        """Observation of all episodes, new arrays."""
+
+    def info(self) -> Info:
+        """Metrics so far, by their names in a run's summary; new arrays."""
+
+    def picture(self, lane: int) -> Picture:
+        """Top view of an episode, with its camera view if there is one."""
+
+    def close(self) -> None:
+        """Release resources such as a renderer; a later ``begin`` opens them again."""
 
 
 def observation_space(features: tuple[Feature, ...]) -> spaces.Box[np.float32]:

@@ -11,7 +11,7 @@ import copyreg
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from offtrack.environments.core import (
     MAX_ENVS,
+    Core,
     EnvironmentOptions,
     Info,
     Observation,
@@ -81,7 +82,6 @@ class Window:
             self._root.destroy()
 
 
-Core: TypeAlias = "TrailerSteering | TractorTrailerDriving | RoverSteering | Repeated"  # n episodes at once
 RenderMode = Literal["rgb_array", "human"]
 _ONLY = np.zeros(1, dtype=np.intp)
 
