@@ -174,7 +174,7 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
     """
     kind = resolve("--odometry", chosen.odometry, ODOMETRY)
     motions = constructed("--odometry", chosen.odometry, lambda: kind(recording.calibration))
-    odometry = SelfCalibratedOdometry(recording.calibration, motions, correcting=chosen.self_calibration)
+    odometry: Odometry[Any] = SelfCalibratedOdometry(recording.calibration, motions, correcting=chosen.self_calibration)
     part: type[OffTrackingEstimator] = resolve("--estimator", chosen.estimator, OFF_TRACKING, in_scenario=False)
     if part.sensor != _IMAGES:
         raise ValueError(

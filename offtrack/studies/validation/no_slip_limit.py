@@ -114,7 +114,7 @@ def _plot(turns: dict[float, list[_SettledTurn]]) -> Plot:
         x_label="speed [m/s]",
         y_label="distance [m]",
         series=(
-            *(Series(f"friction {friction:g}", *np.array(at).T, "model") for friction, at in turns.items()),
+            *(Series(f"friction {friction:g}", *_xy(np.array(at)), "model") for friction, at in turns.items()),
             Series("square of speed", speeds, distances[0] * (speeds / speeds[0]) ** 2, "reference"),
         ),
         logarithmic=True,
