@@ -141,13 +141,12 @@ def run_study(
             forgotten.update(known)
             return run_cases(some, directory / CELLS, options, known=known)
 
-        def make_chosen(chosen: Sequence[int]) -> list[Outcome]:
-            return make([cases[k] for k in chosen], [names[k] for k in chosen])
-
         if study.stop is None:
             outcomes = make(cases, names)
         else:
-            outcomes = made_in_batches(cases, study.intervals, study.stop, make_chosen)
+            outcomes = made_in_batches(
+                cases, study.intervals, study.stop, lambda ks: make([cases[k] for k in ks], [names[k] for k in ks])
+            )
         rows = rows_of(outcomes)
         if finish is None:
             write_study(title, study, outcomes, rows, directory)

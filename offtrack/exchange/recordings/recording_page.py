@@ -40,6 +40,7 @@ from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
 from scenarios.results.run_summary import versions
+from sensors.messages import StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
@@ -221,9 +222,10 @@ def _pictures(estimation: Estimation) -> Iterator[Picture]:
 def _picture(estimation: Estimation, frame: FrameEstimate) -> Picture | None:
     """The left image, read again and rectified, with its tracks; None if it can no longer be read."""
     try:
-        image = estimation.recording.rectified_left(read_grey(frame.files.left))
+        left = read_grey(frame.files.left)
     except ValueError:
         return None
+    image = estimation.recording.rectified(StereoFrame(tick=0, left=left, right=left)).left
     jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
     counts = f" · {frame.motion.inliers} inliers of {frame.motion.matches} matches" if frame.motion else ""
     return Picture(frame.files.tick * TICK, jpeg, frame.tracks, f"{frame.files.left.name}{counts}")

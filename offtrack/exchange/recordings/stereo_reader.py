@@ -24,7 +24,7 @@ from offtrack.exchange.recordings.stereo_sequence import (
     stream,
 )
 from sensors.camera.rig import StereoCalibration, load_raw_rig
-from sensors.messages import GreyImage, StereoFrame
+from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
 from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform
 
@@ -198,10 +198,6 @@ class Recording:
     def rectified(self, frame: StereoFrame) -> StereoFrame:
         """Rectified frame, as the calibration describes it."""
         return self.rectification.step(frame) if self.rectification else frame
-
-    def rectified_left(self, image: GreyImage) -> GreyImage:
-        """Rectified left image."""
-        return self.rectified(StereoFrame(tick=0, left=image, right=image)).left
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
