@@ -223,9 +223,9 @@ def _picture(estimation: Estimation, frame: FrameEstimate) -> Picture | None:
     """The left image, read again and rectified, with its tracks; None if it can no longer be read."""
     try:
         left = read_grey(frame.files.left)
+        image = estimation.recording.rectified(StereoFrame(tick=0, left=left, right=left)).left
     except ValueError:
         return None
-    image = estimation.recording.rectified(StereoFrame(tick=0, left=left, right=left)).left
     jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
     counts = f" · {frame.motion.inliers} inliers of {frame.motion.matches} matches" if frame.motion else ""
     return Picture(frame.files.tick * TICK, jpeg, frame.tracks, f"{frame.files.left.name}{counts}")
