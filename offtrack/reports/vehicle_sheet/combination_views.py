@@ -193,9 +193,9 @@ def side_view(ax: Axes, drawing: CombinationDrawing) -> None:
     for unit, origin, ahead, behind in drawing.units():
         body_from_side(ax, unit, origin, ahead, behind)
         for axle in (*unit.axles, *unit.lifted_axles):
-            middle = origin - axle.x, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
+            hub = origin - axle.x, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
             colour = GREY if axle.lifted else TRUE if axle.steered else INK
-            wheel_from_side(ax, middle, axle.wheel_radius, colour, 0.58, driven=axle.driven)
+            wheel_from_side(ax, hub, axle.wheel_radius, colour, 0.58, driven=axle.driven)
         centre_of_gravity(ax, origin - unit.cg_x, unit.cg_height, 0.16)
         middle = origin - 0.5 * (unit.front_x + unit.rear_x)
         ax.text(middle, top, f"{unit.name}, {unit.mass / 1e3:.2f} t", ha="center", va="bottom", fontsize=9.0, color=INK)
