@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from offtrack.exchange.fmi_import.fmu_file import UNITS, Scale, fits
 from offtrack.exchange.fmi_import.fmu_parts import driver_inputs, driver_signals, law_signals
@@ -128,10 +128,24 @@ def _own_host(address: tuple[str, int]) -> str:
         return str(probe.getsockname()[0])
 
 
+class BenchLink(Link, Protocol):
+    """A link that can be prepared for its signals, and closed."""
+
+    def prepare(self, signals: Sequence[Signal], parts: Sequence[Demands]) -> None:
+        """Learn which signals there are and which demands are taken.
+
+        Raises:
+            ValueError: one line, if the link can't carry the demands.
+        """
+
+    def close(self) -> None:
+        """Close the link; closing twice does no harm."""
+
+
 class LinkedBench:
     """Signals of a combination for a bench, by the numbered names that FMUs use too."""
 
-    def __init__(self, links: Sequence["UdpLink | CanLink"]) -> None:
+    def __init__(self, links: Sequence[BenchLink]) -> None:
         self.links = tuple(links)
         self._station = 0.0  # of the guided point [m]
 
@@ -161,7 +175,7 @@ def opened_bench(udp: str | None, can: str | None) -> Iterator[LinkedBench | Non
         ValueError: one line, if one can't be opened.
     """
     with ExitStack() as cleanup:
-        links: list[UdpLink | CanLink] = []
+        links: list[BenchLink] = []
         if udp is not None:
             links.append(UdpLink(udp))
             cleanup.callback(links[-1].close)
