@@ -21,7 +21,7 @@ from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import estimate_values, reading_values
 from scenarios.assembly.trailer_run import Assembly
 from scenarios.extras import import_extra
-from scenarios.loop.bench import Demands, Numbers, Sensed
+from scenarios.loop.bench import Demands, Link, Numbers, Sensed
 from sensors.messages import EgoState
 from vehicle.foundation.user_file import FileType, nearest, read_bytes, reason, shown
 
