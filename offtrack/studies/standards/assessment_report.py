@@ -197,10 +197,8 @@ def _derived(vehicle: Vehicle, log: Log) -> Iterator[LogColumn]:
     names = [unit.name for unit in vehicle.units]
     for k, (ahead, behind) in enumerate(pairwise(names), start=1):
         if f"articulation_{k}" not in log:
-            yield (
-                Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}"),
-                articulation(log, ahead, behind),
-            )
+            signal = Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}")
+            yield signal, articulation(log, ahead, behind)
     for unit in vehicle.units:
         if f"lateral_acceleration_{unit.name}" not in log:
             meaning = f"{unit.name}: of the centre of gravity over the ground, + left"
