@@ -10,9 +10,8 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, as_completed, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -27,7 +26,7 @@ OutputT = TypeVar("OutputT")
 MOST_JOBS: Final = 1024
 _BROKEN: Final = "a worker process was killed, perhaps for lack of memory; what is finished is kept"
 _TRIES: Final = 2  # of a task whose process dies
-_LOOK: Final = 0.5  # between two looks at the clock [s]
+_LOOK: Final = 0.5  # between two calls meanwhile [s]
 _PERIOD: Final = 0.5  # of looking for the parent [s]
 _IDLE: Final = 60.0  # after which a spare worker ends [s]
 _PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h
@@ -70,49 +69,18 @@ def each_in_a_worker(
         timeout: longest time of a task [s]; None: any.
         meanwhile: called twice a second while tasks are running.
     """
-    waiting, deaths = deque(tasks.items()), Counter[str]()
-    pools: list[ProcessPoolExecutor] = []
-    running: dict[Future[OutputT], tuple[str, Sequence[object], ProcessPoolExecutor, float]] = {}
-    looks = timeout is not None or meanwhile is not None
+    spare, threads = SpareWorkers(together=jobs), ThreadPoolExecutor(jobs)
     try:
-        while waiting or running:
-            while waiting and (pools or len(running) < jobs):
-                key, arguments = waiting.popleft()
-                pool = pools.pop() if pools else _pool(1, together=jobs)
-                try:
-                    future = pool.submit(_tidied, work, *arguments)
-                except BrokenExecutor:  # its process died while it had nothing to do
-                    pool.shutdown(kill_workers=True)
-                    waiting.appendleft((key, arguments))
-                    continue
-                running[future] = (key, arguments, pool, time.monotonic())
-            for future in wait(running, timeout=_LOOK if looks else None, return_when=FIRST_COMPLETED).done:
-                key, arguments, pool, _ = running.pop(future)
+        running = {threads.submit(spare.call, work, *task, timeout=timeout): key for key, task in tasks.items()}
+        while running:
+            for future in wait(running, timeout=_LOOK if meanwhile else None, return_when=FIRST_COMPLETED).done:
                 error = future.exception()
-                if isinstance(error, BrokenExecutor):
-                    pool.shutdown(kill_workers=True)
-                    deaths[key] += 1
-                    if deaths[key] < _TRIES:
-                        waiting.append((key, arguments))
-                        continue
-                    error = WorkerDiedError(f"its process died twice, at last by {_death(error)}")
-                else:
-                    pools.append(pool)
-                yield key, future.result() if error is None else error
-            for future, (key, _, pool, since) in list(running.items()):
-                if timeout is not None and time.monotonic() - since > timeout:
-                    del running[future]
-                    pool.shutdown(kill_workers=True)
-                    yield key, WorkerDiedError(f"took longer than {timeout:g} s")
+                yield running.pop(future), future.result() if error is None else error
             if meanwhile is not None:
                 meanwhile()
-    except BaseException:
-        for _, _, pool, _ in running.values():
-            pool.shutdown(kill_workers=True)
-        raise
     finally:
-        for pool in pools:
-            pool.shutdown()
+        threads.shutdown(wait=False, cancel_futures=True)
+        spare.stop()
 
 
 class SpareWorkers:
@@ -121,7 +89,9 @@ class SpareWorkers:
     They end when nothing has been asked of them for some time, and with this process.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, together: int = 2) -> None:
+        """No process yet; ``together`` work at the same time."""
+        self._together = together
         self._free: list[ProcessPoolExecutor] = []
         self._busy: list[ProcessPoolExecutor] = []
         self._lock, self._ended = threading.Lock(), False
@@ -156,16 +126,18 @@ class SpareWorkers:
     def stop(self) -> None:
         """End all processes, also in the middle of a task."""
         with self._lock:
-            self._ended, pools = True, [*self._free, *self._busy]
+            self._ended, free, busy = True, list(self._free), list(self._busy)
             self._free.clear()
-        for pool in pools:
+        for pool in busy:
             pool.shutdown(kill_workers=True)
+        for pool in free:
+            pool.shutdown()
 
     def _taken(self) -> "ProcessPoolExecutor":
         with self._lock:
             if self._ended:
                 raise WorkerDiedError("its process was stopped")
-            pool = self._free.pop() if self._free else _pool(1, together=2, idle=_IDLE)
+            pool = self._free.pop() if self._free else _pool(1, together=self._together, idle=_IDLE)
             self._busy.append(pool)
         return pool
 

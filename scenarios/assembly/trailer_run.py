@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -69,21 +69,14 @@ _BEFORE_START: Final = 100.0  # length of line that holds the start of the path 
 _HIGHEST: Final = 0.5  # unevenness that a wheel may roll over [m]
 
 
-class MeasuredGround(NamedTuple):
-    """A measured road, and what a user should know of it."""
-
-    road: MeasuredRoad
-    remarks: tuple[str, ...]
-
-
-def measured_ground(options: SurfaceOptions, course: Course) -> MeasuredGround | None:
-    """The surface of ``surface.crg`` along a course; None if there is none.
+def measured_ground(options: SurfaceOptions, course: Course) -> tuple[MeasuredRoad | None, tuple[str, ...]]:
+    """The surface of ``surface.crg`` along a course, None if there is none, and what a user should know of it.
 
     Raises:
         ValueError: one line, if the file cannot be read, or has steps that no wheel rolls over.
     """
     if options.crg is None:
-        return None
+        return None, ()
     try:
         surface = read_crg(Path(options.crg))
     except ValueError as error:
@@ -106,7 +99,7 @@ def measured_ground(options: SurfaceOptions, course: Course) -> MeasuredGround |
             f"surface.crg = {options.crg}: is {road.highest:.2f} m higher or lower than its mean profile: must be at "
             f"most {_HIGHEST:g} m (heights are metres)"
         )
-    return MeasuredGround(road, tuple(_remarks(surface, course)))
+    return road, tuple(_remarks(surface, course))
 
 
 def _path_start(line: FloatArray, course: Course) -> float:
@@ -137,9 +130,8 @@ def opened_ground(scenario: Scenario, course: Course, seed: int) -> tuple[Surfac
     Raises:
         ValueError: one line, if a file cannot be read.
     """
-    measured = measured_ground(scenario.surface, course)
-    surface = surface_of(scenario, course, stream(seed, "surface"), measured.road if measured else None)
-    return surface, measured.remarks if measured else ()
+    measured, remarks = measured_ground(scenario.surface, course)
+    return surface_of(scenario, course, stream(seed, "surface"), measured), remarks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

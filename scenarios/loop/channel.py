@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
+from io import FileIO
 from threading import Lock
 from typing import (
     Any,
@@ -186,43 +187,15 @@ CONTROL: Final = Schedule(period=to_ticks(PERIOD, "control period"))
 ItemT = TypeVar("ItemT")
 
 
-class _File:
-    """A temporary file without a name; it goes with its last user."""
-
-    def __init__(self) -> None:
-        self._descriptor, name = tempfile.mkstemp(prefix="offtrack-")
-        os.unlink(name)
-
-    def __del__(self) -> None:
-        os.close(self._descriptor)
-
-    def stored(self, content: bytes) -> "_Stored":
-        """Write behind what is there.
-
-        Raises:
-            OSError: if there is no room.
-        """
-        offset, rest = os.lseek(self._descriptor, 0, os.SEEK_END), memoryview(content)
-        while rest:
-            rest = rest[os.write(self._descriptor, rest) :]
-        return _Stored(self, offset, len(content))
-
-    def read(self, offset: int, size: int) -> bytes:
-        parts = bytearray()
-        while len(parts) < size:
-            parts += os.pread(self._descriptor, size - len(parts), offset + len(parts))
-        return bytes(parts)
-
-
 class _Stored(NamedTuple):
     """A chunk in a file."""
 
-    file: _File
+    file: FileIO
     offset: int
     size: int
 
     def load(self) -> list[Any]:
-        return cast("list[Any]", pickle.loads(self.file.read(self.offset, self.size)))
+        return cast("list[Any]", pickle.loads(os.pread(self.file.fileno(), self.size, self.offset)))
 
 
 class Kept(Sequence[ItemT], Generic[ItemT]):
@@ -237,7 +210,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         self._chunk, self._recent = chunk, recent
         self._older: list[_Stored | list[ItemT]] = []  # of one chunk each
         self._newest: list[ItemT] = []
-        self._file: _File | None = None
+        self._file: FileIO | None = None  # without a name; it goes with its last user
         self._lock = Lock()  # while items change their place
         for item in items:
             self.append(item)
@@ -292,8 +265,13 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
     def _stored(self, items: list[ItemT]) -> _Stored | list[ItemT]:
         try:
             content = pickle.dumps(items, protocol=pickle.HIGHEST_PROTOCOL)
-            self._file = self._file or _File()
-            return self._file.stored(content)
+            if self._file is None:
+                unnamed = tempfile.TemporaryFile(prefix="offtrack-", buffering=0)  # noqa: SIM115 stays open
+                self._file = cast("FileIO", unnamed)
+            offset = self._file.seek(0, os.SEEK_END)
+            if self._file.write(content) < len(content):
+                return items
+            return _Stored(self._file, offset, len(content))
         except Exception:  # of a user's class, which may do anything; or no room is left
             return items
 

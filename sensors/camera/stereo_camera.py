@@ -44,17 +44,11 @@ class PairSource(Protocol):
 
 
 class StereoCamera:
-    """Samples stereo pairs from one unit of the vehicle; the noise of the images is independent.
-
-    Raises:
-        ValueError: if ``noise_std`` [grey levels] is out of range or ``unit`` is negative.
-    """
+    """Samples stereo pairs from one unit of the vehicle; the noise of the images [grey levels] is independent."""
 
     def __init__(
         self, *, renderer: PairSource, unit: int, noise_std: float, rng: np.random.Generator, keep_colour: bool
     ) -> None:
-        if unit < 0:
-            raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
         self._renderer, self._unit, self._rng, self._keep_colour = renderer, unit, rng, keep_colour
         pixels = renderer.calibration.width * renderer.calibration.height
         self._bank = NoiseBank.draw(rng, noise_std, pixels)
@@ -147,8 +141,6 @@ class RawStereoCamera:
         rng: np.random.Generator,
         keep_colour: bool,
     ) -> None:
-        if unit < 0:
-            raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
         self._renderer, self.rig, self._imperfections, self._unit = renderer, rig, imperfections, unit
         self._sun = sun if imperfections.glare > 0.0 else None
         self._rng, noise_rng, *lens_rngs = rng.spawn(4)

@@ -13,8 +13,8 @@ import numpy as np
 from sensors.instruments.navigation import RoverInstruments
 from sensors.messages import RoverView
 from sensors.sand.trace_camera import TraceCamera, Webcam
-from sensors.sand.trace_rig import TraceRig, nominal_rig
-from sensors.sand.world import SandWorld, Sun, TraceTruth
+from sensors.sand.trace_rig import nominal_rig
+from sensors.sand.world import SandWorld, TraceTruth
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.rover.description import Rover
@@ -38,22 +38,13 @@ class RoverPass:
 
     ``slow`` is slip as in Fig. 8 of Reina 2008: none until the onset, then growing for part of a minute. ``fast``
     varies by 1.6 deg within 5 s about a mean of 6 to 11 deg.
-
-    Raises:
-        ValueError: for an unknown profile or fewer than 2 frames.
     """
 
-    frames: int
+    frames: int  # at least 2
     profile: SlipProfile
     onset: float = 20.0  # of the slip, from the start [s]
     sinkage: float = _SINKAGE  # mean [m]
     bare: Sequence[tuple[float, float]] = ()  # stretches of x with a crust that takes no imprint [m]
-
-    def __post_init__(self) -> None:
-        if self.frames < 2:
-            raise ValueError(f"frames = {self.frames} must be at least 2")
-        if self.profile not in ("none", "slow", "fast"):
-            raise ValueError(f"profile = {self.profile!r} must be none, slow or fast")
 
     def truths(self, rover: Rover, terrain: Terrain, rng: np.random.Generator) -> list[RoverTruth]:
         """Truth at every moment."""
@@ -214,8 +205,6 @@ def labelled_sequence(
     profile: SlipProfile = "fast",
     bare: float = 0.25,
     terrain: Terrain | None = None,
-    sun: Sun | None = None,
-    webcam: Webcam | None = None,
 ) -> Iterator[Labelled]:
     """Images of a rover that crosses a kind of sand with prescribed slip.
 
@@ -227,7 +216,7 @@ def labelled_sequence(
     ground = Terrain() if terrain is None else terrain
     rover_pass = RoverPass(frames=frames + _LEAD, profile=profile, bare=stretches)
     truths = rover_pass.truths(rover, ground, pass_rng)
-    return recorded(truths, kind, rng=rng, rover=rover, terrain=ground, sun=sun, webcam=webcam, lead=_LEAD)
+    return recorded(truths, kind, rng=rng, rover=rover, terrain=ground, lead=_LEAD)
 
 
 def recorded(
@@ -237,15 +226,12 @@ def recorded(
     rng: np.random.Generator,
     rover: Rover,
     terrain: Terrain,
-    sun: Sun | None = None,
-    webcam: Webcam | None = None,
-    rig: TraceRig | None = None,
     lead: int = 0,
 ) -> Iterator[Labelled]:
     """Views at the moments of a drive, after the first ``lead`` of them."""
     world_rng, camera_rng, instrument_rng = rng.spawn(3)
-    world = SandWorld(kind, rng=world_rng, rover=rover, terrain=terrain, route=route_of(truths), sun=sun)
-    camera = TraceCamera(world, nominal_rig(rover) if rig is None else rig, webcam or Webcam(), camera_rng)
+    world = SandWorld(kind, rng=world_rng, rover=rover, terrain=terrain, route=route_of(truths))
+    camera = TraceCamera(world, nominal_rig(rover), Webcam(), camera_rng)
     instruments = RoverInstruments(rng=instrument_rng)
     world.drive(truths[:lead])
     for truth in truths[lead:]:

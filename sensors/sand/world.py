@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.sand.field import Field, Reach, foreign_tracks
-from sensors.sand.grid import Bytes, Floats, Roll, Sand, Tread, Window, imprinted, slumped, strip_of, window_of
+from sensors.sand.field import Field, Reach, foreign_tracks, rolled_over
+from sensors.sand.grid import Bytes, Floats, Roll, Tread, Window, strip_of, window_of
 from sensors.sand.relief import Relief, SandKind, kind_named
 from sensors.sand.solids import Rock, scattered
 from sensors.world.sky import daylight
@@ -23,7 +23,6 @@ _SHORTEST, _LONGEST = 0.003, 0.02  # path that is imprinted at once [m]
 _SHARPEST: Final = 0.5  # turn of the direction of travel beyond which a path starts anew [rad]
 _SHALLOWEST: Final = 0.0008  # sinkage below which a wheel leaves no mark [m]
 _MEMORY: Final = 0.03  # distance over which the berms follow the displaced sand [m]
-_SWEEPS: Final = 4  # of slumping after each imprint
 
 
 class Stand(NamedTuple):
@@ -84,13 +83,10 @@ class Wheel:
             return
         reach = roll.reach(self.tread)
         window = window_of(roll, reach)
-        strip = strip_of(roll, window, reach)
-        inside, sand, relief = strip.inside, field.sand(window), field.relief
-        large, crumbs = relief.large(window)[inside], relief.crumbs(window).texels(inside)
-        after, removed = imprinted(roll, self.tread, strip, sand.texels(inside), large, crumbs, self.displaced)
+        strip, sand = strip_of(roll, window, reach), field.sand(window)
+        after, removed = rolled_over(sand, roll, self.tread, strip, window, field.relief, self.displaced)
         self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
-        new = sand.with_texels(inside, after)
-        field.write(window, Sand(slumped(new.height, inside, _SWEEPS), new.packed))
+        field.write(window, after)
 
 
 def _between(a: Stand, b: Stand, share: float) -> Stand:

@@ -397,8 +397,3 @@ def test_ground_that_one_group_left_is_changed_again_by_the_next() -> None:
     assert not (middle[0] == middle[1]).all()
     assert not (middle[0] == middle[2]).all()
     assert not (middle[1] == middle[2]).all()
-
-
-def test_more_groups_than_can_be_told_apart_are_refused() -> None:
-    with pytest.raises(ValueError, match="3 groups of wheels: at most 2"):
-        ReformedGround(PaintedGround(), FLAT, [WHEELS] * 3, width=1.0)

@@ -19,7 +19,7 @@ from vehicle.combination.actuators import air_drag, retarder_capacity
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import wheels
 from vehicle.combination.linear import LateralModel, lateral_model
-from vehicle.combination.loads import axle_loads
+from vehicle.combination.loads import chain_loads
 from vehicle.combination.multibody import Vector
 from vehicle.combination.roll import static_rollover
 from vehicle.combination.unit import Unit
@@ -260,7 +260,7 @@ def _loads(vehicle: Vehicle, normal: float, felt: float) -> list[list[float]]:
     for _ in range(2):  # rolling resistance depends little on the loads that it shifts
         pulls = [sum(unit.mass * felt + drag for unit, drag in _from(vehicle, rolling, i)) for i in range(n)]
         hitches = [Vector(0.0 if i == 0 else pull, 0.0) for i, pull in enumerate(pulls)]
-        on_axles = axle_loads(vehicle, [normal] * n, [felt] * n, hitches, [Vector(1.0, 0.0)] * n)
+        on_axles = chain_loads(vehicle, [normal] * n, [felt] * n, hitches, [Vector(1.0, 0.0)] * n).axles
         loads = [[float(load) for load in of_unit] for of_unit in on_axles]
         rolling = [_rolling(unit, of_unit) for unit, of_unit in zip(vehicle.units, loads, strict=True)]
     return loads

@@ -47,20 +47,8 @@ def static_axle_loads(vehicle: Vehicle) -> list[list[float]]:
     """Load [N] of each axle of each unit, standing on level ground."""
     n = len(vehicle.units)
     at_rest, ahead = Vector(0.0, 0.0), Vector(1.0, 0.0)
-    # Loads are numbers unless the vehicle's numbers are symbols.
-    return cast(list[list[float]], axle_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n))
-
-
-def axle_loads(
-    vehicle: Vehicle,
-    gravity: Sequence[Num],
-    a_x: Sequence[Num],
-    hitch_forces: Sequence[Vector],
-    e: Sequence[Vector],
-    additional: Sequence[Sequence[Num]] = (),
-) -> list[list[Num]]:
-    """Load [N] of each axle of each unit, as ``chain_loads``."""
-    return chain_loads(vehicle, gravity, a_x, hitch_forces, e, additional).axles
+    loads = chain_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n)
+    return cast(list[list[float]], loads.axles)  # numbers unless the vehicle's numbers are symbols
 
 
 def chain_loads(
@@ -143,7 +131,7 @@ def roll_moments(vehicle: Vehicle, a_y: Sequence[Num], roll: Sequence[Num], grav
 
     Inertia acts at the height of the centre of gravity, weight at its lateral offset as the body rolls. ``a_y`` is each
     unit's specific force to the left [m/s2], ``roll`` its body's angle, + left side up [rad], ``gravity`` as in
-    ``axle_loads``.
+    ``chain_loads``.
     """
     moments: list[Num] = [0.0] * len(vehicle.units)
     from_behind: Num = 0.0

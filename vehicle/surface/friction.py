@@ -52,12 +52,10 @@ class SplitFriction:
             where it bends or meets itself, its nearest point decides.
 
     Raises:
-        ValueError: if a friction is out of range, or the line has fewer than two different points.
+        ValueError: if the line has fewer than two different points.
     """
 
     def __init__(self, left: Friction, right: Friction, line: FloatArray) -> None:
-        check_friction("left", left)
-        check_friction("right", right)
         if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.any(np.diff(line, axis=0)):
             raise ValueError(f"line of shape {line.shape} must be (n, 2) with n >= 2 different points [m]")
         self._left, self._right = left, right
@@ -103,19 +101,9 @@ class FrictionImage:
         cell: side of a pixel [m].
         corner: W of the image's lower left corner [m].
         outside: friction beyond the image.
-
-    Raises:
-        ValueError: if a value is out of range.
     """
 
     def __init__(self, values: FloatArray, *, cell: float, corner: tuple[float, float], outside: Friction) -> None:
-        if values.ndim != 2 or not values.size:
-            raise ValueError(f"values of shape {values.shape} must be (ny, nx) friction coefficients")
-        if not cell > 0.0:
-            raise ValueError(f"cell = {cell} m must be positive")
-        for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
-            check_friction(name, float(value))
-        check_friction("outside", outside)
         self._values = np.pad(np.asarray(values[::-1], dtype=np.float64), 1, mode="edge")
         self._cell, self._corner, self._outside = cell, corner, outside
 
@@ -153,20 +141,9 @@ class FrictionPatch:
     friction: float
     edge: float  # width of the transition across the outline [m]
 
-    def __post_init__(self) -> None:
-        check_friction("friction", self.friction)
-        if self.edge < 0.0:
-            raise ValueError(f"edge = {self.edge} m must not be negative")
-
 
 def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0) -> FrictionPatch:
-    """A round patch about x, y [m].
-
-    Raises:
-        ValueError: naming the value that is out of range.
-    """
-    if not radius > 0.0:
-        raise ValueError(f"radius = {radius} m must be positive")
+    """A round patch about x, y [m]."""
     return FrictionPatch(
         x=x, y=y, heading=0.0, half_length=0.0, half_width=0.0, rounding=radius, friction=friction, edge=edge
     )
@@ -175,14 +152,7 @@ def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0
 def rectangle(
     x: float, y: float, length: float, width: float, friction: float, heading: float = 0.0, edge: float = 0.0
 ) -> FrictionPatch:
-    """A rectangular patch about x, y [m], its length along ``heading`` [rad].
-
-    Raises:
-        ValueError: naming the value that is out of range.
-    """
-    for name, side in (("length", length), ("width", width)):
-        if not side > 0.0:
-            raise ValueError(f"{name} = {side} m must be positive")
+    """A rectangular patch about x, y [m], its length along ``heading`` [rad]."""
     half = {"half_length": 0.5 * length, "half_width": 0.5 * width}
     return FrictionPatch(x=x, y=y, heading=heading, **half, rounding=0.0, friction=friction, edge=edge)
 
@@ -191,7 +161,6 @@ class PatchedFriction:
     """Patches on ground of another friction; where they overlap, the later one counts."""
 
     def __init__(self, base: Friction, patches: Sequence[FrictionPatch]) -> None:
-        check_friction("base", base)
         self._base = base
         self._centre = np.array([(p.x, p.y) for p in patches]).reshape(-1, 2)
         heading = np.array([p.heading for p in patches])

@@ -52,18 +52,9 @@ class Potholes:
         x, y: W of their middles, (n,) [m].
         diameter: (n,) [m].
         depth: in the middle, (n,) [m].
-
-    Raises:
-        ValueError: if the arrays differ in length, or a hole has no size.
     """
 
     def __init__(self, x: FloatArray, y: FloatArray, diameter: FloatArray, depth: FloatArray) -> None:
-        lengths = {len(values) for values in (x, y, diameter, depth)}
-        if len(lengths) != 1:
-            raise ValueError(f"x, y, diameter and depth of potholes must be equally long, not {sorted(lengths)}")
-        for name, values in (("diameter", diameter), ("depth", depth)):
-            if len(values) and not values.min() > 0.0:
-                raise ValueError(f"{name} = {values.min()} m of a pothole must be positive")
         self.x, self.y, self.diameter, self.depth = x, y, diameter, depth
         # A wheel that spans a hole drops by no more than the sagitta of its own circle.
         self._drop = np.minimum(depth, diameter**2 / (8.0 * _WHEEL_RADIUS))
@@ -147,13 +138,7 @@ class Roughness:
 
 
 def displacement_psd(road_class: str, n: FloatArray) -> FloatArray:
-    """One-sided density Gd [m3] of a track's height at the spatial frequencies n [cycles/m].
-
-    Raises:
-        ValueError: if there is no such class.
-    """
-    if road_class not in ROAD_CLASSES:
-        raise ValueError(f"road class = '{road_class}' must be one of {', '.join(ROAD_CLASSES)} (ISO 8608)")
+    """One-sided density Gd [m3] of a track's height at the spatial frequencies n [cycles/m]."""
     return np.asarray(ROAD_CLASSES[road_class] * (n / _REFERENCE) ** -2, dtype=np.float64)
 
 
@@ -203,20 +188,6 @@ class Gust:
     start: float  # along W's x [m]
     length: float  # [m]
     edge: float = 5.0  # over which it grows and falls [m]
-
-    def __post_init__(self) -> None:
-        """Check the limits.
-
-        Raises:
-            ValueError: one line naming the number, its value and limit.
-        """
-        for name, value, low, high, unit in (
-            ("speed", self.speed, -60.0, 60.0, "m/s"),
-            ("length", self.length, 0.1, 1e5, "m"),
-            ("edge", self.edge, 0.1, 1e3, "m"),
-            ("start", self.start, -1e6, 1e6, "m"),
-        ):
-            check_number(f"gust: {name}", value, low, high, unit)
 
     def velocity_at(self, x: ArrayLike) -> FloatArray:
         """Velocity along W's y [m/s] at x [m], of its shape."""

@@ -268,13 +268,8 @@ def test_a_height_map_is_read_from_text_and_from_an_array(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("build", "complaint"),
     [
-        (lambda: Terrain(slope_x=1.5), "slope_x = 1.5"),
-        (lambda: Terrain(friction=0.0), "friction = 0.0"),
-        (lambda: Mound(x=0.0, y=0.0, height=1.0, radius=0.0), "radius = 0.0 m of a mound"),
-        (lambda: FirmPatch(x=0.0, y=0.0, radius=-1.0), "radius = -1.0 m of a firm patch"),
         (lambda: HeightMap(heights=np.zeros((3, 9)), spacing=1.0), "at least 4 x 4"),
         (lambda: HeightMap(heights=np.full((4, 4), np.nan), spacing=1.0), "finite"),
-        (lambda: HeightMap(heights=np.zeros((4, 4)), spacing=0.0), "spacing = 0.0 m"),
     ],
 )
 def test_impossible_ground_is_refused(build: object, complaint: str) -> None:
