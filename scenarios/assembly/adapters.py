@@ -255,15 +255,6 @@ def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
             yield f"steer_trailer_{by_law}_{unit.name}"
 
 
-def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
-    """The tractor's data sheet for the driver on a course.
-
-    Raises:
-        ValueError: if the tractor cannot be steered.
-    """
-    return tractor_guided_at(vehicle, course.reference)
-
-
 def surface_of(
     scenario: Scenario, course: Course, rng: np.random.Generator, measured: MeasuredRoad | None = None
 ) -> Surface:

@@ -7,6 +7,7 @@ A number in a vehicle file is either plain or ``{ value = ..., source = "..." }`
 """
 
 from collections.abc import Callable, Iterator
+from itertools import accumulate
 from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
@@ -183,13 +184,14 @@ class Vehicle(Frozen):
         return sum(unit.mass for unit in self.units)
 
     @property
+    def origins(self) -> tuple[float, ...]:
+        """Positions of the units' origins in the tractor's frame, combination straight [m]."""
+        return tuple(accumulate(self.hitch_levers(len(self.units) - 1), initial=0.0))
+
+    @property
     def length(self) -> float:
         """Overall length of the straight combination [m]."""
-        origin = 0.0
-        rears = [self.units[0].rear_x]
-        for ahead, unit in zip(self.units, self.units[1:], strict=False):
-            origin += ahead.rear_hitch[0]
-            rears.append(origin + unit.rear_x)
+        rears = [origin + unit.rear_x for origin, unit in zip(self.origins, self.units, strict=True)]
         return self.units[0].front_x - min(rears)
 
     def check_towed(self, unit: int) -> None:

@@ -1,4 +1,4 @@
-"""Ground that a rover drives on: slope, mounds, a map of heights, and firm patches."""
+"""Ground that a rover drives on: slope, mounds, and a map of heights."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -93,27 +93,14 @@ class Mound:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FirmPatch:
-    """A round patch of firm ground: rock, or a crust of salt."""
-
-    x: float  # of its centre, in W [m]
-    y: float  # [m]
-    radius: float  # [m]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Terrain:
-    """Large shape of the ground, and its friction where it is firm.
-
-    Without soil the ground is firm everywhere; with soil, in the ``firm`` patches.
-    """
+    """Large shape of the ground, and its friction where it is firm: without soil, everywhere."""
 
     slope_x: float = 0.0  # rise along W's x [-]; tan(5 deg) for a slope of 5 deg
     slope_y: float = 0.0  # rise along W's y [-]
     friction: float = 0.6  # of a wheel on firm ground [-]; assumed: a lugged metal wheel on rock or floor
     mounds: tuple[Mound, ...] = ()
     height_map: HeightMap | None = None
-    firm: tuple[FirmPatch, ...] = ()
     _bells: FloatArray = field(init=False, repr=False, compare=False)  # (n, 4) the mounds' x, y, height, radius [m]
 
     def __post_init__(self) -> None:
@@ -122,8 +109,8 @@ class Terrain:
 
     @property
     def is_uniform(self) -> bool:
-        """True if it is one plane, equally firm everywhere."""
-        return not self.mounds and self.height_map is None and not self.firm
+        """True if it is one plane."""
+        return not self.mounds and self.height_map is None
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height [m] at x, y [m] in W, of their common shape."""
@@ -143,14 +130,6 @@ class Terrain:
             slope[..., 0] += np.sum(steep * (x[..., None] - self._bells[:, 0]), axis=-1)
             slope[..., 1] += np.sum(steep * (y[..., None] - self._bells[:, 1]), axis=-1)
         return slope if self.height_map is None else slope + self.height_map.gradient(x, y)
-
-    def is_firm(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """1 in a firm patch, else 0, of the common shape of x, y [m] in W."""
-        x, y = _common(x, y)
-        inside = np.zeros(x.shape, dtype=bool)
-        for patch in self.firm:
-            inside |= (x - patch.x) ** 2 + (y - patch.y) ** 2 <= patch.radius**2
-        return inside.astype(np.float64)
 
     def _heights(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Heights of all mounds [m] at x, y [m]; (..., n)."""

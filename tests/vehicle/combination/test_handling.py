@@ -10,7 +10,6 @@ from vehicle.combination.data_sheet import (
     STANDARD_SPEED,
     data_sheet,
     handling_at,
-    origins,
     tightest_following,
     tightest_turn,
 )
@@ -158,7 +157,7 @@ def test_axles_are_listed_where_they_stand_lifted_ones_too() -> None:
 
 
 def test_origins_follow_the_hitches() -> None:
-    assert origins(load_vehicle("a_double")) == pytest.approx((0.0, 0.285, -10.115, -14.665))
+    assert load_vehicle("a_double").origins == pytest.approx((0.0, 0.285, -10.115, -14.665))
 
 
 def test_full_lock_sweeps_the_circle_of_plane_geometry() -> None:
