@@ -42,11 +42,12 @@ from scenarios.assembly.trailer_sensors import (
     MountContext,
     OpenedSensor,
     Rectified,
+    StereoCameras,
     Views,
     built_world,
     traffic_around,
 )
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, check_made, constructed, opened_sensor, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario, stream
 from scenarios.options.tables import SurfaceOptions
@@ -145,20 +146,6 @@ class Sensing:
     cameras: Cameras | None  # None: the estimator receives no stereo images
 
 
-def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
-    """Open a sensor by its name; a sensor without a schedule of its own samples at the rate of the cameras.
-
-    Raises:
-        ValueError: one line, if there is no such sensor or the context does not fit.
-        RendererUnavailableError: one line, if it renders and OpenGL does not work here.
-    """
-    part: Part[MountContext, OpenedSensor | Sensor[Truth, Message]] = resolve("sensor", name, SENSOR)
-    sensor = constructed("sensor", name, lambda: part.of(context))
-    opened = sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
-    check_made("sensor", name, opened.sensor, ("sample",))
-    return opened
-
-
 def rendered_images(scenario: Scenario) -> type | None:
     """Class of the images of a scenario's cameras, which are rendered with OpenGL; None: its sensor is no camera."""
     sensor = scenario.sensor or resolve("off_tracking", scenario.off_tracking, OFF_TRACKING).sensor
@@ -184,7 +171,7 @@ def opened_sensing(scenario: Scenario, context: MountContext) -> Sensing:
     sensor = scenario.sensor if scenario.sensor is not None else part.sensor
     if hasattr(kind := resolve("sensor", sensor, SENSOR), "sends"):  # cameras take seconds to open
         check_receives(f"off_tracking = {scenario.off_tracking}", part, kind)
-    opened = opened_sensor(sensor, context)
+    opened: OpenedSensor = opened_sensor(sensor, context, SENSOR, OpenedSensor)
     cameras = opened.cameras
     odometry: Odometry[Any] | None = None
     if cameras and cameras.epipolar:
@@ -403,7 +390,7 @@ def _assembled(
         sensing[unit] = opened_sensing(scenario, mounts[unit])
         opened.callback(close_part, sensing[unit].estimator)
     records_only = record and sensing[last].cameras is None
-    recording = opened_sensor("stereo_camera", mounts[last]) if records_only else None
+    recording = StereoCameras.of(mounts[last]) if records_only else None
     return Assembly(
         scenario=scenario,
         seed=seed,

@@ -266,8 +266,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         try:
             content = pickle.dumps(items, protocol=pickle.HIGHEST_PROTOCOL)
             if self._file is None:
-                unnamed = tempfile.TemporaryFile(prefix="offtrack-", buffering=0)  # noqa: SIM115 stays open
-                self._file = cast("FileIO", unnamed)
+                self._file = tempfile.TemporaryFile(prefix="offtrack-", buffering=0)  # noqa: SIM115  # stays open
             offset = self._file.seek(0, os.SEEK_END)
             if self._file.write(content) < len(content):
                 return items
