@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sensors.camera.rig import UNDISTORTED, CameraModel, RawStereoRig, StereoCalibration
 from sensors.messages import ColourImage, GreyImage
 from sensors.textures import fractal_noise
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray, cross, inverse, skew, so3_exp, transform
 
 _TARGET: Final = 118.0  # mean level of the control: 18 % reflectance at the usual gamma of 2.2 [grey levels]
@@ -36,6 +37,25 @@ class AutoExposure:
         """Gain a number of seconds after an image of this level was taken at the given gain."""
         share = 1.0 - math.exp(-seconds / self.time_constant)
         return gain * math.exp(share * math.log(self.settled(level) / gain))
+
+
+@dataclass(slots=True)
+class ExposureControl:
+    """Gain of one image after the other, controlled by the brightness of those before."""
+
+    automatic: AutoExposure | None  # None: fixed
+    last: tuple[int, float, float] | None = None  # tick, gain and level of the last image
+
+    def gain(self, tick: int, level: float) -> float:
+        """Gain of the image of this tick and mean level [grey levels at a gain of 1]."""
+        if self.automatic is None:
+            return 1.0
+        gain = self.automatic.settled(level)
+        if self.last is not None:
+            before, old_gain, old_level = self.last
+            gain = self.automatic.step(old_gain, old_level, (tick - before) * TICK)
+        self.last = tick, gain, level
+        return gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
