@@ -37,7 +37,6 @@ from vehicle.surface import (
     Roughness,
     RoughProfile,
     SplitFriction,
-    SumOfReliefs,
     Surface,
     circle,
     rectangle,
@@ -272,7 +271,7 @@ def surface_of(
             potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
             measured=measured,
         )
-    reliefs = [relief for relief in (course.relief, measured.relief if measured else None) if relief is not None]
+    reliefs = (course.relief, measured.relief if measured else None)
     wind = scenario.wind
     return Surface(
         gust=Gust(speed=wind.speed, start=wind.start, length=wind.length, edge=wind.edge) if wind.speed else None,
@@ -280,7 +279,7 @@ def surface_of(
         cross_fall=options.cross_fall,
         grade=options.grade,
         centre=course.surface_centre,
-        relief=SumOfReliefs(*reliefs) if len(reliefs) > 1 else next(iter(reliefs), None),
+        reliefs=tuple(relief for relief in reliefs if relief is not None),
         roughness=roughness,
     )
 

@@ -21,7 +21,7 @@ from vehicle.surface.ground import (
     displacement_psd,
     scattered_potholes,
 )
-from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief, SumOfReliefs
+from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief
 
 __all__ = [
     "PATCH_SPREAD",
@@ -41,7 +41,6 @@ __all__ = [
     "RoughProfile",
     "Roughness",
     "SplitFriction",
-    "SumOfReliefs",
     "Surface",
     "circle",
     "displacement_psd",

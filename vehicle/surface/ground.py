@@ -205,7 +205,7 @@ class Surface:
 
     Without a ``centre`` the ground is a plane that rises along W's x by ``grade`` and falls to the right (-y) by
     ``cross_fall``. With one, the cross-fall is conical and falls away from the centre: the adverse camber of a
-    roundabout. A ``relief`` is added to either. ``height`` and ``gradient`` are those of the smooth ground, and
+    roundabout. ``reliefs`` are added to either. ``height`` and ``gradient`` are those of the smooth ground, and
     ``roughness_at`` the height above it.
     """
 
@@ -215,7 +215,7 @@ class Surface:
     centre: tuple[float, float] | None = None  # [m]
     roughness: Roughness | None = None
     gust: Gust | None = None  # wind across the road
-    relief: GroundRelief | None = None  # heights and banks of a road
+    reliefs: tuple[GroundRelief, ...] = ()  # heights and banks of a road
 
     def __post_init__(self) -> None:
         check_friction("friction", self.friction)
@@ -230,7 +230,7 @@ class Surface:
     @property
     def is_plane(self) -> bool:
         """True if the smooth ground is a plane."""
-        return self.centre is None and self.relief is None
+        return self.centre is None and not self.reliefs
 
     @property
     def is_smooth(self) -> bool:
@@ -241,7 +241,7 @@ class Surface:
         """Height of the smooth ground [m] at x, y [m] in W, of any shape."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         height = self._even_height(x, y)
-        return height if self.relief is None else height + self.relief.height(x, y)
+        return height + sum(relief.height(x, y) for relief in self.reliefs) if self.reliefs else height
 
     def _even_height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Height of the plane or cone."""
@@ -254,7 +254,7 @@ class Surface:
         """Slope (dz/dx, dz/dy) [-] of the smooth ground at x, y [m]; shape (..., 2)."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         slope = self._even_gradient(x, y)
-        return slope if self.relief is None else slope + self.relief.gradient(x, y)
+        return slope + sum(relief.gradient(x, y) for relief in self.reliefs) if self.reliefs else slope
 
     def _even_gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Slope of the plane or cone."""
