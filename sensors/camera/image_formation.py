@@ -241,8 +241,7 @@ class LensSurface:
 
     def glare(self, sun: FloatArray, strength: float) -> Floats:
         """Glare (h/4, w/4) [grey levels] of a sun in the direction ``sun`` (3,) of the camera's frame."""
-        if self.directions is None:
-            raise ValueError("this lens surface was constructed without glare")
+        assert self.directions is not None
         angle = np.arccos(np.clip(self.directions @ sun.astype(np.float32), -1.0, 1.0))
         return glare_veil(angle, strength)
 

@@ -224,12 +224,6 @@ def test_clouds_leave_no_sun() -> None:
     assert min(light.sky_colour) > max(daylight(0.0).sky_colour)
 
 
-@pytest.mark.parametrize("degrees", [2.9, 90.1, -10.0, math.nan])
-def test_a_sun_below_the_hills_is_refused(degrees: float) -> None:
-    with pytest.raises(ValueError, match="must be between 3 and 90"):
-        daylight(0.0, elevation=math.radians(degrees))
-
-
 @pytest.mark.slow
 def test_the_sun_is_drawn_where_it_stands() -> None:
     """The brightest place of the panorama, whose columns go round from W's x, its rows down from the highest."""

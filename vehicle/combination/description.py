@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from vehicle.combination.unit import AxleBrake, Brakes, Unit
+from vehicle.combination.unit import AxleBrake, Brakes, Unit, grouped
 from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
 from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.tyres import Tyre
@@ -125,18 +125,10 @@ def _groups(vehicle: "Vehicle") -> Iterator[tuple[int, tuple[int, ...], AxleBrak
     if vehicle.brakes is None:
         return
     for i, unit in enumerate(vehicle.units):
-        for axles in _grouped(unit):
+        for axles in grouped({k: axle.brake.abs_group for k, axle in enumerate(unit.axles) if axle.brake is not None}):
             brake = unit.axles[axles[0]].brake
             if brake is not None:
                 yield i, axles, brake
-
-
-def _grouped(unit: Unit) -> list[tuple[int, ...]]:
-    groups: dict[str | int, list[int]] = {}
-    for k, axle in enumerate(unit.axles):
-        if axle.brake is not None:
-            groups.setdefault(k if axle.brake.abs_group is None else axle.brake.abs_group, []).append(k)
-    return [tuple(group) for group in groups.values()]
 
 
 GRAVITY: Final = 9.81  # [m/s2]

@@ -14,7 +14,7 @@ import casadi as ca
 
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.multibody import Vector, along, from_unit
-from vehicle.combination.unit import Unit
+from vehicle.combination.unit import Unit, grouped
 from vehicle.tyres import Num
 
 _LEAST_LOAD: Final = 10.0  # of a lifted wheel [N]: negligible, but avoids division by zero
@@ -37,7 +37,7 @@ class ChainLoads(NamedTuple):
 class LoadGroup(NamedTuple):
     """Axles that share one load."""
 
-    axles: list[int]
+    axles: tuple[int, ...]
     shares: list[Num]  # of the group's load
     x: Num  # point of action of the load [m]
     stiffness: Num  # relative to the other groups
@@ -113,12 +113,8 @@ def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
 def axle_groups(unit: Unit, *, towed: bool) -> list[LoadGroup]:
     """Axles grouped by bogie; those of a towed unit without any bogie are one group."""
     whole = towed and all(axle.bogie is None for axle in unit.axles)
-    members: dict[str | int, list[int]] = {}
-    for k, axle in enumerate(unit.axles):
-        key = "all" if whole else k if axle.bogie is None else axle.bogie
-        members.setdefault(key, []).append(k)
     groups = []
-    for axles in members.values():
+    for axles in grouped({k: "all" if whole else axle.bogie for k, axle in enumerate(unit.axles)}):
         total = sum(unit.axles[k].load_share for k in axles)
         shares: list[Num] = [unit.axles[k].load_share / total for k in axles]
         x = sum(share * unit.axles[k].x for share, k in zip(shares, axles, strict=True))
