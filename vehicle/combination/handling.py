@@ -9,7 +9,7 @@ transmit friction times their load at most. Needs the vehicle's table ``[powertr
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +26,6 @@ from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray
 from vehicle.tyres import Planar
 from vehicle.tyres.tyre import Tyre
-
-Amplified: TypeAlias = Literal["lateral_acceleration", "yaw_rate"]
 
 _TOP_SPEED: Final = 70.0  # [m/s] 250 km/h, beyond any road vehicle with a trailer
 _TURNING_SPEED: Final = 5.0  # [m/s] for figures that do not depend on speed
@@ -79,19 +77,14 @@ def yaw_damping(vehicle: Vehicle, speed: float, *, tyre_dynamics: bool = False) 
     return float(np.min(-modes.real / np.abs(modes)))
 
 
-def rearward_amplification(
-    vehicle: Vehicle, speed: float, frequencies: ArrayLike, of: Amplified = "lateral_acceleration"
-) -> FloatArray:
-    """Amplitude at the last unit over that at the first [-], steered at ``frequencies`` [Hz], of their shape."""
-    model = lateral_model(vehicle, speed, outputs=(of,))
-    return _amplification(model, frequencies)
+def rearward_amplification(vehicle: Vehicle, speed: float, frequencies: ArrayLike) -> FloatArray:
+    """Lateral acceleration of the last unit over the first's [-], steered at ``frequencies`` [Hz], of their shape."""
+    return _amplification(lateral_model(vehicle, speed, outputs=("lateral_acceleration",)), frequencies)
 
 
-def peak_rearward_amplification(
-    vehicle: Vehicle, speed: float, of: Amplified = "lateral_acceleration"
-) -> Amplification:
+def peak_rearward_amplification(vehicle: Vehicle, speed: float) -> Amplification:
     """Largest rearward amplification between 0.05 and 2 Hz, the range of drivers."""
-    model = lateral_model(vehicle, speed, outputs=(of,))
+    model = lateral_model(vehicle, speed, outputs=("lateral_acceleration",))
     grid = np.geomspace(0.05, 2.0, 200)
     best = int(np.argmax(_amplification(model, grid)))
     bounds = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, dense, is_left
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
@@ -34,12 +33,6 @@ def friction_of(friction: Friction, x: ArrayLike, y: ArrayLike) -> FloatArray:
     if x.shape != y.shape:
         x, y = np.broadcast_arrays(x, y)
     return friction.at(x, y)
-
-
-def check_friction(name: str, value: object) -> None:
-    """Check the limits of a friction coefficient; a map checks its own."""
-    if isinstance(value, int | float):
-        check_number(name, value, LOWEST, HIGHEST)
 
 
 class SplitFriction:
@@ -78,14 +71,9 @@ class LineFriction:
     Args:
         values: friction coefficients (n,) at the points.
         line: points (n, 2) in W [m].
-
-    Raises:
-        ValueError: if a friction is out of range.
     """
 
     def __init__(self, values: FloatArray, line: FloatArray) -> None:
-        for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
-            check_friction(name, float(value))
         self._values, self._tree = values, cKDTree(line)
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:

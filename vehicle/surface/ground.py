@@ -24,7 +24,7 @@ from scipy.special import erfc
 
 from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, arc_length, rotation_zyx, transform
-from vehicle.surface.friction import Friction, check_friction, friction_of
+from vehicle.surface.friction import HIGHEST, LOWEST, Friction, friction_of
 from vehicle.surface.relief import GroundRelief, MeasuredRoad
 
 _WHEEL_RADIUS = 0.5  # of a truck's wheel, 0.48..0.53 m for 315/70 R 22.5 and 385/65 R 22.5 [m]
@@ -218,7 +218,8 @@ class Surface:
     reliefs: tuple[GroundRelief, ...] = ()  # heights and banks of a road
 
     def __post_init__(self) -> None:
-        check_friction("friction", self.friction)
+        if isinstance(self.friction, int | float):
+            check_number("friction", self.friction, LOWEST, HIGHEST)
         for name, slope in (("cross_fall", self.cross_fall), ("grade", self.grade)):
             check_number(name, slope, -0.2, 0.2, why="a slope: 0.025 is 2.5 %")
 

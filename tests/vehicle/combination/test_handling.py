@@ -99,18 +99,10 @@ def test_damping_is_one_where_nothing_swings(alone: Vehicle) -> None:
     assert yaw_damping(alone, 1.0) == 1.0
 
 
-def test_amplification_is_one_for_slow_steering_and_another_one_of_yaw_rate(tractor_semitrailer: Vehicle) -> None:
+def test_amplification_is_one_for_slow_steering(tractor_semitrailer: Vehicle) -> None:
     """Steered slowly, every unit goes through the same curve; its peak is held against published ones elsewhere."""
     assert rearward_amplification(tractor_semitrailer, 24.0, 1e-4) == pytest.approx(1.0, abs=1e-5)  # second order in f
-    peak, by_yaw_rate = (
-        found.gain
-        for found in (
-            peak_rearward_amplification(tractor_semitrailer, 24.0),
-            peak_rearward_amplification(tractor_semitrailer, 24.0, "yaw_rate"),
-        )
-    )
-    assert by_yaw_rate > 1.0
-    assert by_yaw_rate != pytest.approx(peak, rel=1e-2)
+    assert peak_rearward_amplification(tractor_semitrailer, 24.0).gain > 1.0
 
 
 def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(short_form: Vehicle) -> None:
