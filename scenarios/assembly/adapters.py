@@ -31,6 +31,7 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import (
     Friction,
     FrictionImage,
+    FrictionPatch,
     Gust,
     MeasuredRoad,
     PatchedFriction,
@@ -38,11 +39,8 @@ from vehicle.surface import (
     RoughProfile,
     SplitFriction,
     Surface,
-    circle,
-    rectangle,
     scattered_potholes,
 )
-from vehicle.surface.friction import FrictionPatch
 
 
 def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGeometry:
@@ -127,9 +125,16 @@ def _image_values(path: str, black: float, white: float) -> FloatArray:
 
 def _patch(table: CircleOptions | RectangleOptions) -> FrictionPatch:
     if isinstance(table, CircleOptions):
-        return circle(table.x, table.y, table.radius, table.friction, table.edge)
-    heading = math.radians(table.heading_deg)
-    return rectangle(table.x, table.y, table.length, table.width, table.friction, heading, table.edge)
+        return FrictionPatch(x=table.x, y=table.y, friction=table.friction, rounding=table.radius, edge=table.edge)
+    return FrictionPatch(
+        x=table.x,
+        y=table.y,
+        friction=table.friction,
+        heading=math.radians(table.heading_deg),
+        half_length=0.5 * table.length,
+        half_width=0.5 * table.width,
+        edge=table.edge,
+    )
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:

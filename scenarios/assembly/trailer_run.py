@@ -28,8 +28,7 @@ from scenarios.assembly.adapters import (
     watched_units,
 )
 from scenarios.assembly.applied_faults import (
-    BrakeFaults,
-    TrailerFaults,
+    LoopFaults,
     opened_brake_faults,
     opened_trailer_faults,
     sensor_faults,
@@ -251,7 +250,7 @@ class WatchedTrailer:
     law: Safeguarded
     signals: CombinationSensors
     sensing: Sensing
-    faults: TrailerFaults = field(default_factory=TrailerFaults)
+    faults: LoopFaults = field(default_factory=LoopFaults)
 
     @property
     def n_steered(self) -> int:
@@ -278,7 +277,7 @@ class Assembly:
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
     recording: OpenedSensor | None  # recording cameras of the last trailer
-    brake_faults: BrakeFaults
+    brake_faults: LoopFaults
     schedule: Schedule  # of the cameras, or of the reference units instead
     remarks: tuple[str, ...] = ()  # on the inputs, for the result's warnings
 

@@ -187,10 +187,22 @@ CONTROL: Final = Schedule(period=to_ticks(PERIOD, "control period"))
 ItemT = TypeVar("ItemT")
 
 
+class _File(FileIO):
+    """A temporary file without a name; it goes with its last user."""
+
+    def __init__(self) -> None:
+        descriptor, name = tempfile.mkstemp(prefix="offtrack-")
+        os.unlink(name)
+        super().__init__(descriptor, "r+")
+
+    def __del__(self) -> None:
+        self.close()
+
+
 class _Stored(NamedTuple):
     """A chunk in a file."""
 
-    file: FileIO
+    file: _File
     offset: int
     size: int
 
@@ -210,7 +222,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         self._chunk, self._recent = chunk, recent
         self._older: list[_Stored | list[ItemT]] = []  # of one chunk each
         self._newest: list[ItemT] = []
-        self._file: FileIO | None = None  # without a name; it goes with its last user
+        self._file: _File | None = None
         self._lock = Lock()  # while items change their place
         for item in items:
             self.append(item)
@@ -265,8 +277,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
     def _stored(self, items: list[ItemT]) -> _Stored | list[ItemT]:
         try:
             content = pickle.dumps(items, protocol=pickle.HIGHEST_PROTOCOL)
-            if self._file is None:
-                self._file = tempfile.TemporaryFile(prefix="offtrack-", buffering=0)  # noqa: SIM115  # stays open
+            self._file = self._file or _File()
             offset = self._file.seek(0, os.SEEK_END)
             if self._file.write(content) < len(content):
                 return items

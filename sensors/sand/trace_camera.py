@@ -101,7 +101,7 @@ class GroundView:
     def look(self, X_WC: FloatArray, world: SandWorld) -> VisibleGround:
         """Visible ground from X_WC (4, 4)."""
         window = window_around(self.footprint(X_WC, world), _AROUND)
-        height, eye, corner = world.height(window), X_WC[:3, 3], window.corner
+        height, eye, corner = world.field.height(window), X_WC[:3, 3], window.corner
         rx, ry, rz = _turned(self.between, X_WC)
         kx, ky = rx / rz, ry / rz  # horizontal distance of a ray per metre of rise
         a, bx, by = _plane(world, eye)
@@ -118,12 +118,12 @@ class GroundView:
 
     def light(self, ground: VisibleGround, world: SandWorld) -> tuple[Floats, Floats]:
         """Shares of the light of sun and sky that open ground reflects to every pixel."""
-        direct, ambient = (decoded(_looked_up(plane, ground.u, ground.v)) for plane in world.lit(ground.window))
+        direct, ambient = (decoded(_looked_up(plane, ground.u, ground.v)) for plane in world.field.light(ground.window))
         return direct, ambient
 
     def tint(self, ground: VisibleGround, world: SandWorld) -> Floats:
         """Greyness of the ground at every pixel, 0 to 1."""
-        tint = _looked_up(world.tint(ground.window), ground.u, ground.v)
+        tint = _looked_up(world.field.tint(ground.window), ground.u, ground.v)
         return np.asarray(tint / 255.0, dtype=np.float32)
 
     def draw(

@@ -6,7 +6,7 @@ flow along with the vehicle while it is in view. Wheels come in groups, such as 
 group changes the ground again. Relief is not modelled.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -38,18 +38,10 @@ from vehicle.surface import Surface
 _DETAIL_SIZE = 2048  # [px]
 _DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
 _MAP_MARGIN = 60.0  # of the road map, with its shadows, around the course [m]
-_TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
-    "foliage": textures.foliage,
-    "twigs": textures.twigs,
-    "bark": textures.bark,
-    "stone": textures.stone,
-    "brick": textures.brick,
-    "tiles": textures.tiles,
-    "planks": textures.planks,
-    "window": textures.window,
-    "banded": textures.banded,
-    "chevrons": textures.chevrons,
-}
+_TEXTURES = (  # by the names of the functions that make them
+    *("foliage", "twigs", "bark", "stone", "brick"),
+    *("tiles", "planks", "window", "banded", "chevrons"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -122,7 +114,7 @@ def build_world(
         road=replace(road, light=_shadows(road, scenery, light.direction)),
         condition=condition_of(surface, road),
         scenery=tuple(instances for instances in scenery if len(instances.poses)),
-        textures={name: make(rng) for name, make in _TEXTURES.items()},
+        textures={name: getattr(textures, name)(rng) for name in _TEXTURES},
         panorama=sky.panorama(rng, light),
         light=light,
     )

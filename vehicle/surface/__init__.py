@@ -4,11 +4,10 @@ from vehicle.surface.friction import (
     Friction,
     FrictionImage,
     FrictionMap,
+    FrictionPatch,
     LineFriction,
     PatchedFriction,
     SplitFriction,
-    circle,
-    rectangle,
 )
 from vehicle.surface.ground import (
     PATCH_SPREAD,
@@ -31,6 +30,7 @@ __all__ = [
     "Friction",
     "FrictionImage",
     "FrictionMap",
+    "FrictionPatch",
     "GroundRelief",
     "Gust",
     "LineFriction",
@@ -42,8 +42,6 @@ __all__ = [
     "Roughness",
     "SplitFriction",
     "Surface",
-    "circle",
     "displacement_psd",
-    "rectangle",
     "scattered_potholes",
 ]

@@ -118,31 +118,16 @@ _SHARP = 1e-9  # width of a sharp edge; avoids division by zero [m]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionPatch:
-    """Rectangle with rounded corners; build one with ``circle`` or ``rectangle``."""
+    """Rectangle with rounded corners; without length and width it is a circle."""
 
     x: float  # W of the middle [m]
     y: float  # [m]
-    heading: float  # of its length [rad]
-    half_length: float  # of the rectangle to which the rounding is added [m]
-    half_width: float  # [m]
-    rounding: float  # [m]
     friction: float
-    edge: float  # width of the transition across the outline [m]
-
-
-def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0) -> FrictionPatch:
-    """A round patch about x, y [m]."""
-    return FrictionPatch(
-        x=x, y=y, heading=0.0, half_length=0.0, half_width=0.0, rounding=radius, friction=friction, edge=edge
-    )
-
-
-def rectangle(
-    x: float, y: float, length: float, width: float, friction: float, heading: float = 0.0, edge: float = 0.0
-) -> FrictionPatch:
-    """A rectangular patch about x, y [m], its length along ``heading`` [rad]."""
-    half = {"half_length": 0.5 * length, "half_width": 0.5 * width}
-    return FrictionPatch(x=x, y=y, heading=heading, **half, rounding=0.0, friction=friction, edge=edge)
+    heading: float = 0.0  # of its length [rad]
+    half_length: float = 0.0  # of the rectangle to which the rounding is added [m]
+    half_width: float = 0.0  # [m]
+    rounding: float = 0.0  # radius of the circle [m]
+    edge: float = 0.0  # width of the transition across the outline [m]
 
 
 class PatchedFriction:

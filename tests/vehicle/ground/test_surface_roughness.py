@@ -14,15 +14,14 @@ from scipy.special import k1
 from vehicle.frames import FloatArray
 from vehicle.surface import (
     FrictionImage,
+    FrictionPatch,
     PatchedFriction,
     Potholes,
     Roughness,
     RoughProfile,
     SplitFriction,
     Surface,
-    circle,
     displacement_psd,
-    rectangle,
     scattered_potholes,
 )
 from vehicle.surface.ground import PATCH_SPREAD
@@ -169,6 +168,10 @@ def test_scattered_potholes_lie_on_the_road_at_the_density_asked_for() -> None:
 # Friction: split, patched, from an image, and one on another
 
 
+def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0) -> FrictionPatch:
+    return FrictionPatch(x=x, y=y, rounding=radius, friction=friction, edge=edge)
+
+
 positions = st.floats(-80.0, 80.0)
 STRAIGHT = np.array([[0.0, 0.0], [20.0, 10.0]])
 
@@ -202,7 +205,10 @@ def grid(surface: Surface) -> FloatArray:
 def test_patches_cover_their_outlines_and_the_later_lies_on_top() -> None:
     """A turned rectangle and a circle over it, each against the inequality that defines it."""
     heading = math.radians(30.0)
-    patches = [rectangle(1.0, 0.5, 4.0, 2.0, 0.3, heading=heading), circle(-0.5, 0.0, 1.6, 0.1)]
+    patches = [
+        FrictionPatch(x=1.0, y=0.5, heading=heading, half_length=2.0, half_width=1.0, friction=0.3),
+        circle(-0.5, 0.0, 1.6, 0.1),
+    ]
     x, y = np.meshgrid(np.linspace(-5.0, 5.0, 41), np.linspace(-5.0, 5.0, 41))
     along = (x - 1.0) * np.cos(heading) + (y - 0.5) * np.sin(heading)
     across = (y - 0.5) * np.cos(heading) - (x - 1.0) * np.sin(heading)
