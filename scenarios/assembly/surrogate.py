@@ -288,12 +288,7 @@ def fitted(runs: Sequence[RunErrors]) -> SurrogateParameters:
 
     The mean of a run is its bias. The part of the rest that correlates from frame to frame is drift, the remainder is
     noise of single frames.
-
-    Raises:
-        ValueError: if there is no run.
     """
-    if not runs:
-        raise ValueError("no run to fit to")
     biases = np.array([float(np.nanmean(run.error)) for run in runs])
     interval = float(np.mean([run.interval for run in runs]))
     correlation = _autocovariance([run.error - bias for run, bias in zip(runs, biases, strict=True)])

@@ -64,12 +64,33 @@ class RoverPass:
         turns = np.concatenate(
             [np.zeros((1, len(rover.wheels))), np.cumsum(dt * _wheel_speeds(rover, velocity, spin)[:-1], axis=0)]
         )
-        return [
-            self._truth(
-                k, rover, terrain, np.append(places[k], psi[k]), velocity[k], spin[k], shake[k], sinkage[k], turns[k]
+        truths = []
+        n = len(rover.wheels)
+        for k, (x, y, heading) in enumerate(np.column_stack([places, psi]).tolist()):
+            c, s = math.cos(heading), math.sin(heading)
+            at = rover.wheel_places @ np.array([[c, s], [-s, c]]) + [x, y]
+            sinkages = sinkage[k] * self._soft(at[:, 0])
+            along, across = _wheel_velocities(rover, velocity[k])
+            X_WB = transform(_on(terrain, x, y, heading) @ rotation_zyx(0.0, shake[k, 0], shake[k, 1]), np.zeros(3))
+            X_WB[:3, 3] = x, y, float(terrain.height(x, y)) - float(sinkages.mean())
+            truth = RoverTruth(
+                tick=k * FRAME_TICKS,
+                pose=np.array([x, y, heading]),
+                velocity=velocity[k],
+                X_WB=X_WB,
+                wheel_positions=np.column_stack([at, terrain.height(at[:, 0], at[:, 1]) - sinkages]),
+                wheel_headings=np.full(n, heading),
+                wheel_velocities=np.column_stack([along, across]),
+                wheel_speeds=along / (rover.radius * (1.0 - spin[k])),
+                wheel_turns=turns[k],
+                steer=np.zeros(n),
+                slip_ratios=np.full(n, spin[k]),
+                slip_angles=np.arctan2(across, along),
+                sinkages=sinkages,
+                loads=np.full(n, 9.81 * rover.mass / n),
             )
-            for k in range(self.frames)
-        ]
+            truths.append(truth)
+        return truths
 
     def slip_angles(self, rng: np.random.Generator) -> FloatArray:
         """Slip angle of the body at every moment [rad]."""
@@ -87,43 +108,6 @@ class RoverPass:
         varying = size + _wandering(rng, self.frames, dt, std, time)
         slip: FloatArray = noise + side * np.radians(onset * varying)
         return slip
-
-    def _truth(
-        self,
-        k: int,
-        rover: Rover,
-        terrain: Terrain,
-        pose: FloatArray,
-        velocity: FloatArray,
-        spin: float,
-        shake: FloatArray,
-        sinkage: float,
-        turns: FloatArray,
-    ) -> RoverTruth:
-        x, y, psi = pose.tolist()
-        n = len(rover.wheels)
-        c, s = math.cos(psi), math.sin(psi)
-        places = rover.wheel_places @ np.array([[c, s], [-s, c]]) + [x, y]
-        sinkages = sinkage * self._soft(places[:, 0])
-        along, across = _wheel_velocities(rover, velocity)
-        X_WB = transform(_on(terrain, x, y, psi) @ rotation_zyx(0.0, shake[0], shake[1]), np.zeros(3))
-        X_WB[:3, 3] = x, y, float(terrain.height(x, y)) - float(sinkages.mean())
-        return RoverTruth(
-            tick=k * FRAME_TICKS,
-            pose=pose,
-            velocity=velocity,
-            X_WB=X_WB,
-            wheel_positions=np.column_stack([places, terrain.height(places[:, 0], places[:, 1]) - sinkages]),
-            wheel_headings=np.full(n, psi),
-            wheel_velocities=np.column_stack([along, across]),
-            wheel_speeds=along / (rover.radius * (1.0 - spin)),
-            wheel_turns=turns,
-            steer=np.zeros(n),
-            slip_ratios=np.full(n, spin),
-            slip_angles=np.arctan2(across, along),
-            sinkages=sinkages,
-            loads=np.full(n, 9.81 * rover.mass / n),
-        )
 
     def _soft(self, x: FloatArray) -> FloatArray:
         """1 on sand, 0 on crust."""

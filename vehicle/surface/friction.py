@@ -43,14 +43,9 @@ class SplitFriction:
         right: friction to the right of it.
         line: points (n, 2) in W [m]; a road's centreline, or two points. It continues straight beyond both ends;
             where it bends or meets itself, its nearest point decides.
-
-    Raises:
-        ValueError: if the line has fewer than two different points.
     """
 
     def __init__(self, left: Friction, right: Friction, line: FloatArray) -> None:
-        if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.any(np.diff(line, axis=0)):
-            raise ValueError(f"line of shape {line.shape} must be (n, 2) with n >= 2 different points [m]")
         self._left, self._right = left, right
         self._points = dense(line, _SPACING)[0]
         self._tree = cKDTree(self._points)

@@ -123,8 +123,6 @@ def test_unsuitable_runs_and_impossible_parameters_are_refused(tmp_path: Path) -
     (tmp_path / "scenario.toml").write_text('off_tracking = "truth"\n')
     with pytest.raises(ValueError, match="off_tracking = truth must be one of viso_ot"):
         run_errors(tmp_path)
-    with pytest.raises(ValueError, match="no run to fit to"):
-        fitted([])
     for change, words in (({"noise": -1.0}, "noise"), ({"drift_time": 0.0}, "drift_time")):
         with pytest.raises(ValueError, match=words):
             changed(**change)

@@ -265,8 +265,3 @@ def test_every_map_answers_for_any_shape(friction: float | SplitFriction | Patch
     assert all_at_once[1, 2, 3] == surface.friction_at(float(x[1, 2, 0]), float(y[3]))
     assert surface.friction_at(0.0, 0.0).shape == ()
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(surface)).friction_at(x, y), all_at_once)
-
-
-def test_a_line_needs_two_points() -> None:
-    with pytest.raises(ValueError, match="line"):
-        SplitFriction(0.8, 0.2, np.zeros((3, 2)))
