@@ -137,13 +137,8 @@ def _thinned(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample,
     return samples
 
 
-def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
-    """Hitch positions (n, 3) in the newest S, levelled, newest first; de Saxe 2018, eqs 3 to 5."""
-    return positions_along(samples, levelled(samples))
-
-
 def positions_along(samples: Sequence[Sample], R_OS: FloatArray) -> FloatArray:
-    """Hitch positions (n, 3) from the newest, along these axes of S, newest first."""
+    """Hitch positions (n, 3) from the newest, along these axes of S, newest first; de Saxe 2018, eqs 3 to 5."""
     p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
     return np.asarray((p_OS - p_OS[0]) @ R_OS, dtype=np.float64)
 
@@ -203,7 +198,7 @@ def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[S
     Older samples move with it rigidly; those between are corrected by their share of the distance.
     """
     X_OC = samples[0].X_OS
-    distance = arc_length(positions_now(samples)[:, :2])
+    distance = arc_length(positions_along(samples, levelled(samples))[:, :2])
     share = np.minimum(distance / distance[index], 1.0)
     correction = X_CK @ inverse(inverse(X_OC) @ samples[index].X_OS)
     return tuple(

@@ -34,7 +34,7 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
-from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
+from estimators.off_tracking.signal_monitor import STEER_ANGLE, MonitorMemory, SignalMonitor
 from estimators.rigid_motion import PLANAR, along_axes, planar_covariance, planar_pose, spatial_covariance, with_planar
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -249,7 +249,7 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
-        estimate = replace(estimate, doubts=tuple(self._monitor.names[k] for k in memory.monitor.distrusted))
+        estimate = replace(estimate, doubts=self._monitor.doubts(memory.monitor))
         if memory.turned:
             std = math.hypot(estimate.std, memory.turned * self._follow_distance)
             health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
@@ -270,7 +270,7 @@ class SignalFusion:
         if monitor.distrusted != before.distrusted:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
         signals = tuple(self._monitor.corrected(monitor, message) for message in signals)
-        if self._monitor.steer_at_fault(monitor):  # front wheels that do not slip need no angle
+        if STEER_ANGLE in self._monitor.doubts(monitor):  # front wheels that do not slip need no angle
             signals = tuple(replace(message, steer=0.0) for message in signals)
         return memory, signals
 
@@ -278,11 +278,12 @@ class SignalFusion:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
         reference, history = memory.reference, memory.history
         newest = path.samples[0].tick if path.samples else reference.tick
+        misleading = set(self._monitor.doubts(memory.monitor)) - {STEER_ANGLE}
 
         def reckoned(since: int) -> Reckoned | None:
             parameters = self._since(reference, path, since)
             known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
-            if known is None or not self._monitor.misleads(memory.monitor):
+            if known is None or not misleading:
                 return known
             return known._replace(covariance=_CORRECTED * known.covariance)
 

@@ -35,6 +35,7 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
+STEER_ANGLE: Final = "steer angle"
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
 _VALUE, _SLOPE = 0.5, 0.1  # gains of an alpha-beta filter [-]
@@ -112,7 +113,8 @@ class SignalMonitor:
         """For the ``unit`` of a vehicle, with the distances of its axles behind its hitch [m]."""
         names = [one.name for one in vehicle.units[: unit + 1]]
         angles, gyros = [f"hitch angle of {name}" for name in names[1:]], [f"gyro of {name}" for name in names]
-        self.names = ("wheel speed", *angles, *gyros, "steer angle")
+        self.names = ("wheel speed", *angles, *gyros, STEER_ANGLE)
+        self._either = f"{self.names[unit]} or its gyro"
         self._unit, self._n_axles = unit, len(axle_distances)
         self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE])
@@ -172,13 +174,9 @@ class SignalMonitor:
         speed, steer = signals.speed - float(errors[0]), signals.steer - float(errors[-1])
         return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
 
-    def misleads(self, memory: MonitorMemory) -> bool:
-        """True if motion that is reckoned from the signals is not evidence: one at fault is not the steer angle."""
-        return memory.contradicted or any(k != len(self.names) - 1 for k in memory.distrusted)
-
-    def steer_at_fault(self, memory: MonitorMemory) -> bool:
-        """True if the steer angle is one of the signals at fault."""
-        return len(self.names) - 1 in memory.distrusted
+    def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
+        """Names of the signals at fault, or of the two that contradict each other."""
+        return (*[self._either] * memory.contradicted, *(self.names[k] for k in memory.distrusted))
 
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
         if len(memory.history) < _LEAST:
@@ -192,7 +190,8 @@ class SignalMonitor:
         else:
             memory = memory._replace(suspect=(-1, 0))
         of_hitch = abs(float(parity.values[self._unit - 1])) > _DETECTED  # the relation A of the trailer's own hitch
-        unexplained = left > _DETECTED and memory.suspect[0] < 0 and not memory.distrusted
+        is_suspect = memory.suspect[0] >= 0 and not memory.contradicted  # a contradiction lasts until one is found
+        unexplained = left > _DETECTED and not is_suspect and not memory.distrusted
         alive = bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
         memory = self._doubted(memory, of_hitch and unexplained and alive)
         return memory if reference is None else self._measured(memory, parity, tick)
@@ -222,9 +221,9 @@ class SignalMonitor:
         """Memory with the contradiction between the hitch angle and the gyro of the trailer, or without."""
         if contradicted == memory.contradicted:
             return memory
-        newest, name = memory.history[-1], f"{self.names[self._unit]} or its gyro"
+        newest = memory.history[-1]
         towed = self._towed(memory, newest) if contradicted else memory.towed
-        findings = (*memory.findings, Finding(int(newest[0]), name, contradicted))
+        findings = (*memory.findings, Finding(int(newest[0]), self._either, contradicted))
         return memory._replace(contradicted=contradicted, towed=towed, findings=findings)
 
     def _towed(self, memory: MonitorMemory, row: FloatArray) -> tuple[float, float]:

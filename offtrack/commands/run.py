@@ -208,7 +208,7 @@ def parts(
     """
     matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
     if as_json:
-        typer.echo(json.dumps([part.to_json() for part in matches], indent=2, ensure_ascii=False))
+        typer.echo(json.dumps([asdict(part) for part in matches], indent=2, ensure_ascii=False))
         return
     console, kinds = PlainConsole(), dict.fromkeys(part.kind for part in matches)
     for heading in kinds:

@@ -4,7 +4,6 @@ import json
 import os
 import shlex
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -198,10 +197,10 @@ def fit_surrogate(
     if out is not None:
         replaced(out, surrogate_toml(parameters, len(runs), frames))
     if as_json:
-        typer.echo(json.dumps(asdict(parameters), indent=2))
+        typer.echo(json.dumps(parameters.model_dump(), indent=2))
     else:
         typer.echo(f"{len(runs)} runs, {frames} frames")
-        for name, value in asdict(parameters).items():
+        for name, value in parameters.model_dump().items():
             typer.echo(f"  {name:16s} {value:.4g}")
 
 

@@ -157,7 +157,7 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
 
 def is_level(surface: Surface) -> bool:
     """True for level, smooth ground of one friction without wind, which stays as it is at the start."""
-    level = surface.relief is None and surface.cross_fall == 0.0 and surface.grade == 0.0 and surface.is_smooth
+    level = not surface.reliefs and surface.cross_fall == 0.0 and surface.grade == 0.0 and surface.is_smooth
     return level and surface.is_uniform and surface.gust is None
 
 

@@ -304,7 +304,7 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
         "recording": str(recording.sequence.directory),
         "follow_distance_m": recording.follow_distance,
         "frames": _frames(estimation, log),
-        "off_tracking": _off_tracking(log),
+        "off_tracking": _off_tracking(estimation, log),
         "odometry": {"name": odometry, **_odometry(estimation, log)},
         "kitti": _drift(estimation),
         "self_calibration": _self_calibration(log),
@@ -338,12 +338,15 @@ def _frames(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
     }
 
 
-def _off_tracking(log: Log) -> dict[str, float | int | None]:
+def _off_tracking(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
     value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
+    by_direction = estimation.recording.direction_std * estimation.recording.follow_distance
     return {
         "rms_m": number(metrics.rms(value)),
         "max_m": number(metrics.peak(value)),
         "std_mean_m": number(metrics.mean(std)),
+        "direction_std_m": number(by_direction),
+        "motion_std_mean_m": number(metrics.mean(np.sqrt(np.clip(std**2 - by_direction**2, 0.0, None)))),
         "valid_fraction": number(_valid_fraction(log)),
         "estimate_error_rms_m": number(metrics.rms(error)),
         "estimate_error_max_m": number(metrics.peak(error)),

@@ -26,7 +26,7 @@ from offtrack.reports.vehicle_sheet.sheet import (
     wheel_from_side,
 )
 from vehicle.combination.chain_forces import wheel_plane
-from vehicle.combination.data_sheet import AxleSheet, DataSheet, origins, reach
+from vehicle.combination.data_sheet import AxleSheet, DataSheet, reach
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.unit import Axle, Unit
 
@@ -181,7 +181,7 @@ class CombinationDrawing:
     def units(self) -> Iterator[tuple[Unit, float, Unit | None, Unit | None]]:
         """Every unit, its origin's distance behind the foremost point [m], the unit ahead and the unit behind."""
         units, front = self.vehicle.units, self.vehicle.units[0].front_x
-        for i, (unit, origin) in enumerate(zip(units, origins(self.vehicle), strict=True)):
+        for i, (unit, origin) in enumerate(zip(units, self.vehicle.origins, strict=True)):
             yield unit, front - origin, units[i - 1] if i else None, units[i + 1] if i + 1 < len(units) else None
 
 

@@ -172,3 +172,15 @@ def test_front_wheels_that_slide_are_no_fault() -> None:
 
     memory, _ = watched(ploughing)
     assert memory.findings == ()
+
+
+def test_a_contradiction_lasts_until_the_signal_is_found() -> None:
+    """Three seconds without a camera, in which a gyro begins to drift: no message between has its own value."""
+    drifting = from_(8.0, lambda one: biased(one, 1, 2.0 * (one.tick * 1e-3 - 8.0)))
+    memory, corrected = watched(drifting, lambda seen: None if 7500 < seen.tick < 11_000 else seen)
+    (begins, both, _), (found, one, _), (ends, _, _) = memory.findings
+    assert (both, one) == (f"{ANGLE} or its gyro", OWN)
+    assert begins < 11_000 < ends == found
+    assert MONITOR.doubts(memory) == (OWN,)
+    between = [(a, b) for a, b in zip(corrected, DRIVE.signals, strict=True) if a.tick > begins]
+    assert max(abs(float(a.yaw_rates[1] - b.yaw_rates[1])) for a, b in between) < math.radians(3.0)  # of 24

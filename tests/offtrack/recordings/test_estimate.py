@@ -343,6 +343,10 @@ def test_what_the_recording_does_not_say_is_assumed_aloud_and_options_leave_noth
     assert result.exit_code == 0, result.output
     assert "Assumed: follow point 14 m behind the hitch (--follow-distance)" in result.stdout.splitlines()
     assert "Assumed" in Path("bare/report.html").read_text(encoding="utf-8")
+    off_tracking = json.loads(Path("bare/summary.json").read_text(encoding="utf-8"))["off_tracking"]
+    assert off_tracking["direction_std_m"] > 14.0 * math.radians(0.1)  # unknown mount, and the principal point
+    parts = off_tracking["direction_std_m"], off_tracking["motion_std_mean_m"]
+    assert off_tracking["std_mean_m"] == pytest.approx(math.hypot(*parts), rel=0.01)
     said = ("--facing", "rear", "--follow-distance", "10", "--camera-x", "-10", "--camera-height", "3")
     found = numbers(drawn_yard, "--no-video", *said, "--direction-std", "0")
     assert (found["assumed"], found["follow_distance_m"]) == ([], 10.0)
