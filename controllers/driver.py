@@ -79,11 +79,7 @@ class DriverMemory(NamedTuple):
 
 
 class PreviewDriver(Driver[DriverMemory]):
-    """Path-preview driver: keeps the guided point on a path at a set speed (equations in `preview_law`).
-
-    Raises:
-        ValueError: if the speed or the gain is not positive.
-    """
+    """Path-preview driver: keeps the guided point on a path at a set speed (equations in `preview_law`)."""
 
     def __init__(
         self,
@@ -99,10 +95,6 @@ class PreviewDriver(Driver[DriverMemory]):
         The loop gets as fast as that only where the lags of steering, tyres and yaw allow it (`preview_design`). The
         driver slows down in time for turns that would exceed ``max_lateral_acceleration`` [m/s2].
         """
-        if not speed > 0.0:
-            raise ValueError(f"speed = {speed} m/s must be positive")
-        if not gain > 0.0:
-            raise ValueError(f"gain = {gain} rad/m must be positive")
         self.tractor, self.path, self.speed = tractor, path, speed
         self._gain, self._gains = gain, law.gains(tractor, gain)
         self._profile: SpeedProfile | None = None

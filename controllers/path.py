@@ -166,15 +166,7 @@ class SpeedProfile:
 
     @classmethod
     def of(cls, path: Path, speed: float, max_lateral_acceleration: float, max_acceleration: float) -> "SpeedProfile":
-        """The fastest profile within ``speed`` [m/s] and both accelerations [m/s2].
-
-        Raises:
-            ValueError: if one of them is not positive.
-        """
-        limits = {"speed": speed, "max_lateral_acceleration": max_lateral_acceleration}
-        for name, limit in {**limits, "max_acceleration": max_acceleration}.items():
-            if not limit > 0.0:
-                raise ValueError(f"{name} = {limit} must be positive")
+        """The fastest profile within ``speed`` [m/s] and both accelerations [m/s2]."""
         stations = np.linspace(0.0, path.length, max(2, math.ceil(path.length / _SPACING) + 1))
         curvatures = np.array([abs(path.curvature(float(s))) for s in stations])
         # A limit between two points applies to both.

@@ -8,7 +8,7 @@ needs steering on all wheels. ``none`` ignores the drift.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
+from typing import Final, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from controllers.path import Path
 from estimators.context import RoverGeometry
@@ -95,8 +95,6 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
     ) -> None:
         """For the set ``speed`` of the wheels [m/s], which slip reduces."""
         given = parameters or self.Parameters()
-        if compensation not in get_args(Compensation):
-            raise ValueError(f"slip_compensation = {compensation} must be one of {', '.join(get_args(Compensation))}")
         if compensation == "crab" and min(rover.max_steer) <= 0.0:
             raise ValueError("slip_compensation = crab needs steered wheels, all of them; use heading")
         fastest = rover.max_wheel_speed * rover.wheel_radius

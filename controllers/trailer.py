@@ -121,7 +121,11 @@ class TrailerSteering(Protocol, Generic[Memory]):
 
 
 class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
-    """A steering law with its declarations; those of the catalogue inherit from it."""
+    """A steering law with its declarations; those of the catalogue inherit from it.
+
+    Their constructors raise a ValueError, one line, for a trailer that they cannot steer, such as one without steered
+    axles.
+    """
 
     uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
 

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from offtrack.reports.run_files import write_run
+from offtrack.reports.run_files import read_summary, write_run
 from offtrack.reports.sections import groups
 from scenarios.loop.runner import run as run_scenario
 from scenarios.options.scenario import AnyScenario, load_any_scenario
 from scenarios.results.log import Log, read_log
-from scenarios.results.run_summary import Result
-from vehicle.foundation.user_file import FileKind, read_text
+from scenarios.results.run_summary import Result, number_at
 from vehicle.frames import FloatArray
 
 if TYPE_CHECKING:
@@ -76,9 +75,6 @@ def pandas() -> Any:
         return importlib.import_module("pandas")
     except ImportError:
         raise ImportError("to_pandas needs pandas: pip install 'offtrack[pandas]'") from None
-
-
-_FILES = ("summary.json", "signals.parquet", "scenario.toml")
 
 
 class Run:
@@ -140,7 +136,7 @@ class Run:
             f"<tr><td>{escape(shown.label)}</td><td style='text-align:right'>{escape(shown.text(value))}</td></tr>"
             for name, group in groups().items()
             for key, shown in group.numbers.items()
-            if isinstance(value := _number(self.summary.get(name), key), int | float)
+            if (value := number_at(self.summary, f"{name}.{key}")) is not None
         ]
         title = f"{self.summary['scenario']}, seed {self.summary['seed']}: {self.outcome}"
         warnings = "".join(f"<p>Warning: {escape(str(line))}</p>" for line in self.summary.get("warnings", ()))
@@ -197,22 +193,4 @@ def load_run(directory: str | os.PathLike[str]) -> Run:
     if not isinstance(directory, str | os.PathLike):
         raise TypeError(f"directory must be a path, not {type(directory).__name__}")
     folder = Path(directory)
-    missing = [name for name in _FILES if not (folder / name).is_file()]
-    if missing:
-        raise ValueError(f"{folder} is no run directory: {', '.join(missing)} missing")
-    numbers = _summary(folder / "summary.json")
-    return Run(numbers, read_log(folder / "signals.parquet"), folder, None)
-
-
-def _summary(file: Path) -> dict[str, Any]:
-    try:
-        numbers = json.loads(read_text(file, FileKind.RECORD))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
-    if not isinstance(numbers, dict) or not {"outcome", "scenario", "seed"} <= numbers.keys():
-        raise ValueError(f"{file} is no summary of a run")
-    return numbers
-
-
-def _number(group: object, key: str) -> object:
-    return group.get(key) if isinstance(group, Mapping) else None
+    return Run(read_summary(folder), read_log(folder / "signals.parquet"), folder, None)

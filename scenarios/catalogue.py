@@ -218,6 +218,22 @@ def constructed(key: str, name: str, construct: Callable[[], PartT]) -> PartT:
         raise ValueError(f"{key} = {name}: {type(error).__name__}: {error}{place}") from error
 
 
+def opened_sensor(name: str, context: Any, catalogue: Catalogue, opened: type[Any]) -> Any:
+    """Open a sensor by its name; one without a schedule of its own samples at the rate of the cameras.
+
+    ``opened`` is the class of what is returned: sensor, schedule, and more that its kind of vehicle has.
+
+    Raises:
+        ValueError: one line, if there is no such sensor or the context does not fit.
+        RendererUnavailableError: one line, if it renders and OpenGL does not work here.
+    """
+    part = resolve("sensor", name, catalogue)
+    made = constructed("sensor", name, lambda: part.of(context))
+    result = made if isinstance(made, opened) else opened(sensor=made, schedule=context.schedule)
+    check_made("sensor", name, result.sensor, ("sample",))
+    return result
+
+
 def _constructor(name: str) -> object:
     """Constructor of a user's class, which is imported already."""
     module, _, attribute = name.partition(":")

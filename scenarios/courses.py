@@ -88,11 +88,10 @@ def roundabout(
     """Straight, circle by ``turn`` [rad], straight; the tractor's outer front corner is guided.
 
     Raises:
-        ValueError: if ``direction`` is neither left nor right, a length is not positive, or the circle is too tight
-            for the tractor's front end.
+        ValueError: if the circle is too tight for the tractor's front end.
     """
-    side = _side(direction)
-    _check(front_x, width, radius, entry=entry, exit=exit, turn=turn)
+    side = _SIDE[direction]
+    _check_radius(radius, front_x, width)
     reference = (front_x, -0.5 * side * width)
     pieces = max(1, math.ceil(turn / _LONGEST_ARC - 1e-9))
     circle = (arc(radius * turn / pieces, side / radius),) * pieces
@@ -110,9 +109,9 @@ def figure_of_eight(
     cannot jump from lock to lock. The ramps are part of the full circles.
 
     Raises:
-        ValueError: if a length is not positive, or the circle is too tight for the tractor's front end.
+        ValueError: if the circle is too tight for the tractor's front end.
     """
-    _check(front_x, width, radius, entry=entry, exit=exit)
+    _check_radius(radius, front_x, width)
     guided_radius = math.hypot(math.sqrt(radius**2 - front_x**2) - 0.5 * width, front_x)
     kappa = 1.0 / guided_radius
     circle = math.tau * guided_radius - _RAMP  # each ramp turns by half of an arc of its length
@@ -143,15 +142,14 @@ def turns(*, front_x: float, width: float, sequence: Sequence[Turn], entry: floa
     Curvature ramps up and down as in a figure of eight; the ramps are part of the turns.
 
     Raises:
-        ValueError: for no turns, more than 20 km, a length not positive, an unknown direction, or a turn too tight or
-            short.
+        ValueError: for no turns, more than 20 km, or a turn too tight or short.
     """
     if not sequence:
         raise ValueError("turns is empty: a course needs at least one")
     segments = [line(entry)]
     for turn in sequence:
-        side = _side(turn.direction)
-        _check(front_x, width, turn.radius, entry=entry, straight=turn.straight)
+        side = _SIDE[turn.direction]
+        _check_radius(turn.radius, front_x, width)
         circle = turn.radius * turn.angle - _RAMP  # each ramp turns by half of an arc of its length
         if not circle > 0.0:
             raise ValueError(f"turn of {turn.radius * turn.angle:.2f} m: must be longer than {_RAMP:g} m of its ramps")
@@ -179,10 +177,9 @@ def corner(
     ``wheel_y`` [m] from the centre line, and AASHTO its centre.
 
     Raises:
-        ValueError: if ``direction`` is neither left nor right, a length is not positive, or the arc is too tight.
+        ValueError: if the arc is too tight.
     """
-    side = _side(direction)
-    _check_positive(wheel_x=wheel_x, radius=radius, entry=entry, exit=exit, turn=turn)
+    side = _SIDE[direction]
     _check_radius(radius, wheel_x, wheel_y)
     segments = (line(entry), arc(radius * turn, side / radius), line(exit))
     return _course((wheel_x, -side * wheel_y), segments)
@@ -204,11 +201,9 @@ def lane_change(
     is guided, which is at ``axle_x`` [m].
 
     Raises:
-        ValueError: if ``direction`` is neither left nor right, a number is not positive, or the change is too sharp.
+        ValueError: if the change is too sharp.
     """
-    side = _side(direction)
-    _check_positive(axle_x=axle_x, speed=speed, frequency=frequency, peak_acceleration=peak_acceleration)
-    _check_positive(entry=entry, exit=exit)
+    side = _SIDE[direction]
     length = speed / frequency
     offset = peak_acceleration / (2.0 * math.pi * frequency**2)
     if offset > _GENTLE * length:
@@ -220,18 +215,15 @@ def lane_change(
 
 
 def straight(*, front_x: float, length: float) -> Course:
-    """Straight ahead for ``length`` [m]; the point ``front_x`` [m] of the tractor's axis is guided.
-
-    Raises:
-        ValueError: if a length is not positive.
-    """
-    _check_positive(front_x=front_x, length=length)
+    """Straight ahead for ``length`` [m]; the point ``front_x`` [m] of the tractor's axis is guided."""
     return _course((front_x, 0.0), (line(length),))
 
 
 def _course(
     reference: tuple[float, float], segments: tuple[Segment, ...], *, surface_centre: tuple[float, float] | None = None
 ) -> Course:
+    if not reference[0] > 0.0:
+        raise ValueError(f"the guided point, at x = {reference[0]:g} m of the tractor, must be ahead of its origin")
     path = Path(Pose2(reference[0], reference[1], 0.0), segments)
     return Course(
         path=path,
@@ -270,24 +262,7 @@ def _headings(path: Path, stations: FloatArray, reference: tuple[float, float]) 
     return np.array(headings)
 
 
-def _side(direction: Direction) -> float:
-    if direction not in _SIDE:
-        raise ValueError(f"direction = {direction!r} must be 'left' or 'right'")
-    return _SIDE[direction]
-
-
-def _check(front_x: float, width: float, radius: float, **lengths: float) -> None:
-    _check_positive(front_x=front_x, width=width, radius=radius, **lengths)
-    _check_radius(radius, front_x, width)
-
-
 def _check_radius(radius: float, front_x: float, width: float) -> None:
     tightest = math.hypot(front_x, width)
     if radius <= tightest:
         raise ValueError(f"radius = {radius} m must exceed {tightest:.2f} m: no tractor turns about its own wheel")
-
-
-def _check_positive(**lengths: float) -> None:
-    for name, value in lengths.items():
-        if not value > 0.0:
-            raise ValueError(f"{name} = {value} must be positive")

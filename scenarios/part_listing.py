@@ -2,8 +2,8 @@
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, get_args, get_origin
+from dataclasses import dataclass, replace
+from typing import Final, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -51,10 +51,6 @@ class Part:
     name: str
     meaning: str
     parameters: tuple[Key, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """The part ready for JSON."""
-        return asdict(self)
 
 
 def parts(kind: str | None = None) -> list[Part]:

@@ -10,10 +10,9 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, as_completed, wait
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, wait
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from vehicle.engine.compiler import silence, warn_if_interpreted
@@ -25,25 +24,11 @@ TaskT = TypeVar("TaskT")
 OutputT = TypeVar("OutputT")
 
 MOST_JOBS: Final = 1024
-_BROKEN: Final = "a worker process was killed, perhaps for lack of memory; what is finished is kept"
 _TRIES: Final = 2  # of a task whose process dies
-_LOOK: Final = 0.5  # between two looks at the clock [s]
+_LOOK: Final = 0.5  # between two calls meanwhile [s]
 _PERIOD: Final = 0.5  # of looking for the parent [s]
 _IDLE: Final = 60.0  # after which a spare worker ends [s]
 _PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h
-
-
-def as_finished(
-    work: Callable[[TaskT], OutputT], tasks: Sequence[TaskT], *, jobs: int
-) -> Iterator[tuple[TaskT, OutputT]]:
-    """Each task with its output in order of completion, in ``jobs`` processes; one job runs in this process."""
-    if jobs <= 1:
-        yield from ((task, work(task)) for task in tasks)
-        return
-    with workers(jobs) as pool:
-        futures = {pool.submit(_tidied, work, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
 
 
 class WorkerDiedError(Exception):
@@ -70,49 +55,40 @@ def each_in_a_worker(
         timeout: longest time of a task [s]; None: any.
         meanwhile: called twice a second while tasks are running.
     """
-    waiting, deaths = deque(tasks.items()), Counter[str]()
-    pools: list[ProcessPoolExecutor] = []
-    running: dict[Future[OutputT], tuple[str, Sequence[object], ProcessPoolExecutor, float]] = {}
-    looks = timeout is not None or meanwhile is not None
+    spare, threads = SpareWorkers(together=jobs), ThreadPoolExecutor(jobs)
     try:
-        while waiting or running:
-            while waiting and (pools or len(running) < jobs):
-                key, arguments = waiting.popleft()
-                pool = pools.pop() if pools else _pool(1, together=jobs)
-                try:
-                    future = pool.submit(_tidied, work, *arguments)
-                except BrokenExecutor:  # its process died while it had nothing to do
-                    pool.shutdown(kill_workers=True)
-                    waiting.appendleft((key, arguments))
-                    continue
-                running[future] = (key, arguments, pool, time.monotonic())
-            for future in wait(running, timeout=_LOOK if looks else None, return_when=FIRST_COMPLETED).done:
-                key, arguments, pool, _ = running.pop(future)
+        running = {threads.submit(spare.call, work, *task, timeout=timeout): key for key, task in tasks.items()}
+        while running:
+            for future in wait(running, timeout=_LOOK if meanwhile else None, return_when=FIRST_COMPLETED).done:
                 error = future.exception()
-                if isinstance(error, BrokenExecutor):
-                    pool.shutdown(kill_workers=True)
-                    deaths[key] += 1
-                    if deaths[key] < _TRIES:
-                        waiting.append((key, arguments))
-                        continue
-                    error = WorkerDiedError(f"its process died twice, at last by {_death(error)}")
-                else:
-                    pools.append(pool)
-                yield key, future.result() if error is None else error
-            for future, (key, _, pool, since) in list(running.items()):
-                if timeout is not None and time.monotonic() - since > timeout:
-                    del running[future]
-                    pool.shutdown(kill_workers=True)
-                    yield key, WorkerDiedError(f"took longer than {timeout:g} s")
+                yield running.pop(future), future.result() if error is None else error
             if meanwhile is not None:
                 meanwhile()
-    except BaseException:
-        for _, _, pool, _ in running.values():
-            pool.shutdown(kill_workers=True)
-        raise
     finally:
-        for pool in pools:
-            pool.shutdown()
+        threads.shutdown(wait=False, cancel_futures=True)
+        spare.stop()
+
+
+def as_finished(
+    work: Callable[[TaskT], OutputT], tasks: Sequence[TaskT], *, jobs: int
+) -> Iterator[tuple[TaskT, OutputT]]:
+    """Each task with its output in order of completion, in ``jobs`` processes; one job runs in this process.
+
+    An exception of a task ends them all.
+
+    Raises:
+        ChildProcessError: one line, if a task kills two processes.
+    """
+    if jobs <= 1:
+        yield from ((task, work(task)) for task in tasks)
+        return
+    with closing(each_in_a_worker(work, {str(k): (task,) for k, task in enumerate(tasks)}, jobs=jobs)) as results:
+        for key, result in results:
+            if isinstance(result, WorkerDiedError):
+                raise ChildProcessError(f"a worker process: {result}; what is finished is kept") from result
+            if isinstance(result, BaseException):
+                raise result
+            yield tasks[int(key)], result
 
 
 class SpareWorkers:
@@ -121,7 +97,9 @@ class SpareWorkers:
     They end when nothing has been asked of them for some time, and with this process.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, together: int = 2) -> None:
+        """No process yet; ``together`` work at the same time."""
+        self._together = together
         self._free: list[ProcessPoolExecutor] = []
         self._busy: list[ProcessPoolExecutor] = []
         self._lock, self._ended = threading.Lock(), False
@@ -156,16 +134,18 @@ class SpareWorkers:
     def stop(self) -> None:
         """End all processes, also in the middle of a task."""
         with self._lock:
-            self._ended, pools = True, [*self._free, *self._busy]
+            self._ended, free, busy = True, list(self._free), list(self._busy)
             self._free.clear()
-        for pool in pools:
+        for pool in busy:
             pool.shutdown(kill_workers=True)
+        for pool in free:
+            pool.shutdown()
 
     def _taken(self) -> "ProcessPoolExecutor":
         with self._lock:
             if self._ended:
                 raise WorkerDiedError("its process was stopped")
-            pool = self._free.pop() if self._free else _pool(1, together=2, idle=_IDLE)
+            pool = self._free.pop() if self._free else _pool(self._together)
             self._busy.append(pool)
         return pool
 
@@ -179,14 +159,14 @@ class SpareWorkers:
             pool.shutdown(kill_workers=True)
 
 
-def _pool(count: int, *, together: int, idle: float | None = None) -> "ProcessPoolExecutor":
-    """A pool of processes, which end after an ``idle`` time [s] without a task; ``together`` work at the same time."""
+def _pool(together: int) -> "ProcessPoolExecutor":
+    """A pool of one process, which ends after some time without a task; ``together`` pools work at the same time."""
     from loky import ProcessPoolExecutor
 
     warn_if_interpreted()
     # Several processes use the cores better than the threads of the renderer in each of them.
     environment = {"LP_NUM_THREADS": "1"} if together > 1 else {}
-    return ProcessPoolExecutor(count, timeout=idle, initializer=_begin, initargs=(os.getpid(),), env=environment)
+    return ProcessPoolExecutor(1, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=environment)
 
 
 def _death(error: BaseException | None) -> str:
@@ -197,24 +177,6 @@ def _death(error: BaseException | None) -> str:
     name, code = found[0]
     memory = ", perhaps for lack of memory" if name == "SIGKILL" else ""
     return f"{name}{memory}" if name != "EXIT" else f"exit code {code}"
-
-
-@contextmanager
-def workers(count: int) -> "Iterator[ProcessPoolExecutor]":
-    """Worker processes that ignore interrupts; an error or interrupt here, or the end of this process, ends them.
-
-    Raises:
-        ChildProcessError: one line, if the result of a worker that was killed is asked for.
-    """
-    pool = _pool(max(1, count), together=count)
-    try:
-        yield pool
-    except BaseException as error:
-        pool.shutdown(kill_workers=True)
-        if isinstance(error, BrokenExecutor):
-            raise ChildProcessError(f"{_BROKEN}: {error}".splitlines()[0]) from error
-        raise
-    pool.shutdown()
 
 
 def is_alive(process: int) -> bool:

@@ -231,11 +231,6 @@ class Lqr(SteeringLaw[LqrMemory]):
     def __init__(
         self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer of a ``combination``.
-
-        Raises:
-            ValueError: if the trailer has no steered axle.
-        """
         check_steered("lqr", trailer)
         check_towed("lqr", combination)
         given = parameters or self.Parameters()
@@ -330,11 +325,6 @@ class Combined(SteeringLaw[CombinedMemory]):
     def __init__(
         self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer of a ``combination``.
-
-        Raises:
-            ValueError: if the trailer has no steered axle.
-        """
         given = parameters or self.Parameters()
         self._trailer = trailer
         self._high = Lqr(trailer, combination=combination, parameters=given)

@@ -184,11 +184,6 @@ class PathPreview(PathLaw):
         slip_distance: float = quantity(0.6, "m", 0.1, 100.0, "low-pass of the remaining slip", tune=(0.4, 6.0))
 
     def __init__(self, trailer: TrailerGeometry, *, parameters: Parameters | None = None) -> None:
-        """A controller for the trailer.
-
-        Raises:
-            ValueError: if the trailer has no steered axle.
-        """
         super().__init__("path_preview", trailer)
         given = parameters or self.Parameters()
         pace = min(1.0, self._axles.centre / _LONG) ** 2
@@ -268,11 +263,6 @@ class VirtualDriver(PathLaw):
         derivative: float = quantity(1.0, "-", 0.0, 1.0, "share of the axles' drift that is steered against")
 
     def __init__(self, trailer: TrailerGeometry, *, parameters: Parameters | None = None) -> None:
-        """A controller for the trailer.
-
-        Raises:
-            ValueError: if the trailer has no steered axle.
-        """
         super().__init__("virtual_driver", trailer)
         given = parameters or self.Parameters()
         self._gain, self._integral, self._derivative = given.gain / given.preview, given.integral, given.derivative

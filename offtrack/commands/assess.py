@@ -24,7 +24,6 @@ from offtrack.commands.console import (
     Quiet,
     listing,
     new_directory,
-    one_line_errors,
     progress_bar,
     progress_display,
     remark,
@@ -33,6 +32,7 @@ from offtrack.commands.console import (
 from offtrack.exchange.drawings import formats_of
 from offtrack.reports import page
 from offtrack.reports.page import Cell, Emphasis
+from offtrack.reports.run_files import write_json
 from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
 from offtrack.studies.reproduce.reproduction import (
@@ -77,11 +77,16 @@ def vehicle(
     A vehicle's sheet has axle loads, steering reach and handling; a rover's sheet has wheel loads, tipping angles and
     its traction in every soil.
     """
-    with one_line_errors():
-        if name is None:
-            _list_vehicles(as_json=as_json)
-        else:
-            _show(name, out, quiet=quiet, as_json=as_json)
+    if name is None:
+        _list_vehicles(as_json=as_json)
+        return
+    with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
+        sheet = open_sheet(name)
+        write_sheet(sheet, directory)
+    if as_json:
+        typer.echo(json.dumps(sheet.numbers, indent=2))
+    elif not quiet:
+        _print_sheet(sheet, directory)
 
 
 def _list_vehicles(*, as_json: bool) -> None:
@@ -93,16 +98,6 @@ def _list_vehicles(*, as_json: bool) -> None:
     for kind, summaries in known.items():
         rows += [(Text(kind, style="bold"), ""), *((f"  {name}", summary) for name, summary in summaries.items())]
     PlainConsole().print(listing(rows))
-
-
-def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-    with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
-        sheet = open_sheet(name)
-        write_sheet(sheet, directory)
-    if as_json:
-        typer.echo(json.dumps(sheet.numbers, indent=2))
-    elif not quiet:
-        _print_sheet(sheet, directory)
 
 
 def _print_sheet(sheet: VehicleSheet, directory: Path) -> None:
@@ -119,9 +114,8 @@ def _print_sheet(sheet: VehicleSheet, directory: Path) -> None:
 
 def _print_table(console: PlainConsole, sheet_table: SheetTable) -> None:
     head, *rows = sheet_table.rows
-    table = Table()
-    for title, (_, align) in zip(head, sheet_table.columns, strict=True):
-        table.add_column(title, justify=align)
+    columns = zip(head, sheet_table.columns, strict=True)
+    table = table_of(*((">" if align == "right" else "") + title for title, (_, align) in columns))
     for row in rows:
         table.add_row(*row)
     console.print(table)
@@ -184,7 +178,7 @@ def assess(
     A missed limit is a result, not an error. Manoeuvres under other conditions than the standard's (--speed, --radius,
     --friction) are not compared with limits.
     """
-    with one_line_errors(), ExitStack() as cleanup:
+    with ExitStack() as cleanup:
         chosen = load_vehicle(vehicle)
         directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
@@ -278,32 +272,24 @@ def validate(
     Prints every number with its target, tolerance and source, and writes a page with plots. The exit code is 1 if a
     number is out of tolerance.
     """
-    with one_line_errors(), results_directory(out, "validate") as directory:
+    with results_directory(out, "validate") as directory:
         begin = time.perf_counter()
-        sections = _run_checks(quick, shown=not as_json)
-        _write_validation(sections, directory, _run_information(time.perf_counter() - begin, quick))
+        sections = []
+        with progress_display(shown=not as_json) as progress:
+            report = progress_bar(progress, "validation")
+            for done, (title, work) in enumerate(TASKS.items()):
+                report(done, len(TASKS), title)
+                sections.append(work(quick))
+        facts = _run_information(time.perf_counter() - begin, quick)
+        with appearing_at_once(directory) as folder:
+            (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
+            write_json(folder / "validation.json", _plain(sections))
         if as_json:
             typer.echo(json.dumps(_plain(sections), indent=2))
         else:
             _print_sections(sections, directory)
     if tally(sections)["failed"]:
         raise typer.Exit(CHECK_FAILED)
-
-
-def _run_checks(quick: bool, *, shown: bool) -> list[CheckSection]:
-    sections = []
-    with progress_display(shown=shown) as progress:
-        report = progress_bar(progress, "validation")
-        for done, (title, work) in enumerate(TASKS.items()):
-            report(done, len(TASKS), title)
-            sections.append(work(quick))
-    return sections
-
-
-def _write_validation(sections: Sequence[CheckSection], directory: Path, facts: dict[str, str]) -> None:
-    with appearing_at_once(directory) as folder:
-        (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
-        (folder / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
 
 
 def _run_information(seconds: float, quick: bool) -> dict[str, str]:
@@ -375,46 +361,37 @@ def reproduce(
     Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives. With all and --out,
     the same command makes those that are missing.
     """
-    with one_line_errors():
-        names = names_of(name)
-        directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
-        settings = {"quick": quick}
-        several, shown = len(names) > 1, not (quiet or as_json)
-        earlier = {
-            one: earlier_reproduction(one, directory, settings) if several else None
-            for one, directory in zip(names, directories, strict=True)
-        }
-        for one, directory in zip(names, directories, strict=True):
-            if not earlier[one]:
-                check_run_directory(directory)
-        results: list[dict[str, Any]] = []
-        for one, directory in zip(names, directories, strict=True):
-            kept = earlier[one]
-            if kept:
-                remark(f"{one}: finished earlier, in {directory}")
-                results.append(kept)
-                continue
-            reproduction = _reproduce(one, quick, shown=shown)
-            write_reproduction(reproduction, directory, settings)
-            results.append(reproduction.as_plain())
-            if shown:
-                _print_reproduction(reproduction, directory)
-            if reproduction.interrupted:
-                break
-        if as_json:
-            typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
+    names = names_of(name)
+    several, shown = len(names) > 1, not (quiet or as_json)
+    directories = [(out / one if out and several else out) or next_run_directory(one) for one in names]
+    settings = {"quick": quick}
+    earlier = {
+        one: earlier_reproduction(one, directory, settings) if several else None
+        for one, directory in zip(names, directories, strict=True)
+    }
+    for one, directory in zip(names, directories, strict=True):
+        if not earlier[one]:
+            check_run_directory(directory)
+    results: list[dict[str, Any]] = []
+    for one, directory in zip(names, directories, strict=True):
+        kept = earlier[one]
+        if kept:
+            remark(f"{one}: finished earlier, in {directory}")
+            results.append(kept)
+            continue
+        with progress_display(shown=shown) as display:
+            reproduction = maker(one)(quick, progress_bar(display, one))
+        write_reproduction(reproduction, directory, settings)
+        results.append(reproduction.as_plain())
+        if shown:
+            _print_reproduction(reproduction, directory)
+        if reproduction.interrupted:
+            break
+    if as_json:
+        typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
     if results[-1]["interrupted"]:
         remark(f"interrupted; what is finished is in {directory}")
         raise typer.Exit(INTERRUPTED)
-
-
-def _directory(out: Path | None, name: str, several: bool) -> Path | None:
-    return out / name if out and several else out
-
-
-def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
-    with progress_display(shown=shown) as display:
-        return maker(name)(quick, progress_bar(display, name))
 
 
 def _print_reproduction(result: Reproduction, directory: Path) -> None:

@@ -13,7 +13,6 @@ from offtrack.commands.console import (
     PlainConsole,
     SettingsOfAll,
     listing,
-    one_line_errors,
     table_of,
 )
 from offtrack.commands.study import StudyOptions, takes_study_options
@@ -70,15 +69,14 @@ def campaign(
     runs, and the smallest fault that fails. Finished runs are saved at once: repeat the command to continue. The exit
     code is 1 if a probability may be larger than [accept] allows.
     """
-    with one_line_errors():
-        if listed or target is None:
-            _list(as_json=options.as_json)
-            raise typer.Exit(0 if listed else BAD_INPUT)
-        chosen = _campaign(target, settings or [], seeds, controllers)
-        title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
-        directory = options.directory(title)
-        with options.opened(title) as run_options:
-            found = run_campaign(title, chosen, directory, run_options)
+    if listed or target is None:
+        _list(as_json=options.as_json)
+        raise typer.Exit(0 if listed else BAD_INPUT)
+    chosen = _campaign(target, settings or [], seeds, controllers)
+    title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
+    directory = options.directory(title)
+    with options.opened(title) as run_options:
+        found = run_campaign(title, chosen, directory, run_options)
     broken = unaccepted(chosen, found.cells)
     if options.as_json:
         typer.echo(json.dumps(results_json(chosen, found), indent=2, allow_nan=False))

@@ -48,7 +48,7 @@ ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offt
 
 
 @contextmanager
-def one_line_errors() -> Iterator[None]:
+def _one_line_errors() -> Iterator[None]:
     """End expected errors, and those of the user's own code, in one line on standard error and exit code 2.
 
     An interrupt ends in exit code 130.
@@ -57,23 +57,22 @@ def one_line_errors() -> Iterator[None]:
 
     try:
         yield
-    except (ValueError, OSError, RendererUnavailableError) as error:
-        if debugging():
-            typer.echo(traceback.format_exc(), err=True)
-        remark(_line(error))
-        raise typer.Exit(BAD_INPUT) from error
-    except typer.Exit:
+    except (BrokenPipeError, typer.Exit):  # whoever read the output has gone: no error of the command
         raise
-    except Exception as error:
-        if not (place := raised_at(error)):
-            raise
-        if debugging():
-            typer.echo(traceback.format_exc(), err=True)
-        remark(f"{type(error).__name__}: {error}{place}")
-        raise typer.Exit(BAD_INPUT) from error
     except KeyboardInterrupt as interrupt:
         remark("interrupted; what is finished is kept")
         raise typer.Exit(INTERRUPTED) from interrupt
+    except Exception as error:
+        if isinstance(error, ValueError | OSError | RendererUnavailableError):
+            line = _line(error)
+        elif place := raised_at(error):
+            line = f"{type(error).__name__}: {error}{place}"
+        else:
+            raise
+        if debugging():
+            typer.echo(traceback.format_exc(), err=True)
+        remark(line)
+        raise typer.Exit(BAD_INPUT) from error
 
 
 def debugging() -> bool:
@@ -93,7 +92,12 @@ def remark(line: str) -> None:
 
 
 class OneLineGroup(TyperGroup):
-    """Commands whose usage errors are one line, as all others; every one of them takes ``--debug``."""
+    """Commands whose errors are one line; every one of them takes ``--debug``."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; an expected error ends it in one line."""
+        with _one_line_errors():
+            return super().invoke(ctx)
 
     def main(self, args: Any = None, *more: Any, standalone_mode: bool = True, **options: Any) -> Any:
         """Run the command that the arguments name, and exit with its code unless it is not the whole program."""

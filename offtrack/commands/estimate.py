@@ -22,7 +22,6 @@ from offtrack.commands.console import (
     Quiet,
     lines,
     new_directory,
-    one_line_errors,
     progress_bar,
     progress_display,
     remark,
@@ -169,7 +168,6 @@ def off_tracking(
     options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
     with (
-        one_line_errors(),
         results_directory(out, os.path.basename(os.path.realpath(directory))) as results,
         ExitStack() as cleanup,
     ):
@@ -242,7 +240,7 @@ def slip(
     Writes slip.csv and .parquet, report.html, a video and summary.json. Missing and corrupt images are dropped and
     reported.
     """
-    with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
+    with results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
         part = resolve("--estimator", estimator, SLIP_ESTIMATOR, in_scenario=False)
@@ -333,42 +331,41 @@ def calibrate(
 
     Use the file of a stereo pair as `offtrack estimate off-tracking --calibration FILE`.
     """
-    with one_line_errors():
-        check_number("--square", square, 1e-4, 10.0, "m")
-        checkerboard, X_SC = board_of(board, square), _mount(facing, position)
-        left_paths, right_paths = photographs(images, right or [])
-        target = out or Path("rig.toml" if right_paths else "camera.toml")
-        check_new_file(target)
-        shown = not (quiet or as_json)
-        cameras, sides = {}, []
-        with progress_display(shown=shown and sys.stderr.isatty()) as display:
-            for name, paths in _named(left_paths, right_paths).items():
-                sides.append(views_of(paths, checkerboard, progress_bar(display, f"{name} images")))
-                try:
-                    cameras[name] = calibrated(sides[-1], checkerboard)
-                except ValueError as error:
-                    raise ValueError(f"{name} images: {error}" if right_paths else str(error)) from error
-        pair = None
-        if right_paths:
-            pair = calibrated_pair(sides[0], sides[1], (cameras["left"], cameras["right"]), checkerboard)
-        if pair:
-            text = RawStereoRig(left=pair.left, right=pair.right, X_ClCr=pair.X_ClCr, X_SC=X_SC).to_toml()
-        else:
-            text = camera_text(cameras["camera"])
-        picture = target.with_name(f"{target.stem}_coverage.png")
-        coverage_picture(cameras, picture)
-        replaced(target, text)
-        if as_json:
-            typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
-        elif not quiet:
-            _print_tables(cameras, pair, sides)
-            console = PlainConsole()
-            console.print(f"Written: {target}, {picture}", soft_wrap=True)
-            if pair and position is None:
-                console.print(
-                    "The cameras' pose on the trailer (X_SC in the file) is assumed: set --facing and --position.",
-                    soft_wrap=True,
-                )
+    check_number("--square", square, 1e-4, 10.0, "m")
+    checkerboard, X_SC = board_of(board, square), _mount(facing, position)
+    left_paths, right_paths = photographs(images, right or [])
+    target = out or Path("rig.toml" if right_paths else "camera.toml")
+    check_new_file(target)
+    shown = not (quiet or as_json)
+    cameras, sides = {}, []
+    with progress_display(shown=shown and sys.stderr.isatty()) as display:
+        for name, paths in _named(left_paths, right_paths).items():
+            sides.append(views_of(paths, checkerboard, progress_bar(display, f"{name} images")))
+            try:
+                cameras[name] = calibrated(sides[-1], checkerboard)
+            except ValueError as error:
+                raise ValueError(f"{name} images: {error}" if right_paths else str(error)) from error
+    pair = None
+    if right_paths:
+        pair = calibrated_pair(sides[0], sides[1], (cameras["left"], cameras["right"]), checkerboard)
+    if pair:
+        text = RawStereoRig(left=pair.left, right=pair.right, X_ClCr=pair.X_ClCr, X_SC=X_SC).to_toml()
+    else:
+        text = camera_text(cameras["camera"])
+    picture = target.with_name(f"{target.stem}_coverage.png")
+    coverage_picture(cameras, picture)
+    replaced(target, text)
+    if as_json:
+        typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
+    elif not quiet:
+        _print_tables(cameras, pair, sides)
+        console = PlainConsole()
+        console.print(f"Written: {target}, {picture}", soft_wrap=True)
+        if pair and position is None:
+            console.print(
+                "The cameras' pose on the trailer (X_SC in the file) is assumed: set --facing and --position.",
+                soft_wrap=True,
+            )
 
 
 def _named(left: list[Path], right: list[Path]) -> dict[str, list[Path]]:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import OneLineGroup, Quiet, lines, one_line_errors, progress_bar, progress_display
+from offtrack.commands.console import OneLineGroup, Quiet, lines, progress_bar, progress_display
 from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
@@ -61,21 +61,20 @@ def export(
     MCAP and ROS 2 bags also hold the moving bodies, their paths and, with --images, the recorded images; offtrack
     estimate reads such a bag. pandas reads RUN/signals.parquet as it is.
     """
-    with one_line_errors():
-        if not (run / _SIGNALS).is_file():
-            raise ValueError(f"{run}: is no directory of a finished run: it has no {_SIGNALS}")
-        chosen: type[ExportFormat] = resolve("--to", to, EXPORT)
-        if images is not None and not chosen.takes_images:
-            with_images = [name for name in EXPORT if resolve("--to", name, EXPORT).takes_images]
-            raise ValueError(f"--images {images}: {to} takes no images: choose --to {' or '.join(with_images)}")
-        log = read_log(run / _SIGNALS)
-        with progress_display(shown=chosen.takes_images and not quiet) as display:
-            bar = progress_bar(display, "export")
-            exported = ExportedRun(log=log, scenario=run / _SCENARIO, images=images, progress=bar)
-            files = chosen.write(exported, out or run / chosen.file)
-        if not quiet:
-            for path in files:
-                typer.echo(f"Signals: {path}")
+    if not (run / _SIGNALS).is_file():
+        raise ValueError(f"{run}: is no directory of a finished run: it has no {_SIGNALS}")
+    chosen: type[ExportFormat] = resolve("--to", to, EXPORT)
+    if images is not None and not chosen.takes_images:
+        with_images = [name for name in EXPORT if resolve("--to", name, EXPORT).takes_images]
+        raise ValueError(f"--images {images}: {to} takes no images: choose --to {' or '.join(with_images)}")
+    log = read_log(run / _SIGNALS)
+    with progress_display(shown=chosen.takes_images and not quiet) as display:
+        bar = progress_bar(display, "export")
+        exported = ExportedRun(log=log, scenario=run / _SCENARIO, images=images, progress=bar)
+        files = chosen.write(exported, out or run / chosen.file)
+    if not quiet:
+        for path in files:
+            typer.echo(f"Signals: {path}")
 
 
 DRAW_EXAMPLES = (
@@ -102,19 +101,18 @@ def draw(
 
     Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
     """
-    with one_line_errors():
-        check_number("--every", every, *_EVERY, "m")
+    check_number("--every", every, *_EVERY, "m")
 
-        kinds = formats_of(to)
-        base = out or run / "drawing"
-        files = {kind: base if out and len(kinds) == 1 else base.with_name(f"{base.name}.{kind}") for kind in kinds}
-        drawn = drawing(driven_run(run), every=every)
-        for path in files.values():
-            check_new_file(path)
-        for kind, path in files.items():
-            write_drawing(drawn, path, kind)
-            if not quiet:
-                typer.echo(f"Drawing: {path}")
+    kinds = formats_of(to)
+    base = out or run / "drawing"
+    files = {kind: base if out and len(kinds) == 1 else base.with_name(f"{base.name}.{kind}") for kind in kinds}
+    drawn = drawing(driven_run(run), every=every)
+    for path in files.values():
+        check_new_file(path)
+    for kind, path in files.items():
+        write_drawing(drawn, path, kind)
+        if not quiet:
+            typer.echo(f"Drawing: {path}")
 
 
 VIEW_EXAMPLES = (
@@ -135,18 +133,17 @@ def view(
 
     The page moves all runs to the same time, or to the same distance driven. It needs no network and no other file.
     """
-    with one_line_errors():
-        names = names_of_runs(runs)
-        page = out or Path("runs") / (f"view-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME] + ".html")
-        if page.is_dir() or not (page.parent.is_dir() or out is None):
-            raise ValueError(f"--out {page}: must be a file in an existing folder")
-        finished = [finished_run(run, name) for run, name in zip(runs, names, strict=True)]
-        links = [page_link(run, page.parent) for run in runs]
-        text = view_page(finished, links)
-        page.parent.mkdir(parents=True, exist_ok=True)
-        replaced(page, text)
-        if not quiet:
-            typer.echo(f"Page: {page}")
+    names = names_of_runs(runs)
+    page = out or Path("runs") / (f"view-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME] + ".html")
+    if page.is_dir() or not (page.parent.is_dir() or out is None):
+        raise ValueError(f"--out {page}: must be a file in an existing folder")
+    finished = [finished_run(run, name) for run, name in zip(runs, names, strict=True)]
+    links = [page_link(run, page.parent) for run in runs]
+    text = view_page(finished, links)
+    page.parent.mkdir(parents=True, exist_ok=True)
+    replaced(page, text)
+    if not quiet:
+        typer.echo(f"Page: {page}")
 
 
 LAW_EXAMPLES = (
@@ -235,18 +232,17 @@ def plant(
     parameters; documentation/index.html in the FMU lists all variables, and what is fixed. Importing tools give it
     steer angle, acceleration and the ground; it gives everything that offtrack knows of its own vehicle.
     """
-    with one_line_errors():
-        check_version(fmi)
-        platforms = checked_platforms(platform or [], fmi)
-        model = plant_model(vehicle, soil, wind=wind)
-        path = new_file(out, model.name, ".fmu")
-        write_fmu(path, model, fmi, platforms)
-        if not quiet:
-            count = Counter(variable.causality for variable in model.interface.variables())
-            typer.echo(
-                f"FMU: {path} (FMI {fmi}, {', '.join(platforms)}): {count['parameter']} parameters, "
-                f"{count['input']} inputs, {count['output']} outputs"
-            )
+    check_version(fmi)
+    platforms = checked_platforms(platform or [], fmi)
+    model = plant_model(vehicle, soil, wind=wind)
+    path = new_file(out, model.name, ".fmu")
+    write_fmu(path, model, fmi, platforms)
+    if not quiet:
+        count = Counter(variable.causality for variable in model.interface.variables())
+        typer.echo(
+            f"FMU: {path} (FMI {fmi}, {', '.join(platforms)}): {count['parameter']} parameters, "
+            f"{count['input']} inputs, {count['output']} outputs"
+        )
 
 
 @app.command(epilog=lines(LAW_EXAMPLES))
@@ -271,13 +267,12 @@ def law(
     The FMU starts a Python process of an environment with offtrack, and ends it. The parameter python or the
     environment variable OFFTRACK_PYTHON names the interpreter; otherwise it is python3 by the search path.
     """
-    with one_line_errors():
-        check_version(fmi)
-        for setting in settings or []:
-            if setting.partition(".")[0].partition("=")[0] not in _KEYS:
-                raise ValueError(f"--set {setting}: a law has only the keys {', '.join(_KEYS)}")
-        chosen = [f"vehicle={vehicle}", f"trailer_steering={name}", *(settings or [])]
-        write_proxy(law_of_scenario(load_scenario("roundabout", chosen)), fmi, out, platform, quiet=quiet)
+    check_version(fmi)
+    for setting in settings or []:
+        if setting.partition(".")[0].partition("=")[0] not in _KEYS:
+            raise ValueError(f"--set {setting}: a law has only the keys {', '.join(_KEYS)}")
+    chosen = [f"vehicle={vehicle}", f"trailer_steering={name}", *(settings or [])]
+    write_proxy(law_of_scenario(load_scenario("roundabout", chosen)), fmi, out, platform, quiet=quiet)
 
 
 @app.command(epilog=lines(SENSOR_EXAMPLES))
@@ -296,9 +291,8 @@ def sensor(
     standard deviation, health and path, and the combination's own sensors. The parameter frames is a folder for the
     images.
     """
-    with one_line_errors():
-        check_version(fmi)
-        write_proxy(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
+    check_version(fmi)
+    write_proxy(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
 @app.command(epilog=lines(DRIVER_EXAMPLES))
@@ -311,9 +305,8 @@ def driver(
     quiet: Quiet = False,
 ) -> None:
     """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
-    with one_line_errors():
-        check_version(fmi)
-        write_proxy(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
+    check_version(fmi)
+    write_proxy(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
 
 
 @app.command(epilog=lines(GROUND_EXAMPLES))
@@ -330,9 +323,8 @@ def ground(
 
     Its outputs are the inputs of offtrack fmu plant, by the same names.
     """
-    with one_line_errors():
-        check_version(fmi)
-        write_proxy(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
+    check_version(fmi)
+    write_proxy(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
 @app.command(epilog=lines(SYSTEM_EXAMPLES))
@@ -351,17 +343,16 @@ def system(
 
     Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
     """
-    with one_line_errors():
-        platforms = checked_platforms(platform or [], 2, by_python=True)
-        loop = fmu_system(of_trailer(scenario, settings), seed, step)
-        path = new_file(out, loop.name, ".ssp")
-        with replacing(path) as unfinished:
-            unfinished.write_bytes(loop.content(platforms))
-        if not quiet:
-            typer.echo(
-                f"System: {path} ({', '.join(loop.components)}; {len(loop.connections)} connections): steps of "
-                f"{step:g} s, ends after {loop.stop:.1f} s"
-            )
+    platforms = checked_platforms(platform or [], 2, by_python=True)
+    loop = fmu_system(of_trailer(scenario, settings), seed, step)
+    path = new_file(out, loop.name, ".ssp")
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(loop.content(platforms))
+    if not quiet:
+        typer.echo(
+            f"System: {path} ({', '.join(loop.components)}; {len(loop.connections)} connections): steps of "
+            f"{step:g} s, ends after {loop.stop:.1f} s"
+        )
 
 
 def of_trailer(name: str, settings: list[str] | None) -> Scenario:
@@ -442,14 +433,11 @@ def map_variables(
 
     Read it, correct it, and run. Everything that was not connected stands in it as a comment.
     """
-    with one_line_errors():
-        path = out or map_file(fmu)
-        if path.exists():
-            raise ValueError(
-                f"{path}: exists, and may have been corrected: remove it, or choose another name with --out"
-            )
-        check_new_file(path)
-        text = first_map(open_fmu(fmu), signals_of(part, load_vehicle(vehicle)))
-        replaced(path, text)
-        if not quiet:
-            typer.echo(f"Map: {path}")
+    path = out or map_file(fmu)
+    if path.exists():
+        raise ValueError(f"{path}: exists, and may have been corrected: remove it, or choose another name with --out")
+    check_new_file(path)
+    text = first_map(open_fmu(fmu), signals_of(part, load_vehicle(vehicle)))
+    replaced(path, text)
+    if not quiet:
+        typer.echo(f"Map: {path}")

@@ -19,7 +19,6 @@ from offtrack.commands.console import (
     ScenarioName,
     debugging,
     listing,
-    one_line_errors,
     progress_bar,
     progress_display,
     remark,
@@ -112,7 +111,7 @@ def run(
     If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
     --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
     """
-    with one_line_errors(), ExitStack() as cleanup:
+    with ExitStack() as cleanup:
         check_number("--speed", speed, 0.01, 100.0)
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
@@ -184,17 +183,16 @@ def scenarios(
     ] = None,
 ) -> None:
     """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
-    with one_line_errors():
-        if name is None:
-            rows = ((known, load_any_scenario(known).description) for known in scenario_names())
-            PlainConsole().print(listing(rows))
-            return
-        scenario = load_any_scenario(name)
-        console = PlainConsole()
-        console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True)
-        console.print(Syntax(scenario.to_toml(), "toml", background_color="default", word_wrap=True))
-        console.print(f"Run it:     offtrack run {name}", soft_wrap=True)
-        console.print(f"Change it:  offtrack keys {name}", soft_wrap=True)
+    if name is None:
+        rows = ((known, load_any_scenario(known).description) for known in scenario_names())
+        PlainConsole().print(listing(rows))
+        return
+    scenario = load_any_scenario(name)
+    console = PlainConsole()
+    console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True)
+    console.print(Syntax(scenario.to_toml(), "toml", background_color="default", word_wrap=True))
+    console.print(f"Run it:     offtrack run {name}", soft_wrap=True)
+    console.print(f"Change it:  offtrack keys {name}", soft_wrap=True)
 
 
 def parts(
@@ -208,19 +206,18 @@ def parts(
 
     Choose a part with --set KEY=NAME, or your own with --set KEY=package.module:Name.
     """
-    with one_line_errors():
-        matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
-        if as_json:
-            typer.echo(json.dumps([part.to_json() for part in matches], indent=2, ensure_ascii=False))
-            return
-        console, kinds = PlainConsole(), dict.fromkeys(part.kind for part in matches)
-        for heading in kinds:
-            table = _table("part", "value", "range", "meaning", title=heading)
-            for part in (part for part in matches if part.kind == heading):
-                table.add_row(part.name, "", "", part.meaning)
-                for key in part.parameters:
-                    table.add_row(f"  {key.name}", _value(key), key.range, key.meaning)
-            console.print(table)
+    matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
+    if as_json:
+        typer.echo(json.dumps([asdict(part) for part in matches], indent=2, ensure_ascii=False))
+        return
+    console, kinds = PlainConsole(), dict.fromkeys(part.kind for part in matches)
+    for heading in kinds:
+        table = _table("part", "value", "range", "meaning", title=heading)
+        for part in (part for part in matches if part.kind == heading):
+            table.add_row(part.name, "", "", part.meaning)
+            for key in part.parameters:
+                table.add_row(f"  {key.name}", _value(key), key.range, key.meaning)
+        console.print(table)
 
 
 def keys(
@@ -235,15 +232,14 @@ def keys(
 
     Change a key with --set KEY=VALUE. A key that ends with [] belongs to a list of tables.
     """
-    with one_line_errors():
-        matches = [key for key in part_listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
-        if as_json:
-            typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
-            return
-        table = _table("key", "default" if scenario is None else "value", "range", "meaning")
-        for key in matches:
-            table.add_row(key.name, _value(key), key.range, key.meaning)
-        PlainConsole().print(table)
+    matches = [key for key in part_listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
+    if as_json:
+        typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
+        return
+    table = _table("key", "default" if scenario is None else "value", "range", "meaning")
+    for key in matches:
+        table.add_row(key.name, _value(key), key.range, key.meaning)
+    PlainConsole().print(table)
 
 
 def _table(*columns: str, title: str | None = None) -> Table:

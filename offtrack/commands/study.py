@@ -20,7 +20,6 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     SettingsOfAll,
-    one_line_errors,
     progress_bar,
     progress_display,
     remark,
@@ -134,7 +133,7 @@ class StudyOptions:
             open_client = partial(queued, self.job_queue, jobs)
         waits, timeout = self.job_queue is not None, self.timeout
         with DaskExecutor(open_client, waits=waits, timeout=timeout, patience=self.patience, remark=remark) as executor:
-            yield executor
+            yield executor.results
 
 
 def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -151,8 +150,7 @@ def takes_study_options(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def expanded(**values: Any) -> None:
         options = StudyOptions(**{field.name: values.pop(field.name) for field in fields})
-        with one_line_errors():
-            options.check()
+        options.check()
         command(**values, options=options)
 
     del expanded.__wrapped__  # its signature is not this one's
@@ -304,18 +302,17 @@ def compare(
         _compare_runs([Path(target) for target in targets], options)
         return
     (scenario,) = targets
-    with one_line_errors():
-        subject = subject_of(scenario)
-        chosen = subject.controllers if controllers is None else listed(controllers, "--controllers")
-        sources = listed(estimators, "--off-tracking")
-        for law in chosen if subject is TRAILER else ():
-            resolve("--controllers", parameters_beside(law)[0], subject.parts)
-        for source in sources:
-            resolve("--off-tracking", source, subject.estimators)
-        axes = {subject.compared: chosen, subject.estimator: sources}
-        axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
-        study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
-    _run_study(f"compare-{_short(scenario)}", study, options)
+    subject = subject_of(scenario)
+    chosen = subject.controllers if controllers is None else listed(controllers, "--controllers")
+    sources = listed(estimators, "--off-tracking")
+    for law in chosen if subject is TRAILER else ():
+        resolve("--controllers", parameters_beside(law)[0], subject.parts)
+    for source in sources:
+        resolve("--off-tracking", source, subject.estimators)
+    axes = {subject.compared: chosen, subject.estimator: sources}
+    axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
+    study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
+    _run_study(f"compare-{Path(scenario).stem if scenario.endswith('.toml') else scenario}", study, options)
 
 
 @takes_study_options
@@ -337,31 +334,25 @@ def sweep(
     --dask-jobqueue make the runs on the machines of a Dask cluster or of a job queue.
     """
     title = f"sweep-{study_file.stem}"
-    with one_line_errors():
-        study = load_study(study_file)
+    study = load_study(study_file)
     _run_study(title, study, options)
 
 
 def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
-    with one_line_errors():
-        if len(runs) < 2:
-            raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")
-        directory = options.directory(f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME])
-        rows = compare_runs(runs, directory)
+    if len(runs) < 2:
+        raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")
+    directory = options.directory(f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME])
+    rows = compare_runs(runs, directory)
     if options.as_json:
         typer.echo(json.dumps([plain(row) for row in rows], indent=2))
     elif not options.quiet:
         print_rows(rows, directory)
 
 
-def _short(scenario: str) -> str:
-    return Path(scenario).stem if scenario.endswith(".toml") else scenario
-
-
 def _run_study(title: str, study: Study, options: StudyOptions) -> None:
     """Run the study, write its directory and print its table."""
     directory = options.directory(title)
-    with one_line_errors(), options.opened(title) as run_options:
+    with options.opened(title) as run_options:
         outcomes, rows = run_study(title, study, directory, run_options)
     design = study.draws.sensitivity
     if options.as_json:

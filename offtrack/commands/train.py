@@ -4,7 +4,6 @@ import json
 import os
 import shlex
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +16,6 @@ from offtrack.commands.console import (
     Quiet,
     ScenarioName,
     SettingsOfAll,
-    one_line_errors,
     progress_bar,
     progress_display,
     remark,
@@ -46,10 +44,10 @@ from offtrack.studies.tuning import (
     description,
     objective_means,
     tuning_of,
+    tuning_page,
     with_parameters,
     write_result,
 )
-from offtrack.studies.tuning_page import tuning_page
 from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
@@ -98,35 +96,34 @@ def train(
     trailer_steering=policy), learning_curve.parquet and .png, checkpoint.zip, and summary.json with the comparison on
     courses, frictions and speeds outside the training. Needs the extra rl.
     """
-    with one_line_errors():
-        check_number("--steps", steps, 1000, 1e12)
-        check_number("--minutes", minutes, 0.05, 1e6, "min")
-        check_number("--envs", envs, 1, 100_000)
-        check_number("--seed", seed, 0, 2**31)
-        check_number("--episodes", episodes, 1, 10_000)
-        check_number("--threads", threads, 1, MOST_JOBS)
-        check_extra("rl", "training needs", "stable_baselines3", "torch")
-        if observation not in ("surrogate", "truth"):
-            raise ValueError(f"--observation {observation}: must be surrogate or truth")
-        import torch
+    check_number("--steps", steps, 1000, 1e12)
+    check_number("--minutes", minutes, 0.05, 1e6, "min")
+    check_number("--envs", envs, 1, 100_000)
+    check_number("--seed", seed, 0, 2**31)
+    check_number("--episodes", episodes, 1, 10_000)
+    check_number("--threads", threads, 1, MOST_JOBS)
+    check_extra("rl", "training needs", "stable_baselines3", "torch")
+    if observation not in ("surrogate", "truth"):
+        raise ValueError(f"--observation {observation}: must be surrogate or truth")
+    import torch
 
-        from offtrack.environments.training.learner import Budget, learn
+    from offtrack.environments.training.learner import Budget, learn
 
-        torch.set_num_threads(threads or os.cpu_count() or 1)
-        plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
-        directory = out or Path("runs") / f"train-{observation}-{seed}"
-        network = directory / NETWORK
-        check_directory(plan, directory)
-        registry.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
-        with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
-            budget = Budget(steps, None if minutes is None else 60.0 * minutes)
-            learned = learn(plan, budget, directory, progress_bar(display, "train"))
-            with postponed_interrupts():
-                keep_network(learned.network, network)
-            scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
-            command = shlex.join(["offtrack", *sys.argv[1:]])
-            result = summary(plan, learned.curve, scores, described(), command)
-            keep_summary(result, learned.curve, scores, directory)
+    torch.set_num_threads(threads or os.cpu_count() or 1)
+    plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
+    directory = out or Path("runs") / f"train-{observation}-{seed}"
+    network = directory / NETWORK
+    check_directory(plan, directory)
+    registry.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
+    with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
+        budget = Budget(steps, None if minutes is None else 60.0 * minutes)
+        learned, curve = learn(plan, budget, directory, progress_bar(display, "train"))
+        with postponed_interrupts():
+            keep_network(learned, network)
+        scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
+        command = shlex.join(["offtrack", *sys.argv[1:]])
+        result = summary(plan, curve, scores, described(), command)
+        keep_summary(result, curve, scores, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     elif not quiet:
@@ -154,16 +151,15 @@ def convert_policy(
     observations or actions. Its mean action becomes the steering law. Pickled objects in the file are not loaded. Needs
     the extra rl.
     """
-    with one_line_errors():
-        check_extra("rl", "training needs", "stable_baselines3", "torch")
-        from offtrack.environments.training.learner import saved_network
+    check_extra("rl", "training needs", "stable_baselines3", "torch")
+    from offtrack.environments.training.learner import saved_network
 
-        written = out or model.with_suffix(".npz")
-        check_new_file(written)
-        network = saved_network(model, load_vehicle(vehicle))
-        keep_network(network, written)
-        layers = " x ".join(str(len(biases)) for biases in network.biases)
-        typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
+    written = out or model.with_suffix(".npz")
+    check_new_file(written)
+    network = saved_network(model, load_vehicle(vehicle))
+    keep_network(network, written)
+    layers = " x ".join(str(len(biases)) for biases in network.biases)
+    typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
 
 
 def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
@@ -193,20 +189,19 @@ def fit_surrogate(
 
     Environments with observation=surrogate use it to train without cameras.
     """
-    with one_line_errors():
-        if out is not None:
-            check_new_file(out)
-        errors = [run_errors(run) for run in runs]
-        parameters = fitted(errors)
-        frames = sum(len(run.error) for run in errors)
-        if out is not None:
-            replaced(out, surrogate_toml(parameters, len(runs), frames))
-        if as_json:
-            typer.echo(json.dumps(asdict(parameters), indent=2))
-        else:
-            typer.echo(f"{len(runs)} runs, {frames} frames")
-            for name, value in asdict(parameters).items():
-                typer.echo(f"  {name:16s} {value:.4g}")
+    if out is not None:
+        check_new_file(out)
+    errors = [run_errors(run) for run in runs]
+    parameters = fitted(errors)
+    frames = sum(len(run.error) for run in errors)
+    if out is not None:
+        replaced(out, surrogate_toml(parameters, len(runs), frames))
+    if as_json:
+        typer.echo(json.dumps(parameters.model_dump(), indent=2))
+    else:
+        typer.echo(f"{len(runs)} runs, {frames} frames")
+        for name, value in parameters.model_dump().items():
+            typer.echo(f"  {name:16s} {value:.4g}")
 
 
 TUNE_EXAMPLES = (
@@ -280,61 +275,57 @@ def tune(
     scenario to run), journal.log (without --storage), trials.csv, and report.html with the trade-off between the
     objectives.
     """
-    with one_line_errors():
-        check_number("--trials", trials, 1, 100_000)
-        check_number("--jobs", jobs, 1, MOST_JOBS)
-        check_number("--seed", seed, 0, 2**31)
-        check_extra("tune", "tuning needs", "optuna")
-        from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
+    check_number("--trials", trials, 1, 100_000)
+    check_number("--jobs", jobs, 1, MOST_JOBS)
+    check_number("--seed", seed, 0, 2**31)
+    check_extra("tune", "tuning needs", "optuna")
+    from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
 
-        subject = subject_of(scenario)
-        controller = controller or subject.part
-        sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
-        names = objectives or ",".join(subject.objectives)
-        tuning = tuning_of(scenario, controller, names, ranges or [], settings or [], sets)
-        directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
-        if not (directory / JOURNAL).is_file():
-            check_study_directory(directory, _FILE)
-        if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != description(tuning):
-            raise ValueError(
-                f"{directory / _FILE} belongs to another tuning task: choose another --out, or the same options"
-            )
-        if storage is not None:
-            database(storage)  # refuses one that does not answer
-            tuning = in_database(tuning, storage)
-        unusable = former(tuning, directory)
-        with opened_study(directory, _FILE, description(tuning)):
-            if unusable:
-                remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
-            workers = jobs or default_jobs()
-            with progress_display(shown=not (quiet or as_json)) as bar:
-                progress = progress_bar(bar, f"tune {controller}")
-                results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
-                progress(trials, trials)
-                best, compared = chosen(results), {}
-                candidates = {"defaults": {}, "tuned": best.parameters}
-                comparing = progress_bar(bar, "compare")
-                for done, (name, parameters) in enumerate(candidates.items()):
-                    comparing(done, len(candidates))
-                    cases = with_parameters(tuning.judged_on, parameters).cases()
-                    outcomes = run_cases(cases, directory / CELLS, RunOptions(jobs=workers, remark=remark))
-                    compared[name] = objective_means(tuning.objectives, outcomes)
-                comparing(len(candidates), len(candidates))
-            write_result(tuning, finished(tuning, directory), best, directory)
-            replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
+    subject = subject_of(scenario)
+    controller = controller or subject.part
+    sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
+    names = objectives or ",".join(subject.objectives)
+    tuning = tuning_of(scenario, controller, names, ranges or [], settings or [], sets)
+    directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+    if not (directory / JOURNAL).is_file():
+        check_study_directory(directory, _FILE)
+    if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != description(tuning):
+        raise ValueError(
+            f"{directory / _FILE} belongs to another tuning task: choose another --out, or the same options"
+        )
+    if storage is not None:
+        database(storage)  # refuses one that does not answer
+        tuning = in_database(tuning, storage)
+    unusable = former(tuning, directory)
+    with opened_study(directory, _FILE, description(tuning)):
+        if unusable:
+            remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
+        workers = jobs or default_jobs()
+        with progress_display(shown=not (quiet or as_json)) as bar:
+            progress = progress_bar(bar, f"tune {controller}")
+            results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            progress(trials, trials)
+            best, compared = chosen(results), {}
+            candidates = {"defaults": {}, "tuned": best.parameters}
+            comparing = progress_bar(bar, "compare")
+            for done, (name, parameters) in enumerate(candidates.items()):
+                comparing(done, len(candidates))
+                cases = with_parameters(tuning.judged_on, parameters).cases()
+                outcomes = run_cases(cases, directory / CELLS, RunOptions(jobs=workers, remark=remark))
+                compared[name] = objective_means(tuning.objectives, outcomes)
+            comparing(len(candidates), len(candidates))
+        write_result(tuning, finished(tuning, directory), best, directory)
+        replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
     if as_json:
-        typer.echo(json.dumps(_plain(tuning, best, compared), indent=2))
+        result = {
+            "law": tuning.law,
+            "parameters": dict(best.parameters),
+            "tuned_on": dict(zip(tuning.objectives, best.values, strict=True)),
+            "judged": {name: dict(zip(tuning.objectives, values, strict=True)) for name, values in compared.items()},
+        }
+        typer.echo(json.dumps(result, indent=2))
     elif not quiet:
         _print_tuning(tuning, best, compared, directory)
-
-
-def _plain(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]]) -> dict[str, Any]:
-    return {
-        "law": tuning.law,
-        "parameters": dict(best.parameters),
-        "tuned_on": dict(zip(tuning.objectives, best.values, strict=True)),
-        "judged": {name: dict(zip(tuning.objectives, values, strict=True)) for name, values in compared.items()},
-    }
 
 
 def _print_tuning(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]], directory: Path) -> None:

@@ -22,8 +22,8 @@ from offtrack.environments.pictures import ImageObservation, SensedChannel, ster
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import check_schedule, rig_schedule, trailer_geometry
 from scenarios.assembly.applied_faults import refuse_loop_faults
-from scenarios.assembly.trailer_run import opened_sensing, opened_sensor, trailer_stream
-from scenarios.assembly.trailer_sensors import MountContext, Views, built_world
+from scenarios.assembly.trailer_run import opened_sensing, trailer_stream
+from scenarios.assembly.trailer_sensors import MountContext, StereoCameras, Views, built_world
 from scenarios.courses import Course
 from scenarios.loop.trailer_session import OffTrackingEstimate, as_estimate
 from scenarios.options.scenario import Scenario, stream
@@ -108,7 +108,7 @@ class SensedTrailer:
         sensing = opened_sensing(scenario, mount)
         self._worker, self._estimator = worker, sensing.estimator
         use_cameras = images and sensing.cameras is None
-        source = opened_sensor("stereo_camera", mount) if use_cameras else sensing
+        source = StereoCameras.of(mount) if use_cameras else sensing
         self._channel: SensedChannel[Truth, StereoFrame, OffTrackingEstimate] = SensedChannel(
             source.sensor,
             source.schedule,

@@ -198,15 +198,11 @@ class Drivers:
         near += memory.station
         first, second = len(_Inputs._fields), len(_Inputs._fields) + len(PathPiece._fields)
         self._u[:, first:second] = self._tracks.pieces(self._course, near)
-        self._u[:, second:] = self._ahead(near, travel, velocities[:, 0])
+        headings = self._tracks.headings(self._course, near[:, None] + travel[:, None] * _TIMES)
+        self._u[:, second:] = np.hstack([self._gains.at(velocities[:, 0], self._course), headings])
         self._memory = self._step(self._memory, self._u)
         self.state = DriverState(*self._memory.T)
         return self.state.demand, self.state.acceleration
-
-    def _ahead(self, near: FloatArray, travel: FloatArray, v_x: FloatArray) -> FloatArray:
-        """Gains, and headings of the path ahead of the expected station [m], (n, ...)."""
-        headings = self._tracks.headings(self._course, near[:, None] + travel[:, None] * _TIMES)
-        return np.hstack([self._gains.at(v_x, self._course), headings])
 
 
 @lru_cache(maxsize=16)

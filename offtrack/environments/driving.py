@@ -126,7 +126,15 @@ class TractorTrailerDriving:
         self._steer_limit = vehicle.units[0].steering.limit
         self._max_speed, self._time = _MAX_SPEED[options.task], _TIME_LIMIT[options.task]
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.features = _features(vehicle)
+        self.features = (
+            Feature("goal_ahead", "m", 150.0),
+            Feature("goal_aside", "m", 150.0),
+            Feature("goal_direction_cos", "-", 1.0),
+            Feature("goal_direction_sin", "-", 1.0),
+            *(Feature(f"articulation_{k}", "rad", 3.2) for k in range(1, len(vehicle.units))),
+            Feature("speed", "m/s", 40.0),
+            Feature("steer_tractor", "rad", 1.6),
+        )
         self.observation_space = observation_space(self.features)
         self._ends = np.full(n, self._end)
         self._goal, self._elapsed = np.zeros((n, 3)), np.zeros(n)
@@ -228,15 +236,3 @@ def _cost_to_go(goal: FloatArray) -> FloatArray:
     """Weighted distance to the goal [m]: lateral distance counts twice, a radian as five metres."""
     cost: FloatArray = np.hypot(goal[:, 0], 2.0 * goal[:, 1]) + 5.0 * np.abs(goal[:, 2])
     return cost
-
-
-def _features(vehicle: Vehicle) -> tuple[Feature, ...]:
-    return (
-        Feature("goal_ahead", "m", 150.0),
-        Feature("goal_aside", "m", 150.0),
-        Feature("goal_direction_cos", "-", 1.0),
-        Feature("goal_direction_sin", "-", 1.0),
-        *(Feature(f"articulation_{k}", "rad", 3.2) for k in range(1, len(vehicle.units))),
-        Feature("speed", "m/s", 40.0),
-        Feature("steer_tractor", "rad", 1.6),
-    )

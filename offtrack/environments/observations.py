@@ -5,10 +5,9 @@ from there. Where a path crosses itself, it stays on its branch.
 """
 
 import math
-from typing import Any, Final, Literal, NamedTuple, Protocol
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from controllers.trailer_steering.policy import AHEAD, feature_names
@@ -213,31 +212,6 @@ class EpisodeStart(NamedTuple):
     course: Lanes  # (k,) numbers of their courses
     drawn: Circumstances
     follow_distance: FloatArray  # (k,) [m]
-
-
-class ObservationSource(Protocol):
-    """Observations of n trailers."""
-
-    features: tuple[Feature, ...]  # the numeric part
-
-    @property
-    def observation_space(self) -> spaces.Space[Any]:
-        """Space of one episode."""
-
-    def begin(self, start: EpisodeStart, motion: BatchMotion, offset: PathOffset) -> None:
-        """Begin these episodes at this motion (n,)."""
-
-    def step(self, motion: BatchMotion, offset: PathOffset) -> None:
-        """Advance by one control step."""
-
-    def observe(self) -> Observation:
-        """Observation of all episodes, new arrays."""
-
-    def view(self, lane: int) -> Picture | None:
-        """Camera images for people; None without cameras."""
-
-    def close(self) -> None:
-        """Close cameras."""
 
 
 class TrueOrSurrogate:

@@ -14,7 +14,8 @@ from controllers.path import Path
 from estimators.context import Estimator
 from estimators.estimates import Health
 from offtrack.environments.core import Feature, observation_space, within
-from offtrack.reports.canvas import ESTIMATED, INK, SHIFT, SOFT, TRUE, Colour, Picture, blank, curve, fixed_point, write
+from offtrack.reports import canvas
+from offtrack.reports.canvas import ESTIMATED, INK, SOFT, TRUE, Colour, Picture, blank, curve, write
 from offtrack.reports.film import draw_flow
 from scenarios.courses import Course
 from scenarios.loop.channel import Channel, Stopwatch
@@ -29,7 +30,6 @@ from vehicle.rover.truth import RoverTruth
 
 _SIZE = 600  # [px]
 _SCALE = 12.0  # [px/m]: 50 m, three combinations long
-_ROAD, _BODY = (236, 239, 241), (250, 251, 252)
 _BAY, _MARGIN = 6.0, 0.3  # length of a bay's lines, and its margin to either side [m]
 _BACK = 6.0  # from the tractor's rear axle back to the picture's centre [m]
 
@@ -61,24 +61,17 @@ class TopView:
         x, y, psi = poses[0]
         centre = np.array([x - _BACK * np.cos(psi), y - _BACK * np.sin(psi)])
         width = round(2.0 * float(np.max(course.road_half_width)) * _SCALE)
-        curve(picture, _pixels(course.centreline, centre), _ROAD, width)
+        curve(picture, _pixels(course.centreline, centre), canvas.ROAD, width)
         curve(picture, _pixels(course.path.points(0.5), centre), TRUE, 1)
         for unit, pose, angles in zip(self._units, poses, steer, strict=True):
             body = _pixels(placed(unit.corners, pose[None])[0], centre)
-            cv2.fillConvexPoly(picture, fixed_point(body), _BODY, cv2.LINE_AA, SHIFT)
-            for wheel in placed_wheels(unit, pose[None], angles[None])[0]:
-                cv2.fillConvexPoly(picture, fixed_point(_pixels(wheel, centre)), INK, cv2.LINE_AA, SHIFT)
-            curve(picture, body, INK, 1, closed=True)
+            canvas.vehicle_body(picture, body, _pixels(placed_wheels(unit, pose[None], angles[None])[0], centre))
         if goal is not None:
-            self._goal(picture, goal, centre)
+            half = 0.5 * self._units[-1].width + _MARGIN  # of a bay around the last unit, its end at the goal
+            bay = np.array([[_BAY, half], [0.0, half], [0.0, -half], [_BAY, -half]])
+            curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
         write(picture, caption, (12, 10), colour=SOFT)
         return picture
-
-    def _goal(self, picture: Picture, goal: FloatArray, centre: FloatArray) -> None:
-        """Draw a bay around the last unit, its end at the goal."""
-        last = self._units[-1]
-        bay = np.array([[_BAY, 1.0], [0.0, 1.0], [0.0, -1.0], [_BAY, -1.0]]) * [1.0, 0.5 * last.width + _MARGIN]
-        curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
 
 
 def side_by_side(plan: Picture, view: Picture | None) -> Picture:
@@ -87,8 +80,7 @@ def side_by_side(plan: Picture, view: Picture | None) -> Picture:
 
 
 def _pixels(points: FloatArray, centre: FloatArray) -> FloatArray:
-    pixels: FloatArray = 0.5 * _SIZE + _SCALE * np.array([1.0, -1.0]) * (points - centre)
-    return pixels
+    return canvas.seen_from_above(points, centre, _SCALE, 0.5 * _SIZE)
 
 
 def axle_angles(vehicle: Vehicle, steered: FloatArray) -> tuple[FloatArray, ...]:
@@ -97,31 +89,28 @@ def axle_angles(vehicle: Vehicle, steered: FloatArray) -> tuple[FloatArray, ...]
     return tuple(np.array([next(angles) if axle.steered else 0.0 for axle in unit.axles]) for unit in vehicle.units)
 
 
-_ROVER_SIZE, _ROVER_SCALE = 600, 150.0  # [px], [px/m]: 4 m
+_ROVER_SCALE = 150.0  # [px/m]: 4 m
 _SAND = (244, 238, 226)
 
 
 def rover_picture(rover: Rover, truth: RoverTruth, path: Path, time: float) -> Picture:
     """Draw the rover at this time [s]."""
-    picture = blank(_ROVER_SIZE, _ROVER_SIZE)
+    picture = blank(_SIZE, _SIZE)
     picture[:] = _SAND
     pose = Pose2(*truth.pose.tolist())
     curve(picture, _rover_pixels(path.points(0.05), pose), TRUE, 2)
     a, b = 0.4 * rover.wheelbase, 0.4 * rover.tread
     body = np.array([[a, b], [a, -b], [-a, -b], [-a, b]])
-    cv2.fillConvexPoly(picture, fixed_point(_rover_pixels(pose.apply(body), pose)), SOFT, cv2.LINE_AA, SHIFT)
+    canvas.fill(picture, _rover_pixels(pose.apply(body), pose), SOFT)
     tread = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * [rover.radius, 0.5 * rover.width]
     for place in rover.wheel_places:
-        cv2.fillConvexPoly(
-            picture, fixed_point(_rover_pixels(pose.apply(place + tread), pose)), INK, cv2.LINE_AA, SHIFT
-        )
+        canvas.fill(picture, _rover_pixels(pose.apply(place + tread), pose), INK)
     write(picture, f"{time:.1f} s, slip angle {math.degrees(truth.slip_angle):+.1f} deg", (12, 10), colour=INK)
     return picture
 
 
 def _rover_pixels(points: FloatArray, pose: Pose2) -> FloatArray:
-    pixels: FloatArray = 0.5 * _ROVER_SIZE + _ROVER_SCALE * np.array([1.0, -1.0]) * (points - [pose.x, pose.y])
-    return pixels
+    return canvas.seen_from_above(points, np.array([pose.x, pose.y]), _ROVER_SCALE, 0.5 * _SIZE)
 
 
 WIDTH: Final = 840  # [px]

@@ -208,7 +208,7 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
             raise ValueError(f"autoreset_mode = {autoreset_mode!r:.80} must be one of {modes}")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = '{render_mode}' of a vector environment must be rgb_array")
-        self._arguments = (build, num_envs, autoreset_mode, render_mode)
+        self._again = partial(CoreVectorEnv, build, num_envs, autoreset_mode=autoreset_mode, render_mode=render_mode)
         self._mode = AutoresetMode(autoreset_mode)
         self.core = build(num_envs)
         self.num_envs, self.render_mode = num_envs, render_mode
@@ -225,7 +225,7 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self.closed or not self._begun.any():
-            return (_again, self._arguments)  # without an episode there is nothing else to copy
+            return (self._again, ())  # without an episode there is nothing else to copy
         return (copyreg.__newobj__, (type(self),), vars(self))  # type: ignore[attr-defined]
 
     def reset(
@@ -344,10 +344,6 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     def _masked(info: Info, mask: Flags) -> dict[str, Any]:
         """Info with a mask ``_name`` for each entry, as gymnasium defines it."""
         return {**info, **{f"_{name}": mask for name in info}}
-
-
-def _again(build: Callable[[int], Core], num_envs: int, mode: AutoresetMode | str, render: str | None) -> CoreVectorEnv:
-    return CoreVectorEnv(build, num_envs, autoreset_mode=mode, render_mode=render)
 
 
 class Repeated:

@@ -73,14 +73,13 @@ from offtrack.environments.observations import (
     EpisodeStart,
     HitchPaths,
     ObservationKind,
-    ObservationSource,
     PathOffset,
     TrueOrSurrogate,
 )
 from offtrack.environments.pictures import TopView, axle_angles, side_by_side
 from offtrack.environments.rewards import N_DRAWN, Domain, Ending, Moment, Reward, RunningMetrics, Variation, narrowed
 from offtrack.reports.canvas import Picture
-from scenarios.assembly.adapters import course_of, outlines, tractor_geometry
+from scenarios.assembly.adapters import course_of, outlines, tractor_guided_at
 from scenarios.assembly.surrogate import SurrogateParameters, load_surrogate
 from scenarios.courses import Course, Turn, turns
 from scenarios.options.scenario import Scenario, load_scenario, stream
@@ -178,7 +177,7 @@ class TrailerSteering:
         self._endings = rewards.ENDINGS if options.endings is None else options.endings
         self._variation = Variation(vehicle)
         self._tracks = Tracks(courses)
-        self._drivers = Drivers(tractor_geometry(vehicle, courses[0]), self._tracks, n, options.engine)
+        self._drivers = Drivers(tractor_guided_at(vehicle, courses[0].reference), self._tracks, n, options.engine)
         self._fleet = PlantBatch(vehicle, n, options.engine)
         longest = narrowed(options.domain, {"length": _MAX_LENGTH}).drawn(np.zeros((1, N_DRAWN)))
         self._paths = HitchPaths(n, float(self._variation.follow_distance(longest)[0]))
@@ -312,7 +311,7 @@ def _limit(vehicle: Vehicle, options: TrailerSteeringOptions) -> tuple[float, in
 
 def _observation_source(
     options: TrailerSteeringOptions, vehicle: Vehicle, fleet: PlantBatch, courses: Sequence[Course]
-) -> ObservationSource:
+) -> TrueOrSurrogate | CameraObservations:
     """Source of the observations that the options select."""
     if options.observation in ("surrogate", "truth"):
         surrogate = options.surrogate or load_surrogate()

@@ -293,7 +293,7 @@ def geojson(drawing: Drawing) -> dict[str, Any]:
 
 def _feature(shape: Shape) -> dict[str, Any]:
     if shape.closed:
-        rings = [_ring(points) for points in (shape.points, *shape.holes)]
+        rings = [_rounded(np.concatenate([points, points[:1]])) for points in (shape.points, *shape.holes)]
         geometry: dict[str, Any] = {"type": "Polygon", "coordinates": rings}
     else:
         geometry = {"type": "LineString", "coordinates": _rounded(shape.points)}
@@ -301,10 +301,6 @@ def _feature(shape: Shape) -> dict[str, Any]:
         key: round(one, _DIGITS) if isinstance(one, float) else one for key, one in dict(shape.properties).items()
     }
     return {"type": "Feature", "properties": {"layer": shape.layer, **numbers}, "geometry": geometry}
-
-
-def _ring(points: FloatArray) -> list[list[float]]:
-    return _rounded(np.concatenate([points, points[:1]]))
 
 
 def _rounded(points: FloatArray) -> list[list[float]]:

@@ -5,7 +5,7 @@ A video is H.264 where PyAV is installed, else a GIF.
 
 import importlib.util
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from scenarios.progress import Progress, no_progress
+from scenarios.progress import Progress
 from vehicle.frames import FloatArray
 
 Picture = NDArray[np.uint8]  # (height, width, 3), RGB
@@ -26,6 +26,7 @@ Curve = tuple[FloatArray, FloatArray, Colour, int]  # time [s], finite values, c
 WIDTH = 1280  # of the videos [px]
 PAPER, INK, SOFT, LINE = (255, 255, 255), (39, 49, 59), (91, 102, 115), (226, 230, 234)
 TRUE, ESTIMATED = (31, 95, 168), (224, 118, 26)  # as in the report
+ROAD, BODY = (236, 239, 241), (250, 251, 252)
 SHIFT = 4  # fractional bits of a pixel coordinate in OpenCV's drawing functions
 
 
@@ -78,6 +79,20 @@ def fill(picture: Picture, points: FloatArray, colour: Colour) -> None:
     cv2.fillConvexPoly(picture, fixed_point(points), colour, cv2.LINE_AA, SHIFT)
 
 
+def vehicle_body(picture: Picture, outline: FloatArray, wheels: Iterable[FloatArray]) -> None:
+    """Draws a body and its wheels from above by their corners (n, 2) [px]."""
+    fill(picture, outline, BODY)
+    for wheel in wheels:
+        fill(picture, wheel, INK)
+    curve(picture, outline, INK, 1, closed=True)
+
+
+def seen_from_above(points: FloatArray, centre: FloatArray, scale: float, middle: FloatArray | float) -> FloatArray:
+    """Pixels of points (…, 2) [m], north up at ``scale`` [px/m], with ``centre`` [m] in the ``middle`` [px]."""
+    pixels: FloatArray = middle + scale * np.array([1.0, -1.0]) * (points - centre)
+    return pixels
+
+
 def dot(picture: Picture, point: FloatArray, radius: int, colour: Colour) -> None:
     """Draws a filled circle around a pixel coordinate (2,)."""
     u, v = fixed_point(point).tolist()
@@ -110,12 +125,6 @@ def scale_bar(picture: Picture, scale: float, length: float) -> None:
     left = right - round(length * scale)
     cv2.line(picture, (left, bottom), (right, bottom), SOFT, 2)
     write(picture, f"{length:g} m", ((left + right) // 2, bottom - 22), size=14, colour=SOFT, anchor=0.5)
-
-
-def known_part(time: FloatArray, values: FloatArray, every: int = 1) -> tuple[FloatArray, FloatArray]:
-    """Time and value of the rows whose value is finite; of these only every so many-th."""
-    rows = np.flatnonzero(np.isfinite(values))[::every]
-    return time[rows], values[rows]
 
 
 def newest_row(times: FloatArray, time: float) -> int:
@@ -193,37 +202,32 @@ class StripChart:
 _GIF_WIDTH, _GIF_FRAMES, _GIF_COLOURS = 640, 150, 64  # keeps a GIF of a minute at some megabytes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reel:
-    """Pictures of one size, drawn on demand by their number."""
+def write_video(
+    picture: Callable[[float], Picture], times: FloatArray, rate: int, path_without_suffix: Path, progress: Progress
+) -> Path:
+    """Writes a video with a picture of one size for each time, ``rate`` a second, and returns its path."""
 
-    picture: Callable[[int], Picture]
-    count: int
-    rate: int  # [1/s]
+    def pictures(stride: int) -> Iterator[Picture]:
+        shown = times[::stride].tolist()
+        for done, time in enumerate(shown, start=1):
+            yield picture(time)
+            progress(done, len(shown))
 
-
-def write_reel(reel: Reel, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:
-    """Writes a video of the pictures and returns its path."""
-    encode = _write_h264 if importlib.util.find_spec("av") else _write_gif
-    return encode(reel, path_without_suffix, progress)
-
-
-def _pictures(reel: Reel, stride: int, progress: Progress) -> Iterator[Picture]:
-    numbers = range(0, reel.count, stride)
-    for done, k in enumerate(numbers, start=1):
-        yield reel.picture(k)
-        progress(done, len(numbers))
+    if importlib.util.find_spec("av"):
+        return _write_h264(pictures(1), rate, path_without_suffix)
+    stride = max(2, math.ceil(len(times) / _GIF_FRAMES))
+    return _write_gif([_small(one) for one in pictures(stride)], round(1e3 * stride / rate), path_without_suffix)
 
 
-def _write_h264(reel: Reel, path_without_suffix: Path, progress: Progress) -> Path:
+def _write_h264(pictures: Iterable[Picture], rate: int, path_without_suffix: Path) -> Path:
     import av  # an optional dependency
 
     path = path_without_suffix.with_name(path_without_suffix.name + ".mp4")
     with av.open(path, "w", options={"movflags": "faststart"}) as container:
         stream = None
-        for picture in _pictures(reel, 1, progress):
+        for picture in pictures:
             if stream is None:
-                stream = container.add_stream("h264", rate=reel.rate, options={"crf": "26", "preset": "veryfast"})
+                stream = container.add_stream("h264", rate=rate, options={"crf": "26", "preset": "veryfast"})
                 stream.thread_type = "FRAME"  # draw the next picture while this one is encoded
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"  # supported by every player
@@ -233,13 +237,10 @@ def _write_h264(reel: Reel, path_without_suffix: Path, progress: Progress) -> Pa
     return path
 
 
-def _write_gif(reel: Reel, path_without_suffix: Path, progress: Progress) -> Path:
+def _write_gif(frames: Sequence[Image.Image], duration: int, path_without_suffix: Path) -> Path:
     path = path_without_suffix.with_name(path_without_suffix.name + ".gif")
-    stride = max(2, math.ceil(reel.count / _GIF_FRAMES))
-    frames = [_small(picture) for picture in _pictures(reel, stride, progress)]
     palette = _palette(frames[len(frames) // 2])  # one palette for all: parts that do not move then cost nothing
     first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    duration = round(1e3 * stride / reel.rate)
     first.save(path, save_all=True, append_images=others, duration=duration, loop=0, optimize=True)
     return path
 

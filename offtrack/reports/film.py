@@ -18,14 +18,10 @@ from vehicle.frames import FloatArray, arc_length
 
 _TALLEST: Final = 480  # of a camera image [px]
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
-_ROAD, _SWEPT, _BODY, _FIXED = (236, 239, 241), (207, 224, 241), (250, 251, 252), (200, 206, 212)
+_SWEPT, _FIXED = (207, 224, 241), (200, 206, 212)
 _STILL, _FAST = 200.0, 35.0  # hues of features on a page: blue and orange [deg]
 _KEY = 36  # height of the key at the top [px]
-_LEAST, _FOLLOWED, _MOST = (
-    60.0,
-    150.0,
-    300.0,
-)  # vehicle in a plan of all, in one that moves, at most [px]
+_LEAST, _FOLLOWED, _MOST = 60.0, 150.0, 300.0  # vehicle in a plan of all, in one that moves, at most [px]
 _PLAN_WIDTH, _LOWER, _BLIND, _PLANLESS = 620, 440, 640, 380  # widths and heights of the lower part [px]
 _READINGS, _COLUMNS, _SHOWN = 176, 3, 6  # height of the readings [px], and their number in a row and in all
 _POINTS: Final = 1000  # of a curve that is a line
@@ -153,8 +149,7 @@ class _Plan:
 
     def _pixels(self, points: FloatArray, centre: FloatArray) -> FloatArray:
         middle = 0.5 * np.array([self._size[0] - 1, self._size[1] - 1 + _KEY])
-        pixels: FloatArray = middle + self._scale * np.array([1.0, -1.0]) * (points - centre)
-        return pixels
+        return canvas.seen_from_above(points, centre, self._scale, middle)
 
     def _ground(self, picture: canvas.Picture, centre: FloatArray, past: NDArray[np.intp]) -> None:
         """Road, and what the bodies have swept."""
@@ -163,7 +158,7 @@ class _Plan:
         near = np.flatnonzero(np.hypot(*(left[1:] - centre).T) < self._reach)
         left, right = self._pixels(left, centre), self._pixels(right, centre)
         for piece in np.stack([left[near], left[near + 1], right[near + 1], right[near]], axis=1):
-            canvas.fill(picture, piece, _ROAD)
+            canvas.fill(picture, piece, canvas.ROAD)
         for body, poses in zip(self._run.bodies, self._poses, strict=True):
             for corners in canvas.fixed_point(self._pixels(placed(body.outline, poses[past]), centre)):
                 cv2.fillConvexPoly(picture, corners, _SWEPT, cv2.LINE_8, canvas.SHIFT)
@@ -171,10 +166,8 @@ class _Plan:
     def _vehicle(self, picture: canvas.Picture, centre: FloatArray, row: int) -> None:
         for body, poses in zip(self._run.bodies, self._poses, strict=True):
             outline = self._pixels(placed(body.outline, poses[[row]])[0], centre)
-            canvas.fill(picture, outline, _BODY)
-            for wheel in body.wheel_corners(self._run.log, np.array([row])):
-                canvas.fill(picture, self._pixels(wheel, centre), INK)
-            canvas.curve(picture, outline, INK, 1, closed=True)
+            wheels = self._pixels(body.wheel_corners(self._run.log, np.array([row])), centre)
+            canvas.vehicle_body(picture, outline, wheels)
         for trail, points in self._trails:
             if trail.body >= 0:
                 canvas.dot(picture, self._pixels(points[row], centre), 5, PAPER)
@@ -204,8 +197,9 @@ class Film:
     def _curve(self, curve: Curve) -> canvas.Curve:
         dots = curve.style == "dots"
         every = 1 if dots else max(1, len(self._time) // _POINTS)
-        values = canvas.known_part(self._time, curve.scale * self._run.log[curve.signal], every)
-        return *values, rgb(PALETTE[curve.colour]), 4 if dots else 2
+        values = curve.scale * self._run.log[curve.signal]
+        rows = np.flatnonzero(np.isfinite(values))[::every]
+        return self._time[rows], values[rows], rgb(PALETTE[curve.colour]), 4 if dots else 2
 
     def picture(self, now: float) -> canvas.Picture:
         """The picture at a time [s], RGB; the camera shows the newest frame by then."""
@@ -255,6 +249,4 @@ def write_film(
     progress: Progress = no_progress,
 ) -> Path:
     """Write the film with a picture for each of the run's times [s], ``rate`` a second, and return its path."""
-    film = Film(playback, frames)
-    reel = canvas.Reel(picture=lambda k: film.picture(float(times[k])), count=len(times), rate=rate)
-    return canvas.write_reel(reel, path_without_suffix, progress=progress)
+    return canvas.write_video(Film(playback, frames).picture, times, rate, path_without_suffix, progress)

@@ -6,7 +6,7 @@ below its axes, where it hides no curve.
 
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, Final
@@ -116,13 +116,6 @@ def limit_lines(ax: Axes, limit: float, label: str, *, colour: str = LIMIT) -> N
         ax.axhline(value, color=colour, linewidth=0.9, dashes=(6, 3), label=None if k else label)
 
 
-def swept_bodies(ax: Axes, bodies: Sequence[FloatArray]) -> None:
-    """Ground swept by bodies, each with corners (n, 4, 2) over time."""
-    for corners in bodies:
-        ax.add_collection(PolyCollection(list(corners), facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4))
-    ax.plot([], [], color=SWEPT, linewidth=7, label="swept by the bodies")
-
-
 def outlines(ax: Axes, corners: FloatArray) -> None:
     """Outlines of bodies with corners (n, 4, 2)."""
     ax.add_collection(PolyCollection(list(corners), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
@@ -136,7 +129,7 @@ _MOST_FRICTIONS, _MOMENTS = 4, 5  # shades of friction, and moments at which the
 def chart_figure(chart: Chart, run: PlayedRun) -> Figure:
     """A chart of a playback over time, with the spans of the run behind it."""
     time = run.log["time"]
-    with drawn(chart.title) as (drawing, ax):
+    with drawn(f"{chart.title} {run.name}") as (drawing, ax):
         for k, span in enumerate(run.spans):
             new = span.label not in (one.label for one in run.spans[:k])
             colour = _SHADES.get(span.colour, LOST_BAND)
@@ -163,30 +156,41 @@ def chart_figure(chart: Chart, run: PlayedRun) -> Figure:
     return drawing.content
 
 
-def chart_sections(playback: Playback, about: Mapping[str, str]) -> Iterator[Section]:
-    """A section with its text for each chart that ``about`` names by the first words of its title."""
+def chart_figures(playback: Playback, names: Container[str]) -> Iterator[tuple[str, Figure]]:
+    """Name and figure of the first run for each chart whose first words ``names`` has."""
     for chart in playback.charts:
         name = chart.title.partition(",")[0]
-        if name in about:
-            yield Section(name, about[name], [chart_figure(chart, playback.runs[0])])
+        if name in names:
+            yield name, chart_figure(chart, playback.runs[0])
 
 
-def plan_figure(playback: Playback) -> Figure:
-    """The first run from above: road, swept area, paths, and the vehicle at some moments."""
+def chart_sections(playback: Playback, about: Mapping[str, str]) -> Iterator[Section]:
+    """A section with its text for each chart that ``about`` names by the first words of its title."""
+    for name, figure in chart_figures(playback, about):
+        yield Section(name, about[name], [figure])
+
+
+def plan_figure(playback: Playback, *, bodies: bool = True) -> Figure:
+    """The first run from above: road, paths and, with ``bodies``, swept area and the vehicle at some moments."""
     run = playback.runs[0]
     poses = [body.poses(run.log) for body in run.bodies]
     swept = [placed(body.outline, pose) for body, pose in zip(run.bodies, poses, strict=True)]
     trails = [run.trail_points(trail) for trail in run.trails]
     lines = [line.points for line in run.lines]
-    points, margin = [*swept, *trails, *lines], 2.0 if playback.road is not None else 0.3
-    with plan_drawn("plan", points, margin=margin, tallest=8.2) as (drawing, ax):
+    points, margin = ([*swept, *trails], 2.0) if bodies else ([*swept, *trails, *lines], 0.3)
+    with plan_drawn(f"plan {run.name}", points, margin=margin, tallest=8.2) as (drawing, ax):
         if playback.road is not None:
             band = np.concatenate([playback.road.left, playback.road.right[::-1]])
             ax.add_collection(PolyCollection([band], facecolor=_ROAD, zorder=0.5))
-            swept_bodies(ax, [corners[rows_every(poses[0][:, :2], 0.15)] for corners in swept])
+        if bodies:
+            shown = rows_every(poses[0][:, :2], 0.15)
+            for corners in swept:
+                area = PolyCollection(list(corners[shown]), facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4)
+                ax.add_collection(area)
+            ax.plot([], [], color=SWEPT, linewidth=7, label="swept by the bodies")
         if playback.friction is not None:
             _slippery(ax, playback.friction)
-        if playback.road is not None and drawing.to_scale:
+        if bodies and drawing.to_scale:
             along = arc_length(poses[0][:, :2])
             rows = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
             for body, corners in zip(run.bodies, swept, strict=True):

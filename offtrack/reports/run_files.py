@@ -292,11 +292,11 @@ class FinishedRun:
     pictures: tuple[Picture, ...] = ()  # those of its page
 
 
-def finished_run(directory: Path, name: str) -> FinishedRun:
-    """The run of a directory.
+def read_summary(directory: Path) -> dict[str, Any]:
+    """The content of a finished run's ``summary.json``.
 
     Raises:
-        ValueError: one line, if it holds no finished run, or its files do not fit each other.
+        ValueError: one line, if the directory holds no finished run, or the file is broken.
     """
     for file in _NEEDED:
         if not (directory / file).is_file():
@@ -306,8 +306,18 @@ def finished_run(directory: Path, name: str) -> FinishedRun:
         summary = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
-    if not isinstance(summary, dict) or "outcome" not in summary:
+    if not isinstance(summary, dict) or not {"outcome", "scenario", "seed"} <= summary.keys():
         raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
+    return summary
+
+
+def finished_run(directory: Path, name: str) -> FinishedRun:
+    """The run of a directory.
+
+    Raises:
+        ValueError: one line, if it holds no finished run, or its files do not fit each other.
+    """
+    summary = read_summary(directory)
     scenario = load_any_scenario(str(directory / "scenario.toml"))
     log = read_log(directory / "signals.parquet")
     return FinishedRun(
@@ -419,15 +429,11 @@ def _line(path: str, number: Any, runs: Sequence[FinishedRun]) -> Row:
 
 
 def _facts(runs: Sequence[FinishedRun]) -> Table:
-    return Table(
-        (Column("name", "run"), Column("text", "outcome"), Column("text", "of"), Column("note", "changed keys")),
-        list(_fact_rows(runs)),
-    )
-
-
-def _fact_rows(runs: Sequence[FinishedRun]) -> Iterator[Row]:
+    rows: list[Row] = []
     for run in runs:
         scenario = tomllib.loads(run.result.scenario_toml)
         outcome = Cell(run.result.outcome, "good" if run.result.outcome == "completed" else "bad")
         facts = f"{scenario['name']} · {scenario_facts(scenario)} · seed {run.result.seed}"
-        yield [run.name, outcome, facts, changes(scenario).removeprefix("Changed: ")]
+        rows.append([run.name, outcome, facts, changes(scenario).removeprefix("Changed: ")])
+    columns = Column("name", "run"), Column("text", "outcome"), Column("text", "of"), Column("note", "changed keys")
+    return Table(columns, rows)

@@ -146,7 +146,7 @@ def _rover_drawn(result: RoverResult) -> Iterator[Section]:
     playback = rover_playback(result)
     yield Section("Playback", content=[Player(encoded(playback))])
     text = "The path to follow, the path driven, and two estimates of it by dead reckoning."
-    yield Section("Plan view", text, [plots.plan_figure(playback)])
+    yield Section("Plan view", text, [plots.plan_figure(playback, bodies=False)])
     if pictures := playback.runs[0].pictures:
         wheel = result.rig.wheels[result.rig.watched].name.replace("_", " ")
         text = (

@@ -24,7 +24,7 @@ from offtrack.reports.page import (
 from scenarios.options.scenario import load_any_scenario, scenario_names
 from scenarios.options.tables import FaultOptions
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import Summary, Timing
+from scenarios.results.run_summary import Summary, Timing, number_at
 from scenarios.results.trailer_result import RunResult
 from vehicle.foundation.user_file import shown
 
@@ -83,8 +83,9 @@ def groups() -> Mapping[str, Group]:
 def number_cards(summary: Mapping[str, Any], paths: Sequence[str]) -> list[Card]:
     """A card for each number ``group.name`` that the summary has."""
     cards = []
-    for group, _, name in (path.partition(".") for path in paths):
-        number, value = groups()[group].numbers[name], _value(summary, group, name)
+    for path in paths:
+        group, _, name = path.partition(".")
+        number, value = groups()[group].numbers[name], number_at(summary, path)
         if value is not None:
             cards.append(Card(number.digits_of(value), number.unit, number.label, number.meaning))
     return cards
@@ -94,16 +95,11 @@ def number_table(summary: Mapping[str, Any]) -> Table:
     """A row for each number that the summary has, below the title of its group."""
     rows: list[Row] = []
     for name, group in groups().items():
-        values = {key: _value(summary, name, key) for key in group.numbers}
+        values = {key: number_at(summary, f"{name}.{key}") for key in group.numbers}
         shown = [key for key, value in values.items() if value is not None]
         rows += [[group.title]] if shown else []
         rows += [[(n := group.numbers[key]).label, n.text(values[key]), n.meaning] for key in shown]
     return Table((Column("name"), Column("number"), Column("note")), rows)
-
-
-def _value(summary: Mapping[str, Any], group: str, name: str) -> float | None:
-    numbers = summary.get(group)
-    return numbers.get(name) if isinstance(numbers, Mapping) else None
 
 
 _MOST: Final = 10  # changed keys that are listed

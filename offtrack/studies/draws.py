@@ -46,10 +46,6 @@ class Sensitivity(Frozen):
         """Number of trajectories (Morris) or of base samples (Sobol)."""
         return (self.trajectories or 0) if self.method == "morris" else (self.samples or 0)
 
-    def runs_of_group(self, keys: int) -> int:
-        """Runs of a trajectory, or of a base sample with one further run for each key."""
-        return keys + (1 if self.method == "morris" else 2)
-
     def problem(self) -> str:
         """One line on numbers that do not fit the method; empty if they do."""
         given = {name for name in ("trajectories", "levels", "samples") if getattr(self, name) is not None}
@@ -130,7 +126,7 @@ def effects(design: Sensitivity, keys: Sequence[str], values: FloatArray) -> tup
         keys: names of the keys, in the order of the design's columns.
         values: (runs,) in the order of the design's rows; NaN leaves out the group of its run.
     """
-    size = design.runs_of_group(len(keys))
+    size = len(keys) + (1 if design.method == "morris" else 2)  # runs of a trajectory, or of a base sample
     complete = np.isnan(values.reshape(-1, size)).sum(axis=1) == 0
     groups, chosen = int(complete.sum()), np.repeat(complete, size)
     if groups < _LEAST[design.method] or np.ptp(values[chosen]) == 0.0:
@@ -361,17 +357,17 @@ def made_in_batches(
     points: dict[Settings, list[int]] = {}
     for k, case in enumerate(cases):
         points.setdefault(case.axes, []).append(k)
-
-    def is_open(axes: Settings, outcomes: Sequence[Outcome]) -> bool:
-        """True if an interval of the point is not narrow enough."""
-        return any(high - low > 2.0 * stop.half_width for low, high in intervals(outcomes, axes))
-
+    widest = 2.0 * stop.half_width
     done: dict[int, Outcome] = {}
     for first in range(0, max(map(len, points.values())), stop.batch):
         batch = [k for drawn in points.values() for k in drawn[first : first + stop.batch]]
         done |= zip(batch, make(batch), strict=True)
         outcomes = [done[k] for k in sorted(done)]
-        points = {axes: drawn for axes, drawn in points.items() if is_open(axes, outcomes)}
+        points = {
+            axes: drawn
+            for axes, drawn in points.items()
+            if any(high - low > widest for low, high in intervals(outcomes, axes))
+        }
         if not points:
             break
     return [done[k] for k in sorted(done)]

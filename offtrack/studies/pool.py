@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from offtrack.studies.case import (
     Case,
@@ -35,28 +35,9 @@ _PROVENANCE = "made"  # key of the provenance
 Results = Generator[tuple[str, str | BaseException], None, None]
 
 
-class Executor(Protocol):
-    """Makes runs somewhere."""
-
-    def results(self, cases: Mapping[str, Case], cells: Path) -> Results:
-        """Make runs, save those that succeed in a folder, and yield each name with its problem, empty if there is none.
-
-        The problem is an outcome, or the exception that ended the run. Closing the generator stops what is running.
-        """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pool:
-    """Worker processes on this machine."""
-
-    jobs: int
-    timeout: float | None = None  # of a run [s]
-
-    def results(self, cases: Mapping[str, Case], cells: Path) -> Results:
-        """Make runs; one whose process dies is tried once more."""
-        tasks = {name: (case, cells, name, name) for name, case in cases.items()}
-        jobs = max(1, min(self.jobs, len(tasks)))
-        return each_in_a_worker(run_case, tasks, jobs=jobs, timeout=self.timeout)
+# Makes runs, saves those that succeed in a folder, and yields each name with its problem: empty, an outcome, or the
+# exception that ended the run. Closing the generator stops what is running.
+Executor = Callable[[Mapping[str, Case], Path], Results]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,8 +69,13 @@ def run_cases(
     missing = {name: case for name, case in zip(names, cases, strict=True) if not is_saved(cells, name, options.remark)}
     done, failed = len(cases) - len(missing), dict[str, str]()
     options.progress(done, len(cases), "from an earlier run" if done else "")
-    executor = options.executor or Pool(jobs=options.jobs, timeout=options.timeout)
-    with closing(executor.results(missing, cells)) as results:
+    if options.executor is not None:
+        made = options.executor(missing, cells)
+    else:
+        tasks = {name: (case, cells, name, name) for name, case in missing.items()}
+        jobs = max(1, min(options.jobs, len(tasks)))
+        made = each_in_a_worker(run_case, tasks, jobs=jobs, timeout=options.timeout)
+    with closing(made) as results:
         for name, result in results:
             if problem := problem_of(result):
                 failed[name] = problem

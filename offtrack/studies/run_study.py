@@ -8,12 +8,13 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv as pa_csv
 
+from offtrack.reports.run_files import read_summary
 from offtrack.studies.case import RUN, Case, FinishedCase, Outcome, Provenance, identities
 from offtrack.studies.draws import made_in_batches
 from offtrack.studies.pool import RunOptions, run_cases, summary_file
@@ -22,7 +23,6 @@ from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.study_page import finished_runs_page, names_of_runs, page_link, sensitivity_csv, study_page
 from offtrack.studies.table import QUANTITIES, Row, rows_of, shown_quantities, table_csv
 from scenarios.results.run_directory import replaced, replacing, unfinished_files, user_of
-from vehicle.foundation.user_file import FileKind, read_text
 
 
 def runs_table(outcomes: Sequence[Outcome]) -> pa.Table:
@@ -91,7 +91,13 @@ def opened_study(directory: Path, file: str, content: str) -> Iterator[None]:
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
     """Write the table of points and that of runs (CSV, Parquet), pages of runs, and the report of a finished study."""
     replaced(directory / "table.csv", table_csv(rows))
-    _write_parquet(rows, directory / "table.parquet")
+    columns: dict[str, list[str | int | float | None]] = {
+        key: [dict(row.axes)[key] for row in rows] for key in (dict(rows[0].axes) if rows else {})
+    }
+    columns |= {"runs": [row.runs for row in rows], "completed": [row.completed for row in rows]}
+    columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
+    with replacing(directory / "table.parquet") as unfinished:
+        pq.write_table(pa.table(columns), unfinished)
     runs = runs_table(outcomes)
     for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
         with replacing(directory / name) as unfinished:
@@ -100,16 +106,6 @@ def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Seq
         replaced(directory / "sensitivity.csv", sensitivity_csv(study.draws.sensitivity, outcomes))
     links = write_run_pages(outcomes, directory)
     replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
-
-
-def _write_parquet(rows: Sequence[Row], path: Path) -> None:
-    columns: dict[str, list[str | int | float | None]] = {
-        key: [dict(row.axes)[key] for row in rows] for key in (dict(rows[0].axes) if rows else {})
-    }
-    columns |= {"runs": [row.runs for row in rows], "completed": [row.completed for row in rows]}
-    columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
-    with replacing(path) as unfinished:
-        pq.write_table(pa.table(columns), unfinished)
 
 
 MakeMore = Callable[[Sequence[Case]], list[Outcome]]  # makes further runs, or takes those that are saved
@@ -145,13 +141,12 @@ def run_study(
             forgotten.update(known)
             return run_cases(some, directory / CELLS, options, known=known)
 
-        def make_chosen(chosen: Sequence[int]) -> list[Outcome]:
-            return make([cases[k] for k in chosen], [names[k] for k in chosen])
-
         if study.stop is None:
             outcomes = make(cases, names)
         else:
-            outcomes = made_in_batches(cases, study.intervals, study.stop, make_chosen)
+            outcomes = made_in_batches(
+                cases, study.intervals, study.stop, lambda ks: make([cases[k] for k in ks], [names[k] for k in ks])
+            )
         rows = rows_of(outcomes)
         if finish is None:
             write_study(title, study, outcomes, rows, directory)
@@ -184,14 +179,6 @@ def compare_runs(directories: Sequence[Path], out: Path) -> list[Row]:
 
 
 def _outcome(directory: Path, name: str) -> Outcome:
-    for file in ("summary.json", "scenario.toml", "signals.parquet"):
-        if not (directory / file).is_file():
-            raise ValueError(f"{directory}: is no finished run: it has no {file}")
-    try:
-        numbers: Any = json.loads(read_text(directory / "summary.json", FileKind.RECORD))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
-    if not isinstance(numbers, dict) or "outcome" not in numbers:
-        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
+    numbers = read_summary(directory)
     case = FinishedCase(scenario=str(directory / "scenario.toml"), fixed=(), axes=((RUN, name),), seed=0)
     return Outcome(case=case, numbers=numbers, signals=directory / "signals.parquet")

@@ -2,38 +2,25 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun, Figure
-from offtrack.reports.player.playback import Playback
+from offtrack.reports.player.playback import Playback, PlayedRun
 from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
 from offtrack.reports.run_files import KINDS, MOST_RUNS, FinishedRun, overlaid, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
 from scenarios.results.log import read_log
 from scenarios.results.run_directory import replaced
-from vehicle.combination.description import load_vehicle
-from vehicle.frames import FloatArray, arc_length
+from vehicle.frames import arc_length
 
 # apart for colour-blind readers, after Okabe and Ito
 _COLOURS: Final = ("#e0761a", "#1f5fa8", "#12935f", "#c2459c", "#7a5195", "#b8860b", "#4fa3d1", "#a33b2b", "#5b6673")
 MOST_LINES: Final = len(_COLOURS)
 _LARGEST_RATIO: Final = 20.0  # of the values in one figure; beyond it the axis is logarithmic
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drive:
-    """One run as a line in a figure."""
-
-    title: str
-    hitch: FloatArray  # (n, 2) [m]
-    follow_point: FloatArray  # (n, 2) [m]
-    distance: FloatArray  # (n,) driven by the hitch [m]
-    off_tracking: FloatArray  # (n,) [m], NaN where there is none
 
 
 _NAMED: Final = ("trailer_steering", "off_tracking", "slip_compensation", "slip_estimator", RUN)
@@ -53,44 +40,32 @@ def alike(outcomes: Sequence[Outcome]) -> list[Outcome]:
     ]
 
 
-def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
+def drives_of(outcomes: Sequence[Outcome]) -> list[PlayedRun]:
     """The runs that are alike but for their laws, off-tracking sources or names."""
     drawn = alike(outcomes)
     keys = [key for key, _ in outcomes[0].case.axes if key in _NAMED]
     distinct = [key for key in keys if len({dict(outcome.case.axes)[key] for outcome in drawn}) > 1]
-    return [_drive(outcome, outcome.signals, distinct) for outcome in drawn if outcome.signals]
+    titles = [" · ".join(value for key, value in one.case.axes if key in distinct) or one.case.title for one in drawn]
+    return [overlaid([_finished(*one)]).runs[0] for one in zip(drawn, titles, strict=True)]
 
 
-def _drive(outcome: Outcome, signals: Path, distinct: Sequence[str]) -> Drive:
-    log = read_log(signals)
-    scenario = outcome.case.resolved()
-    trailer = load_vehicle(scenario.vehicle).units[-1]
-    x, y, psi = (log[f"{part}_{trailer.name}"] for part in ("x", "y", "psi"))
-    hitch, back = np.column_stack([x, y]), trailer.follow_x or 0.0
-    return Drive(
-        title=" · ".join(value for key, value in outcome.case.axes if key in distinct) or outcome.case.title,
-        hitch=hitch,
-        follow_point=hitch + back * np.column_stack([np.cos(psi), np.sin(psi)]),
-        distance=arc_length(hitch),
-        off_tracking=log["off_tracking_true"],
-    )
-
-
-def plan(drives: Sequence[Drive]) -> Figure:
+def plan(drives: Sequence[PlayedRun]) -> Figure:
     """Paths of the hitch, and of the follow point in each run."""
-    with plan_drawn("study plan", [drives[0].hitch, *(drive.follow_point for drive in drives)]) as (drawing, ax):
-        ax.plot(*drives[0].hitch.T, color=INK, linewidth=2.4, label="hitch")
-        for drive, colour in zip(drives, _COLOURS, strict=False):
-            ax.plot(*drive.follow_point.T, color=colour, label=f"follow point, {drive.title}")
+    hitch, followed = drives[0].trail_points(drives[0].trails[0]), [one.trail_points(one.trails[1]) for one in drives]
+    with plan_drawn("study plan", [hitch, *followed]) as (drawing, ax):
+        ax.plot(*hitch.T, color=INK, linewidth=2.4, label="hitch")
+        for drive, path, colour in zip(drives, followed, _COLOURS, strict=False):
+            ax.plot(*path.T, color=colour, label=f"follow point, {drive.name}")
     return drawing.content
 
 
-def off_tracking(drives: Sequence[Drive]) -> Figure:
+def off_tracking(drives: Sequence[PlayedRun]) -> Figure:
     """True off-tracking over the distance driven by the hitch."""
     with drawn("study off-tracking", 3.4) as (drawing, ax):
         zero_line(ax)
         for drive, colour in zip(drives, _COLOURS, strict=False):
-            ax.plot(drive.distance, drive.off_tracking, color=colour, label=drive.title)
+            distance = arc_length(drive.trail_points(drive.trails[0]))
+            ax.plot(distance, drive.log["off_tracking_true"], color=colour, label=drive.name)
         ax.set(xlabel="distance driven by the hitch [m]", ylabel="off-tracking [m], + left")
     return drawing.content
 

@@ -277,7 +277,8 @@ def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[
     if playback := played_together(figures.alike(outcomes)):
         text = "Runs of the first seed, laid over each other; other varied keys have their first value."
         yield Section("Playback", text, [Player(encoded(playback))])
-    drives = figures.drives_of(outcomes) if _has_off_tracking(rows) else []
+    has_off_tracking = any(row.numbers["off_tracking.true_rms_m"] is not None for row in rows)
+    drives = figures.drives_of(outcomes) if has_off_tracking else []
     if drives:
         text = "The follow point should retrace the hitch's path. First seed, first value of every other varied key."
         if len(drives) > figures.MOST_LINES:
@@ -290,10 +291,6 @@ def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[
     if axis:
         for quantity in shown[:3]:
             yield Section(f"{quantity.meaning}, over {axis}", content=[figures.trend(rows, axis, quantity)])
-
-
-def _has_off_tracking(rows: Sequence[Row]) -> bool:
-    return any(row.numbers["off_tracking.true_rms_m"] is not None for row in rows)
 
 
 def _table(rows: Sequence[Row]) -> Table:

@@ -195,7 +195,10 @@ def former(tuning: Tuning, directory: Path) -> int:
     try:
         for line in lines[:-1]:  # what follows the last line end was cut off by a kill
             json.loads(line)  # Optuna would notice a damaged last line only after the next one is written
-        trials = {study.study_name: study.get_trials(states=(TrialState.COMPLETE,)) for study in _studies(directory)}
+        storage = journal(directory)
+        names = optuna.get_all_study_names(storage)
+        studies = {name: optuna.load_study(study_name=name, storage=storage) for name in names}
+        trials = {name: study.get_trials(states=(TrialState.COMPLETE,)) for name, study in studies.items()}
         own = trials.pop(_name(tuning), [])
         return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
     except Exception as error:  # whatever a damaged line leads to in Optuna
@@ -273,15 +276,13 @@ def resume(tuning: Tuning, directory: Path) -> None:
         _fail_dead_trials(study)
         with without_warnings():
             optuna.storages.fail_stale_trials(study)
-        if set(tuning.defaults) == set(tuning.ranges):
-            study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
-        return
-    if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
-        optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
-        study = _study(tuning, directory, 0)
-    for trial in study.get_trials(states=(TrialState.RUNNING,)):
-        study.tell(trial.number, state=TrialState.FAIL)
-        study.enqueue_trial(trial.params)
+    else:
+        if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
+            optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
+            study = _study(tuning, directory, 0)
+        for trial in study.get_trials(states=(TrialState.RUNNING,)):
+            study.tell(trial.number, state=TrialState.FAIL)
+            study.enqueue_trial(trial.params)
     if set(tuning.defaults) == set(tuning.ranges):
         study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
 
@@ -295,9 +296,3 @@ def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
         directions=["minimize"] * len(tuning.objectives),
         load_if_exists=True,
     )
-
-
-def _studies(directory: Path) -> list[optuna.Study]:
-
-    storage = journal(directory)
-    return [optuna.load_study(study_name=name, storage=storage) for name in optuna.get_all_study_names(storage)]

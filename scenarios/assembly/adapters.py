@@ -31,19 +31,16 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import (
     Friction,
     FrictionImage,
+    FrictionPatch,
     Gust,
     MeasuredRoad,
     PatchedFriction,
     Roughness,
     RoughProfile,
     SplitFriction,
-    SumOfReliefs,
     Surface,
-    circle,
-    rectangle,
     scattered_potholes,
 )
-from vehicle.surface.friction import FrictionPatch
 
 
 def tractor_guided_at(vehicle: Vehicle, point: tuple[float, float]) -> TractorGeometry:
@@ -128,9 +125,16 @@ def _image_values(path: str, black: float, white: float) -> FloatArray:
 
 def _patch(table: CircleOptions | RectangleOptions) -> FrictionPatch:
     if isinstance(table, CircleOptions):
-        return circle(table.x, table.y, table.radius, table.friction, table.edge)
-    heading = math.radians(table.heading_deg)
-    return rectangle(table.x, table.y, table.length, table.width, table.friction, heading, table.edge)
+        return FrictionPatch(x=table.x, y=table.y, friction=table.friction, rounding=table.radius, edge=table.edge)
+    return FrictionPatch(
+        x=table.x,
+        y=table.y,
+        friction=table.friction,
+        heading=math.radians(table.heading_deg),
+        half_length=0.5 * table.length,
+        half_width=0.5 * table.width,
+        edge=table.edge,
+    )
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
@@ -255,15 +259,6 @@ def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
             yield f"steer_trailer_{by_law}_{unit.name}"
 
 
-def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
-    """The tractor's data sheet for the driver on a course.
-
-    Raises:
-        ValueError: if the tractor cannot be steered.
-    """
-    return tractor_guided_at(vehicle, course.reference)
-
-
 def surface_of(
     scenario: Scenario, course: Course, rng: np.random.Generator, measured: MeasuredRoad | None = None
 ) -> Surface:
@@ -281,7 +276,7 @@ def surface_of(
             potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
             measured=measured,
         )
-    reliefs = [relief for relief in (course.relief, measured.relief if measured else None) if relief is not None]
+    reliefs = (course.relief, measured.relief if measured else None)
     wind = scenario.wind
     return Surface(
         gust=Gust(speed=wind.speed, start=wind.start, length=wind.length, edge=wind.edge) if wind.speed else None,
@@ -289,7 +284,7 @@ def surface_of(
         cross_fall=options.cross_fall,
         grade=options.grade,
         centre=course.surface_centre,
-        relief=SumOfReliefs(*reliefs) if len(reliefs) > 1 else next(iter(reliefs), None),
+        reliefs=tuple(relief for relief in reliefs if relief is not None),
         roughness=roughness,
     )
 

@@ -26,8 +26,8 @@ Built = tuple[LoopFault, LoopFaultKind]  # a fault, and the object of its kind
 Streams = Callable[[str], np.random.Generator]  # random stream by name
 
 
-class TrailerFaults:
-    """Faults in the loop of one trailer; they act in the order in which they are given."""
+class LoopFaults:
+    """Faults in the loop of one trailer, or of the vehicle's brakes; they act in the order in which they are given."""
 
     def __init__(self, faults: Sequence[Built] = ()) -> None:
         self._faults = faults
@@ -45,13 +45,6 @@ class TrailerFaults:
             if isinstance(kind, ActuatorFault):
                 demand = kind.demanded(tick, demand, angles, fault.active(tick))
         return demand
-
-
-class BrakeFaults:
-    """Faults of the vehicle's brakes."""
-
-    def __init__(self, faults: Sequence[Built] = ()) -> None:
-        self._faults = faults
 
     def shares(self, tick: int) -> tuple[float, ...]:
         """Share of its torque that the brake of each wheel has [-]; empty without faults."""
@@ -105,16 +98,16 @@ def with_failing_brakes(scenario: Scenario, vehicle: Vehicle, plant: str) -> Veh
     return vehicle
 
 
-def opened_brake_faults(scenario: Scenario, vehicle: Vehicle, rng: Streams) -> BrakeFaults:
+def opened_brake_faults(scenario: Scenario, vehicle: Vehicle, rng: Streams) -> LoopFaults:
     """The scenario's faults of brakes, for the simulated vehicle.
 
     Raises:
         ValueError: one line, if it cannot have one of them.
     """
-    return BrakeFaults(_built(loop_faults(scenario.faults, of_brakes=True), vehicle, len(vehicle.units) - 1, rng))
+    return LoopFaults(_built(loop_faults(scenario.faults, of_brakes=True), vehicle, len(vehicle.units) - 1, rng))
 
 
-def opened_trailer_faults(scenario: Scenario, vehicle: Vehicle, unit: int, plant: str, rng: Streams) -> TrailerFaults:
+def opened_trailer_faults(scenario: Scenario, vehicle: Vehicle, unit: int, plant: str, rng: Streams) -> LoopFaults:
     """The scenario's faults in the loop of one trailer, a ``unit`` of the simulated vehicle.
 
     A trailer without steered axles has none.
@@ -128,7 +121,7 @@ def opened_trailer_faults(scenario: Scenario, vehicle: Vehicle, unit: int, plant
         if not steered or plant == "constant_slip":
             lacks = f"plant.kind = {plant} steers none" if steered else f"{vehicle.name} has no steered trailer axle"
             raise ValueError(f"faults: {fault.name} needs a steered trailer; {lacks}")
-    return TrailerFaults(_built(faults, vehicle, unit, rng) if vehicle.led_unit(unit).steered_axles else ())
+    return LoopFaults(_built(faults, vehicle, unit, rng) if vehicle.led_unit(unit).steered_axles else ())
 
 
 def _built(faults: Iterable[tuple[int, LoopFault]], vehicle: Vehicle, unit: int, rng: Streams) -> list[Built]:

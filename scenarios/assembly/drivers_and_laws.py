@@ -13,7 +13,7 @@ from controllers.reversing_law import RollingChain
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.safeguarded import Degradation, Safeguarded
-from scenarios.assembly.adapters import tractor_geometry
+from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
@@ -142,7 +142,7 @@ def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Opene
     part: Part[DriverContext, OpenedDriver | DriverLike[Any]] = resolve("driver.kind", kind, DRIVER)
     context = DriverContext(
         vehicle=vehicle,
-        tractor=tractor_geometry(vehicle, course),
+        tractor=tractor_guided_at(vehicle, course.reference),
         course=course,
         speed=scenario.speed,
         options=options,

@@ -15,7 +15,15 @@ from estimators.context import RoverContext, RoverGeometry, SlipEstimator
 from estimators.odometry.repeated_frames import NewViews
 from scenarios.assembly.adapters import rig_schedule
 from scenarios.assembly.applied_faults import refuse_loop_faults, sensor_faults
-from scenarios.catalogue import ROVER_DRIVER, ROVER_SENSOR, SLIP_ESTIMATOR, Part, check_made, constructed, resolve
+from scenarios.catalogue import (
+    ROVER_DRIVER,
+    ROVER_SENSOR,
+    SLIP_ESTIMATOR,
+    check_made,
+    constructed,
+    opened_sensor,
+    resolve,
+)
 from scenarios.options.scenario import RoverScenario, RoverSurfaceOptions, SandOptions, stream
 from scenarios.progress import Progress, no_progress
 from sensors.context import RoverSensorContext
@@ -109,23 +117,6 @@ class SlipInstrument:
     def of(cls, context: RoverMountContext) -> OpenedRoverSensor:
         """Exact instrument."""
         return OpenedRoverSensor(sensor=ExactSlip(context.rig.watched), schedule=context.schedule)
-
-
-def opened_rover_sensor(name: str, context: RoverMountContext) -> OpenedRoverSensor:
-    """Open a sensor by its name; a sensor without a schedule of its own samples at the rate of the camera.
-
-    Raises:
-        ValueError: one line, if there is no such sensor or the context does not fit.
-    """
-    part: Part[RoverMountContext, OpenedRoverSensor | Sensor[RoverTruth, Message]] = resolve(
-        "sensor", name, ROVER_SENSOR
-    )
-    sensor = constructed("sensor", name, lambda: part.of(context))
-    opened = (
-        sensor if isinstance(sensor, OpenedRoverSensor) else OpenedRoverSensor(sensor=sensor, schedule=context.schedule)
-    )
-    check_made("sensor", name, opened.sensor, ("sample",))
-    return opened
 
 
 PERIOD = 50  # period of control, log and one integration call [ticks]
@@ -245,7 +236,7 @@ def rover_sensing(scenario: RoverScenario, mount: RoverMountContext) -> RoverSen
         raise ValueError(
             f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) shows no wheel trace"
         )
-    opened = opened_rover_sensor(sensor, mount)
+    opened: OpenedRoverSensor = opened_sensor(sensor, mount, ROVER_SENSOR, OpenedRoverSensor)
     context = RoverContext(
         rover=rover_geometry(mount.rover), rig=mount.rig, rng=mount.stream("slip estimator"), options=scenario.estimator
     )

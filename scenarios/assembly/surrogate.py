@@ -10,7 +10,7 @@ Comparing such a run with a camera run shows the effect of the cameras on a poli
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import ClassVar, NamedTuple, Self
@@ -27,38 +27,24 @@ from scenarios.results.log import LOST, read_columns
 from scenarios.results.metrics import estimate_error
 from sensors.messages import BodyPose
 from vehicle.clock import TICK
+from vehicle.foundation.quantity import Frozen, checked, quantity
 from vehicle.foundation.user_file import FileKind, read_toml, shown, without_sources
 from vehicle.frames import FloatArray
 
 _FRAMES = 600  # of random numbers per vehicle: a minute; a longer episode repeats them
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SurrogateParameters:
-    """Parameters of the surrogate.
+class SurrogateParameters(Frozen):
+    """Parameters of the surrogate."""
 
-    Raises:
-        ValueError: if a value is negative or not finite, or a time constant is 0.
-    """
-
-    bias: float  # constant in a run, 1 sigma [m]
-    drift: float  # stationary value of the drift, 1 sigma [m]
-    drift_time: float  # time constant of the drift [s]
-    noise: float  # of single frames, 1 sigma [m]
-    loss_rate: float  # losses of health [1/s]
-    loss_duration: float  # mean duration of a loss [s]
-    velocity_noise: float  # of the velocities, 1 sigma [m/s]
-    yaw_rate_noise: float  # of the yaw rate, 1 sigma [rad/s]
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (is_number and 0.0 <= value < math.inf):
-                raise ValueError(f"surrogate: {field.name} = {value!r:.80} must be a number >= 0")
-        for name in ("drift_time", "loss_duration"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"surrogate: {name} = {getattr(self, name)} s must be positive")
+    bias: float = quantity(..., "m", 0.0, math.inf, "Constant in a run, 1 sigma.")
+    drift: float = quantity(..., "m", 0.0, math.inf, "Stationary value of the drift, 1 sigma.")
+    drift_time: float = quantity(..., "s", 0.0, math.inf, "Time constant of the drift.", above=True)
+    noise: float = quantity(..., "m", 0.0, math.inf, "Of single frames, 1 sigma.")
+    loss_rate: float = quantity(..., "1/s", 0.0, math.inf, "Losses of health.")
+    loss_duration: float = quantity(..., "s", 0.0, math.inf, "Mean duration of a loss.", above=True)
+    velocity_noise: float = quantity(..., "m/s", 0.0, math.inf, "Of the velocities, 1 sigma.")
+    yaw_rate_noise: float = quantity(..., "rad/s", 0.0, math.inf, "Of the yaw rate, 1 sigma.")
 
 
 def load_surrogate(path: Path | None = None) -> SurrogateParameters:
@@ -68,17 +54,7 @@ def load_surrogate(path: Path | None = None) -> SurrogateParameters:
         ValueError: one line, if the file is not such a file.
     """
     file = Path(str(resources.files("scenarios"))) / "assembly" / "surrogate.toml" if path is None else path
-    plain = without_sources(read_toml(file))
-    known = [field.name for field in fields(SurrogateParameters)]
-    if sorted(plain) != sorted(known):
-        raise ValueError(f"{file}: has {shown(', '.join(sorted(plain)))}, must have {', '.join(known)}")
-    for name, value in plain.items():
-        if type(value) not in (int, float):
-            raise ValueError(f"{file}: {name} = {shown(repr(value))} must be a number")
-    try:
-        return SurrogateParameters(**plain)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
+    return checked(SurrogateParameters, without_sources(read_toml(file)), str(file))
 
 
 def drifted(
@@ -312,12 +288,7 @@ def fitted(runs: Sequence[RunErrors]) -> SurrogateParameters:
 
     The mean of a run is its bias. The part of the rest that correlates from frame to frame is drift, the remainder is
     noise of single frames.
-
-    Raises:
-        ValueError: if there is no run.
     """
-    if not runs:
-        raise ValueError("no run to fit to")
     biases = np.array([float(np.nanmean(run.error)) for run in runs])
     interval = float(np.mean([run.interval for run in runs]))
     correlation = _autocovariance([run.error - bias for run, bias in zip(runs, biases, strict=True)])
@@ -346,7 +317,7 @@ def surrogate_toml(parameters: SurrogateParameters, runs: int, frames: int) -> s
     assumed = "assumed: some millimetres and hundredths of a degree of odometry over a frame of 0.1 s"
     table = {
         name: {"value": float(f"{getattr(parameters, name):.4g}"), "source": assumed if "_noise" in name else fit}
-        for name in SurrogateParameters.__dataclass_fields__
+        for name in SurrogateParameters.model_fields
     }
     return tomli_w.dumps(table)
 

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -28,8 +28,7 @@ from scenarios.assembly.adapters import (
     watched_units,
 )
 from scenarios.assembly.applied_faults import (
-    BrakeFaults,
-    TrailerFaults,
+    LoopFaults,
     opened_brake_faults,
     opened_trailer_faults,
     sensor_faults,
@@ -42,11 +41,12 @@ from scenarios.assembly.trailer_sensors import (
     MountContext,
     OpenedSensor,
     Rectified,
+    StereoCameras,
     Views,
     built_world,
     traffic_around,
 )
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, check_made, constructed, opened_sensor, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario, stream
 from scenarios.options.tables import SurfaceOptions
@@ -69,21 +69,14 @@ _BEFORE_START: Final = 100.0  # length of line that holds the start of the path 
 _HIGHEST: Final = 0.5  # unevenness that a wheel may roll over [m]
 
 
-class MeasuredGround(NamedTuple):
-    """A measured road, and what a user should know of it."""
-
-    road: MeasuredRoad
-    remarks: tuple[str, ...]
-
-
-def measured_ground(options: SurfaceOptions, course: Course) -> MeasuredGround | None:
-    """The surface of ``surface.crg`` along a course; None if there is none.
+def measured_ground(options: SurfaceOptions, course: Course) -> tuple[MeasuredRoad | None, tuple[str, ...]]:
+    """The surface of ``surface.crg`` along a course, None if there is none, and what a user should know of it.
 
     Raises:
         ValueError: one line, if the file cannot be read, or has steps that no wheel rolls over.
     """
     if options.crg is None:
-        return None
+        return None, ()
     try:
         surface = read_crg(Path(options.crg))
     except ValueError as error:
@@ -106,7 +99,7 @@ def measured_ground(options: SurfaceOptions, course: Course) -> MeasuredGround |
             f"surface.crg = {options.crg}: is {road.highest:.2f} m higher or lower than its mean profile: must be at "
             f"most {_HIGHEST:g} m (heights are metres)"
         )
-    return MeasuredGround(road, tuple(_remarks(surface, course)))
+    return road, tuple(_remarks(surface, course))
 
 
 def _path_start(line: FloatArray, course: Course) -> float:
@@ -137,9 +130,8 @@ def opened_ground(scenario: Scenario, course: Course, seed: int) -> tuple[Surfac
     Raises:
         ValueError: one line, if a file cannot be read.
     """
-    measured = measured_ground(scenario.surface, course)
-    surface = surface_of(scenario, course, stream(seed, "surface"), measured.road if measured else None)
-    return surface, measured.remarks if measured else ()
+    measured, remarks = measured_ground(scenario.surface, course)
+    return surface_of(scenario, course, stream(seed, "surface"), measured), remarks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,20 +143,6 @@ class Sensing:
     period: int  # between two of its messages [ticks]
     estimator: OffTrackingSource
     cameras: Cameras | None  # None: the estimator receives no stereo images
-
-
-def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
-    """Open a sensor by its name; a sensor without a schedule of its own samples at the rate of the cameras.
-
-    Raises:
-        ValueError: one line, if there is no such sensor or the context does not fit.
-        RendererUnavailableError: one line, if it renders and OpenGL does not work here.
-    """
-    part: Part[MountContext, OpenedSensor | Sensor[Truth, Message]] = resolve("sensor", name, SENSOR)
-    sensor = constructed("sensor", name, lambda: part.of(context))
-    opened = sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
-    check_made("sensor", name, opened.sensor, ("sample",))
-    return opened
 
 
 def rendered_images(scenario: Scenario) -> type | None:
@@ -192,7 +170,7 @@ def opened_sensing(scenario: Scenario, context: MountContext) -> Sensing:
     sensor = scenario.sensor if scenario.sensor is not None else part.sensor
     if hasattr(kind := resolve("sensor", sensor, SENSOR), "sends"):  # cameras take seconds to open
         check_receives(f"off_tracking = {scenario.off_tracking}", part, kind)
-    opened = opened_sensor(sensor, context)
+    opened: OpenedSensor = opened_sensor(sensor, context, SENSOR, OpenedSensor)
     cameras = opened.cameras
     odometry: Odometry[Any] | None = None
     if cameras and cameras.epipolar:
@@ -272,7 +250,7 @@ class WatchedTrailer:
     law: Safeguarded
     signals: CombinationSensors
     sensing: Sensing
-    faults: TrailerFaults = field(default_factory=TrailerFaults)
+    faults: LoopFaults = field(default_factory=LoopFaults)
 
     @property
     def n_steered(self) -> int:
@@ -299,7 +277,7 @@ class Assembly:
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
     recording: OpenedSensor | None  # recording cameras of the last trailer
-    brake_faults: BrakeFaults
+    brake_faults: LoopFaults
     schedule: Schedule  # of the cameras, or of the reference units instead
     remarks: tuple[str, ...] = ()  # on the inputs, for the result's warnings
 
@@ -411,7 +389,7 @@ def _assembled(
         sensing[unit] = opened_sensing(scenario, mounts[unit])
         opened.callback(close_part, sensing[unit].estimator)
     records_only = record and sensing[last].cameras is None
-    recording = opened_sensor("stereo_camera", mounts[last]) if records_only else None
+    recording = StereoCameras.of(mounts[last]) if records_only else None
     return Assembly(
         scenario=scenario,
         seed=seed,

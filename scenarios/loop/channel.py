@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
+from io import FileIO
 from threading import Lock
 from typing import (
     Any,
@@ -186,32 +187,16 @@ CONTROL: Final = Schedule(period=to_ticks(PERIOD, "control period"))
 ItemT = TypeVar("ItemT")
 
 
-class _File:
+class _File(FileIO):
     """A temporary file without a name; it goes with its last user."""
 
     def __init__(self) -> None:
-        self._descriptor, name = tempfile.mkstemp(prefix="offtrack-")
+        descriptor, name = tempfile.mkstemp(prefix="offtrack-")
         os.unlink(name)
+        super().__init__(descriptor, "r+")
 
     def __del__(self) -> None:
-        os.close(self._descriptor)
-
-    def stored(self, content: bytes) -> "_Stored":
-        """Write behind what is there.
-
-        Raises:
-            OSError: if there is no room.
-        """
-        offset, rest = os.lseek(self._descriptor, 0, os.SEEK_END), memoryview(content)
-        while rest:
-            rest = rest[os.write(self._descriptor, rest) :]
-        return _Stored(self, offset, len(content))
-
-    def read(self, offset: int, size: int) -> bytes:
-        parts = bytearray()
-        while len(parts) < size:
-            parts += os.pread(self._descriptor, size - len(parts), offset + len(parts))
-        return bytes(parts)
+        self.close()
 
 
 class _Stored(NamedTuple):
@@ -222,7 +207,7 @@ class _Stored(NamedTuple):
     size: int
 
     def load(self) -> list[Any]:
-        return cast("list[Any]", pickle.loads(self.file.read(self.offset, self.size)))
+        return cast("list[Any]", pickle.loads(os.pread(self.file.fileno(), self.size, self.offset)))
 
 
 class Kept(Sequence[ItemT], Generic[ItemT]):
@@ -293,7 +278,10 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         try:
             content = pickle.dumps(items, protocol=pickle.HIGHEST_PROTOCOL)
             self._file = self._file or _File()
-            return self._file.stored(content)
+            offset = self._file.seek(0, os.SEEK_END)
+            if self._file.write(content) < len(content):
+                return items
+            return _Stored(self._file, offset, len(content))
         except Exception:  # of a user's class, which may do anything; or no room is left
             return items
 

@@ -10,7 +10,7 @@ from typing import Final, Generic, Protocol, TypeVar
 import cv2
 
 from scenarios.assembly.trailer_sensors import Cameras
-from scenarios.loop.channel import Kept, Stopwatch
+from scenarios.loop.channel import Finished, Kept, Stopwatch
 from sensors.messages import ColourImage, RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth
@@ -168,9 +168,7 @@ class TracePictures(Pictures[RoverTruth]):
             self._recorder.add(message, self._truth(message.tick))
         if self._keep and self._camera is not None:
             with self._stopwatch.timed("render"):
-                picture: Future[bytes] = Future()
-                picture.set_result(_jpeg(self._camera.colour(truth)))
-                self.add(truth.tick, picture)
+                self.add(truth.tick, Finished(_jpeg(self._camera.colour(truth))))
 
 
 def _stereo_jpeg(frame: StereoFrame) -> bytes:

@@ -8,7 +8,6 @@ from typing import Final
 from estimators.estimates import SlipAngle
 from estimators.slip.rover_odometry import LaserSlip, RoverOdometry
 from scenarios.assembly.rover_run import PERIOD, RoverAssembly
-from scenarios.loop.bench import Bench
 from scenarios.loop.channel import Channel, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import RoverRecorder, TracePictures
 from scenarios.loop.session import RunSession
@@ -108,9 +107,6 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
         keep_frames: bool = False,
         recorder: RoverRecorder | None = None,
         worker: Executor | None = None,
-        renderer: Executor | None = None,
-        bench: Bench | None = None,
-        is_paced: bool = False,
     ) -> None:
         """Begin at tick 0 at the start of the path, wheels turning for the set speed.
 
@@ -119,15 +115,7 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
             keep_frames: keep colour pictures of the camera for the report.
             recorder: receives the camera's views.
             worker: runs the estimator, one message after the other; None: a thread of its own.
-            renderer: is not used: the camera sees the sand that the wheels have just shaped, so the loop renders it.
-            bench: none; a rover has no signals and demands of trailers.
-            is_paced: the run keeps wall time, which changes nothing here.
-
-        Raises:
-            ValueError: one line, if there is a bench.
         """
-        if bench is not None:
-            raise ValueError(f"--{bench.links[0].name}: signals and demands are those of trailers; a rover has none")
         self.parts = parts
         self.worker = worker or estimator_thread()
         stopwatch = Stopwatch()

@@ -31,8 +31,10 @@ class Kind:
     """A kind of vehicle in the loop."""
 
     assemble: Callable[..., Any]  # of scenario, seed, keep_colour, record and progress; the parts of a run
-    session: Callable[..., RunSession[Any, Any, Any]]  # of the parts, keep_frames, recorder, renderer, bench, is_paced
-    renders_aside: bool  # a thread of its own renders the cameras of a paced run
+    session: Callable[..., RunSession[Any, Any, Any]]  # of the parts, keep_frames and recorder
+    # A trailer's session also takes a renderer, the thread that renders the cameras of a paced run, bench and is_paced.
+    # A rover's camera sees the sand that the wheels have just shaped, so the loop renders it.
+    is_trailer: bool
     images: Callable[[Any], type | None]  # class of the images that a scenario's sensor renders; None: no camera
     duration: Callable[[Any], float]  # of a scenario's course at set speed [s]
 
@@ -41,14 +43,14 @@ KINDS: Final[Mapping[str, Kind]] = {
     "trailer": Kind(
         assemble=assemble,
         session=TrailerSession,
-        renders_aside=True,
+        is_trailer=True,
         images=rendered_images,
         duration=course_duration,
     ),
     "rover": Kind(
         assemble=assemble_rover,
         session=RoverSession,
-        renders_aside=False,
+        is_trailer=False,
         images=lambda scenario: None,  # of sand, which needs no OpenGL
         duration=lambda scenario: rover_path(scenario).length / scenario.speed,
     ),
@@ -101,26 +103,20 @@ def run(
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     kind, inputs = KINDS[scenario.vehicle_kind], run_inputs(scenario.model_dump(exclude_none=True))
+    if bench is not None and not kind.is_trailer:
+        raise ValueError(f"--{bench.links[0].name}: signals and demands are those of trailers; a rover has none")
     renderer: Executor | None = None
     with ExitStack() as cleanup:
         opened = partial(kind.assemble, scenario, seed, keep_colour=keep_frames, record=record is not None)
-        if pacer is None or not kind.renders_aside:
+        if pacer is None or not kind.is_trailer:
             parts = cleanup.enter_context(closing(opened(progress=calibration_progress)))
         else:  # OpenGL's objects belong to the thread that made them
             renderer = cleanup.enter_context(ThreadPoolExecutor(max_workers=1, thread_name_prefix="renderer"))
             parts = renderer.submit(opened).result()
             cleanup.callback(renderer.submit, parts.close)
         recorder = cleanup.enter_context(record(parts)) if record else None
-        session = cleanup.enter_context(
-            kind.session(
-                parts,
-                keep_frames=keep_frames,
-                recorder=recorder,
-                renderer=renderer,
-                bench=bench,
-                is_paced=pacer is not None,
-            )
-        )
+        own = {"renderer": renderer, "bench": bench, "is_paced": pacer is not None} if kind.is_trailer else {}
+        session = cleanup.enter_context(kind.session(parts, keep_frames=keep_frames, recorder=recorder, **own))
         progress = _watched(progress, watch, partial(session.result, inputs, complete=False))
         if pacer is None:
             session.run(progress)

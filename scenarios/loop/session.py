@@ -7,21 +7,20 @@ from concurrent.futures import Executor
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 from controllers.checked import LawError, misbehaviour
-from scenarios.loop.channel import Kept, Pacer, Stopwatch, steady_python
+from scenarios.loop.channel import Channel, Kept, Pacer, Stopwatch, steady_python
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Row
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.run_summary import Result
+from sensors.messages import Stamped
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
 from vehicle.foundation.plant_like import EndedError, PlantLike
 from vehicle.frames import FloatArray
 
-TruthT = TypeVar("TruthT")
+TruthT = TypeVar("TruthT", bound=Stamped)
 TruthIn = TypeVar("TruthIn", contravariant=True)
-TruthOut = TypeVar("TruthOut", covariant=True)
 CommandT = TypeVar("CommandT")
-CommandIn = TypeVar("CommandIn", contravariant=True)
 CommandOut = TypeVar("CommandOut", covariant=True)
 RecordT = TypeVar("RecordT")
 RecordOut = TypeVar("RecordOut", covariant=True)
@@ -30,24 +29,6 @@ _ROWS = 50  # are written at once: 1000 would make a paced step late
 _IN_MEMORY = 5000  # rows: 50 s of some kilobytes each; writing and reading them takes as long as the judge
 _SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
-
-
-class ChannelLike(Protocol[TruthIn]):
-    """Interface of a channel, whatever messages and estimates it carries."""
-
-    @property
-    def sensor(self) -> object:
-        """The sensor."""
-
-    @property
-    def estimator(self) -> object:
-        """The estimator behind it; None if there is none."""
-
-    def sample(self, truth: TruthIn, tick: int) -> object:
-        """Sample the sensor if it is due, and return the message."""
-
-    def deliver(self, tick: int) -> None:
-        """Receive the estimates that are due by this tick."""
 
 
 class Pilot(Protocol[TruthIn, CommandOut, RecordOut]):
@@ -89,7 +70,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         period: int,
         pilot: Pilot[TruthT, CommandT, RecordT],
         judge: Judge[TruthT],
-        channels: Sequence[ChannelLike[TruthT]] = (),
+        channels: Sequence[Channel[TruthT, Any, Any]] = (),
         observers: Sequence[Observer[TruthT]] = (),
         stopwatch: Stopwatch | None = None,
     ) -> None:

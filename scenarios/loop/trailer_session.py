@@ -15,7 +15,7 @@ from controllers.trailer_steering.safeguarded import SafeguardedCommand
 from estimators.estimates import CameraOffTracking, OffTracking, lost_motion
 from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.adapters import outlines
-from scenarios.assembly.applied_faults import BrakeFaults
+from scenarios.assembly.applied_faults import LoopFaults
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, trailer_stream
 from scenarios.loop.bench import DRIVER, RECORD_NAME, Bench, Exchange, Sensed, opened_exchange
 from scenarios.loop.channel import CONTROL, Channel, Pacer, Stateful, Stopwatch, estimator_thread
@@ -148,14 +148,14 @@ class CombinationPilot:
         driver: DriverLike[MemoryT] | None,
         trailers: Sequence[SteeredTrailer],
         exchange: Exchange | None = None,
-        brakes: BrakeFaults | None = None,
+        brakes: LoopFaults | None = None,
     ) -> None:
         """Create the pilot of a ``vehicle``; without a driver its motion is prescribed.
 
         Demands from the ``exchange`` with a bench replace those of driver and laws. ``brakes`` has the brakes' faults.
         """
         self.trailers = trailers
-        self._exchange, self._brakes = exchange, brakes or BrakeFaults()
+        self._exchange, self._brakes = exchange, brakes or LoopFaults()
         self._driver = None if driver is None else Stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._perception = DriverPerception(vehicle.units[0].origin_x)

@@ -117,17 +117,15 @@ class RoverScenario(ScenarioTable):
     slip_estimator: str = option(
         "Slip estimator (see offtrack parts slip_estimator) or package.module:Name.", "ftrace_plus"
     )
-    estimator: dict[str, Parameter] = Field(
-        default_factory=dict, description="Parameters of the slip estimator; those not given keep their defaults."
+    estimator: dict[str, Parameter] = option(
+        "Parameters of the slip estimator; those not given keep their defaults.", {}
     )
     sensor: str | None = option(
         "Sensor (see offtrack parts rover_sensor) or package.module:Name; not given: the estimator's own.", None
     )
-    sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
+    sensing: dict[str, Parameter] = option("Parameters of the user's own sensor.", {})
     driver: str = option("Rover driver (see offtrack parts rover_driver) or package.module:Name.", "path")
-    driving: dict[str, Parameter] = Field(
-        default_factory=dict, description="Parameters of the rover driver; those not given keep their defaults."
-    )
+    driving: dict[str, Parameter] = option("Parameters of the rover driver; those not given keep their defaults.", {})
     slip_compensation: Compensation = option(
         "Compensation of the estimated slip: none, by the heading, or by pointing the wheels (crab).", "crab"
     )
@@ -189,21 +187,17 @@ class Scenario(ScenarioTable):
         "Trailer steering law (see offtrack parts trailer_steering), package.module:Name or the file of an FMU.",
         "path_preview",
     )
-    steering: dict[str, Parameter] = Field(
-        default_factory=dict, description="Parameters of the law; those not given keep their defaults."
-    )
+    steering: dict[str, Parameter] = option("Parameters of the law; those not given keep their defaults.", {})
     policy: PolicyOptions = PolicyOptions()
     off_tracking: PartName = option(
         "Off-tracking estimator (see offtrack parts off_tracking), package.module:Name or the file of an FMU.",
         "viso_ot",
     )
-    estimator: dict[str, Parameter] = Field(
-        default_factory=dict, description="Parameters of the estimator; those not given keep their defaults."
-    )
+    estimator: dict[str, Parameter] = option("Parameters of the estimator; those not given keep their defaults.", {})
     sensor: str | None = option(
         "Sensor (see offtrack parts sensor) or package.module:Name; not given: the estimator's own.", None
     )
-    sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
+    sensing: dict[str, Parameter] = option("Parameters of the user's own sensor.", {})
     # Of ``off_tracking = "viso_ot"``; ``estimator`` has those of others
     viso_ot: VisoOt.Parameters = VisoOt.Parameters()
     odometry: str = option("Stereo odometry (see offtrack parts odometry) or package.module:Name.", "keyframe")

@@ -217,9 +217,7 @@ class DriverOptions(Frozen):
         "else preview.",
         None,
     )
-    parameters: dict[str, bool | int | float | str] = Field(
-        default_factory=dict, description="Parameters of the user's own driver."
-    )
+    parameters: dict[str, bool | int | float | str] = option("Parameters of the user's own driver.", {})
     max_lateral_acceleration: float | None = quantity(
         None, "m/s2", 0.05, 10.0, "Largest lateral acceleration; the driver slows down in turns; not given: no limit."
     )

@@ -233,19 +233,14 @@ def _bridged(seconds: FloatArray) -> Numbers:
 
 
 def _swept_path(path: SweptPath) -> Numbers:
-    return {
-        "max_width_m": number(path.max_width),
-        "min_inner_radius_m": number(path.min_inner_radius),
-        "tail_swing_m": number(path.tail_swing),
-        "tail_swing_entry_m": number(path.tail_swing_entry),
-        "tail_swing_exit_m": number(path.tail_swing_exit),
-    }
+    names = ("max_width", "min_inner_radius", "tail_swing", "tail_swing_entry", "tail_swing_exit")
+    return {f"{name}_m": number(getattr(path, name)) for name in names}
 
 
 def _road(result: RunResult) -> Numbers:
     edges = RoadEdges(result.road, result.road_half_width if result.road_known else math.inf)
     clearance = wheel_clearance(edges, result.units, [result.poses(unit) for unit in result.units])
-    return {"wheel_clearance_left_m": number(clearance.left), "wheel_clearance_right_m": number(clearance.right)}
+    return {f"wheel_clearance_{side}_m": number(value) for side, value in clearance._asdict().items()}
 
 
 def _steer(result: RunResult, trailer: str) -> Numbers:

@@ -114,8 +114,9 @@ def _relief(
         for values, origin in ((points.heights, _first(points.heights)), (points.banks, 0.0))
     )
     heights = _continued(heights, stations, on_path) - heights[0]
+    beyond = int(np.argmax(on_path)), int(np.argmax(on_path[::-1]))  # number of stations before the path and after it
     try:
-        relief = RoadRelief(line, heights, _constant(banks, on_path), reach=reach)
+        relief = RoadRelief(line, heights, np.pad(banks, beyond, mode="edge"), reach=reach)
     except ValueError as error:
         raise ValueError(f"{fit.source}: {error} (course.heights = false drives it level)") from None
     _check_crossings(line, heights, fit)
@@ -133,13 +134,6 @@ def _continued(values: FloatArray, stations: FloatArray, known: NDArray[np.bool_
     for rows_beyond, end, inner in ((slice(0, rows[0]), 0, 1), (slice(rows[-1] + 1, None), -1, -2)):
         slope = (values[end] - values[inner]) / (stations[rows[end]] - stations[rows[inner]])
         whole[rows_beyond] = values[end] + slope * (stations[rows_beyond] - stations[rows[end]])
-    return whole
-
-
-def _constant(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
-    """Values at all stations, constant beyond both ends."""
-    rows = np.flatnonzero(known)
-    whole: FloatArray = values[np.clip(np.arange(len(known)) - rows[0], 0, len(rows) - 1)]
     return whole
 
 

@@ -31,7 +31,7 @@ class Checkerboard:
     Frame B: origin at the first inner corner, x along a row of corners, y along a column, z away from the viewer.
 
     Raises:
-        ValueError: if the board has too few corners or no size.
+        ValueError: if the board has too few corners.
     """
 
     columns: int  # inner corners along a row
@@ -41,8 +41,6 @@ class Checkerboard:
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < _FEWEST:
             raise ValueError(f"board {self.columns}x{self.rows}: at least {_FEWEST}x{_FEWEST} inner corners are needed")
-        if not self.square > 0.0:
-            raise ValueError(f"square = {self.square} m must be positive")
 
     @property
     def corners(self) -> FloatArray:

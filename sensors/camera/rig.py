@@ -301,14 +301,6 @@ class StereoCalibration:
     baseline: float  # [m]
     X_SC: FloatArray  # (4, 4) pose of the left camera in the trailer body (origin: hitch on the ground)
 
-    def __post_init__(self) -> None:
-        if self.width <= 0 or self.height <= 0 or self.focal_length <= 0.0:
-            raise ValueError(
-                f"camera of {self.width}x{self.height} px, focal length {self.focal_length} px: all must be positive"
-            )
-        if self.baseline <= 0.0:
-            raise ValueError(f"baseline = {self.baseline} m must be positive")
-
     @classmethod
     def of_view(cls, width: int, height: int, hfov: float, *, baseline: float, X_SC: FloatArray) -> "StereoCalibration":
         """Calibration of cameras with a horizontal field of view of ``hfov`` [rad], centred in their images."""

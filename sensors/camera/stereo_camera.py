@@ -13,6 +13,7 @@ import numpy as np
 from sensors.camera.image_formation import (
     STILL,
     AutoExposure,
+    ExposureControl,
     Floats,
     LensMap,
     LensSurface,
@@ -44,17 +45,11 @@ class PairSource(Protocol):
 
 
 class StereoCamera:
-    """Samples stereo pairs from one unit of the vehicle; the noise of the images is independent.
-
-    Raises:
-        ValueError: if ``noise_std`` [grey levels] is out of range or ``unit`` is negative.
-    """
+    """Samples stereo pairs from one unit of the vehicle; the noise of the images [grey levels] is independent."""
 
     def __init__(
         self, *, renderer: PairSource, unit: int, noise_std: float, rng: np.random.Generator, keep_colour: bool
     ) -> None:
-        if unit < 0:
-            raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
         self._renderer, self._unit, self._rng, self._keep_colour = renderer, unit, rng, keep_colour
         pixels = renderer.calibration.width * renderer.calibration.height
         self._bank = NoiseBank.draw(rng, noise_std, pixels)
@@ -147,8 +142,6 @@ class RawStereoCamera:
         rng: np.random.Generator,
         keep_colour: bool,
     ) -> None:
-        if unit < 0:
-            raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
         self._renderer, self.rig, self._imperfections, self._unit = renderer, rig, imperfections, unit
         self._sun = sun if imperfections.glare > 0.0 else None
         self._rng, noise_rng, *lens_rngs = rng.spawn(4)
@@ -169,20 +162,20 @@ class RawStereoCamera:
         pixels = rig.left.width * rig.left.height
         self._noise = LightNoise.draw(noise_rng, imperfections.read_noise, imperfections.shot_noise, pixels)
         self._previous: tuple[int, FloatArray] | None = None  # tick and pose of the body at the last capture
-        self._exposure: tuple[float, float] | None = None  # gain and light level of the last capture
+        self._exposure = ExposureControl(imperfections.auto_exposure)
 
     def sample(self, truth: Truth) -> StereoFrame:
         """Stereo pair whose mid-exposure is at the truth's tick."""
         X_WB = truth.bodies[self._unit]
         X_BC = self._mounted(float(truth.load_transfer[self._unit]) if any(self._imperfections.twist) else 0.0)
-        twist, elapsed = self._motion(truth.tick, X_WB)
+        twist = self._motion(truth.tick, X_WB)
         drawn = self._renderer.render_from(*(X_WB @ X for X in X_BC))
         near = (None, None) if self._shutter.is_instant else self._renderer.nearness()
         light = [
             self._light(side, grey(drawn[side]), near[side], twist.seen_from(X_BC[side]), X_WB @ X_BC[side])
             for side in (0, 1)
         ]
-        gain = self._gain(light, elapsed)
+        gain = self._exposure.gain(truth.tick, float(np.mean([image[::8, ::8].mean() for image in light])))
         left, right = (self._noise.sensed(image, gain, self._rng) for image in light)
         colour = None
         if self._keep_colour:
@@ -197,13 +190,10 @@ class RawStereoCamera:
         )
         return self.rig.X_SC, self.rig.X_SC @ self.rig.X_ClCr @ twisted
 
-    def _motion(self, tick: int, X_WB: FloatArray) -> tuple[Twist, float]:
-        """Velocity of the body, and the time since the last capture [s]."""
+    def _motion(self, tick: int, X_WB: FloatArray) -> Twist:
+        """Velocity of the body since the last capture."""
         previous, self._previous = self._previous, (tick, X_WB)
-        if previous is None:
-            return STILL, 0.0
-        elapsed = (tick - previous[0]) * TICK
-        return twist_between(previous[1], X_WB, elapsed), elapsed
+        return STILL if previous is None else twist_between(previous[1], X_WB, (tick - previous[0]) * TICK)
 
     def _light(
         self, side: int, image: GreyImage, nearness: NearnessImage | None, twist: Twist, X_WC: FloatArray
@@ -221,13 +211,3 @@ class RawStereoCamera:
         veil = surface.glare(X_WC[:3, :3].T @ self._sun, self._imperfections.glare)
         veil = np.asarray(cv2.resize(veil, (light.shape[1], light.shape[0])), dtype=np.float32)
         return light + (veil if light.ndim == 2 else veil[..., None])
-
-    def _gain(self, light: list[Floats], elapsed: float) -> float:
-        """Gain of these images, controlled by the brightness of the previous ones."""
-        control = self._imperfections.auto_exposure
-        if control is None:
-            return 1.0
-        level = float(np.mean([image[::8, ::8].mean() for image in light]))
-        gain = control.step(*self._exposure, elapsed) if self._exposure else control.settled(level)
-        self._exposure = gain, level
-        return gain

@@ -134,7 +134,6 @@ def with_faults(
     camera: Pinhole | None,
     unit: int,
     rng: Callable[[int], np.random.Generator],
-    message: type[MessageT] | None = None,
 ) -> Sensor[T, MessageT]:
     """The sensor with all faults, the first of them closest to it; the sensor itself if there are none.
 
@@ -144,14 +143,13 @@ def with_faults(
         camera: intrinsics of the images; None if it sends none.
         unit: of the vehicle that carries the sensor: 0 for the tractor or a rover.
         rng: random stream of the fault of this number.
-        message: class of the sensor's messages; None: the one that its ``sample`` is annotated with.
 
     Raises:
         ValueError: one line, if a fault does not apply to such a sensor.
     """
     if not faults:
         return sensor
-    message = message or message_type(sensor)
+    message = message_type(sensor)
     for k, fault in enumerate(faults):
         context = FaultContext(message=message, camera=camera, unit=unit, rng=rng(k))
         sensor = _FaultySensor(sensor, fault, context, message)

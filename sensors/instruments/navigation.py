@@ -73,41 +73,19 @@ _LEVEL = math.radians(0.05)  # roll and pitch; assumed: twice the error of dual-
 _VELOCITY = 0.05 / 3.6  # data sheet: 0.05 km/h RMS [m/s]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
-    """Standard deviation and time constant of a Gauss-Markov error."""
-
-    std: float
-    time_constant: float  # [s]
-
-
-# 20 mm RMS in the plane are 14.1 mm along each axis: in quadrature 12.7 mm slow and 6.2 mm fast. Height errors are 1.5
-# times as large, as all satellites are above.
-_SLOW = Drift(std=0.0127, time_constant=30.0)  # [m]
-_FAST = Drift(std=0.0062, time_constant=1.0)  # [m]
+# 20 mm RMS in the plane are 14.1 mm along each axis: in quadrature 12.7 mm slow and 6.2 mm fast [m]. Height errors are
+# 1.5 times as large, as all satellites are above. Gyroscopes smooth the antennas' noise over some seconds.
 _UPWARDS = np.array([1.0, 1.0, 1.5])
-_DRIFTS = (  # of position (3 slow, 3 fast), velocity (3), heading, pitch, roll
-    *(_SLOW,) * 3,
-    *(_FAST,) * 3,
-    *(Drift(std=_VELOCITY, time_constant=1.0),) * 3,
-    Drift(std=_HEADING, time_constant=5.0),  # gyroscopes smooth the antennas' noise over some seconds
-    *(Drift(std=_LEVEL, time_constant=20.0),) * 2,
-)
-_STD = np.array([drift.std for drift in _DRIFTS])
-_TIME = np.array([drift.time_constant for drift in _DRIFTS])  # [s]
+# Standard deviations and time constants [s] of position (3 slow, 3 fast), velocity (3), heading, pitch, roll
+_STD = np.array([*[0.0127] * 3, *[0.0062] * 3, *[_VELOCITY] * 3, _HEADING, _LEVEL, _LEVEL])
+_TIME = np.array([*[30.0] * 3, *[1.0] * 3, *[1.0] * 3, 5.0, 20.0, 20.0])
 
 
 class ReferenceUnit:
-    """Reference unit on one unit of the vehicle; errors are correlated from message to message.
-
-    Raises:
-        ValueError: if ``unit`` is negative.
-    """
+    """Reference unit on one unit of the vehicle; errors are correlated from message to message."""
 
     def __init__(self, *, unit: int, p_BU: FloatArray, rng: np.random.Generator) -> None:
         """Instrument at p_BU (3,) [m] in the body's frame, aligned with it."""
-        if unit < 0:
-            raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
         self._unit, self._p_BU, self._rng = unit, np.asarray(p_BU, dtype=np.float64), rng
         self._error = _STD * rng.standard_normal(len(_STD))
         self._tick: int | None = None

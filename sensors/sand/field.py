@@ -9,7 +9,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.sand.grid import TEXEL, Bytes, Floats, Roll, Sand, Tread, Window, imprinted, slumped, strip_of, window_of
+from sensors.sand.grid import (
+    TEXEL,
+    Bytes,
+    Floats,
+    Roll,
+    Sand,
+    Strip,
+    Tread,
+    Window,
+    imprinted,
+    slumped,
+    strip_of,
+    window_of,
+)
 from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.solids import Rock
 from sensors.world.sky import Sunlight
@@ -39,12 +52,19 @@ def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand
         return sand
     at = part.within(window)
     before = Sand(sand.height[at], sand.packed[at])
-    crumbs, large = relief.crumbs(part).texels(strip.inside), relief.large(part)[strip.inside]
-    after, _ = imprinted(roll, tread, strip, before.texels(strip.inside), large, crumbs, roll.sinkage * tread.width)
-    new = before.with_texels(strip.inside, after)
     height, packed = sand.height.copy(), sand.packed.copy()
-    height[at], packed[at] = slumped(new.height, strip.inside, _SWEEPS), new.packed
+    (height[at], packed[at]), _ = rolled_over(before, roll, tread, strip, part, relief, roll.sinkage * tread.width)
     return Sand(height, packed)
+
+
+def rolled_over(
+    sand: Sand, roll: Roll, tread: Tread, strip: Strip, window: Window, relief: Relief, displaced: float
+) -> tuple[Sand, float]:
+    """Sand of a window after a wheel rolled along its strip, and what it removed; see ``grid.imprinted``."""
+    large, crumbs = relief.large(window)[strip.inside], relief.crumbs(window).texels(strip.inside)
+    after, removed = imprinted(roll, tread, strip, sand.texels(strip.inside), large, crumbs, displaced)
+    new = sand.with_texels(strip.inside, after)
+    return Sand(slumped(new.height, strip.inside, _SWEEPS), new.packed), removed
 
 
 def foreign_tracks(rng: np.random.Generator, route: FloatArray, wheel_left: float) -> tuple[Track, ...]:

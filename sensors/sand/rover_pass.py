@@ -13,8 +13,8 @@ import numpy as np
 from sensors.instruments.navigation import RoverInstruments
 from sensors.messages import RoverView
 from sensors.sand.trace_camera import TraceCamera, Webcam
-from sensors.sand.trace_rig import TraceRig, nominal_rig
-from sensors.sand.world import SandWorld, Sun, TraceTruth
+from sensors.sand.trace_rig import nominal_rig
+from sensors.sand.world import SandWorld, TraceTruth
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.rover.description import Rover
@@ -38,22 +38,13 @@ class RoverPass:
 
     ``slow`` is slip as in Fig. 8 of Reina 2008: none until the onset, then growing for part of a minute. ``fast``
     varies by 1.6 deg within 5 s about a mean of 6 to 11 deg.
-
-    Raises:
-        ValueError: for an unknown profile or fewer than 2 frames.
     """
 
-    frames: int
+    frames: int  # at least 2
     profile: SlipProfile
     onset: float = 20.0  # of the slip, from the start [s]
     sinkage: float = _SINKAGE  # mean [m]
     bare: Sequence[tuple[float, float]] = ()  # stretches of x with a crust that takes no imprint [m]
-
-    def __post_init__(self) -> None:
-        if self.frames < 2:
-            raise ValueError(f"frames = {self.frames} must be at least 2")
-        if self.profile not in ("none", "slow", "fast"):
-            raise ValueError(f"profile = {self.profile!r} must be none, slow or fast")
 
     def truths(self, rover: Rover, terrain: Terrain, rng: np.random.Generator) -> list[RoverTruth]:
         """Truth at every moment."""
@@ -73,12 +64,33 @@ class RoverPass:
         turns = np.concatenate(
             [np.zeros((1, len(rover.wheels))), np.cumsum(dt * _wheel_speeds(rover, velocity, spin)[:-1], axis=0)]
         )
-        return [
-            self._truth(
-                k, rover, terrain, np.append(places[k], psi[k]), velocity[k], spin[k], shake[k], sinkage[k], turns[k]
+        truths = []
+        n = len(rover.wheels)
+        for k, (x, y, heading) in enumerate(np.column_stack([places, psi]).tolist()):
+            c, s = math.cos(heading), math.sin(heading)
+            at = rover.wheel_places @ np.array([[c, s], [-s, c]]) + [x, y]
+            sinkages = sinkage[k] * self._soft(at[:, 0])
+            along, across = _wheel_velocities(rover, velocity[k])
+            X_WB = transform(_on(terrain, x, y, heading) @ rotation_zyx(0.0, shake[k, 0], shake[k, 1]), np.zeros(3))
+            X_WB[:3, 3] = x, y, float(terrain.height(x, y)) - float(sinkages.mean())
+            truth = RoverTruth(
+                tick=k * FRAME_TICKS,
+                pose=np.array([x, y, heading]),
+                velocity=velocity[k],
+                X_WB=X_WB,
+                wheel_positions=np.column_stack([at, terrain.height(at[:, 0], at[:, 1]) - sinkages]),
+                wheel_headings=np.full(n, heading),
+                wheel_velocities=np.column_stack([along, across]),
+                wheel_speeds=along / (rover.radius * (1.0 - spin[k])),
+                wheel_turns=turns[k],
+                steer=np.zeros(n),
+                slip_ratios=np.full(n, spin[k]),
+                slip_angles=np.arctan2(across, along),
+                sinkages=sinkages,
+                loads=np.full(n, 9.81 * rover.mass / n),
             )
-            for k in range(self.frames)
-        ]
+            truths.append(truth)
+        return truths
 
     def slip_angles(self, rng: np.random.Generator) -> FloatArray:
         """Slip angle of the body at every moment [rad]."""
@@ -96,43 +108,6 @@ class RoverPass:
         varying = size + _wandering(rng, self.frames, dt, std, time)
         slip: FloatArray = noise + side * np.radians(onset * varying)
         return slip
-
-    def _truth(
-        self,
-        k: int,
-        rover: Rover,
-        terrain: Terrain,
-        pose: FloatArray,
-        velocity: FloatArray,
-        spin: float,
-        shake: FloatArray,
-        sinkage: float,
-        turns: FloatArray,
-    ) -> RoverTruth:
-        x, y, psi = pose.tolist()
-        n = len(rover.wheels)
-        c, s = math.cos(psi), math.sin(psi)
-        places = rover.wheel_places @ np.array([[c, s], [-s, c]]) + [x, y]
-        sinkages = sinkage * self._soft(places[:, 0])
-        along, across = _wheel_velocities(rover, velocity)
-        X_WB = transform(_on(terrain, x, y, psi) @ rotation_zyx(0.0, shake[0], shake[1]), np.zeros(3))
-        X_WB[:3, 3] = x, y, float(terrain.height(x, y)) - float(sinkages.mean())
-        return RoverTruth(
-            tick=k * FRAME_TICKS,
-            pose=pose,
-            velocity=velocity,
-            X_WB=X_WB,
-            wheel_positions=np.column_stack([places, terrain.height(places[:, 0], places[:, 1]) - sinkages]),
-            wheel_headings=np.full(n, psi),
-            wheel_velocities=np.column_stack([along, across]),
-            wheel_speeds=along / (rover.radius * (1.0 - spin)),
-            wheel_turns=turns,
-            steer=np.zeros(n),
-            slip_ratios=np.full(n, spin),
-            slip_angles=np.arctan2(across, along),
-            sinkages=sinkages,
-            loads=np.full(n, 9.81 * rover.mass / n),
-        )
 
     def _soft(self, x: FloatArray) -> FloatArray:
         """1 on sand, 0 on crust."""
@@ -214,8 +189,6 @@ def labelled_sequence(
     profile: SlipProfile = "fast",
     bare: float = 0.25,
     terrain: Terrain | None = None,
-    sun: Sun | None = None,
-    webcam: Webcam | None = None,
 ) -> Iterator[Labelled]:
     """Images of a rover that crosses a kind of sand with prescribed slip.
 
@@ -227,7 +200,7 @@ def labelled_sequence(
     ground = Terrain() if terrain is None else terrain
     rover_pass = RoverPass(frames=frames + _LEAD, profile=profile, bare=stretches)
     truths = rover_pass.truths(rover, ground, pass_rng)
-    return recorded(truths, kind, rng=rng, rover=rover, terrain=ground, sun=sun, webcam=webcam, lead=_LEAD)
+    return recorded(truths, kind, rng=rng, rover=rover, terrain=ground, lead=_LEAD)
 
 
 def recorded(
@@ -237,15 +210,12 @@ def recorded(
     rng: np.random.Generator,
     rover: Rover,
     terrain: Terrain,
-    sun: Sun | None = None,
-    webcam: Webcam | None = None,
-    rig: TraceRig | None = None,
     lead: int = 0,
 ) -> Iterator[Labelled]:
     """Views at the moments of a drive, after the first ``lead`` of them."""
     world_rng, camera_rng, instrument_rng = rng.spawn(3)
-    world = SandWorld(kind, rng=world_rng, rover=rover, terrain=terrain, route=route_of(truths), sun=sun)
-    camera = TraceCamera(world, nominal_rig(rover) if rig is None else rig, webcam or Webcam(), camera_rng)
+    world = SandWorld(kind, rng=world_rng, rover=rover, terrain=terrain, route=route_of(truths))
+    camera = TraceCamera(world, nominal_rig(rover), Webcam(), camera_rng)
     instruments = RoverInstruments(rng=instrument_rng)
     world.drive(truths[:lead])
     for truth in truths[lead:]:

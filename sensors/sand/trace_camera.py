@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera.image_formation import AutoExposure, LightNoise
+from sensors.camera.image_formation import AutoExposure, ExposureControl, LightNoise
 from sensors.camera.rig import CameraModel
 from sensors.messages import ColourImage, GreyImage
 from sensors.sand.field import decoded
@@ -24,7 +24,6 @@ from sensors.sand.grid import TEXEL, Floats, Window, window_around
 from sensors.sand.solids import Casters, Hits
 from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import LUGS, SandWorld
-from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.rover.truth import RoverTruth
 
@@ -102,7 +101,7 @@ class GroundView:
     def look(self, X_WC: FloatArray, world: SandWorld) -> VisibleGround:
         """Visible ground from X_WC (4, 4)."""
         window = window_around(self.footprint(X_WC, world), _AROUND)
-        height, eye, corner = world.height(window), X_WC[:3, 3], window.corner
+        height, eye, corner = world.field.height(window), X_WC[:3, 3], window.corner
         rx, ry, rz = _turned(self.between, X_WC)
         kx, ky = rx / rz, ry / rz  # horizontal distance of a ray per metre of rise
         a, bx, by = _plane(world, eye)
@@ -119,12 +118,12 @@ class GroundView:
 
     def light(self, ground: VisibleGround, world: SandWorld) -> tuple[Floats, Floats]:
         """Shares of the light of sun and sky that open ground reflects to every pixel."""
-        direct, ambient = (decoded(_looked_up(plane, ground.u, ground.v)) for plane in world.lit(ground.window))
+        direct, ambient = (decoded(_looked_up(plane, ground.u, ground.v)) for plane in world.field.light(ground.window))
         return direct, ambient
 
     def tint(self, ground: VisibleGround, world: SandWorld) -> Floats:
         """Greyness of the ground at every pixel, 0 to 1."""
-        tint = _looked_up(world.tint(ground.window), ground.u, ground.v)
+        tint = _looked_up(world.field.tint(ground.window), ground.u, ground.v)
         return np.asarray(tint / 255.0, dtype=np.float32)
 
     def draw(
@@ -242,7 +241,7 @@ class TraceCamera:
         self._H = rig.image_of_ground()
         middle = np.linalg.solve(self._H, [rig.camera.cx, rig.camera.cy, 1.0])
         self._middle: tuple[float, float] = (middle[0] / middle[2], middle[1] / middle[2])  # of the view, in R [m]
-        self._exposure: tuple[int, float, float] | None = None  # tick, gain and level of the last image
+        self._exposure = ExposureControl(webcam.exposure)
         self._newest: tuple[RoverTruth, _Light] | None = None  # truth and light of the last image
         light = world.light
         self._sun, self._sky = np.array(light.sun_colour), np.array(light.sky_colour)
@@ -253,14 +252,14 @@ class TraceCamera:
         self._newest = truth, light
         level = self._level(light, np.float32(_SAND @ _LUMINANCE), self._sun @ _LUMINANCE, self._sky @ _LUMINANCE)
         level = self._blurred(level, self._smear(truth))
-        gain = self._gain(truth.tick, float(level[::8, ::8].mean()))
+        gain = self._exposure.gain(truth.tick, float(level[::8, ::8].mean()))
         return self._compressed(self._noise.sensed(level, gain, self._rng))
 
     def colour(self, truth: RoverTruth) -> ColourImage:
         """The same view in colour for display: without noise, with the exposure of the last image."""
         newest = self._newest
         light = newest[1] if newest is not None and newest[0] is truth else self._light(truth)
-        gain = 1.0 if self._exposure is None else self._exposure[1]
+        gain = 1.0 if self._exposure.last is None else self._exposure.last[1]
         tint = self._view.tint(light.ground, self._world)
         tint[light.hidden] = 1.0
         channels = []
@@ -318,17 +317,6 @@ class TraceCamera:
         ends = [np.round((reach + side * smear) * 256.0).astype(int).tolist() for side in (-0.5, 0.5)]
         cv2.line(kernel, ends[0], ends[1], (1.0,), 1, cv2.LINE_8, 8)
         return np.asarray(cv2.filter2D(level, -1, kernel / kernel.sum()), dtype=np.float32)
-
-    def _gain(self, tick: int, level: float) -> float:
-        control = self._webcam.exposure
-        if control is None:
-            return 1.0
-        before = self._exposure
-        gain = (
-            control.settled(level) if before is None else control.step(before[1], before[2], (tick - before[0]) * TICK)
-        )
-        self._exposure = tick, gain, level
-        return gain
 
     def _compressed(self, image: GreyImage) -> GreyImage:
         if self._webcam.jpeg_quality is None:

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.sand.field import Field, Reach, foreign_tracks
-from sensors.sand.grid import Bytes, Floats, Roll, Sand, Tread, Window, imprinted, slumped, strip_of, window_of
+from sensors.sand.field import Field, Reach, foreign_tracks, rolled_over
+from sensors.sand.grid import Roll, Tread, strip_of, window_of
 from sensors.sand.relief import Relief, SandKind, kind_named
 from sensors.sand.solids import Rock, scattered
 from sensors.world.sky import daylight
@@ -23,7 +23,6 @@ _SHORTEST, _LONGEST = 0.003, 0.02  # path that is imprinted at once [m]
 _SHARPEST: Final = 0.5  # turn of the direction of travel beyond which a path starts anew [rad]
 _SHALLOWEST: Final = 0.0008  # sinkage below which a wheel leaves no mark [m]
 _MEMORY: Final = 0.03  # distance over which the berms follow the displaced sand [m]
-_SWEEPS: Final = 4  # of slumping after each imprint
 
 
 class Stand(NamedTuple):
@@ -84,13 +83,10 @@ class Wheel:
             return
         reach = roll.reach(self.tread)
         window = window_of(roll, reach)
-        strip = strip_of(roll, window, reach)
-        inside, sand, relief = strip.inside, field.sand(window), field.relief
-        large, crumbs = relief.large(window)[inside], relief.crumbs(window).texels(inside)
-        after, removed = imprinted(roll, self.tread, strip, sand.texels(inside), large, crumbs, self.displaced)
+        strip, sand = strip_of(roll, window, reach), field.sand(window)
+        after, removed = rolled_over(sand, roll, self.tread, strip, window, field.relief, self.displaced)
         self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
-        new = sand.with_texels(inside, after)
-        field.write(window, Sand(slumped(new.height, inside, _SWEEPS), new.packed))
+        field.write(window, after)
 
 
 def _between(a: Stand, b: Stand, share: float) -> Stand:
@@ -230,7 +226,7 @@ class SandWorld:
         crest = ahead + relief_rng.uniform(-0.3, 0.3)
         tracks = foreign_tracks(track_rng, route, 0.5 * rover.tread) if look.foreign_tracks else ()
         relief = Relief.draw(relief_rng, look, terrain, crest)
-        self._field = Field(relief=relief, sun=self.light, tracks=tracks, rocks=self.rocks, reach=Reach.of(self.light))
+        self.field = Field(relief=relief, sun=self.light, tracks=tracks, rocks=self.rocks, reach=Reach.of(self.light))
         tread = Tread(radius=rover.radius, width=rover.width, lugs=LUGS, lug_height=LUG_HEIGHT)
         self._wheels = [Wheel(tread) for _ in rover.wheels]
         self._watched = rover.rear_left
@@ -241,25 +237,13 @@ class SandWorld:
         moments = [stands(truth) for truth in truths]
         for now, then in zip_longest(moments, moments[1:]):
             for k, wheel in enumerate(self._wheels):
-                wheel.roll_on(self._field, now[k], then[k] if then else None)
+                wheel.roll_on(self.field, now[k], then[k] if then else None)
             self._history = self._history.extended(now[self._watched], now[self._watched].sinkage > 0.0)
 
     def trace_truth(self, truth: RoverTruth) -> TraceTruth:
         """Trace of the left rear wheel relative to the rover's present pose."""
         x, y = self.rover.wheel_places[self._watched].tolist()
         return self._history.seen_from(truth, (x, y), float(truth.slip_angles[self._watched]))
-
-    def height(self, window: Window) -> Floats:
-        """Height of the ground in W [m]."""
-        return self._field.height(window)
-
-    def lit(self, window: Window) -> Bytes:
-        """Light of sun and sky that a window reflects (2, h, w), see ``sensors.sand.field.encoded``."""
-        return self._field.light(window)
-
-    def tint(self, window: Window) -> Bytes:
-        """Greyness of the ground: 0 sand, 255 stone."""
-        return self._field.tint(window)
 
 
 def _sun(rng: np.random.Generator, kind: SandKind, ahead: float) -> Sun:

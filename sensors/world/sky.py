@@ -11,7 +11,6 @@ from vehicle.frames import FloatArray
 
 _Colour = tuple[float, float, float]  # relative light in red, green, blue
 _ELEVATION: Final = 0.75  # default elevation of the sun [rad]
-_LOWEST: Final = math.radians(3.0)  # of the sun; shadows are then twenty times the height [rad]
 _SUN: Final = np.array([0.92, 0.87, 0.76])  # at the default elevation
 _SKY: Final = np.array([0.40, 0.45, 0.52])
 _OVERCAST_LIGHT: Final = np.array([0.66, 0.69, 0.73])
@@ -92,13 +91,8 @@ def daylight(
         azimuth: from north, + east; 3/2 pi is west [rad].
         elevation: above the horizon [rad].
         overcast: True if clouds hide the sun; there are no shadows.
-
-    Raises:
-        ValueError: if the elevation is not between 3 deg and 90 deg.
     """
     height = _ELEVATION if elevation is None else elevation
-    if not _LOWEST <= height <= 0.5 * math.pi:
-        raise ValueError(f"sun elevation = {math.degrees(height):g} deg must be between 3 and 90")
     plane = chance if azimuth is None else 0.5 * math.pi - azimuth
     transmission = np.exp(-_DEPTH * (_air_mass(height) - _air_mass(_ELEVATION)))
     clear = 0.5 + 0.5 * min(1.0, math.sin(height) / math.sin(_ELEVATION))  # under a low sun the sky is half as bright

@@ -6,7 +6,7 @@ flow along with the vehicle while it is in view. Wheels come in groups, such as 
 group changes the ground again. Relief is not modelled.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -32,26 +32,16 @@ from sensors.world.ground import (
 from sensors.world.scenery import Instances, Site, grain_fields, kerbs, patched, planted
 from sensors.world.sky import Sunlight, daylight
 from sensors.world.things import Mesh
-from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, inverse, transform
 from vehicle.surface import Surface
 
 _DETAIL_SIZE = 2048  # [px]
 _DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
 _MAP_MARGIN = 60.0  # of the road map, with its shadows, around the course [m]
-_MAX_DENSITY = 2.0
-_TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
-    "foliage": textures.foliage,
-    "twigs": textures.twigs,
-    "bark": textures.bark,
-    "stone": textures.stone,
-    "brick": textures.brick,
-    "tiles": textures.tiles,
-    "planks": textures.planks,
-    "window": textures.window,
-    "banded": textures.banded,
-    "chevrons": textures.chevrons,
-}
+_TEXTURES = (  # by the names of the functions that make them
+    *("foliage", "twigs", "bark", "stone", "brick"),
+    *("tiles", "planks", "window", "banded", "chevrons"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,18 +83,14 @@ def build_world(
         road_half_width: everywhere, or (n, 2) to the left and right of the points of the centreline [m].
         surface: shape of the ground up to 100 m beyond the centreline's bounding box.
         scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
-        clearance: distance from the centreline within which only kerb stones stand [m].
+        clearance: distance from the centreline within which only kerb stones stand; at least the road's half width [m].
         sun_azimuth: from north, + east [rad]; None: random.
         sun_elevation: above the horizon [rad]; None: 43 deg.
         overcast: True if clouds hide the sun.
         grain: True for fields of grain beyond the road.
         tarmac_patches: number of patches per 100 m2 of the road.
         lane_lines: (n, k, 2) lines painted on the road, at the points of the centreline, see ``line_map``; None: none.
-
-    Raises:
-        ValueError: naming the argument that is out of its range.
     """
-    _check(centreline, road_half_width, scenery_density, clearance)
     low, high = centreline.min(axis=0), centreline.max(axis=0)
     landscape = Landscape(rng, surface, low, high)
     line = Centreline(centreline, road_half_width)
@@ -128,23 +114,10 @@ def build_world(
         road=replace(road, light=_shadows(road, scenery, light.direction)),
         condition=condition_of(surface, road),
         scenery=tuple(instances for instances in scenery if len(instances.poses)),
-        textures={name: make(rng) for name, make in _TEXTURES.items()},
+        textures={name: getattr(textures, name)(rng) for name in _TEXTURES},
         panorama=sky.panorama(rng, light),
         light=light,
     )
-
-
-def _check(
-    centreline: FloatArray, road_half_width: float | FloatArray, scenery_density: float, clearance: float
-) -> None:
-    if centreline.ndim != 2 or centreline.shape[1] != 2 or len(centreline) < 2:
-        raise ValueError(f"centreline of shape {centreline.shape} must be (n, 2) with n >= 2 points [m]")
-    narrowest, widest = float(np.min(road_half_width)), float(np.max(road_half_width))
-    if narrowest <= 0.0:
-        raise ValueError(f"road_half_width = {narrowest} m must be positive")
-    check_number("scenery_density", scenery_density, 0.0, _MAX_DENSITY)
-    if clearance < widest:
-        raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {widest} m")
 
 
 def _shadows(road: RoadMap, scenery: list[Instances], sun: FloatArray) -> NDArray[np.float32]:
@@ -177,18 +150,10 @@ class ReformedGround:
     def __init__(
         self, source: PairSource, surface: Surface, wheels: Sequence[FloatArray], *, width: float, flow: float = 0.0
     ) -> None:
-        """Renderer around ``source``, for groups of wheels (n, 2) [m] in the body's frame, the foremost group first.
+        """Renderer around ``source``, for two groups of wheels (n, 2) [m] in the body's frame, the foremost first.
 
         Each wheel re-forms a strip of ``width`` [m], which moves at ``flow`` times the body's velocity.
-
-        Raises:
-            ValueError: if the width is not positive, the flow not within 0 and 1, or there are more than two groups.
         """
-        if not width > 0.0:
-            raise ValueError(f"width of the re-formed strip = {width} m must be positive")
-        check_number("flow of the re-formed ground", flow, 0.0, 1.0)
-        if len(wheels) > len(_OFFSETS):
-            raise ValueError(f"{len(wheels)} groups of wheels: at most {len(_OFFSETS)} can be distinguished")
         self._source, self._surface, self._width, self._flow = source, surface, width, flow
         self._groups = [np.column_stack([group, np.zeros(len(group)), np.ones(len(group))]) for group in wheels]
         self._bodies: list[FloatArray] = []  # X_WB (4, 4) of every call, oldest first

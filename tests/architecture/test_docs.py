@@ -12,6 +12,7 @@ from typing import Any, Final
 import pytest
 import typer
 
+import offtrack
 from offtrack.commands.cli import app
 from offtrack.studies.campaigns.campaign import campaign_names, load_campaign
 from offtrack.studies.reproduce.reproduction import names_of
@@ -182,7 +183,7 @@ def test_the_readme_is_short() -> None:
 def test_every_command_of_a_shell_block_would_start(
     document: Path, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Subcommand, options, scenario and keys are valid, and parts of one's own are classes of the same page."""
+    """Subcommand, options, scenario and keys are valid; a run with parts of one's own, of the same page, begins."""
     words = shlex.split(line, comments=True)[1:]
     if "--help" in words:
         return
@@ -190,9 +191,15 @@ def test_every_command_of_a_shell_block_would_start(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     try:
-        for module, part in re.findall(r"=(\w+):([A-Z]\w*)", line):
-            assert isinstance(resolve("part", f"{module}:{part}", Catalogue({})), type)
-        check(*parsed(words))
+        own = re.findall(r"[= ](\w+:[A-Z]\w*)", line)
+        for part in own:
+            assert isinstance(resolve("part", part, Catalogue({})), type)
+        name, parameters = parsed(words)
+        check(name, parameters)
+        if own and name == "run":
+            settings = dict(setting.split("=", 1) for setting in parameters["settings"])
+            with offtrack.Session(parameters["scenario"], settings=settings) as session:
+                assert session.step(0.3)
     finally:
         for module in modules & set(sys.modules):
             del sys.modules[module]

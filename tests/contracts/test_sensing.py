@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import pickle
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -36,44 +37,45 @@ STEP = 0.5  # 5 m/s at 10 Hz [m]
 SIGNALS = 20  # between two messages of the combination's sensors [ticks]
 # Share of the step that an increment may be off. A tenth of 2 % would already be a millimetre a frame. VISO2-S matches
 # whole pixels: 2.44 % of the distance (de Saxe 2018, section 2.1), and here of images of half the size, twice that.
-ACCURACY = {"circular": 0.02, "keyframe": 0.02, "viso2": 0.05}
+ACCURACY = defaultdict(lambda: 0.02, viso2=0.05)
 SETTINGS = ("rig.width=672", "rig.height=240", "world.scenery_density=0.5")
 VIEWS = 8  # of a rover: the trace is found in the second, and followed in all others
 
 
 class Drive(NamedTuple):
     assembly: Assembly
-    calibration: StereoCalibration
+    calibration: StereoCalibration | None  # None: its sensor is no stereo camera
     messages: dict[str, list[Any]]
 
 
 def driven(*settings: str) -> Drive:
     """Straight drive at a constant slip; there is one renderer at a time, so it is closed in the end."""
     parts = assemble(load_scenario("constant-slip", [*SETTINGS, *settings]), seed=3)
-    assert parts.cameras is not None
     state = parts.plant.initial_state(parts.course.start, parts.scenario.speed)
     last = parts.trailers[-1]
     frames: list[StereoFrame] = []
-    poses, signals, views = [], [], []
+    poses, signals, views, others = [], [], [], []
     for tick in range(0, 100 * FRAMES, SIGNALS):
         truth = parts.plant.observe(state, tick)
         signals.append(last.signals.sample(truth))
         message = last.sensing.sensor.sample(truth) if last.sensing.schedule.due(tick) else None
         if isinstance(message, TrailerView):
             views.append(message)
+        elif message is not None:
+            others.append(message)
         if (frame := stereo_frame(message)) is not None:
             frames.append(frame)
             poses.append(ExactPose(last.unit, last.path_height).sample(truth))
         state = parts.plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), SIGNALS)
     parts.close()
-    camera: str = resolve("off_tracking", parts.scenario.off_tracking, OFF_TRACKING).sensor
+    sensor: str = resolve("off_tracking", parts.scenario.off_tracking, OFF_TRACKING).sensor
     messages: dict[str, list[Any]] = {
-        camera: frames,
+        sensor: frames or others,
         "reference_pose": poses,
         "combination_signals": signals,
         "views": views,
     }
-    return Drive(parts, parts.cameras.calibration, messages)
+    return Drive(parts, parts.cameras.calibration if parts.cameras else None, messages)
 
 
 @pytest.fixture(scope="module")
@@ -104,13 +106,13 @@ def odometry(odometry_name: str, drive: Drive) -> Odometry[Any]:
 
 def context(source: Drive, **changes: Any) -> TrailerContext:
     parts = source.assembly
-    last = parts.trailers[-1]
+    last, motions = parts.trailers[-1], resolve("odometry", parts.scenario.odometry, ODOMETRY)
     whole = TrailerContext(
         vehicle=parts.vehicle,
         unit=last.unit,
         follow_distance=last.geometry.follow_distance,
         calibration=source.calibration,
-        odometry=resolve("odometry", parts.scenario.odometry, ODOMETRY)(source.calibration),
+        odometry=motions(source.calibration) if source.calibration else None,
         rng=np.random.default_rng(3),
         options={},
         sensor=last.sensing.sensor,
@@ -124,6 +126,8 @@ def off_tracking(
 ) -> tuple[OffTrackingEstimator, list[Any]]:
     part: type[OffTrackingEstimator] = resolve("off_tracking", request.param, OFF_TRACKING)
     source = under_the_trailer if part.sensor == "ground_cameras" else drive
+    if part.sensor not in source.messages:
+        source = driven(f"off_tracking={request.param}")
     estimator = part.of(context(source))
     fuses = isinstance(estimator, FusesSignals) and estimator.fuses_signals
     return estimator, source.messages["views" if fuses else part.sensor]

@@ -182,6 +182,12 @@ def test_wrong_parameters_are_refused_in_one_line(name: str, parameters: dict[st
         trailer_law(name, TRAILER, COMBINATION, parameters)
 
 
+@pytest.mark.parametrize("name", sorted(set(TRAILER_STEERING) - {"none", "policy"}))
+def test_a_trailer_without_steered_axles_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match="no steered axle"):
+        trailer_law(name, replace(TRAILER, steered=(False,) * 3), COMBINATION, {})
+
+
 TURN = {k: estimate(k - CAMERA, turn=0.08) for k in range(CAMERA, 4000, CAMERA)}
 
 

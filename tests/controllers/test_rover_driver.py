@@ -124,8 +124,8 @@ def test_wheels_stay_within_their_limits() -> None:
 
 @pytest.mark.parametrize(
     ("compensation", "speed", "said"),
-    [("crab", 0.08, "needs steered wheels"), ("sideways", 0.08, "must be one of"), ("none", 9.0, "speed = 9 m/s")],
+    [("crab", 0.08, "needs steered wheels"), ("none", 9.0, "speed = 9 m/s")],
 )
-def test_what_can_not_be_is_refused(compensation: str, speed: float, said: str) -> None:
+def test_what_can_not_be_is_refused(compensation: Compensation, speed: float, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        RoverDriver(SKID, STRAIGHT, speed, compensation=compensation)  # type: ignore[arg-type]  # it is the claim
+        RoverDriver(SKID, STRAIGHT, speed, compensation=compensation)

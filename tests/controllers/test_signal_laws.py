@@ -239,9 +239,3 @@ def test_the_axles_stay_where_they_are_when_the_trailer_does_not_roll_forwards(n
     angles = commands(name, TWO_OF_THREE, 0.2, stands_from=600, then=speed)
     np.testing.assert_array_equal(angles[-1], angles[40])
     assert angles[-1] == pytest.approx(angles[30], abs=0.05)
-
-
-@pytest.mark.parametrize("name", sorted(set(TRAILER_STEERING) - {"none", "policy"}))
-def test_a_trailer_without_steered_axles_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match="no steered axle"):
-        constructed(name, replace(TWO_OF_THREE, steered=(False,) * 3))

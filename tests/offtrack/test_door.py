@@ -59,7 +59,7 @@ def test_a_saved_run_is_loaded_again(run: offtrack.Run, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="copy that directory"):
         again.save(tmp_path / "b")
     (tmp_path / "a" / "summary.json").write_text("[1]")
-    with pytest.raises(ValueError, match=r"summary\.json is no summary of a run"):
+    with pytest.raises(ValueError, match=r"summary\.json: is no summary of a run"):
         offtrack.load_run(tmp_path / "a")
 
 
@@ -119,7 +119,7 @@ def test_a_sweep_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         (lambda: offtrack.run("roundabout", speed_kmh=None), TypeError, "speed_kmh must be a text, a number"),
         (lambda: offtrack.run("roundabout", sped_kmh=3), ValueError, "did you mean 'speed_kmh'"),
         (lambda: offtrack.load_run(3), TypeError, "directory must be a path, not int"),  # type: ignore[arg-type]
-        (lambda: offtrack.load_run("nowhere"), ValueError, "nowhere is no run directory: summary.json"),
+        (lambda: offtrack.load_run("nowhere"), ValueError, "nowhere: is no finished run: it has no summary.json"),
         (lambda: offtrack.sweep("roundabout", {"speed_kmh": "10"}), TypeError, "speed_kmh must be a list of values"),
         (lambda: offtrack.Session("roundabout", speed_kmh=math.inf), ValueError, "speed_kmh"),
     ],

@@ -16,6 +16,7 @@ from fmpy.validation import validate_fmu
 
 from offtrack.exchange.fmi_export.fmu_writer import PLATFORMS, library_path, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
+from offtrack.exchange.fmi_export.plant_model import model_identifier
 from tests.fmus.hosts import compiled_by_fmpy
 from tests.fmus.plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
 from vehicle.combination.chain import smooth_ground_sizes
@@ -260,6 +261,6 @@ def test_libraries_of_all_platforms_are_what_they_say(version: int, tmp_path: Pa
     assert validate_fmu(str(fmu)) == []
     with zipfile.ZipFile(fmu) as archive:
         for name in platforms:
-            content = archive.read(library_path(name, version, model.identifier))
+            content = archive.read(library_path(name, version, model_identifier(model.name)))
             assert content.startswith(MAGIC[PLATFORMS[name].suffix])
             assert f"fmi{version}DoStep".encode() in content

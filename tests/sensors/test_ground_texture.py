@@ -18,7 +18,16 @@ from sensors.world.world import ReformedGround, World
 from tests.sensors.conftest import SURFACE
 from tests.sensors.test_render import points_seen
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
-from vehicle.surface import Friction, PatchedFriction, Potholes, Roughness, RoughProfile, SplitFriction, Surface, circle
+from vehicle.surface import (
+    Friction,
+    FrictionPatch,
+    PatchedFriction,
+    Potholes,
+    Roughness,
+    RoughProfile,
+    SplitFriction,
+    Surface,
+)
 
 STRAIGHT = SURFACE.pose_on(-12.0, 0.0, 0.0, (0.0, -8.0))  # X_WB on the straight before the roundabout
 
@@ -212,7 +221,7 @@ def test_a_patch_is_seen_where_it_is_and_nowhere_else(
     tint: tuple[int, ...],
 ) -> None:
     """A circle of 2 m on the road, in the colour of its friction; ragged by less than the map's cell."""
-    patch = PatchedFriction(0.8, [circle(*MIDDLE, 2.0, friction)])
+    patch = PatchedFriction(0.8, [FrictionPatch(x=MIDDLE[0], y=MIDDLE[1], rounding=2.0, friction=friction)])
     image = seen(with_condition(bare_world, Surface(friction=patch)), calibration)
     distance = np.linalg.norm(places - MIDDLE, axis=-1)
     inside, beyond = distance < 1.75, distance > 2.5  # [m] of the outline, more than a cell of 0.25 m and its mipmap
@@ -260,7 +269,7 @@ def test_ground_of_one_friction_without_holes_is_drawn_as_before(bare_world: Wor
 @pytest.mark.parametrize(("friction", "look"), [(0.8, None), (0.55, 0), (0.35, 1), (0.15, 2)])
 def test_friction_decides_the_look(bare_world: World, friction: float, look: int | None) -> None:
     """Dry, wet, muddy, icy on the road; and meadows beyond are left alone."""
-    everywhere: Friction = PatchedFriction(0.8, [circle(0.0, 0.0, 400.0, friction)])
+    everywhere: Friction = PatchedFriction(0.8, [FrictionPatch(x=0.0, y=0.0, rounding=400.0, friction=friction)])
     looks = condition_of(Surface(friction=everywhere), bare_world.road).looks
     assert looks is not None
     expected = np.zeros(3)
@@ -397,8 +406,3 @@ def test_ground_that_one_group_left_is_changed_again_by_the_next() -> None:
     assert not (middle[0] == middle[1]).all()
     assert not (middle[0] == middle[2]).all()
     assert not (middle[1] == middle[2]).all()
-
-
-def test_more_groups_than_can_be_told_apart_are_refused() -> None:
-    with pytest.raises(ValueError, match="3 groups of wheels: at most 2"):
-        ReformedGround(PaintedGround(), FLAT, [WHEELS] * 3, width=1.0)

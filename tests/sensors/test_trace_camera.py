@@ -75,7 +75,7 @@ def test_visible_points_lie_on_the_ground_and_project_back_to_their_pixels(
     # Error of interpolated rays: the relief between two pixels, some tenths of a millimetre, times the view's tangent.
     assert np.abs(error).max() < 0.6
     assert np.abs(error).mean() < 0.06
-    ground = sand.height(visible.window)
+    ground = sand.field.height(visible.window)
     at = [part[tuple(pixels[:, ::-1].astype(int).T)].round().astype(int) for part in (visible.v, visible.u)]
     assert np.abs(ground[at[0], at[1]] - places[:, 2]).mean() < 0.0005  # roughness from texel to texel
     plane = SLOPE.height(places[:, 0], places[:, 1])

@@ -289,7 +289,7 @@ class DataSheet:
 
 def data_sheet(vehicle: Vehicle) -> DataSheet:
     """Data sheet of a combination, without its handling."""
-    loads, couplings = _axle_loads(vehicle), coupling_loads(vehicle)
+    loads, couplings = static_axle_loads(vehicle), coupling_loads(vehicle)
     units = tuple(
         UnitSheet(
             name=unit.name,
@@ -300,7 +300,7 @@ def data_sheet(vehicle: Vehicle) -> DataSheet:
             smallest_circle=tightest_turn(unit) if i == 0 else tightest_following(unit),
             axles=_axles(unit, loads[i], vehicle.units[0].front_x - origin),
         )
-        for i, (unit, origin) in enumerate(zip(vehicle.units, origins(vehicle), strict=True))
+        for i, (unit, origin) in enumerate(zip(vehicle.units, vehicle.origins, strict=True))
     )
     return DataSheet(
         name=vehicle.name,
@@ -333,19 +333,11 @@ def handling_at(vehicle: Vehicle, speed: float = STANDARD_SPEED) -> Handling:
     )
 
 
-def origins(vehicle: Vehicle) -> tuple[float, ...]:
-    """Positions of the units' origins in the tractor's frame, combination straight [m]."""
-    positions = [0.0]
-    for ahead in vehicle.units[:-1]:
-        positions.append(positions[-1] + ahead.rear_hitch[0])
-    return tuple(positions)
-
-
 def coupling_loads(vehicle: Vehicle) -> tuple[float | None, ...]:
     """Load [N] that each unit's front hitch puts on the unit ahead, on level ground; None for the tractor."""
     loads: list[float | None] = []
     below = 0.0
-    for unit, axles in zip(reversed(vehicle.units), reversed(_axle_loads(vehicle)), strict=True):
+    for unit, axles in zip(reversed(vehicle.units), reversed(static_axle_loads(vehicle)), strict=True):
         below += unit.mass * GRAVITY - sum(axles)
         loads.append(below)
     return (None, *reversed(loads[:-1]))
@@ -378,10 +370,6 @@ def reach(unit: Unit, axle: Axle) -> float:
     steering = unit.steering_of(axle)
     largest = steering.limit * abs(axle.steer_ratio) if steering else 0.0
     return min(largest, _SQUARE)
-
-
-def _axle_loads(vehicle: Vehicle) -> list[list[float]]:
-    return [[float(load) for load in of_unit] for of_unit in static_axle_loads(vehicle)]
 
 
 def _axles(unit: Unit, loads: Sequence[float], behind_front: float) -> tuple[AxleSheet, ...]:

@@ -7,11 +7,12 @@ A number in a vehicle file is either plain or ``{ value = ..., source = "..." }`
 """
 
 from collections.abc import Callable, Iterator
+from itertools import accumulate
 from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
-from vehicle.combination.unit import AxleBrake, Brakes, Unit
+from vehicle.combination.unit import AxleBrake, Brakes, Unit, grouped
 from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
 from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.tyres import Tyre
@@ -124,18 +125,10 @@ def _groups(vehicle: "Vehicle") -> Iterator[tuple[int, tuple[int, ...], AxleBrak
     if vehicle.brakes is None:
         return
     for i, unit in enumerate(vehicle.units):
-        for axles in _grouped(unit):
+        for axles in grouped({k: axle.brake.abs_group for k, axle in enumerate(unit.axles) if axle.brake is not None}):
             brake = unit.axles[axles[0]].brake
             if brake is not None:
                 yield i, axles, brake
-
-
-def _grouped(unit: Unit) -> list[tuple[int, ...]]:
-    groups: dict[str | int, list[int]] = {}
-    for k, axle in enumerate(unit.axles):
-        if axle.brake is not None:
-            groups.setdefault(k if axle.brake.abs_group is None else axle.brake.abs_group, []).append(k)
-    return [tuple(group) for group in groups.values()]
 
 
 GRAVITY: Final = 9.81  # [m/s2]
@@ -183,13 +176,14 @@ class Vehicle(Frozen):
         return sum(unit.mass for unit in self.units)
 
     @property
+    def origins(self) -> tuple[float, ...]:
+        """Positions of the units' origins in the tractor's frame, combination straight [m]."""
+        return tuple(accumulate(self.hitch_levers(len(self.units) - 1), initial=0.0))
+
+    @property
     def length(self) -> float:
         """Overall length of the straight combination [m]."""
-        origin = 0.0
-        rears = [self.units[0].rear_x]
-        for ahead, unit in zip(self.units, self.units[1:], strict=False):
-            origin += ahead.rear_hitch[0]
-            rears.append(origin + unit.rear_x)
+        rears = [origin + unit.rear_x for origin, unit in zip(self.origins, self.units, strict=True)]
         return self.units[0].front_x - min(rears)
 
     def check_towed(self, unit: int) -> None:

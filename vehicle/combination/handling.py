@@ -9,7 +9,7 @@ transmit friction times their load at most. Needs the vehicle's table ``[powertr
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,15 +19,13 @@ from vehicle.combination.actuators import air_drag, retarder_capacity
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import wheels
 from vehicle.combination.linear import LateralModel, lateral_model
-from vehicle.combination.loads import axle_loads
+from vehicle.combination.loads import chain_loads
 from vehicle.combination.multibody import Vector
 from vehicle.combination.roll import static_rollover
 from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray
 from vehicle.tyres import Planar
 from vehicle.tyres.tyre import Tyre
-
-Amplified: TypeAlias = Literal["lateral_acceleration", "yaw_rate"]
 
 _TOP_SPEED: Final = 70.0  # [m/s] 250 km/h, beyond any road vehicle with a trailer
 _TURNING_SPEED: Final = 5.0  # [m/s] for figures that do not depend on speed
@@ -79,19 +77,14 @@ def yaw_damping(vehicle: Vehicle, speed: float, *, tyre_dynamics: bool = False) 
     return float(np.min(-modes.real / np.abs(modes)))
 
 
-def rearward_amplification(
-    vehicle: Vehicle, speed: float, frequencies: ArrayLike, of: Amplified = "lateral_acceleration"
-) -> FloatArray:
-    """Amplitude at the last unit over that at the first [-], steered at ``frequencies`` [Hz], of their shape."""
-    model = lateral_model(vehicle, speed, outputs=(of,))
-    return _amplification(model, frequencies)
+def rearward_amplification(vehicle: Vehicle, speed: float, frequencies: ArrayLike) -> FloatArray:
+    """Lateral acceleration of the last unit over the first's [-], steered at ``frequencies`` [Hz], of their shape."""
+    return _amplification(lateral_model(vehicle, speed, outputs=("lateral_acceleration",)), frequencies)
 
 
-def peak_rearward_amplification(
-    vehicle: Vehicle, speed: float, of: Amplified = "lateral_acceleration"
-) -> Amplification:
+def peak_rearward_amplification(vehicle: Vehicle, speed: float) -> Amplification:
     """Largest rearward amplification between 0.05 and 2 Hz, the range of drivers."""
-    model = lateral_model(vehicle, speed, outputs=(of,))
+    model = lateral_model(vehicle, speed, outputs=("lateral_acceleration",))
     grid = np.geomspace(0.05, 2.0, 200)
     best = int(np.argmax(_amplification(model, grid)))
     bounds = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
@@ -260,7 +253,7 @@ def _loads(vehicle: Vehicle, normal: float, felt: float) -> list[list[float]]:
     for _ in range(2):  # rolling resistance depends little on the loads that it shifts
         pulls = [sum(unit.mass * felt + drag for unit, drag in _from(vehicle, rolling, i)) for i in range(n)]
         hitches = [Vector(0.0 if i == 0 else pull, 0.0) for i, pull in enumerate(pulls)]
-        on_axles = axle_loads(vehicle, [normal] * n, [felt] * n, hitches, [Vector(1.0, 0.0)] * n)
+        on_axles = chain_loads(vehicle, [normal] * n, [felt] * n, hitches, [Vector(1.0, 0.0)] * n).axles
         loads = [[float(load) for load in of_unit] for of_unit in on_axles]
         rolling = [_rolling(unit, of_unit) for unit, of_unit in zip(vehicle.units, loads, strict=True)]
     return loads

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -23,7 +23,6 @@ from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, BrakeChannel, Vehicle, brake_channels
 from vehicle.combination.layout import Chain, Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Speeds, acceleration, along, axes, levers_to, velocity
-from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 from vehicle.tyres import Num
 
@@ -111,19 +110,6 @@ OutputKind = Literal[
     "follow_position",  # of each follow point, to the left of the path [m]
 ]
 _FROM_PATH: Final = ("axle_position", "follow_position")
-
-
-def check_outputs(kinds: Sequence[OutputKind], *, path: bool) -> None:
-    """Check that the kinds are known, and that there is a path for those measured from it.
-
-    Raises:
-        ValueError: naming the first such kind.
-    """
-    for kind in kinds:
-        if kind not in get_args(OutputKind):
-            raise ValueError(f"unknown output '{kind}'{nearest(kind, get_args(OutputKind))}")
-        if kind in _FROM_PATH and not path:
-            raise ValueError(f"output '{kind}' is measured from a path: it needs path=True")
 
 
 def lateral_outputs(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], rate: State[ca.SX]) -> dict[str, Num]:
@@ -215,9 +201,10 @@ def lateral_model(
     (singular perturbation).
 
     Raises:
-        ValueError: if the speed cannot be held, or an output is unknown or needs ``path``.
+        ValueError: if the speed cannot be held, or an output needs ``path``.
     """
-    check_outputs(outputs, path=path)
+    if not path and not set(outputs).isdisjoint(_FROM_PATH):
+        raise ValueError(f"outputs {outputs}: those measured from a path need path=True")
     vehicle = _without_drive_limits(vehicle)
     slow = (_PATH if path else ()) + _YAW_PLANE + (_ACTUATOR if actuators else ())
     states = [c for kind in slow for c in flipped(vehicle) if c.kind == kind]

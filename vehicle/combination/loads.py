@@ -14,7 +14,7 @@ import casadi as ca
 
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.multibody import Vector, along, from_unit
-from vehicle.combination.unit import Unit
+from vehicle.combination.unit import Unit, grouped
 from vehicle.tyres import Num
 
 _LEAST_LOAD: Final = 10.0  # of a lifted wheel [N]: negligible, but avoids division by zero
@@ -37,7 +37,7 @@ class ChainLoads(NamedTuple):
 class LoadGroup(NamedTuple):
     """Axles that share one load."""
 
-    axles: list[int]
+    axles: tuple[int, ...]
     shares: list[Num]  # of the group's load
     x: Num  # point of action of the load [m]
     stiffness: Num  # relative to the other groups
@@ -47,20 +47,8 @@ def static_axle_loads(vehicle: Vehicle) -> list[list[float]]:
     """Load [N] of each axle of each unit, standing on level ground."""
     n = len(vehicle.units)
     at_rest, ahead = Vector(0.0, 0.0), Vector(1.0, 0.0)
-    # Loads are numbers unless the vehicle's numbers are symbols.
-    return cast(list[list[float]], axle_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n))
-
-
-def axle_loads(
-    vehicle: Vehicle,
-    gravity: Sequence[Num],
-    a_x: Sequence[Num],
-    hitch_forces: Sequence[Vector],
-    e: Sequence[Vector],
-    additional: Sequence[Sequence[Num]] = (),
-) -> list[list[Num]]:
-    """Load [N] of each axle of each unit, as ``chain_loads``."""
-    return chain_loads(vehicle, gravity, a_x, hitch_forces, e, additional).axles
+    loads = chain_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n)
+    return cast(list[list[float]], loads.axles)  # numbers unless the vehicle's numbers are symbols
 
 
 def chain_loads(
@@ -125,12 +113,8 @@ def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
 def axle_groups(unit: Unit, *, towed: bool) -> list[LoadGroup]:
     """Axles grouped by bogie; those of a towed unit without any bogie are one group."""
     whole = towed and all(axle.bogie is None for axle in unit.axles)
-    members: dict[str | int, list[int]] = {}
-    for k, axle in enumerate(unit.axles):
-        key = "all" if whole else k if axle.bogie is None else axle.bogie
-        members.setdefault(key, []).append(k)
     groups = []
-    for axles in members.values():
+    for axles in grouped({k: "all" if whole else axle.bogie for k, axle in enumerate(unit.axles)}):
         total = sum(unit.axles[k].load_share for k in axles)
         shares: list[Num] = [unit.axles[k].load_share / total for k in axles]
         x = sum(share * unit.axles[k].x for share, k in zip(shares, axles, strict=True))
@@ -143,7 +127,7 @@ def roll_moments(vehicle: Vehicle, a_y: Sequence[Num], roll: Sequence[Num], grav
 
     Inertia acts at the height of the centre of gravity, weight at its lateral offset as the body rolls. ``a_y`` is each
     unit's specific force to the left [m/s2], ``roll`` its body's angle, + left side up [rad], ``gravity`` as in
-    ``axle_loads``.
+    ``chain_loads``.
     """
     moments: list[Num] = [0.0] * len(vehicle.units)
     from_behind: Num = 0.0

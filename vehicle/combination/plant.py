@@ -240,10 +240,6 @@ class ConstantSlipPlant:
 
     def __init__(self, vehicle: Vehicle, surface: Surface, *, unit: int, slip_angle: float, speed: float) -> None:
         vehicle.check_towed(unit)
-        if not abs(slip_angle) <= math.radians(80.0):
-            raise ValueError(f"slip_angle = {slip_angle} rad must be within +-{math.radians(80.0):.4f} rad (80 deg)")
-        if not speed > 0.0:
-            raise ValueError(f"speed = {speed} m/s must be positive")
         self._vehicle = vehicle
         self._surface = surface
         self._speed = speed

@@ -6,6 +6,7 @@ for every towed unit, so that axles and follow points of towed units have negati
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
@@ -264,6 +265,14 @@ class Actuator(NamedTuple):
     ratios: tuple[float, ...]  # angle of each over the actuator's [-]
 
 
+def grouped(names: Mapping[int, str | None]) -> list[tuple[int, ...]]:
+    """Axles with the same name of their group, in the order of their foremost ones; an axle without a name is alone."""
+    groups: dict[str | int, list[int]] = {}
+    for axle, name in names.items():
+        groups.setdefault(axle if name is None else name, []).append(axle)
+    return [tuple(group) for group in groups.values()]
+
+
 class Unit(Frozen):
     """One rigid unit of the chain: the tractor, a semi-trailer, a dolly."""
 
@@ -383,13 +392,8 @@ class Unit(Frozen):
     @property
     def actuators(self) -> tuple[Actuator, ...]:
         """The steering actuators in the order of their foremost axles; an axle without a group has its own."""
-        groups: dict[str | int, list[int]] = {}
-        for k, axle in enumerate(self.axles):
-            if axle.steered:
-                groups.setdefault(k if axle.steer_group is None else axle.steer_group, []).append(k)
-        return tuple(
-            Actuator(tuple(group), tuple(self.axles[k].steer_ratio for k in group)) for group in groups.values()
-        )
+        groups = grouped({k: axle.steer_group for k, axle in enumerate(self.axles) if axle.steered})
+        return tuple(Actuator(group, tuple(self.axles[k].steer_ratio for k in group)) for group in groups)
 
     @model_validator(mode="after")
     def _separate_lifted(self) -> "Unit":

@@ -15,60 +15,8 @@ import numpy as np
 from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted, warn_once
 from vehicle.engine.function_cache import AnyFunction, Composite, written_out
 from vehicle.engine.native import NativeMany, NativeOne
-from vehicle.engine.program import Constant, Entry, Operation, Tape, TapeProgram, program_of
+from vehicle.engine.program import OPERATIONS, Constant, Entry, Operation, Tape, TapeProgram, program_of
 from vehicle.frames import FloatArray
-
-
-def _minimum(a: Any, b: Any, out: FloatArray) -> None:
-    np.minimum(a, b, out=out)  # these two functions need it by name
-
-
-def _maximum(a: Any, b: Any, out: FloatArray) -> None:
-    np.maximum(a, b, out=out)
-
-
-def _if_else_zero(condition: Any, value: Any, out: FloatArray) -> None:
-    out[...] = np.where(condition != 0.0, value, 0.0)
-
-
-INTO: Final[dict[str, Callable[..., Any]]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "neg": np.negative,
-    "inv": np.reciprocal,
-    "sqrt": np.sqrt,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "exp": np.exp,
-    "log": np.log,
-    "abs": np.absolute,
-    "sign": np.sign,
-    "floor": np.floor,
-    "ceil": np.ceil,
-    "not": np.logical_not,
-    "pow": np.power,
-    "atan2": np.arctan2,
-    "hypot": np.hypot,
-    "copysign": np.copysign,
-    "min": _minimum,
-    "max": _maximum,
-    "lt": np.less,
-    "le": np.less_equal,
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "and": np.logical_and,
-    "or": np.logical_or,
-    "if_else_zero": _if_else_zero,
-}
 
 
 def evaluated(tape: Tape, arguments: list[FloatArray]) -> FloatArray:
@@ -82,7 +30,7 @@ def evaluated(tape: Tape, arguments: list[FloatArray]) -> FloatArray:
         elif isinstance(node, Constant):
             value[...] = node.value
         else:
-            INTO[node.name](*(values[a] for a in node.operands), value)
+            OPERATIONS[node.name].into(*(values[a] for a in node.operands), value)
         values.append(value)
     return np.stack([values[k] for k in tape.result], axis=-1) if tape.result else np.empty((*shape, 0))
 
@@ -185,7 +133,7 @@ def _calls(tape: Tape, arguments: list[FloatArray], result: FloatArray) -> list[
             values.append(arguments[node.argument][node.place, ...])
         else:
             values.append(result[memory.in_result[k]] if k in memory.in_result else work[memory.in_work[k]])
-            calls.append(partial(INTO[node.name], *(values[a] for a in node.operands), values[k]))
+            calls.append(partial(OPERATIONS[node.name].into, *(values[a] for a in node.operands), values[k]))
     elsewhere = [(i, k) for i, k in enumerate(tape.result) if memory.in_result.get(k) != i]
     return [*calls, *(partial(np.copyto, result[i], values[k]) for i, k in elsewhere)]
 

@@ -4,58 +4,77 @@ The list is in single-assignment form: node k is computed once, from nodes befor
 """
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from itertools import accumulate, pairwise
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import casadi as ca
+import numpy as np
 
 from vehicle.engine.function_cache import AnyFunction, composite
+from vehicle.frames import FloatArray
 
-_UNARY: Final = {
-    ca.OP_NEG: "neg",
-    ca.OP_INV: "inv",
-    ca.OP_SQRT: "sqrt",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_EXP: "exp",
-    ca.OP_LOG: "log",
-    ca.OP_FABS: "abs",
-    ca.OP_SIGN: "sign",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_NOT: "not",
+
+class Kind(NamedTuple):
+    """Kind of operation."""
+
+    code: int  # of CasADi
+    into: Callable[..., Any]  # numpy's function of the operands and the array that takes the result
+
+
+def _minimum(a: Any, b: Any, out: FloatArray) -> None:
+    np.minimum(a, b, out=out)  # these two functions need it by name
+
+
+def _maximum(a: Any, b: Any, out: FloatArray) -> None:
+    np.maximum(a, b, out=out)
+
+
+def _if_else_zero(condition: Any, value: Any, out: FloatArray) -> None:
+    out[...] = np.where(condition != 0.0, value, 0.0)
+
+
+OPERATIONS: Final = {
+    "neg": Kind(ca.OP_NEG, np.negative),
+    "inv": Kind(ca.OP_INV, np.reciprocal),
+    "sqrt": Kind(ca.OP_SQRT, np.sqrt),
+    "sin": Kind(ca.OP_SIN, np.sin),
+    "cos": Kind(ca.OP_COS, np.cos),
+    "tan": Kind(ca.OP_TAN, np.tan),
+    "asin": Kind(ca.OP_ASIN, np.arcsin),
+    "acos": Kind(ca.OP_ACOS, np.arccos),
+    "atan": Kind(ca.OP_ATAN, np.arctan),
+    "sinh": Kind(ca.OP_SINH, np.sinh),
+    "cosh": Kind(ca.OP_COSH, np.cosh),
+    "tanh": Kind(ca.OP_TANH, np.tanh),
+    "exp": Kind(ca.OP_EXP, np.exp),
+    "log": Kind(ca.OP_LOG, np.log),
+    "abs": Kind(ca.OP_FABS, np.absolute),
+    "sign": Kind(ca.OP_SIGN, np.sign),
+    "floor": Kind(ca.OP_FLOOR, np.floor),
+    "ceil": Kind(ca.OP_CEIL, np.ceil),
+    "not": Kind(ca.OP_NOT, np.logical_not),
+    "add": Kind(ca.OP_ADD, np.add),
+    "sub": Kind(ca.OP_SUB, np.subtract),
+    "mul": Kind(ca.OP_MUL, np.multiply),
+    "div": Kind(ca.OP_DIV, np.divide),
+    "pow": Kind(ca.OP_POW, np.power),
+    "atan2": Kind(ca.OP_ATAN2, np.arctan2),
+    "hypot": Kind(ca.OP_HYPOT, np.hypot),
+    "copysign": Kind(ca.OP_COPYSIGN, np.copysign),
+    "min": Kind(ca.OP_FMIN, _minimum),
+    "max": Kind(ca.OP_FMAX, _maximum),
+    "lt": Kind(ca.OP_LT, np.less),
+    "le": Kind(ca.OP_LE, np.less_equal),
+    "eq": Kind(ca.OP_EQ, np.equal),
+    "ne": Kind(ca.OP_NE, np.not_equal),
+    "and": Kind(ca.OP_AND, np.logical_and),
+    "or": Kind(ca.OP_OR, np.logical_or),
+    "if_else_zero": Kind(ca.OP_IF_ELSE_ZERO, _if_else_zero),  # second operand where the first is not 0, else 0
 }
-_BINARY: Final = {
-    ca.OP_ADD: "add",
-    ca.OP_SUB: "sub",
-    ca.OP_MUL: "mul",
-    ca.OP_DIV: "div",
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_COPYSIGN: "copysign",
-    ca.OP_FMIN: "min",
-    ca.OP_FMAX: "max",
-    ca.OP_LT: "lt",
-    ca.OP_LE: "le",
-    ca.OP_EQ: "eq",
-    ca.OP_NE: "ne",
-    ca.OP_AND: "and",
-    ca.OP_OR: "or",
-    ca.OP_IF_ELSE_ZERO: "if_else_zero",  # second operand where the first is not 0, else 0
-}
+_NAMES: Final = {kind.code: name for name, kind in OPERATIONS.items()} | {ca.OP_CONSTPOW: "pow"}
 _OF_ITSELF: Final = {ca.OP_SQ: "mul", ca.OP_TWICE: "add"}  # the operand twice
 _COMMUTATIVE: Final = frozenset(["add", "mul", "min", "max", "hypot", "eq", "ne", "and", "or"])
-OPERATIONS: Final = frozenset([*_UNARY.values(), *_BINARY.values()])
 
 
 class Entry(NamedTuple):
@@ -144,12 +163,10 @@ def tape_of(function: Any) -> Tape:
 def _operation(code: int, operands: list[int]) -> Operation:
     if code in _OF_ITSELF:
         return Operation(_OF_ITSELF[code], (operands[0], operands[0]))
-    if code in _UNARY:
-        return Operation(_UNARY[code], (operands[0],))
-    if code in _BINARY:
-        name = _BINARY[code]
-        return Operation(name, tuple(sorted(operands) if name in _COMMUTATIVE else operands))
-    raise ValueError(f"operation {code} of CasADi is not supported by the engine")
+    name = _NAMES.get(code)
+    if name is None:
+        raise ValueError(f"operation {code} of CasADi is not supported by the engine")
+    return Operation(name, tuple(sorted(operands) if name in _COMMUTATIVE else operands))
 
 
 class Stages(NamedTuple):

@@ -145,7 +145,7 @@ class RoverPlant:
         u[self._in_input.step] = LONGEST_STEP * TICK
         if self._soil is not None:
             sunk = [settled_sinkage(self._rover, self._soil, float(load)) for load in self._loads(state, u)]
-            state[self._in_state.sinkage] = (1.0 - u[self._in_input.firm]) * sunk
+            state[self._in_state.sinkage] = sunk
         settled = self._advance(state, u, _SETTLING // LONGEST_STEP)
         settled[:3] = pose
         settled[self._in_state.turn] = 0.0
@@ -226,7 +226,6 @@ class RoverPlant:
         slope = self._terrain.gradient(x, y)
         u[self._in_input.step] = TICK
         u[self._in_input.slope_x], u[self._in_input.slope_y] = slope[:, 0], slope[:, 1]
-        u[self._in_input.firm] = self._terrain.is_firm(x, y)
         u[self._in_input.friction] = self._terrain.friction
         return u
 

@@ -1,4 +1,4 @@
-"""Ground that a rover drives on: slope, mounds, a map of heights, and firm patches."""
+"""Ground that a rover drives on: slope, mounds, and a map of heights."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
 from vehicle.foundation.data_file import read_array, table_text
-from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
 
@@ -19,7 +18,7 @@ class HeightMap:
     """Heights on a square grid, bicubic between its points; beyond an edge the height of the edge continues.
 
     Raises:
-        ValueError: if there are fewer than 4 x 4 points, one is not finite, or the spacing is not positive.
+        ValueError: if there are fewer than 4 x 4 points, or one is not finite.
     """
 
     heights: FloatArray  # (n_y, n_x) [m]
@@ -34,8 +33,6 @@ class HeightMap:
             raise ValueError(f"heights must be at least 4 x 4 points, got shape {self.heights.shape}")
         if not np.all(np.isfinite(self.heights)):
             raise ValueError("heights [m] must all be finite")
-        if not self.spacing > 0.0:
-            raise ValueError(f"spacing = {self.spacing} m must be positive")
         rows, columns = (np.arange(n) for n in self.heights.shape)
         spline = RectBivariateSpline(self.y + self.spacing * rows, self.x + self.spacing * columns, self.heights, s=0)
         object.__setattr__(self, "_spline", spline)
@@ -87,68 +84,33 @@ def _from_text(path: Path) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mound:
-    """A bell-shaped mound, or with a negative height a crater; it is steepest at half a ``radius`` from its top.
-
-    Raises:
-        ValueError: if the radius is not positive.
-    """
+    """A bell-shaped mound, or with a negative height a crater; it is steepest at half a ``radius`` from its top."""
 
     x: float  # of its top, in W [m]
     y: float  # [m]
     height: float  # [m]
     radius: float  # where the height has fallen to 0.14: two standard deviations of the bell [m]
 
-    def __post_init__(self) -> None:
-        if not self.radius > 0.0:
-            raise ValueError(f"radius = {self.radius} m of a mound must be positive")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FirmPatch:
-    """A round patch of firm ground: rock, or a crust of salt.
-
-    Raises:
-        ValueError: if the radius is not positive.
-    """
-
-    x: float  # of its centre, in W [m]
-    y: float  # [m]
-    radius: float  # [m]
-
-    def __post_init__(self) -> None:
-        if not self.radius > 0.0:
-            raise ValueError(f"radius = {self.radius} m of a firm patch must be positive")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terrain:
-    """Large shape of the ground, and its friction where it is firm.
-
-    Without soil the ground is firm everywhere; with soil, in the ``firm`` patches.
-
-    Raises:
-        ValueError: if a slope or the friction is out of range.
-    """
+    """Large shape of the ground, and its friction where it is firm: without soil, everywhere."""
 
     slope_x: float = 0.0  # rise along W's x [-]; tan(5 deg) for a slope of 5 deg
     slope_y: float = 0.0  # rise along W's y [-]
     friction: float = 0.6  # of a wheel on firm ground [-]; assumed: a lugged metal wheel on rock or floor
     mounds: tuple[Mound, ...] = ()
     height_map: HeightMap | None = None
-    firm: tuple[FirmPatch, ...] = ()
     _bells: FloatArray = field(init=False, repr=False, compare=False)  # (n, 4) the mounds' x, y, height, radius [m]
 
     def __post_init__(self) -> None:
-        for name, slope in (("slope_x", self.slope_x), ("slope_y", self.slope_y)):
-            check_number(name, slope, -1.0, 1.0, why="a slope: 0.1 rises 1 m in 10 m")
-        check_number("friction", self.friction, 0.0, 2.0, above=True)
         bells = np.array([(mound.x, mound.y, mound.height, mound.radius) for mound in self.mounds]).reshape(-1, 4)
         object.__setattr__(self, "_bells", bells)
 
     @property
     def is_uniform(self) -> bool:
-        """True if it is one plane, equally firm everywhere."""
-        return not self.mounds and self.height_map is None and not self.firm
+        """True if it is one plane."""
+        return not self.mounds and self.height_map is None
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height [m] at x, y [m] in W, of their common shape."""
@@ -168,14 +130,6 @@ class Terrain:
             slope[..., 0] += np.sum(steep * (x[..., None] - self._bells[:, 0]), axis=-1)
             slope[..., 1] += np.sum(steep * (y[..., None] - self._bells[:, 1]), axis=-1)
         return slope if self.height_map is None else slope + self.height_map.gradient(x, y)
-
-    def is_firm(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """1 in a firm patch, else 0, of the common shape of x, y [m] in W."""
-        x, y = _common(x, y)
-        inside = np.zeros(x.shape, dtype=bool)
-        for patch in self.firm:
-            inside |= (x - patch.x) ** 2 + (y - patch.y) ** 2 <= patch.radius**2
-        return inside.astype(np.float64)
 
     def _heights(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Heights of all mounds [m] at x, y [m]; (..., n)."""

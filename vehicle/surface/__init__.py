@@ -4,11 +4,10 @@ from vehicle.surface.friction import (
     Friction,
     FrictionImage,
     FrictionMap,
+    FrictionPatch,
     LineFriction,
     PatchedFriction,
     SplitFriction,
-    circle,
-    rectangle,
 )
 from vehicle.surface.ground import (
     PATCH_SPREAD,
@@ -21,7 +20,7 @@ from vehicle.surface.ground import (
     displacement_psd,
     scattered_potholes,
 )
-from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief, SumOfReliefs
+from vehicle.surface.relief import PROFILE_WAVES, Beyond, GroundRelief, MeasuredRoad, RoadRelief
 
 __all__ = [
     "PATCH_SPREAD",
@@ -31,6 +30,7 @@ __all__ = [
     "Friction",
     "FrictionImage",
     "FrictionMap",
+    "FrictionPatch",
     "GroundRelief",
     "Gust",
     "LineFriction",
@@ -41,10 +41,7 @@ __all__ = [
     "RoughProfile",
     "Roughness",
     "SplitFriction",
-    "SumOfReliefs",
     "Surface",
-    "circle",
     "displacement_psd",
-    "rectangle",
     "scattered_potholes",
 ]

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, dense, is_left
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
@@ -36,12 +35,6 @@ def friction_of(friction: Friction, x: ArrayLike, y: ArrayLike) -> FloatArray:
     return friction.at(x, y)
 
 
-def check_friction(name: str, value: object) -> None:
-    """Check the limits of a friction coefficient; a map checks its own."""
-    if isinstance(value, int | float):
-        check_number(name, value, LOWEST, HIGHEST)
-
-
 class SplitFriction:
     """Different friction on either side of a line, such as a dry lane beside an icy one.
 
@@ -50,16 +43,9 @@ class SplitFriction:
         right: friction to the right of it.
         line: points (n, 2) in W [m]; a road's centreline, or two points. It continues straight beyond both ends;
             where it bends or meets itself, its nearest point decides.
-
-    Raises:
-        ValueError: if a friction is out of range, or the line has fewer than two different points.
     """
 
     def __init__(self, left: Friction, right: Friction, line: FloatArray) -> None:
-        check_friction("left", left)
-        check_friction("right", right)
-        if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.any(np.diff(line, axis=0)):
-            raise ValueError(f"line of shape {line.shape} must be (n, 2) with n >= 2 different points [m]")
         self._left, self._right = left, right
         self._points = dense(line, _SPACING)[0]
         self._tree = cKDTree(self._points)
@@ -80,14 +66,9 @@ class LineFriction:
     Args:
         values: friction coefficients (n,) at the points.
         line: points (n, 2) in W [m].
-
-    Raises:
-        ValueError: if a friction is out of range.
     """
 
     def __init__(self, values: FloatArray, line: FloatArray) -> None:
-        for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
-            check_friction(name, float(value))
         self._values, self._tree = values, cKDTree(line)
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -103,19 +84,9 @@ class FrictionImage:
         cell: side of a pixel [m].
         corner: W of the image's lower left corner [m].
         outside: friction beyond the image.
-
-    Raises:
-        ValueError: if a value is out of range.
     """
 
     def __init__(self, values: FloatArray, *, cell: float, corner: tuple[float, float], outside: Friction) -> None:
-        if values.ndim != 2 or not values.size:
-            raise ValueError(f"values of shape {values.shape} must be (ny, nx) friction coefficients")
-        if not cell > 0.0:
-            raise ValueError(f"cell = {cell} m must be positive")
-        for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
-            check_friction(name, float(value))
-        check_friction("outside", outside)
         self._values = np.pad(np.asarray(values[::-1], dtype=np.float64), 1, mode="edge")
         self._cell, self._corner, self._outside = cell, corner, outside
 
@@ -142,56 +113,22 @@ _SHARP = 1e-9  # width of a sharp edge; avoids division by zero [m]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionPatch:
-    """Rectangle with rounded corners; build one with ``circle`` or ``rectangle``."""
+    """Rectangle with rounded corners; without length and width it is a circle."""
 
     x: float  # W of the middle [m]
     y: float  # [m]
-    heading: float  # of its length [rad]
-    half_length: float  # of the rectangle to which the rounding is added [m]
-    half_width: float  # [m]
-    rounding: float  # [m]
     friction: float
-    edge: float  # width of the transition across the outline [m]
-
-    def __post_init__(self) -> None:
-        check_friction("friction", self.friction)
-        if self.edge < 0.0:
-            raise ValueError(f"edge = {self.edge} m must not be negative")
-
-
-def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0) -> FrictionPatch:
-    """A round patch about x, y [m].
-
-    Raises:
-        ValueError: naming the value that is out of range.
-    """
-    if not radius > 0.0:
-        raise ValueError(f"radius = {radius} m must be positive")
-    return FrictionPatch(
-        x=x, y=y, heading=0.0, half_length=0.0, half_width=0.0, rounding=radius, friction=friction, edge=edge
-    )
-
-
-def rectangle(
-    x: float, y: float, length: float, width: float, friction: float, heading: float = 0.0, edge: float = 0.0
-) -> FrictionPatch:
-    """A rectangular patch about x, y [m], its length along ``heading`` [rad].
-
-    Raises:
-        ValueError: naming the value that is out of range.
-    """
-    for name, side in (("length", length), ("width", width)):
-        if not side > 0.0:
-            raise ValueError(f"{name} = {side} m must be positive")
-    half = {"half_length": 0.5 * length, "half_width": 0.5 * width}
-    return FrictionPatch(x=x, y=y, heading=heading, **half, rounding=0.0, friction=friction, edge=edge)
+    heading: float = 0.0  # of its length [rad]
+    half_length: float = 0.0  # of the rectangle to which the rounding is added [m]
+    half_width: float = 0.0  # [m]
+    rounding: float = 0.0  # radius of the circle [m]
+    edge: float = 0.0  # width of the transition across the outline [m]
 
 
 class PatchedFriction:
     """Patches on ground of another friction; where they overlap, the later one counts."""
 
     def __init__(self, base: Friction, patches: Sequence[FrictionPatch]) -> None:
-        check_friction("base", base)
         self._base = base
         self._centre = np.array([(p.x, p.y) for p in patches]).reshape(-1, 2)
         heading = np.array([p.heading for p in patches])

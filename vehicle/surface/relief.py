@@ -112,21 +112,6 @@ class RoadRelief:
         return np.stack([along * c - rise * sin, along * sin + rise * c], axis=-1)
 
 
-class SumOfReliefs:
-    """Several reliefs on top of each other."""
-
-    def __init__(self, *reliefs: GroundRelief) -> None:
-        self._reliefs = reliefs
-
-    def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Height [m] at x, y [m] in W, of their common shape."""
-        return np.asarray(sum(relief.height(x, y) for relief in self._reliefs))
-
-    def gradient(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Slope (dz/dx, dz/dy) [-] at x, y [m]; shape (..., 2)."""
-        return np.asarray(sum(relief.gradient(x, y) for relief in self._reliefs))
-
-
 PROFILE_WAVES: Final = 50.0  # [m]
 _AVERAGED: Final = PROFILE_WAVES * np.sqrt(0.5 * np.log(2.0)) / np.pi  # deviation of that Gaussian [m]
 _STATION: Final = 0.1  # between the stations of the profile [m]

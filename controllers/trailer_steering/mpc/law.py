@@ -76,11 +76,6 @@ class Mpc(SteeringLaw[MpcMemory]):
     def __init__(
         self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
-        """A controller for the trailer of a ``combination``.
-
-        Raises:
-            ValueError: if the trailer has no steered axle.
-        """
         check_steered("mpc", trailer)
         check_towed("mpc", combination)
         self._trailer, self._combination = trailer, combination

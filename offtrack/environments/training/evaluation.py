@@ -8,13 +8,13 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
-from typing import Any, Final, NamedTuple, Protocol, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer import Combination, TrailerSteering
 from controllers.trailer_steering.policy import Network, feature_names
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
@@ -98,7 +98,9 @@ class LawPilot:
         self._lanes = []
 
     def _opened(self, follow_distance: float) -> _Lane:
-        geometry = _lengthened(self._geometry, follow_distance)
+        longer = follow_distance - self._geometry.follow_distance  # the axles have moved with the trailer's end
+        distances = tuple(distance + longer for distance in self._geometry.axle_distances)
+        geometry = replace(self._geometry, follow_distance=follow_distance, axle_distances=distances)
         combination = Combination(self._vehicle, len(self._vehicle.units) - 1)
         law = trailer_law(self._law, geometry, combination, {})
         return _Lane(law, law.init(), follow_distance, None)
@@ -156,13 +158,6 @@ class LawPilot:
         )
 
 
-def _lengthened(nominal: TrailerGeometry, follow_distance: float) -> TrailerGeometry:
-    """Geometry of a trailer whose axles have moved with its end."""
-    longer = follow_distance - nominal.follow_distance
-    distances = tuple(distance + longer for distance in nominal.axle_distances)
-    return replace(nominal, follow_distance=follow_distance, axle_distances=distances)
-
-
 LAWS: Final = ("none", "command_steer", "path_preview")
 _SEED: Final = 1_000_000  # far from the seeds of training episodes
 
@@ -183,16 +178,6 @@ CONDITIONS: Final = (
     Condition("friction", "friction 0.2 to 0.3; training from 0.3 on", COURSES, replace(DOMAIN, friction=(0.2, 0.3))),
     Condition("speed", "5 to 5.6 m/s; training up to 5 m/s", COURSES, replace(DOMAIN, speed=(5.0, 5.6))),
 )
-
-
-class _Pilot(Protocol):
-    """Steers the trailers of all episodes."""
-
-    def begin(self, observation: Features) -> None:
-        """Start new episodes."""
-
-    def act(self, observation: Features, active: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Actions for all episodes; those of finished episodes are ignored."""
 
 
 class NetworkPilot:
@@ -240,13 +225,15 @@ def scored(plan: Plan, condition: Condition, law: str, network: Network, episode
     with ExitStack() as cleanup:
         cleanup.callback(env.close)
         core = cast(TrailerSteeringCore, env.core)
-        pilot: _Pilot = NetworkPilot(network)
+        pilot: LawPilot | NetworkPilot = NetworkPilot(network)
         if law != POLICY:
             pilot = cleanup.enter_context(closing(LawPilot(core, load_vehicle(plan.vehicle), law, load_surrogate())))
         return _score(driven(env, pilot, _SEED + plan.seed))
 
 
-def driven(env: Any, pilot: _Pilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
+def driven(
+    env: Any, pilot: LawPilot | NetworkPilot, seed: int, options: dict[str, Any] | None = None
+) -> list[dict[str, Any]]:
     """Info at the end of one episode of every sub-environment."""
     observation, _ = env.reset(seed=seed, options=options)
     pilot.begin(observation)

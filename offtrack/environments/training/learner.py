@@ -58,13 +58,6 @@ class Budget(NamedTuple):
     seconds: float | None
 
 
-class Learned(NamedTuple):
-    """Result of a training."""
-
-    network: Network
-    curve: list[Point]
-
-
 class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # untyped: the extra may not be installed
     """Features normalised by fixed means and standard deviations."""
 
@@ -79,8 +72,8 @@ class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # untyped: the extra
         return (features - self.mean) / self.scale
 
 
-def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Learned:
-    """Train to the end of the budget, from the directory's checkpoint if there is one.
+def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> tuple[Network, list[Point]]:
+    """Train to the end of the budget, from the directory's checkpoint if there is one; return network and curve.
 
     Raises:
         ValueError: one line, if an option does not fit, or if the checkpoint belongs to another training.
@@ -95,7 +88,7 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Le
             model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no states of random generators
             model.learn(left, callback=recorder, reset_num_timesteps=False)
             recorder.keep(model)
-        return Learned(_network(model, [feature.name for feature in _features(env)]), recorder.curve)
+        return _network(model, [feature.name for feature in _features(env)]), recorder.curve
     finally:
         env.close()
 
@@ -190,14 +183,10 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
         self._rewards.append(float(np.mean(self.locals["rewards"])))
         return self._budget.seconds is None or self._seconds() < self._budget.seconds
 
-    def _set_exploration(self) -> None:
-        """Set the scheduled standard deviation of the actions."""
-        first, last = (math.log(deviation) for deviation in EXPLORATION)
+    def _on_rollout_start(self) -> None:
+        first, last = (math.log(deviation) for deviation in EXPLORATION)  # scheduled, of the actions
         log_std = self.model.policy.log_std.requires_grad_(False)
         log_std.fill_(first + (last - first) * min(self.share, 1.0))
-
-    def _on_rollout_start(self) -> None:
-        self._set_exploration()
         self._record()
         if time.monotonic() - self._kept > _BETWEEN_CHECKPOINTS:
             self.keep(self.model)
@@ -212,7 +201,8 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
         self.curve.append(self._point())
         self._ended, self._rewards = [], []
         newest = self.curve[-1]
-        self._progress(min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps{_explored(newest.rms_m)}")
+        explored = f", {newest.rms_m:.3f} m RMS while exploring" if math.isfinite(newest.rms_m) else ""
+        self._progress(min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps{explored}")
 
     def _seconds(self) -> float:
         before = self.curve[-1].wall_s if self.curve else 0.0
@@ -234,11 +224,6 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
             divergence=float(logged.get("train/approx_kl", nan)),
             explained_variance=float(logged.get("train/explained_variance", nan)),
         )
-
-
-def _explored(rms: float) -> str:
-    """The result so far, once an episode has ended."""
-    return f", {rms:.3f} m RMS while exploring" if math.isfinite(rms) else ""
 
 
 def _steps(model: Any) -> int:

@@ -42,7 +42,7 @@ from scenarios.image_file import read_grey
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.log import Log
 from scenarios.results.run_directory import check_new_file, replacing
-from sensors.camera.rig import CameraModel, load_raw_rig
+from sensors.camera.rig import CameraModel, StereoCalibration, load_raw_rig
 from vehicle.frames import FloatArray, rows_every
 
 WORLD: Final = "W"
@@ -210,25 +210,23 @@ def camera_infos(sequence: StereoSequence) -> dict[str, dict[str, Any]]:
     rig_file = sequence.directory / "rig.toml"
     if rig_file.is_file() and read_rig(rig_file).raw:
         return _raw(rig_file)
-    projections = read_projections(sequence.directory / "calib.txt", sequence.layout)
-    K = np.array(
-        [
-            [projections.focal_length, 0.0, projections.cx],
-            [0.0, projections.focal_length, projections.cy],
-            [0.0, 0.0, 1.0],
-        ]
-    )
+    calibration = read_projections(sequence.directory / "calib.txt", sequence.layout, size)
+    K = _matrix(calibration)
     return {
         side: _fields(size, K, np.zeros(5), np.eye(3), _projection(K, shift))
-        for side, shift in (("left", 0.0), ("right", projections.baseline))
+        for side, shift in (("left", 0.0), ("right", calibration.baseline))
     }
+
+
+def _matrix(calibration: StereoCalibration) -> FloatArray:
+    f = calibration.focal_length
+    return np.array([[f, 0.0, calibration.cx], [0.0, f, calibration.cy], [0.0, 0.0, 1.0]])
 
 
 def _raw(path: Path) -> dict[str, dict[str, Any]]:
     raw = load_raw_rig(path)
     rectified = Rectifier(raw).calibration
-    f = rectified.focal_length
-    K = np.array([[f, 0.0, rectified.cx], [0.0, f, rectified.cy], [0.0, 0.0, 1.0]])
+    K = _matrix(rectified)
     R_left = np.linalg.inv(rectified.X_SC)[:3, :3] @ raw.X_SC[:3, :3]
     return {
         "left": _of_lens(raw.left, R_left, _projection(K, 0.0)),
@@ -355,7 +353,8 @@ def _write_topics(bag: _Bag, log: Log, units: list[tuple[str, str]]) -> Iterator
     every = max(1, round(_FRAME_PERIOD / float(log["time"][1] - log["time"][0]))) if len(log) > 1 else 1
     joints = [name for name in log.names if name.startswith(("articulation_", "steer_")) and "command" not in name]
     angles = np.column_stack([log[name] for name in joints]) if joints else np.zeros((len(log), 0))
-    motions = [_motion(log, ending) for _, ending in units]
+    moving = ("x", "y", "psi", "v_x", "v_y", "yaw_rate")
+    motions = [np.column_stack([log[f"{name}{ending}"] for name in moving]) for _, ending in units]
     names = [f"/signals/{name}" for name in log.names]
     for k, (time, row) in enumerate(zip(log["time"].tolist(), log.rows.tolist(), strict=True)):
         stamp = round(time * _NANOSECONDS)
@@ -380,11 +379,6 @@ def _write_topics(bag: _Bag, log: Log, units: list[tuple[str, str]]) -> Iterator
                 ),
             )
         yield k + 1
-
-
-def _motion(log: Log, ending: str) -> FloatArray:
-    """x, y, psi, forward and lateral speed and yaw rate of a unit, (n, 6)."""
-    return np.column_stack([log[f"{name}{ending}"] for name in ("x", "y", "psi", "v_x", "v_y", "yaw_rate")])
 
 
 def _write_state(bag: _Bag, stamp: int, motions: list[tuple[Any, ...]]) -> None:

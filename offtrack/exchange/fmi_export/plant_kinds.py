@@ -57,7 +57,7 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
     twin = symbolic_twin(vehicle)
     paths = [str(twin.symbols[k]) for k in range(twin.symbols.numel())]
     parameters = [number_signal(vehicle, path, value) for path, value in zip(paths, twin.values.tolist(), strict=True)]
-    inputs, outputs = combination_inputs(vehicle), combination_outputs(vehicle)
+    inputs, outputs = combination_inputs(vehicle), motion_signals(vehicle)
     observe = _observe_combination(vehicle, len(inputs), twin.symbols.numel())
     programs = {
         "step": program_of(step_function(vehicle)),
@@ -105,13 +105,8 @@ def combination_inputs(vehicle: Vehicle) -> list[Signal]:
     ]
 
 
-def combination_outputs(vehicle: Vehicle) -> list[Signal]:
-    """Outputs: everything that ``Truth`` has, a body's pose as position and angles; units count from 1, the tractor."""
-    return list(motion_signals(vehicle))
-
-
 def _observe_combination(vehicle: Vehicle, n_inputs: int, n_numbers: int) -> Any:
-    """Function (state, inputs, numbers) -> outputs, in the order of ``combination_outputs``."""
+    """Function (state, inputs, numbers) -> outputs, in the order of ``motion_signals``."""
     N, sizes = len(vehicle.units), (*command_sizes(vehicle), *ground_input_sizes(vehicle))
     x, u, numbers = vector(sum(state_sizes(vehicle))), vector(n_inputs), vector(n_numbers)
     n_heights = smooth_ground_sizes(vehicle).height

@@ -282,11 +282,6 @@ class PlantModel:
     internal_step: float | None  # of the integration [s]; None: the communication step decides it
     stepping: str  # a sentence on it
 
-    @property
-    def identifier(self) -> str:
-        """Model identifier: a C name, and the name of the library."""
-        return "offtrack_" + re.sub(r"\W", "_", self.name, flags=re.ASCII)[:_LONGEST_NAME]
-
 
 def interface_of(
     parameters: Sequence[Signal],
@@ -377,12 +372,16 @@ def _fields_with_unit(annotation: Any) -> Iterator[FieldInfo]:
         yield from _fields_with_unit(inner)
 
 
+def model_identifier(name: str) -> str:
+    """Identifier of a model by its name."""
+    return "offtrack_" + re.sub(r"\W", "_", name, flags=re.ASCII)[:_LONGEST_NAME]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
     """An FMU before it is compiled."""
 
     name: str
-    identifier: str  # a C name, and the name of the library
     summary: str
     variables: Sequence[Variable]
     sources: Mapping[str, str]  # C files and headers by name, without ``token.h``
@@ -395,13 +394,17 @@ class Exported:
     step: float = 0.01  # a step that suits most uses [s]
     stop: float = 20.0  # an end that suits most uses [s]
 
+    @property
+    def identifier(self) -> str:
+        """A C name, and the name of the library."""
+        return model_identifier(self.name)
+
 
 def exported_plant(model: PlantModel, version: int) -> Exported:
     """The FMU of a plant."""
-    sources = c_files(model.identifier, model.kind, version, model.programs, model.defined)
+    sources = c_files(model_identifier(model.name), model.kind, version, model.programs, model.defined)
     return Exported(
         name=model.name,
-        identifier=model.identifier,
         summary=model.summary,
         variables=model.interface.variables(),
         sources={**sources, "plant.h": plant_header(model.interface, model.programs, model.gear)},

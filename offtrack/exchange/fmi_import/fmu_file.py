@@ -126,7 +126,8 @@ def _description(fmpy: Any, path: Path, content: io.BytesIO) -> Any:
     try:
         return fmpy.read_model_description(content, validate=False)
     except Exception as error:  # of any type: FMPy reads it with a parser of XML and looks for what should be there
-        raise ValueError(f"{path}: modelDescription.xml: {shown(_one_line(error), 200)}") from None
+        reason = " ".join(f"{error}".split()) or type(error).__name__
+        raise ValueError(f"{path}: modelDescription.xml: {shown(reason, 200)}") from None
 
 
 def _version(path: Path, content: io.BytesIO) -> int:
@@ -227,10 +228,6 @@ def _safe_members(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]
         if place.is_absolute() or ".." in place.parts or ":" in place.parts[0] or link:
             raise ValueError(f"{path}: its member '{shown(member.filename, 80)}' leaves the archive: refused")
     return members
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{error}".split()) or type(error).__name__
 
 
 class Scale(NamedTuple):

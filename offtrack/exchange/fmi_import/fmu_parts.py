@@ -59,6 +59,16 @@ class FmuPart:
         fmu = open_fmu(Path(file))
         return type(cls.__name__, (cls,), {"fmu": fmu, "options": options_of(fmu)})
 
+    @classmethod
+    def of(cls, context: Any) -> Self:
+        """Part for the context of a run.
+
+        Raises:
+            ValueError: one line, if the map does not fit or the FMU can't be started.
+        """
+        made: Any = cls
+        return made(context)  # type: ignore[no-any-return]
+
     def _start(self, key: str, signals: PartSignals, parameters: Mapping[str, Parameter], **others: float) -> None:
         """Start the FMU with parameters of the scenario's table ``key``, and ``others`` that it does not give.
 
@@ -174,15 +184,6 @@ class FmuDriverMemory(NamedTuple):
 class FmuDriver(FmuPart, DriverLike[FmuDriverMemory]):
     """A driver that is an FMU; who keeps the set speed where it does not."""
 
-    @classmethod
-    def of(cls, context: DriverContext) -> "FmuDriver":
-        """Driver for the course of a run.
-
-        Raises:
-            ValueError: one line, if the map does not fit or the FMU can't be started.
-        """
-        return cls(context)
-
     def __init__(self, context: DriverContext) -> None:
         self._course, self._speed = context.course, context.speed
         self._pace = PreviewDriver(context.tractor, context.course.path, context.speed)
@@ -285,15 +286,6 @@ class FmuOffTracking(FmuPart):
 
     sensor: ClassVar[str] = "offtrack.exchange.fmi_import.fmu_parts:WholeMotion"
 
-    @classmethod
-    def of(cls, context: TrailerContext) -> Self:
-        """Source for the context's trailer.
-
-        Raises:
-            ValueError: one line, if the map does not fit or the FMU can't be started.
-        """
-        return cls(context)
-
     def __init__(self, context: TrailerContext) -> None:
         self._start("estimator", off_tracking_signals(context.vehicle), context.options)
         self._unknown = dict.fromkeys((one.name for one in estimate_signals(coarse=False)), 0.0)
@@ -332,7 +324,16 @@ def signals_of(part: str, vehicle: Vehicle) -> PartSignals:
         return off_tracking_signals(vehicle)
     if part == "plant":
         return plant_signals(vehicle)
-    steered = [len(unit.steered_axles) for unit in vehicle.units[1:] if unit.steered_axles]
+    return law_signals(len(vehicle.units[steered_unit(vehicle)].steered_axles), len(vehicle.units))
+
+
+def steered_unit(vehicle: Vehicle) -> int:
+    """Index of the last trailer with steered axles.
+
+    Raises:
+        ValueError: one line, if there is none.
+    """
+    steered = [unit for unit, one in enumerate(vehicle.units) if unit > 0 and one.steered_axles]
     if not steered:
         raise ValueError(f"vehicle {vehicle.name}: no axle of a trailer is steered; choose another --vehicle")
-    return law_signals(steered[-1], len(vehicle.units))
+    return steered[-1]

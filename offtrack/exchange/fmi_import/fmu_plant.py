@@ -17,9 +17,11 @@ import numpy as np
 from controllers.equations import settle
 from offtrack.exchange.fmi_import.fmu_file import FmuFile, open_fmu
 from offtrack.exchange.fmi_import.instance import FmuInstance
-from offtrack.exchange.fmi_import.mapping import FmuMap, PartSignals, Signal, read_map
+from offtrack.exchange.fmi_import.mapping import FmuMap, PartSignals, Signal, numbered, read_map
 from offtrack.exchange.fmi_import.numbered_signals import (
     GroundUnder,
+    column,
+    columns,
     ground_signals,
     kind_of,
     motion_signals,
@@ -81,8 +83,7 @@ _GAP: Final = 0.05  # between the two ends of a hitch, by the data sheet [m]
 def plant_signals(vehicle: Vehicle) -> PartSignals:
     """Signals of a plant of a vehicle; units count from 1, the tractor."""
     units = range(1, len(vehicle.units) + 1)
-    axles = [(unit.name, k) for unit in vehicle.units for k, _ in enumerate(unit.steered_axles, start=1)]
-    trailer = [axle for axle in axles if axle[0] != vehicle.units[0].name]
+    trailer = [(unit.name, k) for unit in vehicle.units[1:] for k, _ in enumerate(unit.steered_axles, start=1)]
     return PartSignals(
         kind="plant.fmu",
         inputs=(
@@ -90,13 +91,10 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
             Signal("steer", "rad", "demanded road-wheel angle of the tractor's foremost steered axle, + left"),
             Signal("acceleration", "m/s2", "demanded: above 0 drives the way the gear does, below 0 brakes"),
             Signal("gear", "-", "1 forward, -1 backward"),
-            *(
-                Signal(f"steer_trailer_{k}", "rad", f"demanded angle of steered axle {axle} of {name}")
-                for k, (name, axle) in enumerate(trailer, start=1)
-            ),
-            *(Signal(f"friction_{k}", "-", f"friction coefficient under unit {k}") for k in units),
-            *(Signal(f"slope_x_{k}", "-", f"rise of the ground along the x axis of unit {k}") for k in units),
-            *(Signal(f"slope_y_{k}", "-", f"rise of the ground along the y axis of unit {k}") for k in units),
+            *numbered("steer_trailer", "rad", [f"demanded angle of steered axle {k} of {name}" for name, k in trailer]),
+            *numbered("friction", "-", [f"friction coefficient under unit {k}" for k in units]),
+            *numbered("slope_x", "-", [f"rise of the ground along the x axis of unit {k}" for k in units]),
+            *numbered("slope_y", "-", [f"rise of the ground along the y axis of unit {k}" for k in units]),
             *ground_signals(vehicle),
         ),
         outputs=tuple(
@@ -202,33 +200,32 @@ class FmuPlant:
         }
 
     def _poses(self, found: Mapping[str, float]) -> FloatArray:
-        n = len(self._vehicle.units)
-        return np.column_stack([_column(found, name, n) for name in ("x", "y", "psi")])
+        return columns(found, ("x", "y", "psi"), len(self._vehicle.units))
 
     def _truth(self, tick: int, found: Mapping[str, float], last: Truth | None, steer: FloatArray) -> Truth:
         poses, n, wheel_count = self._poses(found), len(self._vehicle.units), self._vehicle.n_wheels
-        velocities = np.column_stack([_column(found, name, n) for name in ("v_x", "v_y", "yaw_rate")])
+        velocities = columns(found, ("v_x", "v_y", "yaw_rate"), n)
         unknown = np.isnan(velocities)
         if unknown.any():
             velocities = np.where(unknown, _velocities(poses, last, tick), velocities)
-        speeds = _column(found, "wheel_speed", wheel_count)
+        speeds = column(found, "wheel_speed", wheel_count)
         return Truth(
             tick=tick,
             poses=poses,
             velocities=velocities,
             bodies=self._bodies(poses, found),
-            steer=_or(_column(found, "steer_angle", self._n_steered), steer),
-            wheel_loads=_or(_column(found, "wheel_load", wheel_count), self._loads),
-            wheel_slip_angles=_or(_column(found, "wheel_slip_angle", wheel_count), np.zeros(wheel_count)),
-            friction_used=_or(_column(found, "friction_used", wheel_count), np.zeros(wheel_count)),
-            load_transfer=_or(_column(found, "load_transfer", n), np.zeros(n)),
+            steer=_or(column(found, "steer_angle", self._n_steered), steer),
+            wheel_loads=_or(column(found, "wheel_load", wheel_count), self._loads),
+            wheel_slip_angles=_or(column(found, "wheel_slip_angle", wheel_count), np.zeros(wheel_count)),
+            friction_used=_or(column(found, "friction_used", wheel_count), np.zeros(wheel_count)),
+            load_transfer=_or(column(found, "load_transfer", n), np.zeros(n)),
             wheel_speeds=None if np.isnan(speeds).any() else speeds,
         )
 
     def _bodies(self, poses: FloatArray, found: Mapping[str, float]) -> FloatArray:
         """Poses of the bodies: on the ground, with heave, pitch and roll about the roll axis below the mass centre."""
         n = len(poses)
-        heave, pitch, roll = (_or(_column(found, name, n), np.zeros(n)) for name in ("heave", "pitch", "roll"))
+        heave, pitch, roll = (_or(column(found, name, n), np.zeros(n)) for name in ("heave", "pitch", "roll"))
         bodies = []
         for k, (x, y, psi) in enumerate(poses.tolist()):
             motion = np.eye(4)
@@ -285,11 +282,6 @@ def _velocities(poses: FloatArray, last: Truth | None, tick: int) -> FloatArray:
     heading = poses[:, 2] - 0.5 * turn
     c, s = np.cos(heading), np.sin(heading)
     return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn / time])
-
-
-def _column(found: Mapping[str, float], name: str, count: int) -> FloatArray:
-    """Signals (count,) of a name by their numbers; NaN for those that are not connected."""
-    return np.array([found.get(f"{name}_{k}", math.nan) for k in range(1, count + 1)])
 
 
 def _or(values: FloatArray, default: FloatArray) -> FloatArray:

@@ -184,7 +184,9 @@ class FmuInstance:
     def _ask(self, request: bytes, when: str, limit: float) -> bytes:
         deadline = time.monotonic() + limit
         try:
-            self._write(request)
+            sent = 0
+            while sent < len(request):
+                sent += os.write(self._requests.fileno(), request[sent:])
             answer = self._read(b"", host.HEAD, deadline)
             (size,) = host.SIZE.unpack_from(answer, 1)
             answer = self._read(answer, host.HEAD + size, deadline)
@@ -196,11 +198,6 @@ class FmuInstance:
         if answer[:1] != host.DONE:
             raise self._failure(f"{when}: {content.decode(errors='replace')}")
         return content
-
-    def _write(self, request: bytes) -> None:
-        sent = 0
-        while sent < len(request):
-            sent += os.write(self._requests.fileno(), request[sent:])
 
     def _read(self, answer: bytes, size: int, deadline: float) -> bytes:
         """The answer so far, with more, until it has that size."""

@@ -159,19 +159,25 @@ def reading_values(reading: CombinationSignals) -> dict[str, float]:
 
 def reading_of(tick: int, values: Mapping[str, float], n_steered: int, n_units: int) -> CombinationSignals:
     """The reading behind signals."""
-
-    def column(name: str, count: int) -> FloatArray:
-        return np.array([values[f"{name}_{k}"] for k in range(1, count + 1)])
-
     return CombinationSignals(
         tick=tick,
-        angles=column("steer_trailer", n_steered),
+        angles=column(values, "steer_trailer", n_steered),
         speed=values["speed"],
         steer=values["steer"],
-        articulation=column("articulation", n_units - 1),
-        yaw_rates=column("yaw_rate", n_units),
+        articulation=column(values, "articulation", n_units - 1),
+        yaw_rates=column(values, "yaw_rate", n_units),
         lateral_acceleration=values["lateral_acceleration"],
     )
+
+
+def column(values: Mapping[str, float], name: str, count: int) -> FloatArray:
+    """Signals (count,) of a name by their numbers; NaN for those that are not connected."""
+    return np.array([values.get(f"{name}_{k}", math.nan) for k in range(1, count + 1)])
+
+
+def columns(values: Mapping[str, float], names: Iterable[str], count: int) -> FloatArray:
+    """Signals of several names side by side (count, number of names)."""
+    return np.column_stack([column(values, name, count) for name in names])
 
 
 def numbered_values(name: str, values: Iterable[float]) -> dict[str, float]:
@@ -283,7 +289,7 @@ def truth_of(tick: int, values: Mapping[str, float], vehicle: Vehicle, on_ground
         on_ground: pose (4, 4) of the body of a unit that stands on the ground at x, y, psi.
     """
     n, steered = len(vehicle.units), sum(len(unit.steered_axles) for unit in vehicle.units)
-    poses = _columns(values, ("x", "y", "psi"), n)
+    poses = columns(values, ("x", "y", "psi"), n)
     bodies = []
     for k, (x, y, psi) in enumerate(poses.tolist()):
         six = [values[f"body_{axis}_{k + 1}"] for axis in _BODY]
@@ -293,18 +299,14 @@ def truth_of(tick: int, values: Mapping[str, float], vehicle: Vehicle, on_ground
     return Truth(
         tick=tick,
         poses=poses,
-        velocities=_columns(values, ("v_x", "v_y", "yaw_rate"), n),
+        velocities=columns(values, ("v_x", "v_y", "yaw_rate"), n),
         bodies=np.array(bodies),
-        steer=_columns(values, ("steer_angle",), steered)[:, 0],
+        steer=column(values, "steer_angle", steered),
         wheel_loads=np.repeat(0.5 * np.concatenate(static_axle_loads(vehicle)), 2),
         wheel_slip_angles=np.zeros(vehicle.n_wheels),
         friction_used=np.zeros(vehicle.n_wheels),
         load_transfer=np.zeros(n),
     )
-
-
-def _columns(values: Mapping[str, float], names: Iterable[str], count: int) -> FloatArray:
-    return np.array([[values[f"{name}_{k}"] for name in names] for k in range(1, count + 1)])
 
 
 def _six(X: FloatArray) -> list[float]:
@@ -360,14 +362,9 @@ class GroundUnder:
         columns = dict(zip(_NAMES, (inputs[part] for part in self._parts), strict=True))
         columns[_HEIGHT] = smooth[self._smooth.height]
         for axis, of_supports in (("x", self._smooth.slope_x), ("y", self._smooth.slope_y)):
-            columns[f"body_slope_{axis}"] = _means(smooth[of_supports]) - columns[f"ground_slope_{axis}"]
+            means = smooth[of_supports].reshape(-1, 2).mean(axis=1)  # of the front and rear support of every unit
+            columns[f"body_slope_{axis}"] = means - columns[f"ground_slope_{axis}"]
         return {key: x for name, column in columns.items() for key, x in numbered_values(name, column).items()}
-
-
-def _means(of_supports: FloatArray) -> FloatArray:
-    """Means (N,) of the front and rear support of every unit."""
-    means: FloatArray = 0.5 * (of_supports[0::2] + of_supports[1::2])
-    return means
 
 
 def _places(poses: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,7 @@
 Readings, motion and poses go in; demands come out, friction, heights and wind, or off-tracking.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +14,7 @@ from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
 from controllers.trailer import Combination
 from controllers.trailer_steering.safeguarded import Degradation
+from offtrack.exchange.fmi_import.fmu_parts import steered_unit
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
 from offtrack.exchange.fmi_import.numbered_signals import (
@@ -71,23 +72,10 @@ from vehicle.combination.description import Vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 from vehicle.option import Option, Parameter, declared_options
-from vehicle.surface import Surface
 
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
 _FIRST: Final = "first_step"
-
-
-def steered_unit(vehicle: Vehicle) -> int:
-    """Index of the last trailer with steered axles.
-
-    Raises:
-        ValueError: one line, if there is none.
-    """
-    steered = [unit for unit, one in enumerate(vehicle.units) if unit > 0 and one.steered_axles]
-    if not steered:
-        raise ValueError(f"vehicle {vehicle.name}: no axle of a trailer is steered; choose another --vehicle")
-    return steered[-1]
 
 
 def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | None = None) -> Proxy:
@@ -321,14 +309,10 @@ class LaidGround:
         nominal = vehicle_of(scenario)
         course: Course = course_of(scenario, nominal)
         self.surface, _ = opened_ground(scenario, course, seed)
-        self.vehicle = in_wind_of(self.surface, plant_vehicle(scenario))
+        vehicle = plant_vehicle(scenario)
+        self.vehicle = vehicle if self.surface.gust is None else vehicle.in_wind()
         self.under = GroundUnder(self.surface, self.vehicle)
         self.at_start = self.under.values(pose_of_all(self.vehicle, course.start))
-
-
-def in_wind_of(surface: Surface, vehicle: Vehicle) -> Vehicle:
-    """The vehicle with inputs for the wind where it blows."""
-    return vehicle if surface.gust is None else vehicle.in_wind()
 
 
 def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
@@ -411,7 +395,10 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}
-    readings = _measured(reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units)))
+    readings = [  # by other names than those of the motion that goes in
+        one._replace(name=MEASURED + one.name)
+        for one in reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units))
+    ]
     return Proxy(
         kind="sensor",
         name=f"{scenario.name}_sensor",
@@ -434,11 +421,6 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
         ),
         step=LOG_PERIOD * TICK,
     )
-
-
-def _measured(signals: Iterable[Signal]) -> list[Signal]:
-    """Readings by other names than those of the motion that goes in."""
-    return [signal._replace(name=MEASURED + signal.name) for signal in signals]
 
 
 class SensorComputation(Computation):

@@ -9,7 +9,6 @@ import contextlib
 import json
 import os
 import pkgutil
-import re
 import struct
 import sys
 import tempfile
@@ -32,7 +31,6 @@ _COMMON: Final = (
     Signal("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
 )
 _PROCESS: Final = ("process.h", "process.c", "proxy.c")
-_LONGEST_NAME: Final = 60
 
 
 class Text(NamedTuple):
@@ -69,7 +67,6 @@ class Proxy:
         """The FMU before it is compiled."""
         return Exported(
             name=self.name,
-            identifier="offtrack_" + re.sub(r"\W", "_", self.name, flags=re.ASCII)[:_LONGEST_NAME],
             summary=self.summary,
             variables=self._variables(),
             sources={
@@ -247,7 +244,10 @@ class Server:
             parameters=dict(zip(names, values, strict=True)),
             texts=dict(zip(self._description["texts"], texts, strict=True)),
         )
-        self._computation = _opened(self._description["kind"], opening)
+        kind = self._description["kind"]
+        if kind not in _COMPUTATIONS:
+            raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
+        self._computation = pkgutil.resolve_name(_COMPUTATIONS[kind])(opening)
         return b""
 
     def step(self, content: bytes) -> bytes:
@@ -267,13 +267,6 @@ class Server:
         """Finish the model's files."""
         if self._computation is not None:
             self._computation.close()
-
-
-def _opened(kind: str, opening: Opening) -> Computation:
-    if kind not in _COMPUTATIONS:
-        raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
-    computation: Computation = pkgutil.resolve_name(_COMPUTATIONS[kind])(opening)
-    return computation
 
 
 def folder_of(resources: str) -> Path:

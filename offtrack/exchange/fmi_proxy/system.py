@@ -134,7 +134,9 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
     connections = _to_driver(ground.vehicle, reverses=bool(scenario.driver.stops))
     if not is_level(ground.surface):
         components["ground"] = ground_proxy(scenario, seed).exported(_VERSION)
-        connections += _of_ground(ground.vehicle)
+        poses = [f"{axis}_{k}" for axis in ("x", "y", "psi") for k in range(1, len(ground.vehicle.units) + 1)]
+        connections += [Connection("plant", name, "ground", name) for name in poses]
+        connections += [Connection("ground", one.name, "plant", one.name) for one in ground_signals(ground.vehicle)]
     last = len(nominal.units) - 1
     for unit in watched_units(nominal):
         own = "" if unit == last else f"_{unit + 1}"
@@ -155,7 +157,7 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
 
 def is_level(surface: Surface) -> bool:
     """True for level, smooth ground of one friction without wind, which stays as it is at the start."""
-    level = surface.relief is None and surface.cross_fall == 0.0 and surface.grade == 0.0 and surface.is_smooth
+    level = not surface.reliefs and surface.cross_fall == 0.0 and surface.grade == 0.0 and surface.is_smooth
     return level and surface.is_uniform and surface.gust is None
 
 
@@ -183,14 +185,6 @@ def _to_driver(vehicle: Vehicle, *, reverses: bool) -> list[Connection]:
         *(Connection("plant", f"{name}_1", "driver", name) for name in motion),
         *(Connection("plant", name, "driver", name) for name in hitches),
         *(Connection("driver", name, "plant", name) for name in demands),
-    ]
-
-
-def _of_ground(vehicle: Vehicle) -> list[Connection]:
-    poses = [f"{axis}_{k}" for axis in ("x", "y", "psi") for k in range(1, len(vehicle.units) + 1)]
-    return [
-        *(Connection("plant", name, "ground", name) for name in poses),
-        *(Connection("ground", one.name, "plant", one.name) for one in ground_signals(vehicle)),
     ]
 
 

@@ -172,7 +172,9 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
     Raises:
         ValueError: one line, if a part is unknown, needs other messages than images, or an option does not fit.
     """
-    odometry = _opened_odometry(recording, chosen)
+    kind = resolve("--odometry", chosen.odometry, ODOMETRY)
+    motions = constructed("--odometry", chosen.odometry, lambda: kind(recording.calibration))
+    odometry: Odometry[Any] = SelfCalibratedOdometry(recording.calibration, motions, correcting=chosen.self_calibration)
     part: type[OffTrackingEstimator] = resolve("--estimator", chosen.estimator, OFF_TRACKING, in_scenario=False)
     if part.sensor != _IMAGES:
         raise ValueError(
@@ -207,12 +209,6 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
     source = constructed("--estimator", chosen.estimator, lambda: part.of(context))
     check_made("--estimator", chosen.estimator, source, ("init", "step"))
     return source, recording
-
-
-def _opened_odometry(recording: Recording, chosen: Chosen) -> Odometry[Any]:
-    kind = resolve("--odometry", chosen.odometry, ODOMETRY)
-    motions = constructed("--odometry", chosen.odometry, lambda: kind(recording.calibration))
-    return SelfCalibratedOdometry(recording.calibration, motions, correcting=chosen.self_calibration)
 
 
 def _data_sheet(recording: Recording, name: str) -> Vehicle:
@@ -300,7 +296,9 @@ def motion_errors(estimation: Estimation) -> FloatArray:
 
 def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
     """Summary for JSON; null where a number does not apply or could not be measured."""
-    recording = estimation.recording
+    recording, notes = estimation.recording, list(estimation.recording.notes)
+    if not estimation.states_motions and any(frame.off_tracking for frame in estimation.frames):
+        notes.append("the estimator states no motions of the cameras: there is no trajectory")
     return {
         "outcome": estimation.outcome,
         "recording": str(recording.sequence.directory),
@@ -314,15 +312,8 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
         "dropped_frames": [{"frame": k, "reason": f.dropped} for k, f in enumerate(estimation.frames) if f.dropped],
         "warnings": list(warnings(estimation)),
         "assumed": list(recording.assumed),
-        "notes": [*recording.notes, *_no_motions(estimation)],
+        "notes": notes,
     }
-
-
-def _no_motions(estimation: Estimation) -> list[str]:
-    """A note on estimates without motions of the cameras."""
-    if estimation.states_motions or not any(frame.off_tracking for frame in estimation.frames):
-        return []
-    return ["the estimator states no motions of the cameras: there is no trajectory"]
 
 
 def warnings(estimation: Estimation) -> tuple[str, ...]:
@@ -374,6 +365,7 @@ def _valid_fraction(log: Log) -> float:
 def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
     steps = np.hypot(*np.diff(np.column_stack([log["x"], log["y"]]), axis=0).T) if len(log) > 1 else np.zeros(1)
     own = _drift(estimation, (estimation.recording.follow_distance,), every=1)
+    halves = [motion.halves for motion in motions_found(estimation) if motion.halves is not None]
     return {
         "matches_mean": number(metrics.mean(log["matches"])),
         "inliers_mean": number(metrics.mean(log["inliers"])),
@@ -383,14 +375,9 @@ def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]
         "drift_percent": own["drift_percent"],
         "drift_deg_per_m": own["drift_deg_per_m"],
         "motion_nees_mean": number(metrics.mean(np.square(motion_errors(estimation)))),
-        "halves_ratio": number(_halves_ratio(estimation)),
+        # RMS difference of motions from halves of the features, relative to that of independent errors
+        "halves_ratio": number(metrics.rms(np.array(halves)) / math.sqrt(INDEPENDENT)),
     }
-
-
-def _halves_ratio(estimation: Estimation) -> float:
-    """RMS difference of motions from halves of the features, relative to that of independent errors."""
-    halves = np.array([motion.halves for motion in motions_found(estimation) if motion.halves is not None])
-    return metrics.rms(halves) / math.sqrt(INDEPENDENT)
 
 
 def _drift(

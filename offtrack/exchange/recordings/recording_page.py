@@ -32,6 +32,7 @@ from offtrack.reports.player.playback import (
     Trail,
     elapsed,
     health_spans,
+    off_tracking_charts,
 )
 from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
@@ -39,6 +40,7 @@ from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
 from scenarios.results.run_summary import versions
+from sensors.messages import StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
@@ -220,7 +222,8 @@ def _pictures(estimation: Estimation) -> Iterator[Picture]:
 def _picture(estimation: Estimation, frame: FrameEstimate) -> Picture | None:
     """The left image, read again and rectified, with its tracks; None if it can no longer be read."""
     try:
-        image = estimation.recording.rectified_left(read_grey(frame.files.left))
+        left = read_grey(frame.files.left)
+        image = estimation.recording.rectified(StereoFrame(tick=0, left=left, right=left)).left
     except ValueError:
         return None
     jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
@@ -240,19 +243,8 @@ def write_video(
 
 
 def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:
-    yield Chart(
-        "Off-tracking, + when the hitch's path lies left",
-        "m",
-        (
-            Curve("off_tracking_std", "±2 σ", "estimated", "band", base="off_tracking"),
-            Curve("off_tracking", "estimated", "estimated", "dots"),
-            *((Curve("off_tracking_poses", "by the recorded poses", "true"),) if compared else ()),
-        ),
-    )
-    if compared:
-        error = Curve("off_tracking", "error", "estimated", "dots", 1e3, less="off_tracking_poses")
-        band = Curve("off_tracking_std", "±2 σ", "estimated", "band", 1e3)
-        yield Chart("Error against the recorded poses", "mm", (band, error), 1)
+    reference = Curve("off_tracking_poses", "by the recorded poses", "true") if compared else None
+    yield from off_tracking_charts("the hitch's path", "off_tracking", reference, "Error against the recorded poses")
     yield Chart("Speed of the hitch", "m/s", (Curve("v_x", "forward", "true"), Curve("v_y", "to the left", "third")), 2)
     yield Chart("Yaw rate", "°/s", (Curve("yaw_rate", "yaw rate", "true", scale=_DEGREES),), 2)
     features = Curve("matches", "matches", "grey"), Curve("inliers", "inliers", "true")
@@ -313,8 +305,8 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
 def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
     playback = recording_playback(estimation, log)
     yield Section("Playback", content=[Player(encoded(playback))])
-    yield Section("Trajectory", "Seen from above, in the trailer's frame at the first image.",
-                  [plots.plan_figure(playback)])  # fmt: skip
+    trajectory = plots.plan_figure(playback, bodies=False)
+    yield Section("Trajectory", "Seen from above, in the trailer's frame at the first image.", [trajectory])
     yield from plots.chart_sections(playback, _TEXTS)
     frame = _shown_frame(estimation)
     if frame is not None:

@@ -213,10 +213,8 @@ def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
     name = numbers["recording"]
     sections = []
     if len(estimation.log) > 1:
-        playback, text = (
-            slip_playback(estimation, name),
-            "Angle from the body's axis to the direction of travel, + left.",
-        )
+        playback = slip_playback(estimation, name)
+        text = "Angle from the body's axis to the direction of travel, + left."
         sections = [Section("Playback", content=[Player(encoded(playback))])]
         sections += chart_sections(playback, {"Slip angle": text})
     if estimation.dropped:

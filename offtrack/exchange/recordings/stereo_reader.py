@@ -24,7 +24,7 @@ from offtrack.exchange.recordings.stereo_sequence import (
     stream,
 )
 from sensors.camera.rig import StereoCalibration, load_raw_rig
-from sensors.messages import GreyImage, StereoFrame
+from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
 from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform
 
@@ -33,22 +33,13 @@ _LARGEST = 1e9  # number of a projection matrix [px], [px m]
 _OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Projections:
-    """Parameters of a rectified pair from its projection matrices."""
+def read_projections(path: Path, layout: Layout, size: tuple[int, int]) -> StereoCalibration:
+    """Read the projections of the two cameras of a layout, with images of this width and height [px].
 
-    focal_length: float  # [px]
-    cx: float  # [px]
-    cy: float  # [px]
-    baseline: float  # [m]
-    X_C0C: FloatArray  # (4, 4) pose of the left camera in KITTI's camera 0, whose poses are in ``poses.txt``
-
-
-def read_projections(path: Path, layout: Layout) -> Projections:
-    """Read the projections of the two cameras of a layout.
+    ``X_SC`` is the pose of the left camera in KITTI's camera 0, whose poses are in ``poses.txt``.
 
     Raises:
-        ValueError: one line, if one is missing, or if they do not belong to a rectified pair.
+        ValueError: one line, if one is missing, or if they do not belong to a rectified pair of such images.
     """
     lines = _lines(path)
     left, right = (_matrix(path, lines, name) for name in (layout.left_projection, layout.right_projection))
@@ -67,12 +58,20 @@ def read_projections(path: Path, layout: Layout) -> Projections:
             f"{path}: baseline {p_ClCr[0]:g} m must be positive and along the left camera's x; "
             "are left and right swapped?"
         )
-    return Projections(
+    for name, value, extent in (("column", cx, size[0]), ("row", cy, size[1])):
+        if not 0.0 <= value <= extent - 1:
+            raise ValueError(
+                f"{path}: principal point at {name} {value:g} lies outside images of {size[0]}x{size[1]} px: "
+                "is it the calibration of these images?"
+            )
+    return StereoCalibration(
+        width=size[0],
+        height=size[1],
         focal_length=float(f),
         cx=float(cx),
         cy=float(cy),
         baseline=float(p_ClCr[0]),
-        X_C0C=transform(np.eye(3), p_Cl.astype(np.float64)),
+        X_SC=transform(np.eye(3), p_Cl.astype(np.float64)),
     )
 
 
@@ -200,10 +199,6 @@ class Recording:
         """Rectified frame, as the calibration describes it."""
         return self.rectification.step(frame) if self.rectification else frame
 
-    def rectified_left(self, image: GreyImage) -> GreyImage:
-        """Rectified left image."""
-        return self.rectified(StereoFrame(tick=0, left=image, right=image)).left
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Cameras:
@@ -273,7 +268,9 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
             direction_std=rig.direction_std if given.direction_std is None else given.direction_std,
         )
         return _raw_cameras(file, size, rig)
-    return _rectified_cameras(file or sequence.directory / "calib.txt", sequence.layout, size, rig)
+    calibration = read_projections(file or sequence.directory / "calib.txt", sequence.layout, size)
+    X_CP = inverse(calibration.X_SC)
+    return _Cameras(calibration=replace(calibration, X_SC=np.eye(4)), rectification=None, rig=rig, X_CP=X_CP)
 
 
 def _raw_cameras(path: Path, size: tuple[int, int], rig: Rig) -> _Cameras:
@@ -294,26 +291,6 @@ def _raw_cameras(path: Path, size: tuple[int, int], rig: Rig) -> _Cameras:
         rig=replace(rig, X_SC=None if rig.X_SC is None else X_SC),
         X_CP=inverse(X_SC) @ raw.X_SC,
     )
-
-
-def _rectified_cameras(path: Path, layout: Layout, size: tuple[int, int], rig: Rig) -> _Cameras:
-    projections = read_projections(path, layout)
-    for name, value, extent in (("column", projections.cx, size[0]), ("row", projections.cy, size[1])):
-        if not 0.0 <= value <= extent - 1:
-            raise ValueError(
-                f"{path}: principal point at {name} {value:g} lies outside images of {size[0]}x{size[1]} px: "
-                "is it the calibration of these images?"
-            )
-    calibration = StereoCalibration(
-        width=size[0],
-        height=size[1],
-        focal_length=projections.focal_length,
-        cx=projections.cx,
-        cy=projections.cy,
-        baseline=projections.baseline,
-        X_SC=np.eye(4),
-    )
-    return _Cameras(calibration=calibration, rectification=None, rig=rig, X_CP=inverse(projections.X_C0C))
 
 
 def _rectified(

@@ -77,7 +77,8 @@ def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequen
     keys = sorted(left.keys() | right.keys())
     every = range(keys[0], keys[-1] + 1)
     if rate_hz is not None:
-        times = _times_at(rate_hz, len(every))
+        check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
+        times = [k / rate_hz for k in range(len(every))]
         timed = _TimedFrames(tuple(every), 0)
     else:
         times = _read_times(directory / "times.txt")
@@ -114,25 +115,17 @@ def _layout(directory: Path) -> Layout:
     )
 
 
-class _Keyed(NamedTuple):
-    """Image files of both cameras by frame."""
-
-    left: dict[int, Path]
-    right: dict[int, Path]
-    numbered: bool  # True: keys are the numbers in the names; False: ranks in the order of the names
-
-
-def _keyed(left: list[Path], right: list[Path]) -> _Keyed:
-    """Files by the last number in their names; without numbers or with time stamps, by their order."""
+def _keyed(left: list[Path], right: list[Path]) -> tuple[dict[int, Path], dict[int, Path], bool]:
+    """Left and right files by the last number in their names (True); without numbers or with time stamps, by order."""
     sides = [[_number(path) for path in files] for files in (left, right)]
     distinct = all(len(set(side)) == len(side) and _NO_NUMBER not in side for side in sides)
     if distinct and max(map(max, sides)) - min(map(min, sides)) < 2 * max(map(len, sides)):
         keyed = [{_number(path): path for path in files} for files in (left, right)]
-        return _Keyed(keyed[0], keyed[1], numbered=True)
+        return keyed[0], keyed[1], True
     names = [{f"{_number(path):030d}" if distinct else path.stem: path for path in files} for files in (left, right)]
     rank = {name: k for k, name in enumerate(sorted(names[0].keys() | names[1].keys()))}
     keyed = [{rank[name]: path for name, path in side.items()} for side in names]
-    return _Keyed(keyed[0], keyed[1], numbered=False)
+    return keyed[0], keyed[1], False
 
 
 def _number(path: Path) -> int:
@@ -165,11 +158,6 @@ def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered:
         f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames; it needs one line per frame. "
         "Repair it or use --rate HZ"
     )
-
-
-def _times_at(rate_hz: float, count: int) -> list[float]:
-    check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
-    return [k / rate_hz for k in range(count)]
 
 
 def _read_times(path: Path) -> list[float]:

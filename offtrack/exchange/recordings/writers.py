@@ -21,7 +21,6 @@ import cv2
 import numpy as np
 import tomli_w
 
-from scenarios.assembly.rover_run import RoverAssembly
 from scenarios.assembly.trailer_run import Assembly
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
@@ -318,11 +317,10 @@ def _of_trailer(directory: Path, parts: Assembly) -> RecordingWriter:
     return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
 
 
-def _of_rover(directory: Path, parts: RoverAssembly) -> RoverRecordingWriter:
-    return RoverRecordingWriter(directory, parts.rig)
-
-
-_WRITERS: Final[dict[str, Callable[[Path, Any], RecordingFolder]]] = {"trailer": _of_trailer, "rover": _of_rover}
+_WRITERS: Final[dict[str, Callable[[Path, Any], RecordingFolder]]] = {
+    "trailer": _of_trailer,
+    "rover": lambda directory, parts: RoverRecordingWriter(directory, parts.rig),
+}
 
 
 def recording_in(directory: Path) -> Callable[[Any], Any]:

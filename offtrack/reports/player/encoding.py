@@ -7,6 +7,7 @@ others, as many as have room.
 
 import base64
 import gzip
+import io
 import json
 import os
 from collections.abc import Sequence
@@ -19,8 +20,9 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from offtrack.reports.player.playback import Body, Chart, Picture, Playback, PlayedRun
+from offtrack.reports.player.playback import Body, Picture, Playback, PlayedRun
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import FrictionPicture
 from vehicle.frames import FloatArray
@@ -64,7 +66,10 @@ def small_pictures(pictures: Sequence[Picture], room: int) -> tuple[list[SmallPi
 
 def _small(picture: Picture, width: int, quality: int) -> SmallPicture | None:
     data = np.frombuffer(picture.jpeg, np.uint8)
-    original = _width(picture.jpeg)
+    try:
+        original = Image.open(io.BytesIO(picture.jpeg)).width  # reads the header alone
+    except OSError:
+        return None
     factor = max((k for k in _HALVED if original >= k * width), default=1)
     image = cv2.imdecode(data, _HALVED[factor])
     if image is None:
@@ -73,17 +78,7 @@ def _small(picture: Picture, width: int, quality: int) -> SmallPicture | None:
         size = (width, max(1, round(width * image.shape[0] / image.shape[1])))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-    return SmallPicture(picture=picture, jpeg=jpeg, scale=image.shape[1] / max(original, 1))
-
-
-def _width(jpeg: bytes) -> int:
-    """Width of a JPEG image [px], from its frame header; 0 if there is none."""
-    at = 2
-    while at + 9 < len(jpeg) and jpeg[at] == 0xFF:
-        if jpeg[at + 1] in (0xC0, 0xC1, 0xC2):
-            return int.from_bytes(jpeg[at + 7 : at + 9], "big")
-        at += 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
-    return 0
+    return SmallPicture(picture=picture, jpeg=jpeg, scale=image.shape[1] / original)
 
 
 def live_picture(picture: Picture) -> dict[str, Any]:
@@ -157,20 +152,17 @@ def encoded(playback: Playback, limit: int = LIMIT, values: int = _VALUES) -> En
         "road": None if road is None else {"left": _line(road.left, block), "right": _line(road.right, block)},
         "together": playback.together,
         "friction": None if friction is None else _friction(friction),
-        "charts": [_chart(chart) for chart in playback.charts],
+        "charts": [
+            chart._asdict() | {"curves": [curve._asdict() for curve in chart.curves]} for chart in playback.charts
+        ],
         "readings": [reading._asdict() for reading in playback.readings],
         "nearest": playback.nearest,
     }
-    room = int(0.74 * (limit - 1.35 * block_size(block)))  # of their bytes in base64
+    room = int(0.74 * (limit - 1.35 * (block._length // 2)))  # of their bytes in base64; numbers compress to half
     pictures, note = _pictures(playback, runs, block, max(room, 0))
     table |= {"runs": runs, "note": note}
     text = json.dumps(table, separators=(",", ":"), allow_nan=False)
     return EncodedPlayback(playback.title, text, block.text(), "\n".join(pictures))
-
-
-def block_size(block: _Block) -> int:
-    """Bytes of the block once they are compressed: about half."""
-    return block._length // 2
 
 
 def _run(run: PlayedRun, block: _Block, values: int) -> dict[str, Any]:
@@ -224,15 +216,6 @@ def _body(body: Body) -> dict[str, Any]:
     }
 
 
-def _chart(chart: Chart) -> dict[str, Any]:
-    return {
-        "title": chart.title,
-        "unit": chart.unit,
-        "digits": chart.digits,
-        "curves": [curve._asdict() for curve in chart.curves],
-    }
-
-
 def _line(points: FloatArray, block: _Block) -> dict[str, Any]:
     thinned = points[:: max(1, len(points) // _LINE_POINTS)]
     if len(points) and not np.array_equal(thinned[-1], points[-1]):
@@ -260,7 +243,7 @@ def _pictures(playback: Playback, runs: list[dict[str, Any]], block: _Block, roo
         table["pictures"] = {
             "first": len(lines),
             "times": [one.picture.time for one in small],
-            "captions": _captions([one.picture for one in small]),
+            "captions": [one.picture.caption for one in small] if any(one.picture.caption for one in small) else None,
             "counts": [len(one) for one in strokes],
             "strokes": block.add(np.concatenate([*strokes, np.zeros((0, 4), np.int16)]), "<i2"),
             "lines": [list(one.picture.lines) for one in small] if any(one.picture.lines for one in small) else None,
@@ -270,10 +253,6 @@ def _pictures(playback: Playback, runs: list[dict[str, Any]], block: _Block, roo
             if table["rows"] < table["all_rows"]]  # fmt: skip
     thinned = f"Of the signals, {', '.join(rows)} are on this page; signals.parquet has all." if rows else ""
     return lines, " ".join(filter(None, (*dict.fromkeys(notes), thinned)))
-
-
-def _captions(pictures: list[Picture]) -> list[str] | None:
-    return [picture.caption for picture in pictures] if any(picture.caption for picture in pictures) else None
 
 
 _SCRIPTS: Final = ("uPlot.iife.min", "theme", "data", "charts", "pictures", "plan", "scene", "live", "player")

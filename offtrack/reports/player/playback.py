@@ -315,35 +315,44 @@ def _picture(frame: CameraFrame) -> Picture:
     return Picture(frame.tick * TICK, frame.jpeg, frame.tracks, caption)
 
 
+def curves(labels: Mapping[str, str], scale: float = 1.0) -> tuple[Curve, ...]:
+    """A curve for each signal with a label, in colours of a series."""
+    named = enumerate(labels.items())
+    return tuple(Curve(name, label, SERIES[k % len(SERIES)], scale=scale) for k, (name, label) in named)
+
+
+def off_tracking_charts(
+    leader: str, estimate: str | None, reference: Curve | None, error: str = "Error of the estimate"
+) -> Iterator[Chart]:
+    """Off-tracking by an estimate, with its standard deviation, and by a reference; and the error between them."""
+    band = Curve("off_tracking_std", "±2 σ", "estimated", "band", base=estimate or "")
+    dots = Curve(estimate or "", "estimated", "estimated", "dots")
+    shown = (*((band, dots) if estimate else ()), *((reference,) if reference else ()))
+    yield Chart(f"Off-tracking, + when {leader} lies left", "m", shown)
+    if estimate and reference:
+        of_error = Curve(estimate, "error", "estimated", "dots", 1e3, less=reference.signal)
+        yield Chart(error, "mm", (band._replace(scale=1e3, base=""), of_error), 1)
+
+
 def _trailer_charts(result: RunResult) -> Iterator[Chart]:
     """Charts of the signals that the run has."""
-    has_estimate = np.isfinite(result.signal("health")).any()
+    estimate = "off_tracking_estimate" if np.isfinite(result.signal("health")).any() else None
     true = Curve("off_tracking_true", "true", "true")
-    estimated = (
-        Curve("off_tracking_std", "±2 σ", "estimated", "band", base="off_tracking_estimate"),
-        Curve("off_tracking_estimate", "estimated", "estimated", "dots"),
-    )
-    yield Chart(
-        f"Off-tracking, + when the path of the {result.leader} lies left",
-        "m",
-        (*estimated, true) if has_estimate else (true,),
-    )
-    if has_estimate:
-        error = Curve("off_tracking_estimate", "error", "estimated", "dots", 1e3, less="off_tracking_true")
-        band = Curve("off_tracking_std", "±2 σ", "estimated", "band", 1e3)
-        yield Chart("Error of the estimate", "mm", (band, error), 1)
+    yield from off_tracking_charts(f"the path of the {result.leader}", estimate, true)
     limit = result.trailer_steer_limit
     steer = tuple(_steer(result))
     yield Chart("Steer angles of the road wheels, + left", "°", steer, 2, None if limit is None else _DEGREES * limit)
     if len(result.units) > 1:
-        yield Chart("Articulation angle", "°", tuple(_each(result, "articulation_", "joint", _DEGREES)), 2)
-    speeds = tuple(
-        Curve(f"v_x_{unit.name}", unit.name, colour, scale=3.6)
-        for unit, colour in zip(result.units[:1], SERIES, strict=False)
-    )
-    yield Chart("Speed", "km/h", speeds, 1)
-    yield Chart("Lateral acceleration, + left", "m/s²", tuple(_units(result, "lateral_acceleration_")), 2)
-    yield Chart("Load transfer: ±1 when one side is in the air", "-", tuple(_units(result, "load_transfer_")), 2)
+        joints = [name for name in result.log.names if name.startswith("articulation_")]
+        labels = {one: f"joint {one.removeprefix('articulation_')}" if len(joints) > 1 else "joint" for one in joints}
+        yield Chart("Articulation angle", "°", curves(labels, _DEGREES), 2)
+    names = [unit.name for unit in result.units]
+    yield Chart("Speed", "km/h", curves({f"v_x_{names[0]}": names[0]}, 3.6), 1)
+    for title, unit, prefix in (
+        ("Lateral acceleration, + left", "m/s²", "lateral_acceleration_"),
+        ("Load transfer: ±1 when one side is in the air", "-", "load_transfer_"),
+    ):
+        yield Chart(title, unit, curves({prefix + name: name for name in names if prefix + name in result.log}), 2)
     used = Curve("friction_used_max", "largest of all tyres", "fifth")
     yield Chart("Share of the friction in use", "-", (used,), 2)
     if np.isfinite(result.signal("matches")).any():
@@ -359,19 +368,6 @@ def _steer(result: RunResult) -> Iterator[Curve]:
         yield Curve(demand, f"demand {k + 1}", colour, "dashed", _DEGREES)
     if "steer_tractor" in result.log:
         yield Curve("steer_tractor", "front axle", "grey", scale=_DEGREES)
-
-
-def _each(result: RunResult, prefix: str, label: str, scale: float) -> Iterator[Curve]:
-    names = [name for name in result.log.names if name.startswith(prefix)]
-    for k, name in enumerate(names):
-        suffix = f" {name.removeprefix(prefix)}" if len(names) > 1 else ""
-        yield Curve(name, label + suffix, SERIES[k % len(SERIES)], scale=scale)
-
-
-def _units(result: RunResult, prefix: str) -> Iterator[Curve]:
-    for k, unit in enumerate(result.units):
-        if prefix + unit.name in result.log:
-            yield Curve(prefix + unit.name, unit.name, SERIES[k % len(SERIES)])
 
 
 def _readings(result: RunResult) -> Iterator[Reading]:
@@ -451,11 +447,8 @@ def _rover_charts(result: RoverResult) -> Iterator[Chart]:
         ("Sinkage of the wheels", "mm", "sinkage_", 1e3),
         ("Steer angles of the wheels", "°", "steer_", _DEGREES),
     ):
-        curves = tuple(
-            Curve(prefix + wheel.name, wheel.name.replace("_", " "), SERIES[k % len(SERIES)], scale=scale)
-            for k, wheel in enumerate(result.rig.wheels)
-        )
-        yield Chart(title, unit, curves, 2)
+        labels = {prefix + wheel.name: wheel.name.replace("_", " ") for wheel in result.rig.wheels}
+        yield Chart(title, unit, curves(labels, scale), 2)
 
 
 def _rover_readings(result: RoverResult) -> Iterator[Reading]:

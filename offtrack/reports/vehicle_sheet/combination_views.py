@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Polygon, Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
 from offtrack.reports.vehicle_sheet.sheet import (
@@ -20,20 +20,20 @@ from offtrack.reports.vehicle_sheet.sheet import (
     Scale,
     centre_of_gravity,
     horizontal_dimension,
+    load_arrow,
     vertical_dimension,
     wheel_from_above,
+    wheel_from_side,
 )
 from vehicle.combination.chain_forces import wheel_plane
-from vehicle.combination.data_sheet import AxleSheet, DataSheet, origins, reach
+from vehicle.combination.data_sheet import AxleSheet, DataSheet, reach
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.unit import Axle, Unit
 
 _BODY, _CAB, _FRAME = "#eef2f6", "#dbe5ef", "#aab4be"
 _FLAT = 1.6  # a unit no higher than this has no body on its frame [m]: a dolly
-_TOP_OF_FRAME, _DEPTH_OF_FRAME = (
-    0.98,
-    0.23,
-)  # [m] of motor vehicles and dollies; a semi-trailer's frame lies on its hitch
+# of motor vehicles and dollies [m]; a semi-trailer's frame lies on its hitch
+_TOP_OF_FRAME, _DEPTH_OF_FRAME = 0.98, 0.23
 _TYRE_WIDTH = 0.30  # [m] of every wheel in the plan view; not in the files
 _LIFT = 0.15  # height of a raised axle above the ground [m]
 _CAB_LENGTH, _CAB_HEIGHT, _GAP = 2.3, 3.1, 0.1  # [m] of a rigid truck; a tractor's cab is as high as its unit
@@ -114,15 +114,6 @@ def _box(
     ax.add_patch(Rectangle(corner, *size, facecolor=colour, edgecolor=INK, linewidth=1.0, zorder=zorder))
 
 
-def wheel_from_side(ax: Axes, x: float, axle: Axle) -> None:
-    """A wheel; blue if steered, with a dark hub if driven, grey and off the ground if lifted."""
-    radius, z = axle.wheel_radius, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
-    edge = TRUE if axle.steered else INK
-    tyre = GREY if axle.lifted else edge
-    for share, colour in ((1.0, tyre), (0.58, "white"), (0.25, INK if axle.driven else "white")):
-        ax.add_patch(Circle((x, z), share * radius, facecolor=colour, edgecolor=tyre, zorder=4.0 - share))
-
-
 def pivot(ax: Axes, x: float, y: float) -> None:
     """A hitch."""
     ax.plot(x, y, "o", color="white", markeredgecolor=INK, markersize=6.0, zorder=5.0)
@@ -190,7 +181,7 @@ class CombinationDrawing:
     def units(self) -> Iterator[tuple[Unit, float, Unit | None, Unit | None]]:
         """Every unit, its origin's distance behind the foremost point [m], the unit ahead and the unit behind."""
         units, front = self.vehicle.units, self.vehicle.units[0].front_x
-        for i, (unit, origin) in enumerate(zip(units, origins(self.vehicle), strict=True)):
+        for i, (unit, origin) in enumerate(zip(units, self.vehicle.origins, strict=True)):
             yield unit, front - origin, units[i - 1] if i else None, units[i + 1] if i + 1 < len(units) else None
 
 
@@ -202,7 +193,9 @@ def side_view(ax: Axes, drawing: CombinationDrawing) -> None:
     for unit, origin, ahead, behind in drawing.units():
         body_from_side(ax, unit, origin, ahead, behind)
         for axle in (*unit.axles, *unit.lifted_axles):
-            wheel_from_side(ax, origin - axle.x, axle)
+            hub = origin - axle.x, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
+            colour = GREY if axle.lifted else TRUE if axle.steered else INK
+            wheel_from_side(ax, hub, axle.wheel_radius, colour, 0.58, driven=axle.driven)
         centre_of_gravity(ax, origin - unit.cg_x, unit.cg_height, 0.16)
         middle = origin - 0.5 * (unit.front_x + unit.rear_x)
         ax.text(middle, top, f"{unit.name}, {unit.mass / 1e3:.2f} t", ha="center", va="bottom", fontsize=9.0, color=INK)
@@ -245,14 +238,10 @@ def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
     """Loads of axles and groups of axles, as arrows under the ground."""
     largest = max(axle.load for unit in drawing.data.units for axle in unit.axles)
     row = -drawing.scale.metres(_LOAD)
-    arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
     for unit in drawing.data.units:
         for axle in unit.axles:
-            if axle.load > 0.0:
-                length = drawing.scale.metres(_ARROW) * axle.load / largest
-                ax.annotate("", (axle.behind_front, 0.0), (axle.behind_front, -length), arrowprops=arrow)
             text = "lifted" if axle.lifted else f"{axle.load / GRAVITY / 1e3:.2f}"
-            ax.text(axle.behind_front, row, text, ha="center", va="top", fontsize=8.0, color=LOAD)
+            load_arrow(ax, axle.behind_front, drawing.scale.metres(_ARROW) * axle.load / largest, row, text)
         for group in _groups([axle for axle in unit.axles if not axle.lifted]):
             _bracket(ax, drawing, group)
     ax.text(-drawing.scale.metres(0.12), row, "load [t]", ha="right", va="top", fontsize=8.0, color=LOAD)

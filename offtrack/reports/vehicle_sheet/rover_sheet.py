@@ -10,7 +10,7 @@ from typing import Final
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
 from offtrack.reports.vehicle_sheet.sheet import (
@@ -26,12 +26,14 @@ from offtrack.reports.vehicle_sheet.sheet import (
     draw_table,
     height_of,
     horizontal_dimension,
+    load_arrow,
     new_sheet,
     scale_bar,
     scaled_axes,
     sources_note,
     vertical_dimension,
     wheel_from_above,
+    wheel_from_side,
 )
 from vehicle.rover import data_sheet
 from vehicle.rover.data_sheet import STANDARD_SLIP, RoverSheet, Traction
@@ -42,11 +44,6 @@ _ARROW, _LOAD_TEXT, _AXLES, _LENGTH = 0.30, 0.32, 0.62, 0.84  # depths below the
 _BODY, _ROCKER = "#eef2f6", "#aab4be"
 _BODY_HEIGHT: Final = 0.5  # of the sketched body, over the height of its floor
 _ON_PLAN: Final = 0.45  # half length of the sketched body, over the wheelbase
-
-
-def height_above_ground(data: RoverSheet) -> float:
-    """Height of the drawn rover [m]."""
-    return (1.0 + _BODY_HEIGHT) * _floor(data)
 
 
 def _floor(data: RoverSheet) -> float:
@@ -60,34 +57,24 @@ def side_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
     ax.plot((-half - scale.metres(0.3), half + scale.metres(0.3)), (0.0, 0.0), color=INK, linewidth=1.0, zorder=1.0)
     wheels = sorted((wheel for wheel in rover.wheels if wheel.y > 0.0), key=lambda wheel: -wheel.x)
     stations = [-wheel.x for wheel in wheels]
+    carried: dict[float, float] = defaultdict(float)  # by both wheels of an axle on level ground
+    for wheel, load in zip(rover.wheels, data.loads, strict=True):
+        carried[-wheel.x] += load
     reach = _ON_PLAN * rover.wheelbase
     box = Rectangle((-reach, floor), 2.0 * reach, _BODY_HEIGHT * floor, facecolor=_BODY, edgecolor=INK, zorder=2.4)
     ax.add_patch(box)
     for wheel in wheels:
         x = -wheel.x
         ax.plot((0.0, x), (floor, rover.radius), color=_ROCKER, linewidth=5.0, solid_capstyle="round", zorder=2.0)
-        edge = TRUE if wheel.steered else INK
-        for share, colour in ((1.0, edge), (0.86, "white"), (0.2, INK if wheel.driven else "white")):
-            disc = Circle((x, rover.radius), share * rover.radius, facecolor=colour, edgecolor=edge, zorder=4.0 - share)
-            ax.add_patch(disc)
-        _axle_load(ax, scale, data, x)
+        colour = TRUE if wheel.steered else INK
+        wheel_from_side(ax, (x, rover.radius), rover.radius, colour, 0.86, driven=wheel.driven)
+        length = scale.metres(_ARROW) * carried[x] / max(carried.values())
+        load_arrow(ax, x, length, -scale.metres(_LOAD_TEXT), f"{carried[x]:.0f}")
     ax.text(-half - scale.metres(0.1), -scale.metres(_LOAD_TEXT), "[N]", ha="right", va="top", fontsize=8.0, color=LOAD)
     centre_of_gravity(ax, -rover.cg_x, rover.cg_height, scale.metres(0.1))
     horizontal_dimension(ax, scale, -scale.metres(_AXLES), [-half, *stations, half])
     horizontal_dimension(ax, scale, -scale.metres(_LENGTH), [-half, half])
     vertical_dimension(ax, scale, half + scale.metres(0.25), 0.0, rover.cg_height)
-
-
-def _axle_load(ax: Axes, scale: Scale, data: RoverSheet, x: float) -> None:
-    """Load of both wheels of an axle on level ground."""
-    carried: dict[float, float] = defaultdict(float)
-    for wheel, load in zip(data.rover.wheels, data.loads, strict=True):
-        carried[-wheel.x] += load
-    load = carried[x]
-    arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
-    length = scale.metres(_ARROW) * load / max(carried.values())
-    ax.annotate("", (x, 0.0), (x, -length), arrowprops=arrow)
-    ax.text(x, -scale.metres(_LOAD_TEXT), f"{load:.0f}", ha="center", va="top", fontsize=8.0, color=LOAD)
 
 
 def plan_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
@@ -140,7 +127,8 @@ def _draw(data: RoverSheet, tables: tuple[SheetTable, ...], note: str) -> Figure
     """Sheet with side view and plan next to each other, and tables."""
     scale = Scale(_VIEW / data.length)
     text = height_of(tables)
-    views = max(height_above_ground(data), data.width + data.rover.radius) * scale.inches + BELOW_GROUND
+    height = (1.0 + _BODY_HEIGHT) * _floor(data)
+    views = max(height, data.width + data.rover.radius) * scale.inches + BELOW_GROUND
     rover = data.rover
     figure = new_sheet(TITLE + views + text, name=rover.name, summary=rover.summary, key=_KEY, note=note)
     middle = MARGIN + 0.5 * data.length * scale.inches
@@ -203,15 +191,8 @@ def _soil_table(data: RoverSheet) -> SheetTable:
     ]
     for one in data.traction:
         trapped = "never" if one.entrapped_from is None else f"{one.entrapped_from:.0%}"
-        rows.append(
-            (
-                one.soil.replace("_", " "),
-                _text(one.sinkage, 1e3),
-                _text(one.pull),
-                f"{math.degrees(one.steepest_climb):.1f}°",
-                trapped,
-            )
-        )
+        sinkage, pull, climb = _text(one.sinkage, 1e3), _text(one.pull), f"{math.degrees(one.steepest_climb):.1f}°"
+        rows.append((one.soil.replace("_", " "), sinkage, pull, climb, trapped))
     offsets = (2.25, 3.4, 4.3, 5.4)
     return SheetTable(rows=rows, start=9.3, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
 

@@ -157,6 +157,22 @@ def centre_of_gravity(ax: Axes, x: float, z: float, radius: float) -> None:
         ax.add_patch(Wedge((x, z), radius, start, start + 90.0, facecolor=INK, linewidth=0.0, zorder=4.3))
 
 
+def load_arrow(ax: Axes, x: float, length: float, low: float, text: str) -> None:
+    """An arrow of a length [m] on the ground at x, and the load in words at the height ``low`` [m]."""
+    if length > 0.0:
+        arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
+        ax.annotate("", (x, 0.0), (x, -length), arrowprops=arrow)
+    ax.text(x, low, text, ha="center", va="top", fontsize=8.0, color=LOAD)
+
+
+def wheel_from_side(
+    ax: Axes, middle: tuple[float, float], radius: float, tyre: str, rim: float, *, driven: bool
+) -> None:
+    """A wheel with a tyre of this colour, a rim of a share of its radius, and a hub that is dark if driven."""
+    for share, colour in ((1.0, tyre), (rim, "white"), (0.25, INK if driven else "white")):
+        ax.add_patch(Circle(middle, share * radius, facecolor=colour, edgecolor=tyre, zorder=4.0 - share))
+
+
 def wheel_from_above(
     ax: Axes,
     middle: tuple[float, float],

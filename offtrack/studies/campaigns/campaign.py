@@ -92,7 +92,7 @@ class Campaign(Study):
     def to_toml(self) -> str:
         """The campaign as TOML for `offtrack campaign`."""
         vary = {key: list(map(typed_value, values)) for key, values in self.axes.items() if key != FAULTS}
-        own = {key for entry in self.entries for key in _words(entry)}
+        own = {key.rpartition(".")[0] for entry in self.entries for key, _ in entry.drawn()}
         drawn = self.draws.tables()
         draw = {key: value for key, value in drawn.get("draw", {}).items() if key not in own}
         tables = {
@@ -228,10 +228,6 @@ def by_text(place: str, entries: Sequence[FaultEntry]) -> dict[str, FaultEntry]:
         by_text |= dict.fromkeys(texts, entry)
         titles.add(entry.title)
     return by_text
-
-
-def _words(entry: FaultEntry) -> Iterator[str]:
-    return (key.rpartition(".")[0] for key, _ in entry.drawn())
 
 
 def _check_choice(place: str, entry: Choice, campaign: Campaign) -> None:

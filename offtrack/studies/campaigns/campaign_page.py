@@ -97,7 +97,8 @@ def campaign_page(
     link_of = {id(run): link for run, link in zip(runs, links, strict=True)}
     faulty = [run for run in runs if run.fault != NONE]
     changed = ", ".join(f"{key} = {value}" for key, value in campaign.fixed)
-    facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {_listed(campaign.seeds)}")
+    seeds = ", ".join(map(str, campaign.seeds))
+    facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {seeds}")
     made_on = machines([run.outcome.provenance for run in runs])
     return Page(
         title=title,
@@ -132,10 +133,6 @@ _INTERVALS = (
 _WORST = "The run of each fault and of each law that broke a requirement by most, or came nearest to it."
 
 
-def _listed(numbers: Sequence[int]) -> str:
-    return ", ".join(map(str, numbers))
-
-
 def _verdict(campaign: Campaign, cells: Sequence[Cell]) -> Verdict | None:
     if campaign.accept is None:
         return None
@@ -151,13 +148,9 @@ def _matrix(campaign: Campaign, cells: Sequence[Cell], link_of: Mapping[int, str
     for fault in dict.fromkeys(cell.place[0] for cell in cells):
         places = [(fault, of, law) for of in further for law in laws[of]]
         rows.append((fault, [_shade(of_place.get(place), link_of) for place in places]))
-    groups = [(_further_title(campaign, of), [_breakable(law) or "runs" for law in laws[of]]) for of in further]
+    names = {of: [law.replace("_", "_\u200b") or "runs" for law in laws[of]] for of in further}  # a break may follow
+    groups = [(_further_title(campaign, of), names[of]) for of in further]
     return Matrix(groups, rows, "Share of the runs that failed")
-
-
-def _breakable(name: str) -> str:
-    """The name with places at which a narrow column may break it."""
-    return name.replace("_", "_\u200b")
 
 
 def _further_title(campaign: Campaign, text: str) -> str:

@@ -239,15 +239,12 @@ def _elsewhere(search: Search, runs: Sequence[Judgement]) -> Iterator[tuple[floa
     for run in runs:
         case = run.outcome.case
         same = dataclasses.replace(case, axes=search.template.axes) == search.template
-        if run.fault != search.entry.title or not same or not _same_others(case, search.template):
+        others, wanted = ([pair for pair in one.axes if pair[0] != FAULTS] for one in (case, search.template))
+        if run.fault != search.entry.title or not same or others != wanted:
             continue
         value = _value(search, dict(case.axes)[FAULTS])
         if value is not None and search.case(value).axes == case.axes:
             yield value, run.failed
-
-
-def _same_others(case: Case, other: Case) -> bool:
-    return [pair for pair in case.axes if pair[0] != FAULTS] == [pair for pair in other.axes if pair[0] != FAULTS]
 
 
 def _value(search: Search, text: str) -> float | None:

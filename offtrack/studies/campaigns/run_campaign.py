@@ -1,10 +1,10 @@
 """A campaign run to its report and tables; and the campaign over a scenario without a campaign file."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -80,33 +80,25 @@ def problem(scenario: str, settings: Iterable[str]) -> str:
     return ""
 
 
-class _Default(NamedTuple):
-    """Default campaign of a kind of vehicle."""
-
-    law: str  # key that the campaign varies
-    laws: tuple[str, ...]  # its values
-    settings: Settings  # of all runs, unless the command gives them
-    requirements: Requirements
-
-
 _ONSETS: Final = (0.4, 0.6)  # of the planned duration: on the way into a turn, and in it
 _DURATION: Final = 2.0  # of each fault [s]
 _FOLLOW: Final = 0.5  # limit of the follow point's deviation from the hitch's path [m]
 _CROSS: Final = 0.3  # limit of a rover's distance from its path [m]
-_DEFAULTS: Final = {
-    "trailer": _Default(
-        law="trailer_steering",
-        laws=("path_preview", "mpc", "virtual_driver"),
-        settings=(("off_tracking", "surrogate"),),
-        requirements=Requirements(limits=(Limit("off_tracking.true_max_m", high=_FOLLOW),), detect=1.0, recover=5.0),
+# by the ``vehicle_kind`` of a scenario: key that is varied, its values, other settings of all runs, requirements
+_DEFAULTS: Final[Mapping[str, tuple[str, tuple[str, ...], Settings, Requirements]]] = {
+    "trailer": (
+        "trailer_steering",
+        ("path_preview", "mpc", "virtual_driver"),
+        (("off_tracking", "surrogate"),),
+        Requirements(limits=(Limit("off_tracking.true_max_m", high=_FOLLOW),), detect=1.0, recover=5.0),
     ),
-    "rover": _Default(
-        law="slip_compensation",
-        laws=("none", "heading", "crab"),
-        settings=(),
-        requirements=Requirements(limits=(Limit("slip.cross_track_max_m", high=_CROSS),)),
+    "rover": (
+        "slip_compensation",
+        ("none", "heading", "crab"),
+        (),
+        Requirements(limits=(Limit("slip.cross_track_max_m", high=_CROSS),)),
     ),
-}  # by the ``vehicle_kind`` of a scenario
+}
 
 
 def default_campaign(
@@ -121,8 +113,9 @@ def default_campaign(
     """
     texts = [f"{key}={value}" for key, value in settings]
     loaded = load_any_scenario(scenario, texts)
-    default, duration = _DEFAULTS[loaded.vehicle_kind], KINDS[loaded.vehicle_kind].duration(loaded)
-    settings = (*(setting for setting in default.settings if setting[0] not in dict(settings)), *settings)
+    law, usual, preset, requirements = _DEFAULTS[loaded.vehicle_kind]
+    duration = KINDS[loaded.vehicle_kind].duration(loaded)
+    settings = (*(setting for setting in preset if setting[0] not in dict(settings)), *settings)
     onsets = tuple(round(share * duration, 1) for share in _ONSETS)
     kinds = [kind for kind in FAULT if not problem(scenario, [*map("=".join, settings), f"faults={kind}@1+1"])]
     entries = tuple(FaultEntry(kind=kind, onsets=onsets, durations=(_DURATION,)) for kind in kinds)
@@ -130,11 +123,11 @@ def default_campaign(
     return Campaign(
         scenario=scenario,
         fixed=settings,
-        axes={FAULTS: (NONE, *of_text), default.law: laws or default.laws},
+        axes={FAULTS: (NONE, *of_text), law: laws or usual},
         seeds=seeds or (1, 2),
         entries=entries,
         of_text=of_text,
-        requirements=default.requirements,
+        requirements=requirements,
     )
 
 

@@ -35,7 +35,9 @@ class Limit(NamedTuple):
     @property
     def text(self) -> str:
         """The limits, as tables show them."""
-        of, unit = label_and_unit(self.path)
+        group, _, name = self.path.partition(".")
+        number = groups()[group].numbers[name]
+        of, unit = number.label, number.own_unit.removeprefix("-")
         parts = [f"at least {self.low:g}"] if self.low > -math.inf else []
         parts += [f"at most {self.high:g}"] if self.high < math.inf else []
         return f"{of}: {', '.join(parts)} {unit}".strip()
@@ -66,13 +68,6 @@ class Requirements:
             table[limit.path] = {key: value for key, value in known.items() if math.isfinite(value)}
         times = {DETECT: self.detect, HARMLESS: self.harmless_below or None, RECOVER: self.recover}
         return table | {key: value for key, value in times.items() if value is not None}
-
-
-def label_and_unit(path: str) -> tuple[str, str]:
-    """Label of a number and its unit in the summary; empty for none."""
-    group, _, name = path.partition(".")
-    number = groups()[group].numbers[name]
-    return number.label, number.own_unit.removeprefix("-")
 
 
 def read_requirements(place: str, table: Iterable[tuple[str, Any]]) -> Requirements:

@@ -25,7 +25,7 @@ from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.odometry.viso2 import Viso2Odometry
 from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.reproduction import Reproduction, compared, printed, reproduced
+from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, printed, reproduced
 from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.assembly.trailer_sensors import Cameras, Rectified
 from scenarios.loop.trailer_session import TrailerSession, track_of
@@ -319,7 +319,7 @@ def _sensitivity(figure: str, quick: bool, progress: Progress) -> Reproduction:
     return reproduced(
         f"desaxe2018-{figure}",
         [
-            compared(quantity, number, measured(measure, where, results), unit)
+            Comparison(quantity, number, measured(measure, where, results), unit)
             for quantity, number, unit, measure, where in table["rows"]
         ],
         Log(_SIGNALS, np.array(rows, dtype=np.float64)),
@@ -382,12 +382,14 @@ def fig9(quick: bool, progress: Progress) -> Reproduction:
     return reproduced(
         "desaxe2018-fig9",
         [
-            compared("error in the region of drift", "0.08", metrics.peak(worst.error("viso2"))),
-            compared("error of the motion along the optical axis, RMS", "", metrics.rms(_axial_error(worst))),
-            compared("share of the off-tracking error that these errors explain", "comparable", explained, "%"),
-            compared("largest error over all drives", "< 0.15", largest["viso2"]),
-            compared("RMS error over all drives", "", metrics.rms(np.concatenate([d.error("viso2") for d in drives]))),
-            compared("keyframe: largest error over all drives", "", largest["keyframe"]),
+            Comparison("error in the region of drift", "0.08", metrics.peak(worst.error("viso2"))),
+            Comparison("error of the motion along the optical axis, RMS", "", metrics.rms(_axial_error(worst))),
+            Comparison("share of the off-tracking error that these errors explain", "comparable", explained, "%"),
+            Comparison("largest error over all drives", "< 0.15", largest["viso2"]),
+            Comparison(
+                "RMS error over all drives", "", metrics.rms(np.concatenate([d.error("viso2") for d in drives]))
+            ),
+            Comparison("keyframe: largest error over all drives", "", largest["keyframe"]),
         ],
         _drift_log(worst),
         lambda: _drift_drawn(worst),

@@ -21,7 +21,7 @@ from estimators.odometry.viso2 import NEAR, Viso2Odometry
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
 from offtrack.studies.reproduce.desaxe2018 import ENOUGH, THIRD, Case, Drive, Facing, driven, with_estimator
-from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, compared, printed, reproduced
+from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, printed, reproduced
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import load_scenario
@@ -99,9 +99,9 @@ def fig16(quick: bool, progress: Progress) -> Reproduction:
             name = f"{test.manoeuvre}, {odometry}"
             for side, bias in zip(("left", "right"), biases(one, odometry), strict=True):
                 if math.isfinite(bias):
-                    yield compared(f"{name}: bias where the path is {side}", "", bias)
+                    yield Comparison(f"{name}: bias where the path is {side}", "", bias)
             paper = "as uncorrected left roundabout, 0.11–0.12" if odometry == _CORRECTED else ""
-            yield compared(f"{name}: RMS error", paper, _rms(one, odometry))
+            yield Comparison(f"{name}: RMS error", paper, _rms(one, odometry))
 
     return _figure("fig16", [FieldTest(name) for name in MANOEUVRES], quick, progress, compare, _corrections)
 
@@ -137,11 +137,11 @@ def _rms(one: Drive, odometry: str) -> float:
 
 
 def _compared(name: str, one: Drive, paper: Mapping[str, str]) -> Iterator[Comparison]:
-    yield compared(f"{name}: RMS error", paper["rms"], _rms(one, "viso2"))
-    yield compared(f"{name}: largest error", paper["largest"], metrics.peak(_error(one, "viso2")))
-    yield compared(f"{name}: keyframe, RMS error", "", _rms(one, OWN))
-    yield compared(f"{name}: keyframe, largest error", "", metrics.peak(_error(one, OWN)))
-    yield compared(f"{name}: mean matches", paper["matches"], metrics.mean(one.tracks["viso2"].matches), "-")
+    yield Comparison(f"{name}: RMS error", paper["rms"], _rms(one, "viso2"))
+    yield Comparison(f"{name}: largest error", paper["largest"], metrics.peak(_error(one, "viso2")))
+    yield Comparison(f"{name}: keyframe, RMS error", "", _rms(one, OWN))
+    yield Comparison(f"{name}: keyframe, largest error", "", metrics.peak(_error(one, OWN)))
+    yield Comparison(f"{name}: mean matches", paper["matches"], metrics.mean(one.tracks["viso2"].matches), "-")
 
 
 def biases(one: Drive, odometry: str) -> tuple[float, float]:
@@ -274,7 +274,7 @@ def fig13(quick: bool, progress: Progress) -> Reproduction:
     return reproduced(
         "desaxe2018-fig13",
         [
-            compared(f"{name} cameras: matches of the pair shown", "400–800", float(len(view.matches.current)), "-")
+            Comparison(f"{name} cameras: matches of the pair shown", "400–800", float(len(view.matches.current)), "-")
             for name, view in zip(_SIDES.values(), views, strict=True)
         ],
         _views_log(views),

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimators.estimates import Health, SlipAngle
+from estimators.estimates import Health
 from estimators.slip.rover_odometry import LaserSlip
 from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.reproduction import Reproduction, compared, printed, reproduced
+from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, printed, reproduced
 from offtrack.studies.reproduce.trace_tables import bars
 from scenarios.options.scenario import stream
 from scenarios.progress import Progress
@@ -48,7 +48,7 @@ def table2(quick: bool, progress: Progress) -> Reproduction:
     pairs = zip(published, own.tolist(), strict=True)
     return reproduced(
         "reina2008-table2",
-        [compared(f"candidate {k}", f"{paper:.1f}", ours, "%") for k, (paper, ours) in enumerate(pairs, start=1)],
+        [Comparison(f"candidate {k}", f"{paper:.1f}", ours, "%") for k, (paper, ours) in enumerate(pairs, start=1)],
         _data(explanation, ground),
         lambda: _ranking(published, own.tolist()),
     )
@@ -62,11 +62,11 @@ def fig6(quick: bool, progress: Progress) -> Reproduction:
     return reproduced(
         "reina2008-fig6",
         [
-            compared("candidates", "10", len(explanation.confidences), "-"),
-            compared("confidence of the trace", "87", best, "%"),
-            compared("angle of the trace", "0 (no slip)", math.degrees(theta), "deg"),
-            compared("distance of the trace from G", "", d, "m"),
-            compared("distance of the trace from the wheel's centre", "", offset, "m"),
+            Comparison("candidates", "10", len(explanation.confidences), "-"),
+            Comparison("confidence of the trace", "87", best, "%"),
+            Comparison("angle of the trace", "0 (no slip)", math.degrees(theta), "deg"),
+            Comparison("distance of the trace from G", "", d, "m"),
+            Comparison("distance of the trace from the wheel's centre", "", offset, "m"),
         ],
         _data(explanation, ground),
         lambda: _panels(explanation, ground),
@@ -179,12 +179,12 @@ def fig8(quick: bool, progress: Progress) -> Reproduction:
     return reproduced(
         "reina2008-fig8",
         [
-            compared("RMS against laser and compass", "< 2", _rms(ftrace - laser), "deg"),
-            compared("RMS against the truth", "1.4", _rms(ftrace - true), "deg"),
-            compared("images with an estimate", "> 98", 100.0 * np.isfinite(ftrace).mean(), "%"),
-            compared("largest true slip angle", "", math.degrees(float(np.abs(true).max())), "deg"),
-            compared("true slip in the first stage, RMS", "0", _rms(true[time < calm - 5.0]), "deg"),
-            compared("lateral drift from the initial heading line", "", abs(float(rows[-1, 5])), "m"),
+            Comparison("RMS against laser and compass", "< 2", _rms(ftrace - laser), "deg"),
+            Comparison("RMS against the truth", "1.4", _rms(ftrace - true), "deg"),
+            Comparison("images with an estimate", "> 98", 100.0 * np.isfinite(ftrace).mean(), "%"),
+            Comparison("largest true slip angle", "", math.degrees(float(np.abs(true).max())), "deg"),
+            Comparison("true slip in the first stage, RMS", "0", _rms(true[time < calm - 5.0]), "deg"),
+            Comparison("lateral drift from the initial heading line", "", abs(float(rows[-1, 5])), "m"),
         ],
         Log(_SIGNALS, rows),
         lambda: _draw(rows, calm),
@@ -207,12 +207,9 @@ def _driven(calm: float, length: float, progress: Progress) -> Iterator[list[flo
         fixes, reference = laser.step(fixes, tracker.sample(truth), view.heading)
         time = (truth.tick - truths[lead].tick) * TICK
         at = [math.nan if reference is None else reference, *truth.pose[:2].tolist()]
-        yield [time, truth.slip_angle, _value(estimate), *at]
+        slip_angle = math.nan if estimate.health is Health.LOST else estimate.value
+        yield [time, truth.slip_angle, slip_angle, *at]
     progress(len(truths) - lead, len(truths) - lead, "")
-
-
-def _value(estimate: SlipAngle) -> float:
-    return math.nan if estimate.health is Health.LOST else estimate.value
 
 
 def _ground(begin: float, length: float) -> Terrain:

@@ -26,14 +26,14 @@ from vehicle.foundation.user_file import nearest
 _DPI: Final = 150
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Comparison:
     """A published number and its reproduction."""
 
     quantity: str
     published: str  # as printed; "" if the paper has no such number
     own: float
-    unit: str
+    unit: str = "m"
 
     @property
     def own_text(self) -> str:
@@ -41,11 +41,6 @@ class Comparison:
         if not math.isfinite(self.own):
             return "–"
         return f"{self.own:.0f}" if abs(self.own) >= 100.0 else f"{self.own:.3g}"
-
-
-def compared(quantity: str, published: str, own: float, unit: str = "m") -> Comparison:
-    """A comparison, of lengths unless a unit is given."""
-    return Comparison(quantity=quantity, published=published, own=own, unit=unit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -31,7 +31,7 @@ from matplotlib.figure import Figure
 from estimators.context import RoverContext, SlipEstimator
 from estimators.estimates import Health, SlipAngle
 from offtrack.reports.plots import ESTIMATED, GREY, TRUE
-from offtrack.studies.reproduce.reproduction import Reproduction, compared, printed, reproduced
+from offtrack.studies.reproduce.reproduction import Comparison, Reproduction, printed, reproduced
 from scenarios.assembly.rover_run import rover_geometry
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
 from scenarios.options.scenario import stream
@@ -268,7 +268,12 @@ def _table(name: str, draw: Callable[[Results], Figure], quick: bool, progress: 
     return reproduced(
         f"reina2008-{name}",
         [
-            compared(f"{table['prefix']}{one.name}: {quantity}", _published(one, paper), _number(got, number), unit)
+            Comparison(
+                f"{table['prefix']}{one.name}: {quantity}",
+                paper.get(one.name, paper.get(one.profile, "")),
+                _number(got, number),
+                unit,
+            )
             for one, got in results
             for quantity, number, unit, paper in table["rows"]
         ],
@@ -287,10 +292,6 @@ def trace_log(of_sequence: Evaluated) -> Log:
         for k, (present, *numbers) in enumerate(judgements)
     ]
     return Log(_SIGNALS, np.array(rows))
-
-
-def _published(one: TraceSet, paper: Mapping[str, str]) -> str:
-    return paper.get(one.name, paper.get(one.profile, ""))
 
 
 def _number(got: TraceStatistics, name: str) -> float:

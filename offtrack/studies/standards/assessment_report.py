@@ -1,6 +1,5 @@
 """Result directory of an assessment: report with figures and playback, numbers, log and drawing of every manoeuvre."""
 
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
@@ -26,11 +25,12 @@ from offtrack.reports.page import (
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import SERIES, Chart, Curve, Line, Playback, PlayedRun, Reading, Trail, unit_body
+from offtrack.reports.player.playback import Chart, Line, Playback, PlayedRun, Reading, Trail, curves, unit_body
+from offtrack.reports.run_files import write_json
 from offtrack.reports.sections import groups
 from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
-from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration, poses
+from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration
 from offtrack.studies.standards.static_rollover import threshold
 from offtrack.studies.standards.steady_driving import steer_over_acceleration
 from scenarios.assembly.adapters import outlines
@@ -38,43 +38,27 @@ from scenarios.results.log import Column as LogColumn
 from scenarios.results.log import Log, Signal, write_log
 from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
-from scenarios.results.swept_path import placed
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.frames import FloatArray, arc_length, rows_every
+from vehicle.frames import FloatArray
 
-_MOMENTS: Final = 6  # at which the combination is drawn in a plan view
 _OF_WHOLE_DRIVES: Final = ("random_steer",)
 _CHANGE: Final = (45.0, 330.0)  # of the lane change along the road [m]
 
 
-def figures(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Iterator[Figure]:
+def figures(case: Assessment, manoeuvre: Manoeuvre, name: str) -> Iterator[Figure]:
     """The figures of a manoeuvre; none if it ended before anything had moved. ``name`` is unique on the page."""
     if len(manoeuvre.log) < 2 or (manoeuvre.outcome != "completed" and manoeuvre.key in _OF_WHOLE_DRIVES):
         return
-    if manoeuvre.key in _SEEN_FROM_ABOVE:
-        yield _plan(vehicle, manoeuvre, name)
+    charts = _CHARTED.get(manoeuvre.key, ())
+    if charts or manoeuvre.key in _SEEN_FROM_ABOVE:
+        playback = _playback(case.vehicle, [_played(case, manoeuvre, name)])
+        if manoeuvre.key in _SEEN_FROM_ABOVE:
+            yield plots.plan_figure(playback)
+        yield from (figure for _, figure in plots.chart_figures(playback, charts))
     for draw in _FIGURES.get(manoeuvre.key, ()):
         with plots.drawn(f"{name}-{draw.__name__}") as (drawing, ax):
-            draw(vehicle, manoeuvre, ax)
+            draw(case.vehicle, manoeuvre, ax)
         yield drawing.content
-
-
-def _plan(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
-    """Swept path from above, the combination at some moments, and the path of the guided point."""
-    moved = [poses(manoeuvre.log, unit.name) for unit in vehicle.units]
-    swept = [placed(body.corners, pose) for body, pose in zip(outlines(vehicle), moved, strict=True)]
-    path = moved[0][:, :2]
-    along = arc_length(path)
-    with plots.plan_drawn(name, swept, tallest=7.0) as (drawing, ax):
-        rows = rows_every(path, 0.2)
-        plots.swept_bodies(ax, [corners[rows] for corners in swept])
-        moments = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
-        for corners in swept:
-            plots.outlines(ax, corners[moments])
-        if manoeuvre.course is not None:
-            label = "path of the guided point"
-            ax.plot(*manoeuvre.course.T, color=plots.ESTIMATED, linewidth=1.3, label=label, zorder=4)
-    return drawing.content
 
 
 def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
@@ -98,16 +82,6 @@ def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
         ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
     plots.limit_lines(ax, CHANGE_PEAK, "0.15 g", colour=plots.GREY)
     plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
-
-
-def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
-    """Yaw rate of every unit over time, and the steer angle of a sine with dwell."""
-    log, time = manoeuvre.log, manoeuvre.log["time"]
-    if manoeuvre.key == "sine_with_dwell":
-        steer = np.degrees(log["steer_tractor"])
-        ax.plot(time, steer, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="road-wheel angle [°]")
-    _of_units(vehicle, ax, time, lambda unit: np.degrees(log[f"yaw_rate_{unit}"]))
-    plots.over_time(ax, time if manoeuvre.key == "sine_with_dwell" else time[time <= 8.0], "yaw rate [°/s]")
 
 
 def _of_units(vehicle: Vehicle, ax: Axes, x: FloatArray, values: Callable[[str], FloatArray]) -> None:
@@ -159,27 +133,20 @@ def _rolls(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
     ax.set(xlabel="lateral acceleration of the tractor [g]", ylabel="load transfer [-]")
 
 
-def _speed(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
-    """Speed, steer angle and articulations over time."""
-    log, names = manoeuvre.log, [unit.name for unit in vehicle.units]
-    ax.plot(log["time"], 3.6 * log[f"v_x_{names[0]}"], color=plots.INK, label="speed [km/h]")
-    ax.plot(log["time"], np.degrees(log["steer_tractor"]), color=plots.GREY, label="road-wheel angle [°]")
-    for pair, colour in zip(pairwise(names), plots.SERIES, strict=False):
-        label = f"articulation, {pair[1]} [°]"
-        ax.plot(log["time"], np.degrees(articulation(log, *pair)), color=colour, label=label)
-    plots.over_time(ax, log["time"], "speed [km/h], angles [°]")
-
-
 _SEEN_FROM_ABOVE: Final = ("turn", "roundabout", "aashto_turn", "ctsw_turn", "braking_split", "braking_in_turn")
 _FIGURES: Final[dict[str, tuple[Callable[[Vehicle, Manoeuvre, Axes], None], ...]]] = {
     "lane_change": (_paths, _accelerations),
     "straight": (_paths,),
-    **dict.fromkeys(("pulse", "sine_with_dwell"), (_yaw_rates,)),
     "steady_circle": (_steer_over_acceleration,),
     "random_steer": (_frequency_response,),
     "tilt": (_load_transfers,),
     "closing_curve": (_rolls,),
-    **dict.fromkeys(("braking", "braking_slippery", "braking_split", "braking_in_turn", "longitudinal"), (_speed,)),
+}
+_STOP: Final = ("Speed", "Steer angles of the road wheels", "Articulation angle")
+_CHARTED: Final[dict[str, tuple[str, ...]]] = {
+    "pulse": ("Yaw rate",),
+    "sine_with_dwell": ("Steer angles of the road wheels", "Yaw rate"),
+    **dict.fromkeys(("braking", "braking_slippery", "braking_split", "braking_in_turn", "longitudinal"), _STOP),
 }
 
 
@@ -196,15 +163,12 @@ def assessment_playback(matrix: AssessmentMatrix) -> Playback | None:
         for manoeuvre in case.manoeuvres
         if len(manoeuvre.log) > 1 and f"x_{matrix.vehicle.units[0].name}" in manoeuvre.log
     ]
-    if not runs:
-        return None
-    return Playback(
-        title=matrix.vehicle.name,
-        runs=tuple(runs),
-        together=False,
-        charts=tuple(_charts(matrix.vehicle, runs)),
-        readings=tuple(_readings(matrix.vehicle)),
-    )
+    return _playback(matrix.vehicle, runs) if runs else None
+
+
+def _playback(vehicle: Vehicle, runs: Sequence[PlayedRun]) -> Playback:
+    charts, readings = tuple(_charts(vehicle, runs)), tuple(_readings(vehicle))
+    return Playback(title=vehicle.name, runs=tuple(runs), together=False, charts=charts, readings=readings)
 
 
 def _played(case: Assessment, manoeuvre: Manoeuvre, name: str) -> PlayedRun:
@@ -233,10 +197,8 @@ def _derived(vehicle: Vehicle, log: Log) -> Iterator[LogColumn]:
     names = [unit.name for unit in vehicle.units]
     for k, (ahead, behind) in enumerate(pairwise(names), start=1):
         if f"articulation_{k}" not in log:
-            yield (
-                Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}"),
-                articulation(log, ahead, behind),
-            )
+            signal = Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}")
+            yield signal, articulation(log, ahead, behind)
     for unit in vehicle.units:
         if f"lateral_acceleration_{unit.name}" not in log:
             meaning = f"{unit.name}: of the centre of gravity over the ground, + left"
@@ -256,9 +218,8 @@ def _charts(vehicle: Vehicle, runs: Sequence[PlayedRun]) -> Iterator[Chart]:
         ("Roll", "°", [f"roll_{name}" for name in units if f"roll_{name}" in names], _DEGREES),
         ("Speed", "km/h", [f"v_x_{units[0]}"], 3.6),
     ):
-        curves = tuple(Curve(name, _label(name), SERIES[k % len(SERIES)], scale=scale) for k, name in enumerate(shown))
-        if curves:
-            yield Chart(title, unit, curves, 2)
+        if shown:
+            yield Chart(title, unit, curves({name: _label(name) for name in shown}, scale), 2)
 
 
 def _label(name: str) -> str:
@@ -362,7 +323,7 @@ def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
             yield Section(
                 f"{manoeuvre.title}{ending}",
                 manoeuvre.how,
-                [*figures(case.vehicle, manoeuvre, name), _measured(case, manoeuvre)],
+                [*figures(case, manoeuvre, name), _measured(case, manoeuvre)],
                 outcome_verdict(manoeuvre.outcome),
             )
     yield software_section(versions())
@@ -451,7 +412,7 @@ def write_assessment(assessment: AssessmentMatrix, directory: Path, drawings: Se
     """
     with appearing_at_once(directory) as folder:
         (folder / "report.html").write_text(assessment_page(assessment), encoding="utf-8")
-        (folder / "assessment.json").write_text(json.dumps(assessment.summary(), indent=2) + "\n", encoding="utf-8")
+        write_json(folder / "assessment.json", assessment.summary())
         for case in assessment.cases:
             before = f"{case.load}-{case.conditions.hand}-" if len(assessment.cases) > 1 else ""
             for manoeuvre in case.manoeuvres:

@@ -15,7 +15,7 @@ from controllers.driver import PERIOD as DRIVER_PERIOD
 from controllers.driver import DriverCommand, DriverLike, PreviewDriver
 from controllers.trailer import Combination
 from estimators.off_tracking.reference import ReferenceOffTracking
-from scenarios.assembly.adapters import tractor_geometry, trailer_geometry
+from scenarios.assembly.adapters import tractor_guided_at, trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.assembly.trailer_run import Sensing, WatchedTrailer
 from scenarios.courses import Course
@@ -219,7 +219,7 @@ def drive_course(
 
     The longest duration is ``patience`` [s], by default twice the usual one.
     """
-    preview = PreviewDriver(tractor_geometry(vehicle, course), course.path, speed)
+    preview = PreviewDriver(tractor_guided_at(vehicle, course.reference), course.path, speed)
     return drive(
         vehicle,
         surface,

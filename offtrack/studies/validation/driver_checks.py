@@ -24,6 +24,7 @@ from offtrack.studies.standards.proving_ground import (
     point_path,
 )
 from offtrack.studies.validation.check import Check, CheckSection
+from offtrack.studies.validation.simple_drives import with_each_tyre
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.courses import Course, lane_change, straight
 from sensors.messages import EgoState
@@ -125,12 +126,7 @@ def driver(quick: bool) -> CheckSection:
 
 def with_damping(vehicle: Vehicle, damping: float) -> Vehicle:
     """The vehicle with another ``damping`` [s] of all tyres."""
-    units = []
-    for unit in vehicle.units:
-        tyres = [axle.tyre.model_copy(update={"damping": damping}) for axle in unit.axles]
-        axles = [axle.model_copy(update={"tyre": t}) for axle, t in zip(unit.axles, tyres, strict=True)]
-        units.append(unit.model_copy(update={"axles": tuple(axles)}))
-    return vehicle.model_copy(update={"units": tuple(units)})
+    return with_each_tyre(vehicle, lambda axle: axle.tyre.model_copy(update={"damping": damping}))
 
 
 def _stability(vehicle: Vehicle) -> Check:

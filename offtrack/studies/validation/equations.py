@@ -70,7 +70,8 @@ def newton_euler(
     behind, I psi'' = M + moments of both, and at each hitch both units accelerate alike.
     """
     units, N = vehicle.units, len(vehicle.units)
-    e, n = _along(now.psi), _across(now.psi)
+    c, s = np.cos(now.psi), np.sin(now.psi)
+    e, n = np.column_stack([c, s]), np.column_stack([-s, c])  # along and across each unit
     yaw, hitch, size = 2 * N, 3 * N, 3 * N + 2 * (N - 1)
     K: FloatArray = np.zeros((size, size))
     b: FloatArray = np.zeros(size)
@@ -93,14 +94,6 @@ def newton_euler(
     spin, turn = solution[yaw], now.yaw_rate[0]
     origin = solution[:2] - units[0].cg_x * (spin * n[0] - turn**2 * e[0])
     return ChainAccelerations(origin, solution[yaw:hitch]), solution[hitch:].reshape(N - 1, 2)
-
-
-def _along(psi: FloatArray) -> FloatArray:
-    return np.column_stack([np.cos(psi), np.sin(psi)])
-
-
-def _across(psi: FloatArray) -> FloatArray:
-    return np.column_stack([-np.sin(psi), np.cos(psi)])
 
 
 _STATES: Final = 200  # random states per chain

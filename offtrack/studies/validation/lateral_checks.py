@@ -16,6 +16,7 @@ right is checked by derivations and by an independent multibody model.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from scipy.linalg import expm
 
 from offtrack.studies.standards.proving_ground import amplification
 from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
+from offtrack.studies.validation.simple_drives import with_each_tyre
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import Input, input_sizes, parts
@@ -61,7 +63,7 @@ class YawPlaneMotion(NamedTuple):
 
     time: FloatArray  # (n,) [s]
     yaw_rate: FloatArray  # (n, 2)
-    lateral_acceleration: FloatArray  # (n, 2) of the centres of gravity
+    lateral: FloatArray  # (n, 2) accelerations of the centres of gravity
     articulation: FloatArray  # (n,)
 
 
@@ -77,8 +79,8 @@ def multibody_check(quick: bool) -> CheckSection:
     rows = (
         ("yaw rate of the tractor", plant.yaw_rate[:, 0], other.yaw_rate[:, 0], "rad/s"),
         ("yaw rate of the semi-trailer", plant.yaw_rate[:, 1], other.yaw_rate[:, 1], "rad/s"),
-        ("lateral acceleration of the tractor", *_column(plant, other, 0), "m/s²"),
-        ("lateral acceleration of the semi-trailer", *_column(plant, other, 1), "m/s²"),
+        ("lateral acceleration of the tractor", plant.lateral[:, 0], other.lateral[:, 0], "m/s²"),
+        ("lateral acceleration of the semi-trailer", plant.lateral[:, 1], other.lateral[:, 1], "m/s²"),
         ("articulation", plant.articulation, other.articulation, "rad"),
     )
     return CheckSection(
@@ -100,21 +102,11 @@ def multibody_check(quick: bool) -> CheckSection:
     )
 
 
-def _column(plant: YawPlaneMotion, other: YawPlaneMotion, unit: int) -> tuple[FloatArray, FloatArray]:
-    return plant.lateral_acceleration[:, unit], other.lateral_acceleration[:, unit]
-
-
 def simple_vehicle() -> Vehicle:
     """European combination without any drag, on tyres without trail and with a stiffness in proportion to load."""
-    vehicle = load_vehicle("eu_tractor_semitrailer")
-    units = tuple(_on_simple_tyres(unit) for unit in vehicle.units)
-    return vehicle.model_copy(update={"units": units, "air": None, "powertrain": None})
-
-
-def _on_simple_tyres(unit: Unit) -> Unit:
     simple = {"load_sensitivity": 0.0, "rolling_resistance": 0.0, "pneumatic_trail": 0.0}
-    axles = tuple(axle.model_copy(update={"tyre": axle.tyre.model_copy(update=simple)}) for axle in unit.axles)
-    return unit.model_copy(update={"axles": axles})
+    vehicle = with_each_tyre(load_vehicle("eu_tractor_semitrailer"), lambda axle: axle.tyre.model_copy(update=simple))
+    return vehicle.model_copy(update={"air": None, "powertrain": None})
 
 
 def of_plant(vehicle: Vehicle) -> YawPlaneMotion:
@@ -127,9 +119,7 @@ def of_plant(vehicle: Vehicle) -> YawPlaneMotion:
         truth = plant.observe(state, 0)
         rows.append((truth.velocities, truth.poses[0, 2] - truth.poses[1, 2]))
         state = plant.step(state, VehicleCommand(_STEER if t >= _START - 1e-9 else 0.0, 0.0, ()), ticks)
-    v_x, v_y, yaw_rate = np.moveaxis(np.array([row[0] for row in rows]), 2, 0)
-    at_cg = v_y + np.array([unit.cg_x for unit in vehicle.units]) * yaw_rate
-    lateral = np.gradient(at_cg, _ROW, axis=0) + v_x * yaw_rate
+    lateral, yaw_rate = _lateral(vehicle, [row[0] for row in rows], _ROW)
     return YawPlaneMotion(time, yaw_rate, lateral, np.array([row[1] for row in rows]))
 
 
@@ -303,10 +293,10 @@ def accelerations(vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     for demand in steer.tolist():
         linear.append(model.C @ x + model.D[:, 0] * demand)
         x = step[:n, :n] @ x + step[:n, n] * demand
-    return _of_plant(vehicle, steer), np.array(linear)
+    return _accelerations_of_plant(vehicle, steer), np.array(linear)
 
 
-def _of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:
+def _accelerations_of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:
     plant = Plant(vehicle, Surface(friction=_AMPLIFICATION_FRICTION))
     state, u = straight_running(vehicle, _AMPLIFICATION_SPEED, _AMPLIFICATION_FRICTION)
     drive = float(Input(*parts(u, input_sizes(vehicle))).acceleration[0])  # that holds the speed
@@ -315,10 +305,14 @@ def _of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:
     for demand in steer.tolist():
         velocities.append(plant.observe(state, 0).velocities)
         state = plant.step(state, VehicleCommand(demand, drive, straight), _PERIOD)
+    return _lateral(vehicle, velocities, _PERIOD * TICK)[0]
+
+
+def _lateral(vehicle: Vehicle, velocities: Sequence[FloatArray], period: float) -> tuple[FloatArray, FloatArray]:
+    """Lateral accelerations [m/s2] of the centres of gravity and yaw rates [rad/s], (n, N), from ``Truth``'s."""
     v_x, v_y, yaw_rate = np.moveaxis(np.array(velocities), 2, 0)
     at_cg = v_y + np.array([unit.cg_x for unit in vehicle.units]) * yaw_rate
-    lateral: FloatArray = np.gradient(at_cg, _PERIOD * TICK, axis=0) + v_x * yaw_rate
-    return lateral
+    return np.gradient(at_cg, period, axis=0) + v_x * yaw_rate, yaw_rate
 
 
 def _amplification_plot(vehicle: Vehicle, of_plant: FloatArray, linear: FloatArray) -> Plot:

@@ -114,16 +114,11 @@ def _plot(turns: dict[float, list[_SettledTurn]]) -> Plot:
         x_label="speed [m/s]",
         y_label="distance [m]",
         series=(
-            *(_series(f"friction {friction:g}", at) for friction, at in turns.items()),
+            *(Series(f"friction {friction:g}", *_xy(np.array(at)), "model") for friction, at in turns.items()),
             Series("square of speed", speeds, distances[0] * (speeds / speeds[0]) ** 2, "reference"),
         ),
         logarithmic=True,
     )
-
-
-def _series(label: str, turns: list[_SettledTurn]) -> Series:
-    speeds, distances = np.array(turns).T
-    return Series(label, speeds, distances, "model")
 
 
 def slalom_checks() -> tuple[Check, ...]:
@@ -305,23 +300,15 @@ def _designs() -> list[_Design]:
     return [
         _Design("WB-62", wb62, 41.0, 7.4, 0.1, table),
         _Design("WB-67", load_vehicle("wb67"), 41.0, 1.9, 0.1, "AASHTO Green Book 2011, from memory"),
-        _Design(
-            "WB-40",
-            wb40,
-            36.4,
-            19.3,
-            0.4,
-            "AASHTO Green Book table, as printed by sddc.army.mil, with lengths from memory",
-        ),
+        _Design("WB-40", wb40, 36.4, 19.3, 0.4, f"{table}, with lengths from memory"),
     ]
 
 
 def _turned(design: _Design) -> tuple[Pose2, FloatArray]:
     """Centre of the turn, and the poses of both units during it."""
     path, front = _template(design)
-    return path.start @ Pose2(_ENTRY, design.radius * _FOOT, 0.0), poses_of(
-        along_path(design.vehicle, path, (front, 0.0), _SPEED)
-    )
+    truths = along_path(design.vehicle, path, (front, 0.0), _SPEED)
+    return path.start @ Pose2(_ENTRY, design.radius * _FOOT, 0.0), poses_of(truths)
 
 
 def _template(design: _Design) -> tuple[Path, float]:

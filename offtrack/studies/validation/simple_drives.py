@@ -18,6 +18,7 @@ from vehicle.combination.truth import Truth
 from vehicle.combination.unit import Axle, Unit
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
+from vehicle.tyres import Tyre
 from vehicle.tyres.laws import LinearTyre
 
 GRIP: Final = Surface(friction=1.5)  # the largest possible: slip should vanish
@@ -53,7 +54,7 @@ def along_path(
     driver = PreviewDriver(tractor_guided_at(vehicle, reference), path, speed)
     perception, memory, plant = DriverPerception(), driver.init(), plant or Plant(vehicle, GRIP)
     start = path.start @ Pose2(*reference, 0.0).inverse()
-    state, idle = plant.initial_state(start, speed), (0.0,) * _steered_behind(vehicle)
+    state, idle = plant.initial_state(start, speed), (0.0,) * vehicle.n_by_law
     truths: list[Truth] = []
     while memory.station < path.length - 1e-6:
         truths.append(plant.observe(state, len(truths) * _CONTROL))
@@ -101,17 +102,13 @@ def round_circle(
 def steered(vehicle: Vehicle, demand: Callable[[float], float], speed: float, duration: float) -> list[Truth]:
     """Truth every 20 ms under a steer demand [rad] over time [s], from straight running, on ``GRIP``."""
     plant = Plant(vehicle, GRIP)
-    state, idle = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), (0.0,) * _steered_behind(vehicle)
+    state, idle = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), (0.0,) * vehicle.n_by_law
     truths: list[Truth] = []
     for tick in range(0, round(duration / TICK) + 1, _CONTROL):
         truths.append(plant.observe(state, tick))
         acceleration = _SPEED_GAIN * (speed - truths[-1].velocities[0, 0])
         state = plant.step(state, VehicleCommand(demand(tick * TICK), acceleration, idle), _CONTROL)
     return truths
-
-
-def _steered_behind(vehicle: Vehicle) -> int:
-    return vehicle.n_by_law
 
 
 def _on_circle(plant: Plant, vehicle: Vehicle, radius: float, speed: float, steer: float) -> FloatArray:
@@ -142,7 +139,7 @@ def on_single_axles(vehicle: Vehicle) -> Vehicle:
 
 def gripping(vehicle: Vehicle) -> Vehicle:
     """Replace the tyres by ten times stiffer ones without rolling resistance, which hardly slip."""
-    return vehicle.model_copy(update={"units": tuple(_gripping(unit) for unit in vehicle.units)})
+    return with_each_tyre(vehicle, _stiff)
 
 
 def tractor_and_trailer(
@@ -214,12 +211,6 @@ def _merged(axles: Sequence[Axle]) -> Axle:
     )
 
 
-def _gripping(unit: Unit) -> Unit:
-    return unit.model_copy(
-        update={"axles": tuple(axle.model_copy(update={"tyre": _stiff(axle)}) for axle in unit.axles)}
-    )
-
-
 def _stiff(axle: Axle) -> LinearTyre:
     tyre = axle.tyre
     return linear_tyre(_STIFFEST, tyre.nominal_load, relaxation_length=tyre.relaxation_length, damping=tyre.damping)
@@ -240,7 +231,13 @@ def linear_tyre(stiffness: float, load: float, *, relaxation_length: float, damp
     )
 
 
-def with_tyres(unit: Unit, tyres: Sequence[LinearTyre]) -> Unit:
+def with_each_tyre(vehicle: Vehicle, tyre: Callable[[Axle], Tyre]) -> Vehicle:
+    """The vehicle with another tyre on every axle."""
+    units = tuple(with_tyres(unit, [tyre(axle) for axle in unit.axles]) for unit in vehicle.units)
+    return vehicle.model_copy(update={"units": units})
+
+
+def with_tyres(unit: Unit, tyres: Sequence[Tyre]) -> Unit:
     """The unit with these tyres on its axles, front to rear."""
     axles: tuple[Axle, ...] = tuple(
         axle.model_copy(update={"tyre": tyre}) for axle, tyre in zip(unit.axles, tyres, strict=True)

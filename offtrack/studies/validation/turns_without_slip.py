@@ -187,7 +187,8 @@ def _roundabout_check() -> Check:
 def _path_following_checks() -> tuple[Check, ...]:
     """All trailer axles steered by the closed form: the follow point retraces the hitch's path without wheel slip."""
     hitch_radius, follow, distances = 10.46, 14.0, (8.0, 9.31, 10.62)
-    vehicle = gripping(with_steered_trailer(_rig_of("uk_longer_semitrailer", length=distances[1]), distances, follow))
+    rig = tractor_and_trailer(load_vehicle("uk_longer_semitrailer"), length=distances[1], hitch_x=0.0)
+    vehicle = gripping(with_steered_trailer(rig, distances, follow))
     angles = tuple(path_following_steer(hitch_radius, x, follow) for x in distances)
     truths = round_circle(
         vehicle, hitch_radius, CREEP, 1.2 * follow, approach=350.0, approach_speed_factor=2.0, trailer_steer=angles
@@ -209,10 +210,6 @@ def _path_following_checks() -> tuple[Check, ...]:
             source="common turning centre: no wheel slips",
         ),
     )
-
-
-def _rig_of(name: str, *, length: float) -> Vehicle:
-    return tractor_and_trailer(load_vehicle(name), length=length, hitch_x=0.0)
 
 
 _TRACTRIX_CASES: Final = (  # radius, hitch to axle [m], articulation after 90 and after 180 degrees [deg]
@@ -353,9 +350,8 @@ def _radii(vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[float, 
     """Smallest radius of the trailer axle's inner end, and largest of the tractor's outer front corner [m]."""
     centre = course.path.start @ Pose2(_ENTRY, _RADIUS, 0.0)
     corner, inner = (np.hypot(path[:, 0] - centre.x, path[:, 1] - centre.y) for path in _paths(vehicle, poses))
-    on_circle = int(
-        np.argmax(_paths(vehicle, poses)[0][:, 0] >= centre.x)
-    )  # it approaches along x, from outside the circle
+    # it approaches along x, from outside the circle
+    on_circle = int(np.argmax(_paths(vehicle, poses)[0][:, 0] >= centre.x))
     return float(inner.min()), float(corner[on_circle:].max())
 
 

@@ -226,7 +226,6 @@ def test_a_board_counted_from_the_other_end_is_turned_round() -> None:
     np.testing.assert_array_equal(in_same_order(corners, corners), corners)
 
 
-@pytest.mark.parametrize(("columns", "rows", "square"), [(2, 6, 0.04), (9, 6, 0.0)])
-def test_boards_that_can_not_be_are_refused(columns: int, rows: int, square: float) -> None:
-    with pytest.raises(ValueError, match=r"2x6|square = 0\.0 m"):
-        Checkerboard(columns=columns, rows=rows, square=square)
+def test_boards_that_can_not_be_found_are_refused() -> None:
+    with pytest.raises(ValueError, match="2x6"):
+        Checkerboard(columns=2, rows=6, square=0.04)

@@ -76,7 +76,7 @@ OPENED: Final[dict[str, tuple[str, Callable[[Path], object]]]] = {
     "rig": ("rig.toml", read_rig),
     "raw rig": ("rig.toml", load_raw_rig),
     "rover's rig": ("rig.toml", load_rig),
-    "projections": ("calib.txt", lambda path: read_projections(path, LAYOUTS[0])),
+    "projections": ("calib.txt", lambda path: read_projections(path, LAYOUTS[0], (1241, 376))),
     "poses": ("poses.txt", lambda path: read_kitti_poses(path, 3)),
     "times": ("times.txt", lambda path: stereo(path.parent, None)),
     "recorded image": ("left/0.png", lambda path: stereo(path.parents[1], 10.0)),

@@ -1,6 +1,5 @@
 """The surrogate of an off-tracking estimator: its errors are those it is said to have, and can be fitted."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,10 @@ from tests.environments import PERFECT
 from vehicle.frames import FloatArray
 
 N = 200
+
+
+def changed(**values: float) -> SurrogateParameters:
+    return SurrogateParameters(**PERFECT.model_dump() | values)
 
 
 def truth(value: float) -> Estimate:
@@ -63,11 +66,11 @@ def test_an_estimate_comes_after_its_latency_and_grows_old(latency: int) -> None
 
 def test_the_parts_of_the_error_are_as_large_as_said() -> None:
     """Standard deviations over two hundred runs of half a minute; 10 % is three sigma of such a sample's."""
-    bias = errors(replace(PERFECT, bias=0.02), 300)
+    bias = errors(changed(bias=0.02), 300)
     assert np.ptp(bias, axis=0) == pytest.approx(np.zeros(N), abs=1e-12)
     assert bias[0].std() == pytest.approx(0.02, rel=0.15)  # one number a run: 200 of them
-    assert errors(replace(PERFECT, noise=0.02), 300).std() == pytest.approx(0.02, rel=0.02)
-    drift = errors(replace(PERFECT, drift=0.02), 300)
+    assert errors(changed(noise=0.02), 300).std() == pytest.approx(0.02, rel=0.02)
+    drift = errors(changed(drift=0.02), 300)
     assert drift.std() == pytest.approx(0.02, rel=0.1)
     correlation = np.mean(drift[20:] * drift[:-20]) / np.mean(drift**2)
     assert correlation == pytest.approx(np.exp(-1.0), abs=0.06)  # 2 s apart
@@ -75,7 +78,7 @@ def test_the_parts_of_the_error_are_as_large_as_said() -> None:
 
 def test_the_error_grows_from_the_hitch_to_the_follow_point() -> None:
     """An odometry's error turns the path about the hitch, where the trailer is: direction and offset go together."""
-    surrogate = begun(replace(PERFECT, bias=0.1), 0)
+    surrogate = begun(changed(bias=0.1), 0)
     known = surrogate.step(truth(0.0))
     assert known.direction == pytest.approx(-known.offset / 10.0)
     assert known.ahead[:, 1] == pytest.approx(0.5 * known.offset)
@@ -83,9 +86,9 @@ def test_the_error_grows_from_the_hitch_to_the_follow_point() -> None:
 
 def test_health_is_lost_as_often_and_for_as_long_as_said() -> None:
     """A share of loss_duration over the time between two losses, and the last good estimate stays meanwhile."""
-    lost = np.isnan(errors(replace(PERFECT, loss_rate=0.5, loss_duration=1.0), 500))
+    lost = np.isnan(errors(changed(loss_rate=0.5, loss_duration=1.0), 500))
     assert lost.mean() == pytest.approx(1.0 / 3.0, rel=0.1)  # 1 s of every 1 s + 2 s
-    surrogate = begun(replace(PERFECT, loss_rate=100.0, loss_duration=100.0), 0)
+    surrogate = begun(changed(loss_rate=100.0, loss_duration=100.0), 0)
     for _ in range(20):
         known = surrogate.step(truth(1.0))
     assert np.all(known.offset[~known.usable] == 0.0)
@@ -94,7 +97,7 @@ def test_health_is_lost_as_often_and_for_as_long_as_said() -> None:
 
 def test_a_fit_finds_the_parameters_that_errors_were_made_with() -> None:
     """Two hundred runs of a minute from the surrogate itself; the bias is known from 200 numbers, 3 sigma are 15 %."""
-    made = replace(PERFECT, bias=0.01, drift=0.02, noise=0.01, loss_rate=0.1, loss_duration=0.5)
+    made = changed(bias=0.01, drift=0.02, noise=0.01, loss_rate=0.1, loss_duration=0.5)
     found = fitted([RunErrors(column, 0.1) for column in errors(made, 599).T])
     for name, tolerance in (("bias", 0.25), ("drift", 0.1), ("drift_time", 0.25), ("noise", 0.1), ("loss_rate", 0.15)):
         assert getattr(found, name) == pytest.approx(getattr(made, name), rel=tolerance), name
@@ -109,8 +112,8 @@ def test_a_fit_finds_the_parameters_that_errors_were_made_with() -> None:
 def test_a_fitted_file_is_read_again(tmp_path: Path) -> None:
     """To the digits it is written with; and the shipped one is such a file."""
     file = tmp_path / "own.toml"
-    file.write_text(surrogate_toml(replace(PERFECT, bias=0.01234), 3, 100), encoding="utf-8")
-    assert load_surrogate(file) == replace(PERFECT, bias=0.01234, velocity_noise=0.0)
+    file.write_text(surrogate_toml(changed(bias=0.01234), 3, 100), encoding="utf-8")
+    assert load_surrogate(file) == changed(bias=0.01234, velocity_noise=0.0)
     assert 0.0 < load_surrogate().drift < 0.05
 
 
@@ -120,11 +123,9 @@ def test_unsuitable_runs_and_impossible_parameters_are_refused(tmp_path: Path) -
     (tmp_path / "scenario.toml").write_text('off_tracking = "truth"\n')
     with pytest.raises(ValueError, match="off_tracking = truth must be one of viso_ot"):
         run_errors(tmp_path)
-    with pytest.raises(ValueError, match="no run to fit to"):
-        fitted([])
-    for change, words in (({"noise": -1.0}, "noise = -1"), ({"drift_time": 0.0}, "drift_time")):
+    for change, words in (({"noise": -1.0}, "noise"), ({"drift_time": 0.0}, "drift_time")):
         with pytest.raises(ValueError, match=words):
-            replace(PERFECT, **change)
+            changed(**change)
     with pytest.raises(ValueError, match="latency = 120"):  # one frame is on its way at a time
         Surrogate(PERFECT, 1, step=20, period=100, latency=120)
 
@@ -176,7 +177,7 @@ def test_in_a_scenario_its_errors_are_the_same() -> None:
     Noise is known from fewer runs, and a bias, one number a run, from shorter ones.
     """
     for part, runs, frames in (("bias", 40, 22), ("drift", 40, 60), ("noise", 12, 40)):
-        parameters = replace(PERFECT, **{part: 0.02})
+        parameters = changed(**{part: 0.02})
         single = np.array([[one.value for one in run_of(parameters, seed, frames)] for seed in range(runs)]).T
         many = errors(parameters, frames)
         assert single.std() == pytest.approx(many.std(), rel=0.25)  # a bias: 40 numbers
@@ -190,12 +191,12 @@ def test_in_a_scenario_path_and_value_belong_together_and_health_is_lost_as_ofte
 
     Lost a fifth of the time; there is no value then, and an infinite deviation.
     """
-    estimate = run_of(replace(PERFECT, bias=0.1, velocity_noise=0.01), 3, 5)[-1]
+    estimate = run_of(changed(bias=0.1, velocity_noise=0.01), 3, 5)[-1]
     assert abs(estimate.value) > 0.01
     assert np.interp(10.0, -estimate.path[:, 0], estimate.path[:, 1]) == pytest.approx(estimate.value)
     assert (estimate.path_tangent, estimate.std) == pytest.approx((-estimate.value / 10.0, 0.1))
     assert estimate.v_x != 10.0
-    told = run_of(replace(PERFECT, loss_rate=0.5, loss_duration=0.5), 3, 600)
+    told = run_of(changed(loss_rate=0.5, loss_duration=0.5), 3, 600)
     lost = [one for one in told if one.health is Health.LOST]
     assert len(lost) / len(told) == pytest.approx(0.2, abs=0.06)
     assert all(one.value == 0.0 and np.isinf(one.std) for one in lost)

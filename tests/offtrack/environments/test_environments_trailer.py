@@ -12,7 +12,7 @@ from offtrack.environments import rewards
 from offtrack.environments.observations import Encoders, HitchPaths
 from offtrack.environments.rewards import N_DRAWN, Domain, Moment, Variation, narrowed
 from offtrack.environments.trailer_steering import named_course
-from scenarios.assembly.adapters import course_of, tractor_geometry
+from scenarios.assembly.adapters import course_of, tractor_guided_at
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import true_off_tracking
 from sensors.instruments.navigation import DriverPerception
@@ -44,7 +44,7 @@ def test_an_episode_is_what_plant_and_driver_of_a_scenario_do() -> None:
     course = course_of(load_scenario("roundabout"), VEHICLE)
     plant = Plant(VEHICLE, Surface(friction=0.6, cross_fall=0.03, centre=course.surface_centre))
     speed = math.sqrt(0.5 * 9.81 * 0.6 / (1.0 / 12.5))
-    driver = PreviewDriver(tractor_geometry(VEHICLE, course), course.path, min(speed, 5.0))
+    driver = PreviewDriver(tractor_guided_at(VEHICLE, course.reference), course.path, min(speed, 5.0))
     state, memory = plant.initial_state(course.start, min(speed, 5.0)), driver.init()
     env = gymnasium.make("offtrack/TrailerSteering-v0", observation="truth", disable_env_checker=True)
     given = {**NOMINAL, "cross_fall": 0.03, "friction": 0.6, "speed": 5.0, "course": "roundabout"}

@@ -7,7 +7,6 @@ import json
 import math
 import pickle
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -169,7 +168,7 @@ def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, m
         with pytest.raises(ValueError, match=r"^[^\n]*checkpoint\.zip: training can not be resumed[^\n]*$"):
             learn(plan, Budget(2048, None), directory, no_progress)
     else:
-        assert len(learn(plan, Budget(2048, None), directory, no_progress).curve) == 2
+        assert len(learn(plan, Budget(2048, None), directory, no_progress)[1]) == 2
     assert not (tmp_path / "was here").exists()
 
 
@@ -209,7 +208,7 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
 
 def test_errors_of_the_estimate_reach_the_law() -> None:
     """It steers to where the estimate says that the path is: beside it by a bias that is drawn, and stated."""
-    biased = replace(PERFECT, bias=0.12)
+    biased = PERFECT.model_copy(update={"bias": 0.12})
     env = vector("TrailerSteering-v0", 1, surrogate=biased, courses=("turn-90",), autoreset_mode="Disabled")
     pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), "path_preview", biased)  # type: ignore[arg-type]
     (seen, info), aim = env.reset(seed=3, options={**NOMINAL, "sensor_error": 1.0}), []

@@ -47,13 +47,13 @@ def opened(directory: Path, **options: float) -> Recording:
 def test_a_calibration_like_the_benchmarks_is_understood(tmp_path: Path) -> None:
     """Its cameras are 0.54 m apart; the colour pair sits 6 cm left of the grey one, of which the poses speak."""
     (tmp_path / "calib.txt").write_text(KITTI, encoding="utf-8")
-    grey, colour = (read_projections(tmp_path / "calib.txt", layout) for layout in LAYOUTS[:2])
+    grey, colour = (read_projections(tmp_path / "calib.txt", layout, (1241, 376)) for layout in LAYOUTS[:2])
     assert grey.focal_length == colour.focal_length == 718.856
     assert (grey.cx, grey.cy) == (607.1928, 185.2157)
     assert grey.baseline == pytest.approx(386.1448 / 718.856)
-    np.testing.assert_array_equal(grey.X_C0C, np.eye(4))
+    np.testing.assert_array_equal(grey.X_SC, np.eye(4))
     left, right = (45.38225 - 607.1928 * 3.779761e-3) / 718.856, (-337.2877 - 607.1928 * 4.915215e-3) / 718.856
-    assert colour.X_C0C[0, 3] == pytest.approx(-left, rel=1e-9)  # by hand: P = K [I | t], the camera is at -t
+    assert colour.X_SC[0, 3] == pytest.approx(-left, rel=1e-9)  # by hand: P = K [I | t], the camera is at -t
     assert colour.baseline == pytest.approx(left - right, rel=1e-9)
 
 

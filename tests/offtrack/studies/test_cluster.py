@@ -68,7 +68,7 @@ def test_runs_on_a_cluster_are_those_of_the_pool(
     make_runs_here(monkeypatch)  # of the pool: those of the cluster are in processes of their own
     connect = partial(connected, scheduler.scheduler_address)
     with DaskExecutor(connect, timeout=600.0, patience=0.5, waits=False, remark=print) as executor:
-        made = run_cases(cases, cells, RunOptions(jobs=1, executor=executor))
+        made = run_cases(cases, cells, RunOptions(jobs=1, executor=executor.results))
         expected = run_cases(cases, tmp_path / "here", RunOptions(jobs=1))
         for one, other in zip(made, expected, strict=True):
             assert one.number("off_tracking.true_rms_m") == other.number("off_tracking.true_rms_m")
@@ -77,18 +77,18 @@ def test_runs_on_a_cluster_are_those_of_the_pool(
             assert one.signals.read_bytes() == other.signals.read_bytes()
         files = {path: path.stat().st_mtime_ns for path in cells.iterdir()}
         next(cells.glob("*.json")).unlink()
-        run_cases(cases, cells, RunOptions(jobs=1, executor=executor))
+        run_cases(cases, cells, RunOptions(jobs=1, executor=executor.results))
         assert sum(path.stat().st_mtime_ns == before for path, before in files.items()) == 2
         scheduler.scale(0)
         while scheduler.scheduler_info["workers"]:
             time.sleep(0.05)
-        (lost, _) = run_cases(cases, tmp_path / "lost", RunOptions(jobs=1, executor=executor))
+        (lost, _) = run_cases(cases, tmp_path / "lost", RunOptions(jobs=1, executor=executor.results))
         assert str(lost.numbers["outcome"]) == "failed: no worker was left in the Dask cluster for 0.5 s"
     with (
         DaskExecutor(connect, timeout=None, patience=0.5, waits=False, remark=print) as executor,
         pytest.raises(ValueError, match="has no worker"),
     ):
-        run_cases(cases, tmp_path / "none", RunOptions(jobs=1, executor=executor))
+        run_cases(cases, tmp_path / "none", RunOptions(jobs=1, executor=executor.results))
 
 
 @pytest.mark.slow

@@ -10,17 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.processes import WorkerDiedError, each_in_a_worker, workers
+from scenarios.processes import WorkerDiedError, as_finished, each_in_a_worker
 from scenarios.progress import no_progress, postponed_interrupts
 
 STUCK = """
-import time
-from scenarios.processes import workers
+from scenarios.processes import as_finished
 
-with workers(2) as pool:
-    busy = [pool.submit(time.sleep, 600) for _ in range(2)]
-    print(*pool._processes, flush=True)
-    busy[0].result()
+sleep = "import os, time; print(os.getpid(), flush=True); time.sleep(600)"
+list(as_finished(exec, [sleep, sleep], jobs=2))
 """
 
 
@@ -38,9 +35,7 @@ def test_workers_end_with_the_process_that_started_them(number: signal.Signals) 
     """Killed, it cannot tell them; they are asleep, as in a long run."""
     with subprocess.Popen([sys.executable, "-c", STUCK], stdout=subprocess.PIPE, text=True) as main:
         assert main.stdout is not None
-        processes = [int(word) for word in main.stdout.readline().split()]
-        assert len(processes) == 2
-        time.sleep(0.5)  # they may be starting still
+        processes = [int(main.stdout.readline()) for _ in range(2)]
         main.send_signal(number)
         main.wait(30)
     deadline = time.monotonic() + 5.0
@@ -51,8 +46,9 @@ def test_workers_end_with_the_process_that_started_them(number: signal.Signals) 
 
 def test_a_killed_worker_is_one_line() -> None:
     """The system kills the largest process when memory runs out."""
-    with pytest.raises(ChildProcessError, match="a worker process was killed") as caught, workers(1) as pool:
-        pool.submit(os.kill, pool.submit(os.getpid).result(), signal.SIGKILL).result()
+    kill = "import os; os.kill(os.getpid(), 9)"
+    with pytest.raises(ChildProcessError, match="died twice, at last by SIGKILL, perhaps for lack") as caught:
+        list(as_finished(exec, [kill, "pass"], jobs=2))
     assert len(str(caught.value).splitlines()) == 1
 
 

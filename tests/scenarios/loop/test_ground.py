@@ -162,9 +162,8 @@ def scenario_on(path: Path, *settings: str) -> Scenario:
 def laid(path: Path, *settings: str) -> tuple[Surface, Course]:
     scenario = scenario_on(path, *settings)
     course = course_of(scenario, load_vehicle(scenario.vehicle))
-    measured = measured_ground(scenario.surface, course)
-    assert measured is not None
-    return surface_of(scenario, course, stream(1, "surface"), measured.road), course
+    measured, _ = measured_ground(scenario.surface, course)
+    return surface_of(scenario, course, stream(1, "surface"), measured), course
 
 
 @pytest.mark.parametrize("kind", ["LRFI", "LDFI", "KRBI", "KDBI"])
@@ -209,9 +208,7 @@ def test_missing_heights_are_filled_from_beside_and_told(tmp_path: Path) -> None
     np.testing.assert_allclose(surface.heights[100:120], np.tile(0.01 * V, (20, 1)), atol=1e-6)
     np.testing.assert_allclose(surface.heights[200:210, :6], 0.01 * V[6], atol=1e-6)
     scenario = scenario_on(path)
-    measured = measured_ground(scenario.surface, course_of(scenario, load_vehicle(scenario.vehicle)))
-    assert measured is not None
-    missing, narrow = measured.remarks
+    _, (missing, narrow) = measured_ground(scenario.surface, course_of(scenario, load_vehicle(scenario.vehicle)))
     assert missing == "surface.crg: 0.97 % of its heights are missing: filled in from beside"
     assert narrow.startswith("surface.crg: reaches from -2.00 to +2.00 m across, the road from -4.50 to +4.50 m")
 

@@ -10,7 +10,7 @@ import pytest
 
 import offtrack
 from offtrack.exchange.fmi_proxy.system import fmu_system
-from scenarios.assembly.applied_faults import TrailerFaults
+from scenarios.assembly.applied_faults import LoopFaults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.loop.channel import InLine, Stopwatch
@@ -121,7 +121,7 @@ def test_a_kind_of_ones_own_acts_by_its_import_path() -> None:
     own = options.fault()
     assert isinstance(own, LoopFault)
     context = LoopFaultContext(vehicle=load_vehicle(VEHICLE), unit=1, rng=np.random.default_rng(0))
-    faults = TrailerFaults([(own, own.built(context))])
+    faults = LoopFaults([(own, own.built(context))])
     assert faults.demanded(0, np.array([0.1, -0.2]), np.zeros(2)).tolist() == [-0.1, 0.2]
 
 

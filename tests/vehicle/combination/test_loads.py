@@ -12,7 +12,7 @@ from vehicle.combination.data_sheet import coupling_loads
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, input_sizes, parts, wheels
 from vehicle.combination.linear import straight_running
-from vehicle.combination.loads import axle_loads, roll_moments, static_axle_loads, wheel_loads
+from vehicle.combination.loads import chain_loads, roll_moments, static_axle_loads, wheel_loads
 from vehicle.combination.multibody import Vector
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.unit import LoadSharing
@@ -46,7 +46,7 @@ def test_shares_of_brakes_and_drive_add_up(chain: Vehicle) -> None:
 def loads_with_pull(vehicle: Vehicle, a: float, pull: float, gamma: float = 0.0) -> list[list[float]]:
     """Axle loads [N] of tractor and semi-trailer at an acceleration, the hitch pulling the trailer."""
     e = [Vector(1.0, 0.0), Vector(np.cos(gamma), np.sin(gamma))]
-    loads = axle_loads(vehicle, [GRAVITY] * 2, [a, a], [Vector(0.0, 0.0), Vector(pull, 0.0)], e)
+    loads = chain_loads(vehicle, [GRAVITY] * 2, [a, a], [Vector(0.0, 0.0), Vector(pull, 0.0)], e).axles
     return [[float(load) for load in unit_loads] for unit_loads in loads]
 
 

@@ -95,5 +95,3 @@ def test_a_gust_needs_data(short_form: Vehicle, tractor_semitrailer: Vehicle) ->
     ):
         with pytest.raises(ValueError, match=f"^eu_tractor_semitrailer: {says}$"):
             Plant(vehicle, Surface(friction=0.8, gust=Gust(speed=10.0, start=0.0, length=10.0)))
-    with pytest.raises(ValueError, match=r"^gust: speed = 200\.0 m/s must be between -60 and 60 m/s$"):
-        Gust(speed=200.0, start=0.0, length=10.0)

@@ -88,7 +88,7 @@ def test_a_banked_circle_is_a_cone() -> None:
 def test_the_gradient_is_the_difference_quotient_of_the_height() -> None:
     line = np.stack([S, 5.0 * np.sin(S / 15.0)], axis=1)
     relief = RoadRelief(line, 0.5 * np.sin(S / 12.0), 0.05 * np.cos(S / 20.0), reach=12.0)
-    surface = Surface(friction=0.8, relief=relief, cross_fall=0.01, grade=0.02)
+    surface = Surface(friction=0.8, reliefs=(relief,), cross_fall=0.01, grade=0.02)
     x, y = np.random.default_rng(1).uniform([[5.0], [-4.0]], [[90.0], [4.0]], (2, 40))
     step = 1e-3
     along = (surface.height(x + step, y) - surface.height(x - step, y)) / (2.0 * step)
@@ -116,7 +116,7 @@ def _road(heights: FloatArray, beyond: Beyond = "level") -> MeasuredRoad:
 
 
 def _heights(road: MeasuredRoad, u: FloatArray, v: FloatArray) -> FloatArray:
-    surface = Surface(friction=0.8, relief=road.relief, roughness=Roughness(measured=road))
+    surface = Surface(friction=0.8, reliefs=(road.relief,), roughness=Roughness(measured=road))
     x, y = _places(START + u, v)
     return surface.height(x, y) + surface.roughness_at(x, y)
 

@@ -110,8 +110,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
                                         const fmi2ValueReference by[], size_t n_by, const fmi2Real along[],
                                         fmi2Real result[]) {
   (void)of, (void)n_of, (void)by, (void)n_by, (void)along, (void)result;
-  model_refuse(c, "this FMU has no directional derivatives");
-  return fmi2Error;
+  return DONE(model_refuse(c, "this FMU has no directional derivatives"));
 }
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                                        const fmi2Integer order[], const fmi2Real value[]) {
@@ -129,8 +128,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
   return DONE(model_step(c, time, step));
 }
 fmi2Status fmi2CancelStep(fmi2Component c) {
-  model_refuse(c, "no step is pending: steps are done when they return");
-  return fmi2Error;
+  return DONE(model_refuse(c, "no step is pending: steps are done when they return"));
 }
 
 /* no step is ever pending, so that there is no status to ask for */

@@ -51,8 +51,7 @@ fmi3Status fmi3Reset(fmi3Instance c) {
 
 static int differ(Model *model, size_t n, size_t n_values) {
   if (n == n_values) return 0;
-  model_refuse(model, "%lu values for %lu scalars", (unsigned long)n_values, (unsigned long)n);
-  return 1;
+  return model_refuse(model, "%lu values for %lu scalars", (unsigned long)n_values, (unsigned long)n);
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Float64 value[],

@@ -12,13 +12,14 @@
 #define ROUNDING 1e-6    /* by which a step may miss whole ticks [ticks] */
 #define LONGEST_STEP 1e6 /* [s] */
 
-void model_refuse(Model *model, const char *format, ...) {
+int model_refuse(Model *model, const char *format, ...) {
   char message[LONGEST_MESSAGE];
   va_list arguments;
   va_start(arguments, format);
   vsnprintf(message, sizeof message, format, arguments);
   va_end(arguments);
   if (model->log) model->log(model, message);
+  return 1;
 }
 
 static char *copied(const char *text) {
@@ -72,10 +73,8 @@ ALL(model_set_texts, const char *const *, model_set_text(model, references[k], v
 
 int model_take(Model *model, void **state) {
   size_t size = model_state_size();
-  if (!size) {
-    model_refuse(model, "the state of this FMU cannot be taken or set: it is in another process");
-    return 1;
-  }
+  if (!size)
+    return model_refuse(model, "the state of this FMU cannot be taken or set: it is in another process");
   if (!*state) *state = malloc(size);
   if (!*state) return 1;
   memcpy(*state, model->data, size);
@@ -83,20 +82,16 @@ int model_take(Model *model, void **state) {
 }
 
 int model_write_state(Model *model, const void *state, void *bytes, size_t size) {
-  if (!state || size < model_state_size()) {
-    model_refuse(model, "a state needs %lu bytes", (unsigned long)model_state_size());
-    return 1;
-  }
+  if (!state || size < model_state_size())
+    return model_refuse(model, "a state needs %lu bytes", (unsigned long)model_state_size());
   memcpy(bytes, state, model_state_size());
   return 0;
 }
 
 int model_read_state(Model *model, const void *bytes, size_t size, void **state) {
-  if (size != model_state_size()) {
-    model_refuse(model, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
-                 (unsigned long)model_state_size());
-    return 1;
-  }
+  if (size != model_state_size())
+    return model_refuse(model, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
+                        (unsigned long)model_state_size());
   if (model_take(model, state)) return 1;
   memcpy(*state, bytes, size);
   return 0;
@@ -110,14 +105,10 @@ void model_free_state(void **state) {
 int model_check_step(Model *model, double now, double time, double step, long *ticks) {
   double whole = floor(step / TICK + 0.5);
   int is_whole = step > 0.0 && step <= LONGEST_STEP && whole >= 1.0;
-  if (!is_whole || fabs(step / TICK - whole) > ROUNDING * (1.0 + whole)) {
-    model_refuse(model, "communication step of %.9g s must be a whole number of ticks of 1 ms", step);
-    return 1;
-  }
-  if (!(fabs(time - now) < 0.5 * TICK)) {
-    model_refuse(model, "the step begins at %.9g s, but the model is at %.9g s", time, now);
-    return 1;
-  }
+  if (!is_whole || fabs(step / TICK - whole) > ROUNDING * (1.0 + whole))
+    return model_refuse(model, "communication step of %.9g s must be a whole number of ticks of 1 ms", step);
+  if (!(fabs(time - now) < 0.5 * TICK))
+    return model_refuse(model, "the step begins at %.9g s, but the model is at %.9g s", time, now);
   *ticks = (long)whole;
   return 0;
 }

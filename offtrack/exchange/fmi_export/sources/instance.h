@@ -26,7 +26,7 @@ typedef struct Model {
 /* Of instance.c. A function that returns an int returns 0, or 1 after a log message. */
 HIDDEN Model *model_new(Model begin, const char *token); /* copies the texts; NULL after a log message */
 HIDDEN void model_free(Model *model);
-HIDDEN void model_refuse(Model *model, const char *format, ...);
+HIDDEN int model_refuse(Model *model, const char *format, ...); /* 1 */
 HIDDEN int model_check_step(Model *model, double now, double time, double step, long *ticks);
 HIDDEN int model_get_all(Model *model, const unsigned *references, size_t n, double *values);
 HIDDEN int model_set_all(Model *model, const unsigned *references, size_t n, const double *values);

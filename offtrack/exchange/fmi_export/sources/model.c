@@ -40,24 +40,18 @@ static int ensure_started(Model *model) {
   Data *data = model->data;
   char message[200] = "";
   if (data->started) return 0;
-  if (plant_start(data, message)) {
-    model_refuse(model, "the start failed: %s", message);
-    return 1;
-  }
-  if (!is_sane(data->state, N_STATES)) {
-    model_refuse(model, "the start failed: these parameters give a state that is not finite");
-    return 1;
-  }
+  if (plant_start(data, message))
+    return model_refuse(model, "the start failed: %s", message);
+  if (!is_sane(data->state, N_STATES))
+    return model_refuse(model, "the start failed: these parameters give a state that is not finite");
   data->started = 1;
   data->current = 0;
   return 0;
 }
 
 int model_begin(Model *model, double start_time) {
-  if (!isfinite(start_time)) {
-    model_refuse(model, "start time = %g s must be finite", start_time);
-    return 1;
-  }
+  if (!isfinite(start_time))
+    return model_refuse(model, "start time = %g s must be finite", start_time);
   model->data->start_time = start_time;
   return 0;
 }
@@ -82,27 +76,21 @@ int model_get(Model *model, unsigned reference, double *value) {
     data->current = 1;
     *value = data->outputs[reference - FIRST_OUTPUT];
   } else {
-    model_refuse(model, "value reference %u is not known", reference);
-    return 1;
+    return model_refuse(model, "value reference %u is not known", reference);
   }
   return 0;
 }
 
 int model_set(Model *model, unsigned reference, double value) {
   Data *data = model->data;
-  if (reference == 0 || reference >= FIRST_OUTPUT) {
-    model_refuse(model, "value reference %u is no parameter and no input", reference);
-    return 1;
-  }
-  if (!isfinite(value)) {
-    model_refuse(model, "value reference %u = %g must be finite", reference, value);
-    return 1;
-  }
+  if (reference == 0 || reference >= FIRST_OUTPUT)
+    return model_refuse(model, "value reference %u is no parameter and no input", reference);
+  if (!isfinite(value))
+    return model_refuse(model, "value reference %u = %g must be finite", reference, value);
   if (reference < FIRST_INPUT) {
-    if (data->initialised) {
-      model_refuse(model, "value reference %u is a parameter, which is fixed after the initialisation", reference);
-      return 1;
-    }
+    if (data->initialised)
+      return model_refuse(model, "value reference %u is a parameter, which is fixed after the initialisation",
+                          reference);
     data->parameters[reference - 1] = value;
   } else {
     unsigned input = reference - FIRST_INPUT;
@@ -117,10 +105,8 @@ int model_set(Model *model, unsigned reference, double value) {
 static int check_inputs(Model *model) {
 #ifdef GEAR
   double gear = model->data->inputs[GEAR];
-  if (gear != 1.0 && gear != -1.0) {
-    model_refuse(model, "%s = %g must be 1 (forward) or -1 (backward)", INPUT_NAMES_[GEAR], gear);
-    return 1;
-  }
+  if (gear != 1.0 && gear != -1.0)
+    return model_refuse(model, "%s = %g must be 1 (forward) or -1 (backward)", INPUT_NAMES_[GEAR], gear);
 #else
   (void)model;
   (void)INPUT_NAMES_;
@@ -134,16 +120,13 @@ int model_step(Model *model, double time, double step) {
   double now = data->start_time + (double)data->ticks * TICK;
   long ticks;
   char message[200] = "";
-  if (!data->initialised) {
-    model_refuse(model, "a step needs an initialised model");
-    return 1;
-  }
+  if (!data->initialised)
+    return model_refuse(model, "a step needs an initialised model");
   if (model_check_step(model, now, time, step, &ticks) || check_inputs(model)) return 1;
   before = *data;
   if (plant_advance(data, ticks, message) || !is_sane(data->state, N_STATES)) {
     *data = before;
-    model_refuse(model, "the state diverged in the step from %.9g s%s%s", now, *message ? ": " : "", message);
-    return 1;
+    return model_refuse(model, "the state diverged in the step from %.9g s%s%s", now, *message ? ": " : "", message);
   }
   data->ticks += ticks;
   data->current = 0;
@@ -152,8 +135,7 @@ int model_step(Model *model, double time, double step) {
 
 int model_get_text(Model *model, unsigned reference, const char **value) {
   (void)value;
-  model_refuse(model, "value reference %u is no text", reference);
-  return 1;
+  return model_refuse(model, "value reference %u is no text", reference);
 }
 
 int model_set_text(Model *model, unsigned reference, const char *value) {
@@ -162,11 +144,9 @@ int model_set_text(Model *model, unsigned reference, const char *value) {
 }
 
 int model_restore(Model *model, const void *bytes, size_t size) {
-  if (!bytes || size != sizeof(Data)) {
-    model_refuse(model, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
-                 (unsigned long)sizeof(Data));
-    return 1;
-  }
+  if (!bytes || size != sizeof(Data))
+    return model_refuse(model, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
+                        (unsigned long)sizeof(Data));
   memcpy(model->data, bytes, size);
   return 0;
 }

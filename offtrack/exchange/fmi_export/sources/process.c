@@ -170,38 +170,29 @@ static int waits(Process *process, short events, double until, char *reason, siz
   }
 }
 
-int process_send(Process *process, const void *bytes, size_t n, double until, char *reason, size_t size) {
-  const char *next = bytes;
+static int moved(Process *process, int sending, char *next, size_t n, double until, char *reason, size_t size) {
   while (n > 0) {
-    ssize_t sent;
-    if (waits(process, POLLOUT, until, reason, size)) return 1;
-    sent = send(process->socket, next, n, MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (sent < 0 && (errno == EINTR || errno == EAGAIN || errno == EWOULDBLOCK)) continue;
-    if (sent <= 0) {
+    ssize_t done;
+    if (waits(process, sending ? POLLOUT : POLLIN, until, reason, size)) return 1;
+    done = sending ? send(process->socket, next, n, MSG_NOSIGNAL | MSG_DONTWAIT)
+                   : recv(process->socket, next, n, MSG_DONTWAIT);
+    if (done < 0 && (errno == EINTR || errno == EAGAIN || errno == EWOULDBLOCK)) continue;
+    if (done <= 0) {
       death(process, reason, size);
       return 1;
     }
-    next += sent;
-    n -= (size_t)sent;
+    next += done;
+    n -= (size_t)done;
   }
   return 0;
 }
 
+int process_send(Process *process, const void *bytes, size_t n, double until, char *reason, size_t size) {
+  return moved(process, 1, (char *)bytes, n, until, reason, size);
+}
+
 int process_receive(Process *process, void *bytes, size_t n, double until, char *reason, size_t size) {
-  char *next = bytes;
-  while (n > 0) {
-    ssize_t got;
-    if (waits(process, POLLIN, until, reason, size)) return 1;
-    got = recv(process->socket, next, n, MSG_DONTWAIT);
-    if (got < 0 && (errno == EINTR || errno == EAGAIN || errno == EWOULDBLOCK)) continue;
-    if (got <= 0) {
-      death(process, reason, size);
-      return 1;
-    }
-    next += got;
-    n -= (size_t)got;
-  }
-  return 0;
+  return moved(process, 0, bytes, n, until, reason, size);
 }
 
 void process_end(Process *process, int at_once) {

@@ -91,10 +91,8 @@ void model_release(Model *model) {
 }
 
 int model_begin(Model *model, double start_time) {
-  if (!isfinite(start_time)) {
-    model_refuse(model, "start time = %g s must be finite", start_time);
-    return 1;
-  }
+  if (!isfinite(start_time))
+    return model_refuse(model, "start time = %g s must be finite", start_time);
   model->data->start_time = start_time;
   return 0;
 }
@@ -192,27 +190,22 @@ int model_get(Model *model, unsigned reference, double *value) {
   } else if (reference < FIRST_TEXT) {
     *value = data->outputs[reference - FIRST_OUTPUT];
   } else {
-    model_refuse(model, "value reference %u is no number", reference);
-    return 1;
+    return model_refuse(model, "value reference %u is no number", reference);
   }
   return 0;
 }
 
 int model_set(Model *model, unsigned reference, double value) {
   Data *data = model->data;
-  if (reference == 0 || reference >= FIRST_OUTPUT) {
-    model_refuse(model, "value reference %u is no number that can be set", reference);
-    return 1;
-  }
-  if (!(fabs(value) < LARGEST)) {
-    model_refuse(model, "value reference %u = %g must be finite and below %g", reference, value, LARGEST);
-    return 1;
-  }
+  if (reference == 0 || reference >= FIRST_OUTPUT)
+    return model_refuse(model, "value reference %u is no number that can be set", reference);
+  if (!(fabs(value) < LARGEST))
+    return model_refuse(model, "value reference %u = %g must be finite and below %g", reference, value, LARGEST);
   if (reference >= FIRST_INPUT) {
     data->inputs[reference - FIRST_INPUT] = value;
   } else if (data->initialised) {
-    model_refuse(model, "value reference %u is a parameter, which is fixed after the initialisation", reference);
-    return 1;
+    return model_refuse(model, "value reference %u is a parameter, which is fixed after the initialisation",
+                        reference);
   } else {
     data->parameters[reference - 1] = value;
   }
@@ -224,10 +217,8 @@ int model_get_text(Model *model, unsigned reference, const char **value) {
   char reason[LONGEST_REASON] = "";
   char **place;
   unsigned char number;
-  if (reference < FIRST_TEXT || reference >= END) {
-    model_refuse(model, "value reference %u is no text", reference);
-    return 1;
-  }
+  if (reference < FIRST_TEXT || reference >= END)
+    return model_refuse(model, "value reference %u is no text", reference);
   place = reference < FIRST_SAID ? data->texts + (reference - FIRST_TEXT) : data->said + (reference - FIRST_SAID);
   if (reference >= FIRST_SAID && data->process) {
     number = (unsigned char)(reference - FIRST_SAID);
@@ -242,11 +233,9 @@ int model_set_text(Model *model, unsigned reference, const char *value) {
   Data *data = model->data;
   size_t length = value ? strlen(value) + 1 : 1;
   char *copy;
-  if (reference < FIRST_TEXT || reference >= FIRST_SAID || data->initialised) {
-    model_refuse(model, "value reference %u is no text that can be set%s", reference,
-                 data->initialised ? " after the initialisation" : "");
-    return 1;
-  }
+  if (reference < FIRST_TEXT || reference >= FIRST_SAID || data->initialised)
+    return model_refuse(model, "value reference %u is no text that can be set%s", reference,
+                        data->initialised ? " after the initialisation" : "");
   copy = malloc(length);
   if (!copy) return 1;
   memcpy(copy, value ? value : "", length);
@@ -261,11 +250,9 @@ int model_step(Model *model, double time, double step) {
   char reason[LONGEST_REASON] = "", when[40];
   int64_t head[2];
   long ticks;
-  if (!data->initialised || !data->process) {
-    model_refuse(model, data->initialised ? "its Python process has ended: reset the instance"
-                                          : "a step needs an initialised model");
-    return 1;
-  }
+  if (!data->initialised || !data->process)
+    return model_refuse(model, data->initialised ? "its Python process has ended: reset the instance"
+                                                 : "a step needs an initialised model");
   if (model_check_step(model, now, time, step, &ticks)) return 1;
   head[0] = data->ticks;
   head[1] = ticks;
@@ -279,6 +266,5 @@ int model_step(Model *model, double time, double step) {
 
 int model_restore(Model *model, const void *bytes, size_t size) {
   (void)bytes, (void)size;
-  model_refuse(model, "the state of this FMU cannot be set");
-  return 1;
+  return model_refuse(model, "the state of this FMU cannot be set");
 }
