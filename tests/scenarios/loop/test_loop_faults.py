@@ -155,6 +155,9 @@ def test_estimates_are_kept_from_the_law_alone() -> None:
             trailer.receive(tick)
             known[faults, tick] = trailer.off_tracking is not None
         assert len(list(trailer.estimates)) == 1
+        trailer.off_tracking = None
+        trailer.receive(300)
+        assert trailer.off_tracking is None  # nothing is received twice
     assert [known["none", tick] for tick in (0, 90, 100)] == [True, True, True]
     assert [known["estimate_loss:1", tick] for tick in (0, 90, 100)] == [False, False, False]
     assert [known["estimate_delay:0.1", tick] for tick in (0, 90, 100)] == [False, False, True]
