@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from estimators.estimates import CameraOffTracking, OffTracking, check_estimate
+from estimators.estimates import CameraOffTracking, Health, OffTracking, check_estimate, lost_motion
 from tests.trailers import estimate
 
 KINDS = OffTracking, CameraOffTracking
@@ -21,3 +21,8 @@ def test_an_estimate_of_another_kind_or_with_fields_of_another_type_is_refused()
         for given in (seen, CameraOffTracking(off_tracking=seen, motion=None)):
             with pytest.raises(TypeError, match=r"^returned OffTracking\.(std|health|tick) = '1 m', not"):
                 check_estimate(given, KINDS)
+
+
+def test_a_lost_motion_tells_nothing_but_its_matches() -> None:
+    lost = lost_motion(200, 100, 7)
+    assert (lost.health, lost.matches, lost.inliers, len(lost.tracks)) == (Health.LOST, 7, 0, 0)

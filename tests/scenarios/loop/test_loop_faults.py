@@ -13,8 +13,6 @@ from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.applied_faults import LoopFaults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
-from scenarios.loop.channel import InLine, Stopwatch
-from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.loop_faults.fault import ActuatorFault, LoopFault, LoopFaultContext, MessageFault
 from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
 from scenarios.options.tables import FaultOptions
@@ -144,23 +142,6 @@ def test_faults_act_between_law_and_axles_of_a_run() -> None:
     assert log["steer_trailer_1_command"][45] == pytest.approx(math.radians(-4.0), rel=0.1)
     assert np.ptp(log["steer_trailer_1"][50:]) < 1e-9
     assert abs(log["steer_trailer_2"]).max() < math.radians(0.5)
-
-
-def test_estimates_are_kept_from_the_law_alone() -> None:
-    known = {}
-    for faults in ("none", "estimate_loss:1", "estimate_delay:0.1"):
-        trailer = SteeredTrailer(assembled("roundabout", f"faults={faults}").trailers[-1], InLine(), Stopwatch())
-        trailer.channel.delivered.append(ESTIMATE)
-        for tick in (0, 90, 100):
-            trailer.receive(tick)
-            known[faults, tick] = trailer.off_tracking is not None
-        assert len(list(trailer.estimates)) == 1
-        trailer.off_tracking = None
-        trailer.receive(300)
-        assert trailer.off_tracking is None  # nothing is received twice
-    assert [known["none", tick] for tick in (0, 90, 100)] == [True, True, True]
-    assert [known["estimate_loss:1", tick] for tick in (0, 90, 100)] == [False, False, False]
-    assert [known["estimate_delay:0.1", tick] for tick in (0, 90, 100)] == [False, False, True]
 
 
 def test_a_brake_fault_pulls_the_vehicle_to_the_sound_side() -> None:

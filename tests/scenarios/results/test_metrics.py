@@ -1,19 +1,15 @@
 """Metrics against closed forms."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.path import Path, arc
 from scenarios.results import metrics
 from scenarios.results.metrics import true_off_tracking
-from scenarios.results.rover_result import path_coordinates
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray
 
 STEP = 0.01  # [s]
 
@@ -187,11 +183,3 @@ def test_perfect_odometry_does_not_drift_and_a_lost_motion_breaks_the_chain() ->
     assert whole.max() < 1e-12  # rounding
     assert broken.max() < 1e-12
     assert len(whole) - len(broken) == 36  # the starts from which frame 100 is among the next 36
-
-
-def test_a_rover_beside_its_path_has_a_station_and_an_offset() -> None:
-    """0.3 m inside a quarter circle of 2 m radius to the left, a third of the way round."""
-    along = math.radians(30.0)
-    truth: Any = SimpleNamespace(pose=np.array([1.7 * math.sin(along), 2.0 - 1.7 * math.cos(along), 0.0]))
-    path = Path(Pose2(0.0, 0.0, 0.0), (arc(math.pi, 0.5),))
-    assert path_coordinates(path, truth, 0.9) == pytest.approx((2.0 * along, 0.3), abs=1e-9)

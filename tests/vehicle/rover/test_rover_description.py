@@ -68,28 +68,6 @@ def test_the_skid_steered_rover_is_the_same_with_its_steering_locked() -> None:
     assert not skid.steered
 
 
-def wheel(name: str = "middle_left", place: str = "x = 0.0, y = 0.3", driven: str = "true") -> str:
-    return f'{{ name = "{name}", {place}, driven = {driven}, steered = true }},'
-
-
-@pytest.mark.parametrize(
-    ("line", "complaint"),
-    [
-        ("", "wheels: 5 of them; a rover has 4 or 6"),
-        (wheel(place="x = 0.0, y = 0.31"), "needs one mirrored wheel"),
-        (wheel(driven="false"), "equally driven and steered"),
-        (wheel("rear_left"), "wheels: two have the same name: front_left, front_right, rear_left, middle_right"),
-        (wheel("Middle"), "wheels.2.name = 'Middle'"),
-        (wheel(place="x = 0.0"), r"key 'wheels.2.y' \[m\] is missing"),
-        (f"{wheel()}\n]\nwheelbase = 0.8\nrest = [", r"unknown key 'wheelbase'; did you mean 'wheels'\?"),
-    ],
-)
-def test_impossible_wheels_are_refused(tmp_path: Path, line: str, complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint) as refused:
-        load_rover(file_of("six_wheel_rover", tmp_path, ('{ name = "middle_left"', line)))
-    assert "\n" not in str(refused.value)
-
-
 def test_wheels_off_the_origin_are_refused(tmp_path: Path) -> None:
     """R's origin is the middle of the wheels: loads and turns are computed about it."""
     text = LONG_FORM.replace("x = 0.30", "x = 0.40")
