@@ -1,6 +1,7 @@
 """A steered trailer of a running loop, step by step: what it receives, who steers it, and what is told of that."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 
@@ -52,8 +53,8 @@ class Law:
 
 def test_handovers_are_noted_and_a_bench_that_steers_ends_the_judgement_of_axles() -> None:
     """What it demands goes to the axles when it is new; what they do is then no answer to the law."""
-    parts = assembled()
-    trailer = SteeredTrailer(replace(parts.trailers[-1], law=Law()), InLine(), Stopwatch())
+    parts, law = assembled(), cast(Any, Law())
+    trailer = SteeredTrailer(replace(parts.trailers[-1], law=law), InLine(), Stopwatch())
     truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, 5.0), 0)
     for tick in range(0, 140, 20):
         trailer.control(replace(truth, tick=tick))
