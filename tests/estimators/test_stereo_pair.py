@@ -5,7 +5,7 @@ import pytest
 
 from estimators.stereo_pair import as_calibrated, displaced, image_shift
 from sensors.camera.rig import StereoCalibration
-from tests.estimators.calibration.test_late_right_camera import SHIFTS, points, rays
+from tests.estimators.calibration.test_mount_state import SHIFTS, points, rays
 from vehicle.frames import FloatArray
 
 
