@@ -139,6 +139,14 @@ DYNAMICS = TractorDynamics(
 LADEN = TractorGeometry(
     wheelbase=3.8, x_ref=5.2, y_ref=0.0, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1, dynamics=DYNAMICS
 )
+
+
+def test_load_on_the_hitch_is_part_of_the_tractors_mass() -> None:
+    model, load = tractor_model(LADEN), 10500.0 * 0.77
+    assert model.mass_x == pytest.approx((8000.0 * 2.36 + load) / 18500.0)
+    assert model.second_moment == pytest.approx((28900.0 + 8000.0 * 2.36**2 + load * 0.77) / 18500.0)
+
+
 FAST = np.geomspace(design.CREEP, design.FASTEST, 24)[-3:]  # speeds of designs, at which nothing is interpolated
 
 

@@ -16,9 +16,13 @@ from controllers.trailer_steering.kinematics import (
     SteerHistory,
     TractorMotion,
     angles_at,
+    extended,
+    motion_between,
     recorded,
+    straight_behind,
 )
 from estimators.estimates import OffTracking
+from estimators.hitch_motion import HitchMotion
 from tests.trailers import ALL_STEERED as TRAILER
 from tests.trailers import COMBINATION, TWO_OF_THREE, estimate, signals
 from vehicle.combination.description import load_vehicle
@@ -243,3 +247,12 @@ def test_without_lag_the_rate_alone_limits() -> None:
     """One second at 0.2 rad/s, per axle; the second axle arrives and stops."""
     reached = settle([0.0, 0.4], [0.5, 0.3], 1.0, lag=0.0, max_rate=0.2)
     assert reached == pytest.approx([0.2, 0.3], abs=1e-15)
+
+
+def test_the_mean_motion_between_two_ticks_is_that_of_the_steps_between() -> None:
+    """Within a step it is interpolated; there is none beyond the last."""
+    path, moves = straight_behind(14.0), HitchMotion(3.0, 0.3, 0.1)
+    for tick in range(0, 100, 20):
+        path = extended(path, tick, moves, 0.02)
+    assert motion_between(path, 10, 70) == pytest.approx(moves, rel=1e-3)
+    assert motion_between(path, 10, 90) is None

@@ -93,6 +93,8 @@ def check_refused(line: str, says: str, place: Path, monkeypatch: pytest.MonkeyP
     assert (done.exit_code, done.stdout) == (2, ""), done.output
     (told,) = done.stderr.splitlines()
     assert told.startswith("offtrack: ")
+    assert told.isprintable()  # neither line breaks nor escape codes
+    assert len(told) < 1100
     assert re.search(".*".join(map(re.escape, says.split("…"))), told), told
     assert "s3cret" not in told
     assert sorted(place.rglob("*")) == before

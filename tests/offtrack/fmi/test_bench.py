@@ -87,6 +87,7 @@ def test_a_demand_holds_and_then_the_scenarios_own_law_takes_over() -> None:
     assert (report.fresh_steps, report.held_steps, report.fallback_steps) == (1, 2, 3)
     assert report.longest_gap_s == pytest.approx(0.08)
     assert "lacked in 3 steps" in " ".join(report.warnings)
+    assert report.warnings[0].startswith("demands came from outside by script")
 
 
 def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:

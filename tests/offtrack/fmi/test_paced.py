@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from controllers.checked import LawError
-from scenarios.loop.channel import Channel, Pacer, Stopwatch
+from scenarios.loop.channel import Channel, InLine, Pacer, Stopwatch
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from vehicle.clock import Schedule
@@ -72,6 +72,14 @@ class Nothing:
 
     def step(self, memory: None, message: Reading) -> tuple[None, Reading]:
         return None, message
+
+
+def test_an_estimate_arrives_after_its_latency() -> None:
+    channel = Channel(Camera(), Schedule(period=10, latency=20), Nothing(), InLine(), Stopwatch())
+    for tick in range(0, 40, 10):
+        assert channel.sample(Reading(tick), tick) == Reading(tick)
+        channel.deliver(tick)
+    assert [reading.tick for reading in channel.delivered] == [0, 10]
 
 
 @pytest.mark.parametrize(("fails", "line"), [("camera", "the lens fell off"), ("recording", "no space left")])

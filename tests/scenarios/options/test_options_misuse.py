@@ -89,22 +89,14 @@ def refused_settings(*settings: str, scenario: str = "roundabout") -> str:
         ("a." * 10_000 + "a=1", "at most 200 characters and 32 parts"),
         ("a." * 40 + "a=1", "at most 200 characters and 32 parts"),
         ("speed_kmh=" + "[" * 5000 + "]" * 5000, "must be a number"),
-        ("speed_kmh=12\nsurface.friction=0.3", "one KEY=VALUE without line breaks"),
         ("speed_kmh=1" + "0" * 6000, "must be a number"),
         ("rig.width=1" + "0" * 400, "must be a whole number"),
-        ('"speed_kmh"=1', "unknown key"),
-        ("surface..friction=1", "expected KEY=VALUE"),
-        ("=1", "expected KEY=VALUE"),
-        (f"off_tracking={ESC}x", r"off_tracking=\x1b[31mx"),
-        (f"{ESC}=1", "without line breaks or control characters"),
-        ("drehzahl_ü=1", "unknown key 'drehzahl_ü'"),
-        ("zzzzzz=1", "offtrack keys lists all"),
         ("name=" + "x" * 300, "at most 100 characters"),
         ("vehicle=" + "x" * 5000, "unknown vehicle"),
     ],
 )
 def test_settings_that_are_no_settings_are_refused(setting: str, says: str, here: Path) -> None:
-    """Deep nesting, line breaks, thousands of digits, empty parts, escape codes, names of any length."""
+    """Deep nesting, thousands of digits, names of any length."""
     assert says in refused_settings(setting)
 
 
@@ -229,32 +221,6 @@ def test_import_paths_that_name_no_part_are_refused(path: str, says: str, here: 
 def test_classes_without_the_methods_of_their_kind_are_refused(setting: str, says: str, here: Path) -> None:
     others = [] if setting.startswith("off_tracking") else ["off_tracking=truth"]
     assert says in refused_settings(setting, *others)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("parts", "nonsense"),
-        ("parts", ESC),
-        ("keys", "nonsense"),
-        ("scenarios", "n" * 300 + ".toml"),
-        ("nonsense",),
-        ("run",),
-        ("run", "roundabout", "--set"),
-        ("run", "roundabout", "--seed", "-1"),
-        ("run", "roundabout", "--seed", "9" * 5000),
-        ("run", "roundabout", f"--{ESC}"),
-        ("run", "roundabout", "--out", ""),
-        ("run", "roundabout", "--out", "raising_part.py"),
-        ("run", "roundabout", "--out", "n" * 300),
-        ("run", "roundabout", "--out", f"{ESC}red"),
-        ("vehicle", "rigid_truck", "--out", "n" * 240),
-        ("estimate", "off-tracking", "nowhere", "--out", ""),
-        ("calibrate", "nowhere"),
-    ],
-)
-def test_arguments_of_every_command_end_in_one_line(arguments: tuple[str, ...], here: Path) -> None:
-    refused(*arguments)
 
 
 def test_names_with_brackets_are_printed_as_they_are(here: Path) -> None:
