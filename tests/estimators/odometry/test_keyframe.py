@@ -70,6 +70,7 @@ def test_covariances_are_consistent_with_the_errors(drive: Drive, motions: list[
         assert motion.anchor is not None
         truth = drive.camera_motion(motion.anchor.tick // 100, motion.tick // 100)
         anchored.append(drive.deviation(truth, motion.anchor.X_AC) / np.sqrt(np.diag(motion.anchor.covariance)))
+    assert max(motion.covariance.max() for motion in motions) < 1e-3  # from the first one on
     for ratios in (np.abs(drive.normalised(motions)), np.abs(anchored)):
         assert np.mean(ratios < 2.5) > 0.95
         assert np.sqrt(np.mean(np.square(ratios))) > 0.5

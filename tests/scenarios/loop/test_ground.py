@@ -259,7 +259,6 @@ def test_wheels_and_cameras_meet_the_same_hump(tmp_path: Path) -> None:
 BAD: Final[dict[str, tuple[Callable[[Path], object], str]]] = {
     "empty": (lambda path: path.write_bytes(b""), "not a readable OpenCRG file"),
     "cut binary": (lambda path: _cut(path, "KRBI", -4000), "not a readable OpenCRG file"),
-    "cut text": (lambda path: _cut(path, "LDFI", -333), "not a readable OpenCRG file"),
     "nothing": (lambda path: crg_written(path, np.full_like(BUMP, np.nan)), "not a readable OpenCRG file"),
     "missing": (lambda path: crg_written(path, np.where(V > -1.5, np.nan, BUMP)), "share of missing heights = 0.8"),
     "short": (lambda path: crg_written(path, BUMP[:10]), r"length = 0.45 m must be between 1 and 30000 m"),

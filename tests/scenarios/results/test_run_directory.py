@@ -14,6 +14,7 @@ from offtrack.reports.run_files import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import (
     appearing_at_once,
+    check_new_file,
     check_run_directory,
     mark_interrupted,
     next_run_directory,
@@ -128,6 +129,8 @@ def test_what_can_not_become_a_run_directory_is_refused_beforehand(
     for name, words in (refused | {f"{name}/a": f"{name}/a can not be made" for name in refused}).items():
         with pytest.raises(ValueError, match=words):
             check_run_directory(tmp_path / name)
+    with pytest.raises(ValueError, match=r"a\.csv: there is no folder .*file to write in"):
+        check_new_file(tmp_path / "file" / "a.csv")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(ValueError, match="name a new folder inside it"):

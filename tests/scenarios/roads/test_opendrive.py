@@ -270,7 +270,6 @@ REFUSED: Final = {
     "late begin": (file(road("1", (Piece(50.0),), TWO_LANES)).replace('s="0.0"', 's="7"'), "must be 0"),
     "no plan view": (ROAD.replace("planView", "plan"), "<road> has no <planView>"),
     "no shape": (changed("<line/>", ""), "has 0 shapes: must be one of line, arc"),
-    "no section": (ROAD.replace("laneSection", "part"), "has no <laneSection>"),
     "late section": (changed('laneSection s="0"', 'laneSection s="900"'), "lane sections from s = 900"),
     "curvature": (changed('curvature="', 'curvature="99'), "must be within -10 to 10 1/m"),
     "coil": (changed("<line/>", '<spiral curvStart="9" curvEnd="9"/>'), "must be within 12.566 rad"),
