@@ -390,3 +390,30 @@ def test_directions_on_a_winding_path_are_those_of_the_path() -> None:
         t, result = STEP * (k + 1), results[k]
         assert result.hitch_direction == pytest.approx(direction(t), abs=4e-3)  # the parabola's cubic remainder
         assert result.hitch_direction_rate == pytest.approx(rate_of(direction, t), abs=0.02)
+
+
+def another_attempt() -> list[Pose2]:
+    """Forwards on a bend, 9 m back and 0.6 m beside the way in the end, forwards somewhere else; 10 poses a frame."""
+    poses = [winding(0.01 * k) for k in range(3000)]
+    for k in range(1, 900):
+        there, beside = winding(29.99 - 0.01 * k), (k / 900.0) ** 2
+        poses.append(Pose2(there.x, there.y + 0.6 * beside, there.psi + 0.1 * beside))
+    for _ in range(2000):
+        poses.append(poses[-1] @ Pose2(0.01 * math.cos(0.1), 0.01 * math.sin(0.1), -0.0003))
+    return poses
+
+
+def test_join_does_not_turn_the_direction_of_the_hitch() -> None:
+    """Back beside the path and forwards again: the hitch's direction is that of its travel, not of the join."""
+    poses = another_attempt()[::10]
+    results = run(motions(map(body, poses)))[1]
+    for k in (*range(302, 388), *range(393, 480)):
+        there, here = poses[k], poses[k + 1]
+        moved = here.inverse().apply(np.array([[there.x, there.y]]))[0]  # of the hitch, along its line of travel
+        assert results[k].hitch_direction == pytest.approx(math.atan(moved[1] / moved[0]), abs=0.02)  # half a chord
+
+
+def test_reversing_distance_must_not_be_negative() -> None:
+    """Refused in one line."""
+    with pytest.raises(ValueError, match="reversing_distance = -1"):
+        OffTrackingBuffer(LENGTH, reversing_distance=-1.0)

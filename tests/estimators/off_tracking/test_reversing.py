@@ -12,6 +12,7 @@ from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.results.metrics import true_off_tracking
 from sensors.messages import BodyPose
 from tests.estimators.body_drive import anchored_motions, body, followed, motion, winding
+from tests.estimators.off_tracking.test_buffer import another_attempt
 from vehicle.frames import FloatArray, Pose2, inverse
 
 LENGTH = 10.0  # hitch to follow point [m]
@@ -58,17 +59,6 @@ def test_path_is_kept_for_the_reversing_distance_and_no_longer() -> None:
     assert 5.0 < STEP * (shorter.index(Health.LOST, len(way)) - len(way) + 1) < 7.0
 
 
-def another_attempt() -> list[Pose2]:
-    """Forwards on a bend, 9 m back and 0.6 m beside the way in the end, forwards somewhere else; 10 poses a frame."""
-    poses = [winding(0.01 * k) for k in range(3000)]
-    for k in range(1, 900):
-        there, beside = winding(29.99 - 0.01 * k), (k / 900.0) ** 2
-        poses.append(Pose2(there.x, there.y + 0.6 * beside, there.psi + 0.1 * beside))
-    for _ in range(2000):
-        poses.append(poses[-1] @ Pose2(0.01 * math.cos(0.1), 0.01 * math.sin(0.1), -0.0003))
-    return poses
-
-
 @pytest.mark.slow
 def test_buffer_and_truth_mean_the_same_path() -> None:
     """Back beside the way: the estimator at 10 Hz and the metric at 100 Hz, written apart, agree."""
@@ -86,16 +76,6 @@ def test_buffer_and_truth_mean_the_same_path() -> None:
     off = np.abs(values - truth)[2000::10]
     assert np.mean(off < 1e-3) > 0.97
     assert off.max() < 0.6  # where the path is joined, 0.6 m apart, one of them is a frame further
-
-
-def test_join_does_not_turn_the_direction_of_the_hitch() -> None:
-    """Back beside the path and forwards again: the hitch's direction is that of its travel, not of the join."""
-    poses = another_attempt()[::10]
-    _, results = run(poses)
-    for k in (*range(302, 388), *range(393, 480)):
-        there, here = poses[k], poses[k + 1]
-        moved = here.inverse().apply(np.array([[there.x, there.y]]))[0]  # of the hitch, along its line of travel
-        assert results[k].hitch_direction == pytest.approx(math.atan(moved[1] / moved[0]), abs=0.02)  # half a chord
 
 
 def test_reversing_beyond_the_whole_path_begins_a_new_one() -> None:
@@ -153,9 +133,3 @@ def noisy_drive(poses: list[FloatArray], rng: np.random.Generator, L: FloatArray
 
     motions = anchored_motions(poses, keyframe_of, lambda: L @ rng.standard_normal(6), L @ L.T, anchored=anchored)
     return followed(OffTrackingBuffer(LENGTH), motions)[1][-1]
-
-
-def test_reversing_distance_must_not_be_negative() -> None:
-    """Refused in one line."""
-    with pytest.raises(ValueError, match="reversing_distance = -1"):
-        OffTrackingBuffer(LENGTH, reversing_distance=-1.0)
