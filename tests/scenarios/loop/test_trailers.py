@@ -115,7 +115,7 @@ def test_a_drivers_file_that_is_too_large_or_missing_is_named(tmp_path: Path) ->
     file, columns = tmp_path / "drive.csv", "time_s,steer_deg,speed_kmh\n"
     for rows, complaint in (('0,0,"' + "9" * 200_000, "131072 characters"), ("0,0,0\n" * 1_400_000, "most 4000000")):
         file.write_text(columns + rows, encoding="utf-8")
-        with pytest.raises(ValueError, match=rf"drive\.csv: .*{complaint}"):
+        with pytest.raises(ValueError, match=rf"drive\.csv.*{complaint}"):
             read_trace(file)
     with pytest.raises(ValueError, match=r"^driver.trace: .*none.csv: cannot be read: No such file"):
         read_trace(tmp_path / "none.csv")
