@@ -183,8 +183,3 @@ def test_a_wrong_queue_is_one_line(text: str, line: str, tmp_path: Path) -> None
     (tmp_path / "queue.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=line):
         job_queue(tmp_path / "queue.yaml")
-
-
-def test_what_is_no_address_is_one_line() -> None:
-    with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
-        pass
