@@ -1,6 +1,7 @@
 """Trailers, truths, readings and estimates that tests share."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -55,6 +56,27 @@ def estimate(tick: int, **changes: Any) -> OffTracking:
         yaw_rate=0.0,
     )
     return replace(straight, **changes)
+
+
+def steps(
+    law: Any,
+    until: int,
+    seen: Callable[[int], OffTracking | None],
+    memory: Any = None,
+    start: int = 0,
+    speed: float = 0.0,
+) -> tuple[Any, FloatArray]:
+    """Memory of a law after steps every 20 ms, and its commands (n, axles), with immediate actuators.
+
+    ``seen(tick)`` is the newest estimate that has arrived by then.
+    """
+    memory = law.init() if memory is None else memory
+    angles, commands = np.array(memory.demand), []
+    for tick in range(start, until, 20):
+        memory, command = law.step(memory, tick, seen(tick), signals(tick, angles=angles, speed=speed))
+        angles = command.angles
+        commands.append(angles)
+    return memory, np.array(commands)
 
 
 def truth(tick: int, *, bodies: FloatArray, **changes: Any) -> Truth:

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from scenarios import catalogue
-from scenarios.assembly.rover_run import assemble_rover
-from scenarios.assembly.trailer_run import assemble
 from scenarios.catalogue import DRIVER, ROVER_DRIVER, Catalogue, resolve
-from scenarios.loop.rover_session import RoverSession
-from scenarios.loop.trailer_session import TrailerSession
+from scenarios.loop.runner import KINDS
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -34,40 +31,28 @@ def test_every_entry_names_a_class_with_the_methods_of_its_kind(key: str, name: 
     assert isinstance(resolve(key, name, CATALOGUES[key]), type)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", [*TRAILERS, *DRIVERS])
-def test_every_scenario_is_named_after_its_file_and_starts_with_every_driver(case: str) -> None:
-    """Two seconds with exact estimates: finite signals, the vehicle on its way at set speed."""
-    name, *settings = case.split()
-    scenario = load_any_scenario(name, ["off_tracking=truth", *settings])
-    assert isinstance(scenario, Scenario)
-    assert scenario.name == name
-    assert scenario.description
-    session = TrailerSession(assemble(scenario, seed=1))
-    for _ in range(200):
-        session.advance()
-    session.close()
-    truth = session.rows[-1].truth
-    assert np.isfinite(truth.bodies).all()
-    assert truth.velocities[0, 0] == pytest.approx(scenario.speed, rel=0.05)  # a grade costs some until it is held
-    assert session.outcome is None
+SLOW = [pytest.param(case, marks=pytest.mark.slow) for case in (*TRAILERS, *DRIVERS, *ROVER_PARTS)]
 
 
-@pytest.mark.parametrize("case", [*ROVERS, *(pytest.param(part, marks=pytest.mark.slow) for part in ROVER_PARTS)])
-def test_every_rover_scenario_is_named_after_its_file_and_starts_with_every_part(case: str) -> None:
-    """Two seconds with the exact slip angle: the rover on its way, a tenth or two of its wheels' speed lost to slip."""
+@pytest.mark.parametrize("case", [*ROVERS, *SLOW])
+def test_every_scenario_is_named_after_its_file_and_starts_with_every_driver_and_part(case: str) -> None:
+    """Two seconds with exact estimates: finite signals, trailers at set speed; rovers lose a tenth or two to slip."""
     name, *settings = case.split()
-    scenario = load_any_scenario(name, ["slip_estimator=truth", *settings])
-    assert not isinstance(scenario, Scenario)
+    exact = "slip_estimator=truth" if name in ROVERS else "off_tracking=truth"
+    scenario = load_any_scenario(name, [exact, *settings])
     assert scenario.name == name
     assert scenario.description
-    session = RoverSession(assemble_rover(scenario, seed=1))
-    for _ in range(40):
-        session.advance()
-    session.close()
+    kind = KINDS[scenario.vehicle_kind]
+    with kind.session(kind.assemble(scenario, 1)) as session:
+        while session.tick < 2000:
+            session.advance()
     truth = session.rows[-1].truth
-    assert np.isfinite(truth.X_WB).all()
-    assert 0.5 * scenario.speed < truth.velocity[0] < 1.05 * scenario.speed
+    if isinstance(scenario, Scenario):
+        assert np.isfinite(truth.bodies).all()
+        assert truth.velocities[0, 0] == pytest.approx(scenario.speed, rel=0.05)  # a grade costs until it is held
+    else:
+        assert np.isfinite(truth.X_WB).all()
+        assert 0.5 * scenario.speed < truth.velocity[0] < 1.05 * scenario.speed
     assert session.outcome is None
 
 

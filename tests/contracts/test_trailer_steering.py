@@ -172,11 +172,6 @@ def test_a_law_without_declarations_can_be_used() -> None:
 @pytest.mark.parametrize(
     ("name", "parameters", "message"),
     [
-        ("path_preview", {"gian": 1.0}, r"^unknown key 'steering\.gian'; did you mean 'gain'\?$"),
-        ("path_preview", {"gain": 3.0}, r"^steering\.gain = 3\.0 rad/m must be between 0 and 2 rad/m$"),
-        ("combined", {"low_speed": "path_preveiw"}, r"path_preveiw.*path_preview"),
-        ("mpc", {"tolerance": "small"}, r"^steering\.tolerance = 'small' must be a number between 0\.001 and 1 m$"),
-        ("lqr", {"from_speed_kmh": 60.0, "full_speed_kmh": 50.0}, r"full_speed_kmh = 50.0 km/h must exceed"),
         (f"{__name__}:Declared", {"gain": 3.0}, r"^steering\.gain = 3\.0 rad/m must be between 0 and 2 rad/m$"),
         (f"{__name__}:Plain", {"gian": 1.0}, r"^unknown key 'steering\.gian'; did you mean 'gain'\?$"),
         ("policy", {}, r"^key 'steering\.path' is missing$"),

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -142,8 +143,12 @@ def test_a_path_to_the_left_turns_the_rear_to_the_left_and_a_lost_one_does_nothi
         memory, _ = law.step(memory, tick, None, signals(tick))
     _, left = law.step(memory, 600, beside(500, 0.3), signals(600))
     _, lost = law.step(memory, 600, beside(500, 0.3, health=Health.LOST), signals(600))
+    x = -np.linspace(0.0, 16.0, 40)
+    bump = replace(beside(500, 0.0), path=np.column_stack([x, 0.3 * np.exp(-(((x + 5.0) / 1.5) ** 2))]))
+    _, bent = law.step(memory, 600, bump, signals(600))
     assert (left.angles > 0.0).all()
     assert not lost.angles.any()
+    assert np.abs(bent.angles).min() > 1e-3  # the path between hitch and follow point counts as well
 
 
 def test_linked_axles_turn_in_their_ratio() -> None:

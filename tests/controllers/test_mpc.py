@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from controllers.trailer import Combination, TrailerGeometry
-from controllers.trailer_steering.mpc.law import Mpc, MpcMemory
+from controllers.trailer_steering.mpc.law import Mpc
 from controllers.trailer_steering.mpc.observer import (
     FrictionMemory,
     Observer,
@@ -37,7 +37,7 @@ from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import peak, rms
 from sensors.messages import CombinationSignals
-from tests.trailers import estimate, signals
+from tests.trailers import estimate, signals, steps
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.layout import parts
@@ -118,24 +118,6 @@ def arriving(**about: Any) -> Callable[[int], OffTracking | None]:
     return lambda tick: slanted(tick // 100 * 100 - 100, **about) if tick >= 100 else None
 
 
-def steps(
-    law: Mpc,
-    until: int,
-    seen: Callable[[int], OffTracking | None],
-    memory: MpcMemory | None = None,
-    start: int = 0,
-    speed: float = SPEED,
-) -> tuple[MpcMemory, FloatArray]:
-    """Memory after, and commands (n, axles) of the steps in between, with immediate actuators."""
-    memory = law.init() if memory is None else memory
-    angles, commands = np.zeros(len(TRAILER.steered_distances)), []
-    for tick in range(start, until, 20):
-        memory, command = law.step(memory, tick, seen(tick), signals(tick, angles=angles, speed=speed))
-        angles = command.angles
-        commands.append(angles)
-    return memory, np.array(commands)
-
-
 def law(trailer: TrailerGeometry = TRAILER, **parameters: float) -> Mpc:
     return Mpc(trailer, combination=COMBINATION, parameters=Mpc.Parameters(**parameters))
 
@@ -143,13 +125,13 @@ def law(trailer: TrailerGeometry = TRAILER, **parameters: float) -> Mpc:
 def test_a_lost_estimate_is_bridged_and_then_the_axles_fade_to_straight() -> None:
     """For 2 s the signals carry the last path on, then the angles go down at 0.05 rad/s and stay at zero."""
     controller = law()
-    memory, _ = steps(controller, 600, arriving(offset=0.5))
+    memory, _ = steps(controller, 600, arriving(offset=0.5), speed=SPEED)
     lost = slanted(550, health=Health.LOST)
-    memory, fading = steps(controller, 14000, lambda tick: lost, memory, 600)
+    memory, fading = steps(controller, 14000, lambda tick: lost, memory, 600, speed=SPEED)
     rates = np.abs(np.diff(fading[105:], axis=0)) / 0.02
     assert rates.max() == pytest.approx(0.05, abs=1e-9)
     assert not fading[-1].any()
-    _, again = steps(controller, 14400, arriving(offset=0.5), memory, 14000)
+    _, again = steps(controller, 14400, arriving(offset=0.5), memory, 14000, speed=SPEED)
     assert np.abs(again[-1]).min() > 0.01  # and it comes back when there is something to see
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from controllers.trailer import TrailerGeometry
-from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview, VirtualDriver
+from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
 from estimators.estimates import Health, OffTracking
 from scenarios.courses import roundabout, straight
 from tests.trailers import ALL_STEERED as TRAILER
-from tests.trailers import TWO_OF_THREE, estimate, signals
+from tests.trailers import TWO_OF_THREE, estimate, signals, steps
 
 SINGLE = replace(TRAILER, axle_distances=(9.31,), steered=(True,))
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
@@ -107,17 +107,6 @@ def beside(tick: int, *, offset: float = 0.0, **changes: Any) -> OffTracking:
     return estimate(tick, value=offset, path=PATH + np.array([0.0, offset]), **changes)
 
 
-def steps(law: PathPreview, until: int, seen: Any, memory: PathLawMemory | None = None, start: int = 0) -> Any:
-    """Memory after, and commands (n, axles) of the steps in between; ``seen(tick)`` is what has arrived by then."""
-    memory = law.init() if memory is None else memory
-    angles, commands = np.array(memory.demand), []
-    for tick in range(start, until, 20):
-        memory, command = law.step(memory, tick, seen(tick), signals(tick, angles=angles))
-        angles = command.angles
-        commands.append(angles)
-    return memory, np.array(commands)
-
-
 def arriving(**about: Any) -> Any:
     """A new estimate every 0.1 s, 0.1 s old."""
     return lambda tick: beside(tick // 100 * 100 - 100, **about) if tick >= 100 else None
@@ -175,6 +164,23 @@ def test_a_standing_trailer_does_not_wind_up() -> None:
     memory, _ = steps(law, 1000, arriving(offset=0.2))
     after, _ = steps(law, 61000, arriving(offset=0.2, v_x=0.0), memory._replace(bias=0.03), 1000)
     assert after.bias == pytest.approx(0.03, abs=0.02)  # the last moving estimate still counts for 0.1 s
+
+
+@pytest.mark.parametrize(("radius", "rate"), [(30.0, 0.0), (-50.0, 0.02), (1e6, 0.05)])
+def test_slip_of_a_turn_is_foreseen_before_it_is_measured(radius: float, rate: float) -> None:
+    """0.022 rad per m/s2 of the axles' acceleration: between that of the hitch and v^2/R on the path at the rear."""
+    quick, speed = replace(TRAILER, max_steer_rate=1e4, actuator_lag=0.0), 5.0
+    turning = replace(on_circle(abs(radius)), hitch_direction=0.0, hitch_direction_rate=rate, v_x=speed, v_y=0.0)
+    path = turning.path * np.array([1.0, math.copysign(1.0, radius)])
+    turning = replace(turning, path=path, yaw_rate=speed / radius)
+    commands = []
+    for compliance in (0.022, 0.0):
+        law = PathPreview(quick, parameters=PathPreview.Parameters(compliance=compliance, gain=0.0, integral=0.0))
+        memory, _ = law.step(law.init(), 0, turning, signals(0, angles=np.zeros(3)))
+        commands.append(np.tan(law.step(memory, 1, turning, signals(1, angles=np.zeros(3)))[1].angles))
+    share = float(np.mean(TRAILER.axle_distances)) / 14.0
+    slip = -0.022 * ((1.0 - share) * speed * (rate + speed / radius) + share * speed**2 / radius)
+    assert commands[0] - commands[1] == pytest.approx(np.full(3, -slip), rel=0.03)  # the trailer goes on for 11 ms
 
 
 # Virtual driver

@@ -197,6 +197,7 @@ def test_he_stands_where_and_as_long_as_he_is_told_to() -> None:
     assert seen.station[-1] >= PATH.length
     assert (seen.gear == 1.0).all()
     assert seen.speed.min() > -0.01
+    assert seen.speed[:100].min() > 2.9  # he begins at speed
 
 
 def test_he_goes_back_as_far_as_he_is_told_to_and_on_again() -> None:

@@ -197,6 +197,13 @@ def test_a_wheel_speed_that_fails_does_not_cost_a_sound_estimate() -> None:
     assert [finding.signal for finding in last.signal_findings] == ["wheel speed"]
 
 
+@pytest.mark.parametrize(("std", "share"), [(0.05, 0.9), (0.15, 0.5)])
+def test_an_estimate_is_believed_as_far_as_it_is_better_than_none(std: float, share: float) -> None:
+    """Least squares of the path's 0.1 m with the 0.15 m that are usual without an estimate."""
+    run = drive(lambda seen: replace(seen, std=std), 3000, law=lambda tick, good: good.value if good else 0.0)
+    assert run.commands[-1] == pytest.approx([0.1 * share] * 2)
+
+
 def jumping(seen: OffTracking) -> OffTracking:
     """An estimate a metre off, of the other sign, which would throw the axles about."""
     return replace(seen, value=-0.9)

@@ -10,7 +10,7 @@ import pytest
 
 from controllers.trailer import Combination, Linkage, TrailerGeometry
 from controllers.trailer_steering.kinematics import hitch_motion
-from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
+from controllers.trailer_steering.signal_laws import CommandSteer, CtAt, Learnt, ReckonedDriver
 from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.courses import roundabout, straight
 from sensors.messages import CombinationSignals
@@ -86,6 +86,8 @@ def test_the_hitch_moves_as_a_lever_on_the_tractor() -> None:
     assert motion.direction == pytest.approx(0.3 + math.atan(0.2 * HITCH_X / 2.0))
     backwards = hitch_motion(COMBINATION, replace(turning(10.0, 0.3), speed=-3.0, yaw_rates=np.full(2, -0.3)))
     assert backwards.direction == pytest.approx(0.3 + math.atan(0.1 * HITCH_X))  # the same line, backwards
+    alone = hitch_motion(Combination(COMBINATION.vehicle, 0), replace(turning(10.0, 0.3), yaw_rates=np.zeros(2)))
+    assert alone.direction == pytest.approx(math.atan(3.8 / 10.0))  # led by the foremost axle, where it is steered to
 
 
 @pytest.mark.parametrize("length", [0.5, 40.0])
@@ -140,6 +142,44 @@ def test_the_reference_trailer_brings_the_rear_back_after_saturation(drive: Any)
     assert with_reference.worst > 0.3  # it was saturated
     assert abs(with_reference.off_tracking[-1]) < 0.05
     assert abs(without.off_tracking[-1]) > 0.3
+
+
+# Dead reckoning
+
+
+def learnt(until: int, speed: float, period: int = 100, bias: float = 0.0, v_y: float = 0.0) -> Learnt:
+    """What dead reckoning holds of its signals, which say ``speed`` and ``bias`` more than the true yaw rate.
+
+    In truth it is 2.8 m/s and 0.02 rad/s.
+    """
+    driver = ReckonedDriver(TWO_OF_THREE, COMBINATION)
+    memory = driver.init()
+    for tick in range(0, until + 1, 20):
+        seen = estimate(tick // period * period, v_y=v_y, yaw_rate=0.02)  # the newest one, again and again
+        memory = driver.reckoned(memory, tick, seen, signals(tick, speed=speed, yaw_rates=np.array([0.0, 0.02 + bias])))
+    return memory.learnt
+
+
+def test_dead_reckoning_learns_the_errors_of_its_signals_from_estimates() -> None:
+    """Wheels that say too little and a gyro's bias, within 5 s; not from estimates 0.6 s apart, nor at a creep."""
+    for seconds in (1.1, 15.0):
+        found, share = learnt(round(1000 * seconds), 2.66, bias=0.01), 1.0 - math.exp(-seconds / 5.0)
+        assert found.scale - 1.0 == pytest.approx(share * (2.8 / 2.66 - 1.0), rel=0.02)
+        assert found.yaw_rate == pytest.approx(share * 0.01, rel=0.02)
+    assert learnt(6000, 2.66, period=600, bias=0.01) == learnt(6000, 0.4, bias=0.01) == Learnt()
+
+
+def test_dead_reckoning_tells_the_slip_of_a_bend_from_that_which_stays() -> None:
+    """Of 0.05 rad it believes what 2 m of way prove, and a fiftieth a metre for good; never more than 0.1 rad."""
+    way, slip = 0.1 * 2.8, math.atan(0.05)
+    quick, steady = 1.0 - math.exp(-way / 2.0), 1.0 - math.exp(-way / 50.0)
+    found = learnt(100, 2.8, v_y=0.05 * 2.8)
+    believed = quick * (slip + 0.5 * 0.1 * 0.02)  # the trailer has turned meanwhile, by a half of it on average
+    assert (found.slip, found.offset) == pytest.approx(((1.0 - steady) * believed, steady * believed), rel=2e-3)
+    later, sideways = (learnt(30_000, 2.8, v_y=v_y) for v_y in (0.05 * 2.8, -2.8))
+    assert later.slip + later.offset == pytest.approx(slip, rel=0.05)
+    assert later.offset > later.slip
+    assert (sideways.slip, sideways.offset) == pytest.approx((-0.1, -0.1), abs=0.01)
 
 
 # Claims that hold for several laws, without their safeguards

@@ -45,6 +45,7 @@ def test_off_tracking_from_images_is_that_of_the_exact_poses(
     ratios = errors / np.array([estimate.std for estimate, _ in pairs])
     assert np.abs(ratios).max() < 5.0  # neighbouring values share their increments, and so their bias
     assert all(estimate.health is Health.OK for estimate, _ in pairs)
+    assert max(reference.std for _, reference in pairs) < 0.005  # [m] a bank that 1 cm of shake would be seen on
 
 
 def test_path_and_velocity_are_those_of_the_hitch(

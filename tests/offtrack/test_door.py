@@ -81,6 +81,7 @@ def test_a_snapshot_goes_on_like_its_original(
     with offtrack.Session(scenario, settings=settings) as session:
         assert session.step(seconds)
         assert session.time == pytest.approx(seconds)
+        assert session.truth.tick == round(1000 * seconds)
         snapshot = copy.deepcopy(session)
         session.step(seconds)
         assert snapshot.time == pytest.approx(seconds)

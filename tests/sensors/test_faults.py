@@ -393,23 +393,3 @@ def test_every_kind_describes_itself(name: str) -> None:
     assert all(option.name and option.meaning for option in kind.options)
     assert kind.needs.startswith("a ")
     assert (kind.__doc__ or "").splitlines()[0].endswith(".")
-
-
-@pytest.mark.parametrize(
-    ("name", "amount", "start", "duration", "complaint"),
-    [
-        ("dropout", (1.2,), 0.0, None, "dropout: share = 1.2 must be between 0 and 1"),
-        ("desync", (0.1,), 0.0, None, "desync: lag = 0.1 s must be between 0.001 and 0.09 s"),
-        ("decalibration", (0.1,), 0.0, None, r"amount = \[0.1\] must be roll \[deg\], yaw \[deg\], pitch"),
-        ("decalibration", (0.0, 6.0, 0.0), 0.0, None, "decalibration: yaw = 6.0 deg must be between -5 and 5 deg"),
-        ("blackout", (0.5,), 0.0, None, "blackout: .* must be no number"),
-        ("delay", (1.5,), 0.0, None, "delay = 1.5 must be a whole number between 1 and 50 captures"),
-        ("freeze", (), -1.0, None, "start = -1.0 s"),
-        ("freeze", (), 0.0, 0.0, "duration = 0.0 s"),
-    ],
-)
-def test_faults_out_of_range_are_refused(
-    name: str, amount: tuple[float, ...], start: float, duration: float | None, complaint: str
-) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        fault(name, amount, start=start, duration=duration)

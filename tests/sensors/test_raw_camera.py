@@ -177,10 +177,7 @@ def test_an_exposure_is_the_mean_of_its_moments(pose: FloatArray, sees: Sees) ->
 def test_each_row_of_a_rolling_shutter_sees_its_own_moment(pose: FloatArray, sees: Sees) -> None:
     """Against renderings from where the camera was when they were read; the middle one is read at the stamp."""
     seconds = 0.02
-    rolled, still = (
-        sees(Imperfections(rolling_shutter=seconds), before=driven(pose, -PERIOD)).left,
-        sees().left,
-    )
+    rolled, still = (sees(Imperfections(rolling_shutter=seconds), before=driven(pose, -PERIOD)).left, sees().left)
     for row in (25, 180, 215):
         then = sees(at=driven(pose, seconds * (row / (RIG.height - 1) - 0.5))).left
         own, stamp = (displacement(rolled, other, (row - 4, row + 4)) for other in (then, still))

@@ -10,14 +10,7 @@ from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
 from sensors.world.things import Thing
-from sensors.world.traffic import (
-    Traffic,
-    TrafficKind,
-    car,
-    lorry,
-    populated,
-    vehicle_textures,
-)
+from sensors.world.traffic import Traffic, TrafficKind, car, lorry, populated, vehicle_textures
 from sensors.world.world import World
 from tests.sensors.conftest import SURFACE
 from tests.trailers import truth as truth_at

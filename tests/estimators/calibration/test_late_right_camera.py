@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.calibration.corrections import SelfCalibratedMotion
+from estimators.calibration.corrections import NONE, SelfCalibratedMotion, doubt
 from estimators.calibration.epipolar import EpipolarFit, RightRotation, fitted_to_rays
 from estimators.calibration.mount_state import (
     DELAY,
@@ -31,7 +31,6 @@ from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.odometry.viso2 import Viso2Odometry
 from estimators.rigid_motion import stretched
-from estimators.stereo_pair import as_calibrated, displaced, image_shift
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from tests.estimators.stereo_scene import Drive, Scene
@@ -91,26 +90,6 @@ def test_points_that_share_no_epipolar_geometry_tell_nothing(calibration: Stereo
     assert fitted_to_rays(calibration, r[:20], r[:20] - [0.05, 0.0], np.zeros(4), np.zeros(3)) is None
 
 
-@pytest.mark.parametrize("shift", SHIFTS)
-def test_displaced_images_are_those_of_the_displaced_camera(calibration: StereoCalibration, shift: FloatArray) -> None:
-    """There and back, against projections; near the epipole nothing is said."""
-    p = points(np.random.default_rng(4))
-    p = p[p[:, 2] - shift[2] > 3.0]
-
-    def pixels(position: FloatArray) -> FloatArray:
-        return calibration.focal_length * rays(p - position) + [calibration.cx, calibration.cy]
-
-    left, b = pixels(np.zeros(3)), np.array([calibration.baseline, 0.0, 0.0])
-    calibrated, late = pixels(b), pixels(b + shift)
-    np.testing.assert_allclose(displaced(calibration, left, calibrated, shift), late, atol=1e-8)
-    np.testing.assert_allclose(image_shift(calibration, p, shift), late - calibrated, atol=1e-8)
-    back = as_calibrated(calibration, left, late, shift)
-    known = np.isfinite(back).all(axis=1)
-    np.testing.assert_allclose(back[known], calibrated[known], atol=1e-8)
-    assert known.mean() > 0.6
-    np.testing.assert_array_equal(as_calibrated(calibration, left, calibrated, None), calibrated)
-
-
 def fit(roll: float = 0.0, yaw: float = 0.0, pitch: float = 0.0, shift: float = 0.0) -> EpipolarFit:
     """A fit with these angles [deg] and displacement [m], as exact as they are on rendered frames."""
     std = np.array([*np.radians([0.001, 0.004, 0.001]), 1e-3])
@@ -144,6 +123,32 @@ def test_speed_tells_a_delay_from_an_offset() -> None:
         state = updated(state, fit(shift=0.01 * v + 0.003), SPEED._replace(velocity=np.array([0.0, 0.0, v])))
     assert state.mean[DELAY] == pytest.approx(0.01, abs=3e-4)
     assert state.mean[OFFSET] == pytest.approx(0.003, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "std_deg", "left_over", "correcting", "health"),
+    [
+        (0.02, 0.002, 0.0, False, Health.OK),
+        (0.05, 0.002, 0.0, False, Health.DEGRADED),
+        (-0.21, 0.002, 0.0, False, Health.LOST),
+        (0.21, 0.1, 0.0, False, Health.OK),  # what is uncertain refutes nothing
+        (-0.26, 0.1, 0.0, False, Health.LOST),  # unless no lens is as wrong
+        (0.21, 0.002, 0.0, True, Health.OK),  # it will be removed
+        (0.0, 0.002, 0.2, True, Health.DEGRADED),
+        (0.0, 0.002, -0.3, False, Health.LOST),
+    ],
+)
+def test_a_pair_is_doubted_for_what_is_not_corrected(
+    calibration: StereoCalibration, yaw_deg: float, std_deg: float, left_over: float, correcting: bool, health: Health
+) -> None:
+    """A wrong yaw of a calibration that is only watched, or a displacement, in baselines, that is not compensated."""
+    state = MountState(np.radians([0.0, yaw_deg, 0.0, 0.0, 0.0, 0.0]), np.radians(std_deg) ** 2 * np.eye(6))
+    found = doubt(calibration, state, NONE, 5.0, left_over * calibration.baseline, correcting=correcting)
+    assert found.health is health
+    assert found.shift == pytest.approx(abs(left_over) * calibration.baseline)
+    assert found.refuted == (yaw_deg != 0.0 and health is not Health.OK)
+    known = correcting or abs(yaw_deg) > min(4.0 * std_deg, 0.25)
+    assert np.degrees(found.angles[1]) == pytest.approx(math.hypot(yaw_deg, std_deg) if known else 0.0, abs=1e-3)
 
 
 def test_a_standing_camera_learns_nothing_of_a_delay() -> None:

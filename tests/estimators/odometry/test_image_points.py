@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.odometry.image_points import Points, detect_corners, local_planes, rays_through, warps
+from estimators.odometry.image_points import Points, detect_corners, disparity_guess, local_planes, rays_through, warps
 from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, rotation_zyx
@@ -38,6 +38,16 @@ def test_planes_on_the_ground_are_the_ground(calibration: StereoCalibration, til
     n = np.array([-tilt, 1.0, 0.0]) / calibration.X_SC[2, 3]
     assert np.median(slope_error(planes, n, calibration), axis=0).max() < 0.005
     assert np.percentile(slope_error(planes, n, calibration), 90) < 0.015
+
+
+def test_disparities_are_guessed_as_of_the_ground_and_of_scenery_above_it(calibration: StereoCalibration) -> None:
+    """Scenery is taken to be 30 m away."""
+    ground = on_the_ground(calibration, np.random.default_rng(0), 20, 0.0)
+    scenery = np.array([[2.0, -3.0, 30.0]])
+    for points in (ground, scenery):
+        z = project(calibration, points)
+        guess = disparity_guess(calibration, z[:, :2].astype(np.float32))
+        assert guess == pytest.approx(np.column_stack([z[:, 0] - z[:, 2], np.zeros(len(z))]), rel=1e-4)
 
 
 def test_planes_pass_through_their_points(calibration: StereoCalibration) -> None:

@@ -126,21 +126,36 @@ def test_scatter_is_not_taken_for_persistent(calibration: StereoCalibration) -> 
     assert factors(consistency, 0.5)[1] == pytest.approx(factors(consistency, 14.0)[1], rel=0.05)
 
 
-def test_stated_covariances_are_scaled_and_keep_their_correlations() -> None:
-    """Of the motion and of its pose from the anchor; a lost motion stays lost."""
+@pytest.mark.parametrize("anchored", [False, True])
+def test_stated_covariances_are_scaled_and_keep_their_correlations(anchored: bool) -> None:
+    """Of the motion and of its pose from the anchor, which is measured over 2 m; a lost motion stays lost."""
     P = np.diag(np.full(6, 4e-6)) + 1e-6
-    anchor = Anchor(tick=0, X_AC=np.eye(4), covariance=2.0 * P)
+    anchor = Anchor(tick=0, X_AC=np.eye(4), covariance=2.0 * P) if anchored else None
     motion = replace(lost_motion(100, 0), covariance=P, health=Health.OK, anchor=anchor, halves=np.full((3, 6), 3.0))
-    consistency, told = stated(SelfConsistency(), motion, FOCAL_LENGTH)
-    by = factors(consistency, 2.0)
+    motion = replace(motion, X_PC=transform(np.eye(3), 0.5 * AHEAD))
+    consistency = SelfConsistency(np.full(3, 100.0), np.full((3, 6), 3.0), np.full((3, 6), 9.0))  # always to one side
+    consistency, told = stated(consistency, motion, FOCAL_LENGTH)
+    by = factors(consistency, 2.0 if anchored else 0.5)
     assert np.all(by > 2.0)
     correlation = told.covariance[3, 5] / np.sqrt(told.covariance[3, 3] * told.covariance[5, 5])
     assert correlation == pytest.approx(P[3, 5] / P[3, 3])
     assert np.sqrt(told.covariance[5, 5] / P[5, 5]) == pytest.approx(by[5])
-    assert told.anchor is not None
-    assert told.anchor.covariance[5, 5] == pytest.approx(2.0 * told.covariance[5, 5])
+    if anchored:
+        assert told.anchor is not None
+        assert told.anchor.covariance[5, 5] == pytest.approx(2.0 * told.covariance[5, 5])
     lost = lost_motion(200, 100)
     assert stated(consistency, lost, FOCAL_LENGTH) == (consistency, lost)
+
+
+def test_an_error_common_to_all_features_turns_the_camera() -> None:
+    """0.01 px in both images of a motion, and half of its variance since the keyframe; no translation."""
+    anchor = Anchor(tick=0, X_AC=np.eye(4), covariance=np.zeros((6, 6)))
+    motion = replace(lost_motion(100, 0), covariance=np.zeros((6, 6)), health=Health.OK, anchor=anchor)
+    _, told = stated(SelfConsistency(), motion, FOCAL_LENGTH)
+    expected = np.diag([(0.01 / FOCAL_LENGTH) ** 2] * 2 + [0.0] * 4)
+    np.testing.assert_allclose(told.covariance, 2.0 * expected)
+    assert told.anchor is not None
+    np.testing.assert_allclose(told.anchor.covariance, expected)
 
 
 @pytest.mark.slow

@@ -170,6 +170,14 @@ def test_filter_follows_constant_acceleration_without_lag() -> None:
     assert ahead[2, 3] == pytest.approx(0.1 * (5.0 + 0.15 * 40), abs=1e-3)
 
 
+def test_filter_knows_the_velocity_of_a_first_motion_and_no_acceleration() -> None:
+    """0.1 s with a standard deviation of 10 mm; afterwards the speed may change by 3 m/s2, the yaw rate by 1 rad/s2."""
+    (state,) = filtered(np.array([5.0]), 0.01)
+    np.testing.assert_allclose(state.state[[1, 5]], [[0.5, 0.0], [5.0, 0.0]], atol=1e-9)
+    for component, acceleration in ((1, 1.0), (5, 3.0)):
+        np.testing.assert_allclose(state.covariance[component], np.diag([0.1**2, acceleration**2]))
+
+
 def test_filter_smooths_the_noise_and_keeps_the_sum() -> None:
     """10 mm of noise a motion at constant speed: smoother, while the way travelled is the measured one."""
     noise = np.asarray(0.1 * np.random.default_rng(3).standard_normal(200), dtype=np.float64)  # [m/s]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from estimators.estimates import Health
 from estimators.off_tracking.buffer import BodyMotion, OffTrackingBuffer
 from estimators.off_tracking.hitch_path import crossing, tangent
+from estimators.off_tracking.pose_chain import Sample, with_bridge
 from scenarios.results.metrics import true_off_tracking
 from vehicle.combination.truth import plan_pose
 from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
@@ -154,3 +155,22 @@ def test_roll_about_the_roll_axis_does_not_move_the_points() -> None:
     leans = stands @ raised(HEIGHT) @ transform(rotation_zyx(0.0, 0.0, 0.1), np.zeros(3)) @ raised(-HEIGHT)
     np.testing.assert_allclose(plan_pose(leans, HEIGHT), [3.0, 4.0, 0.6], atol=1e-12)
     assert abs(plan_pose(leans, 0.0)[1] - 4.0) > 0.05
+
+
+@pytest.mark.parametrize("since", [0, 1])
+def test_a_bridge_takes_the_closing_error_in_proportion_and_is_known_at_its_ends(since: int) -> None:
+    """Four frames of 1 m, the last one measured 0.2 m aside: half way 0.1 m, a quarter of each variance or less.
+
+    What the newest one was measured from is the bridge's beginning, or lies before it.
+    """
+    still, drifted = np.diag([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]), np.diag([0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+
+    def sample(tick: int, covariance: FloatArray, y: float = 0.0) -> Sample:
+        return Sample(tick, transform(np.eye(3), np.array([float(tick), y, 0.0])), 0, covariance, False)
+
+    reckoned = tuple(sample(tick, drifted) for tick in (4, 3, 2, 1, 0))
+    bridged = with_bridge((sample(4, still, 0.2), *reckoned[4 - since :]), reckoned, since)
+    middle = next(one for one in bridged if one.tick == (2 if since == 0 else 3))
+    u = 0.5 if since == 0 else 2.0 / 3.0
+    assert middle.X_OS[1, 3] == pytest.approx(0.2 * u)
+    assert middle.covariance[4, 4] == pytest.approx((u**2 if since == 0 else 0.0) + u * (1.0 - u) * 3.0)

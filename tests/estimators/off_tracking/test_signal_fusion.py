@@ -10,7 +10,15 @@ import pytest
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.off_tracking.signal_fusion import DIRECTION, Correction, FusionMemory, SignalFusion, blended, doubted
+from estimators.off_tracking.signal_fusion import (
+    DIRECTION,
+    Correction,
+    FusionMemory,
+    SignalFusion,
+    blended,
+    doubted,
+    extended_history,
+)
 from sensors.messages import CombinationSignals
 from tests.estimators.body_drive import motion
 from tests.estimators.towed_drive import FOLLOW, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
@@ -335,6 +343,13 @@ def test_reversing_through_an_outage_keeps_the_path_behind() -> None:
     during = range(25_100, 27_001, FRAME)
     assert np.abs(errors(estimates, memory_results, during)).max() < 0.05  # [m]
     assert all(estimates[tick].health is Health.DEGRADED for tick in during)
+
+
+def test_signals_that_are_no_numbers_or_late_are_left_out() -> None:
+    """Of four that arrive one has a value that is none, one is older than the newest, and one repeats it."""
+    known = np.array([[0.0, 1.0, 2.0], [10.0, 1.1, 2.1]])
+    arrived = np.array([[20.0, np.nan, 2.2], [5.0, 1.2, 2.2], [25.0, 1.1, 2.1], [30.0, 1.3, 2.3]])
+    assert extended_history(known, list(arrived), 0, 30)[:, 0].tolist() == [0.0, 10.0, 30.0]
 
 
 def test_a_correction_that_is_held_back_bends_the_path_to_the_value() -> None:

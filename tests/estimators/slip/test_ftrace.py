@@ -3,6 +3,7 @@
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ from estimators.slip.wheel_trace.ftrace import (
     rate_of_turn,
     strongest_lines,
     upright,
+    with_pointing,
 )
 from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import nominal_rig
@@ -130,6 +132,8 @@ def test_pointing_is_averaged_over_the_way_behind_the_wheel() -> None:
     pointings = (Pointing(0.0, 0, 0.0), Pointing(0.7, 1, 0.0), Pointing(0.7, 2, 0.2), Pointing(1.0, 3, 0.2))
     assert mean_steer(pointings, 0.1, 0.5) == pytest.approx(0.1, abs=0.2 / 25)  # one of 25 places looked up
     assert mean_steer(pointings[-1:], 0.1, 0.5) == pytest.approx(0.2, abs=1e-12)
+    rolled = with_pointing((Pointing(1.0, 0, 0.0),), replace(view(rut(0.0), steer=0.2), tick=500), RIG, 1.0)
+    assert [one.distance for one in rolled] == pytest.approx([1.0, 1.0 + 0.5 * SPEED / math.cos(0.2)])
 
 
 def test_estimate_is_a_mean_over_the_way_in_view() -> None:
@@ -212,9 +216,11 @@ def test_drawn_line_is_the_strongest(phi: float, rho: float) -> None:
     assert len(lines) <= 5
 
 
-def test_no_edges_no_lines() -> None:
-    """An image without edges is no error."""
-    assert strongest_lines(np.zeros((480, 640), np.uint8), 5, 60).shape == (0, 3)
+def test_as_many_lines_are_returned_as_there_are_and_are_asked_for() -> None:
+    image = np.zeros((480, 640), np.uint8)
+    assert strongest_lines(image, 5, 60).shape == (0, 3)
+    image[:, 40::80] = 255
+    assert strongest_lines(image, 5, 60).shape == (5, 3)
 
 
 def test_a_line_has_one_name() -> None:

@@ -347,3 +347,12 @@ def test_a_trace_that_is_known_may_be_unseen_for_a_second() -> None:
 def test_a_line_without_marks_is_given_up_however_dark_it_is() -> None:
     """A trace that leads into a shadow's edge: as like a rut as ever on the whole, but no lug was there."""
     assert judged([(0.5, 0.7)] * 5 + [(0.5, 0.1)] * 15).lost
+
+
+@pytest.mark.parametrize("rows", [3, 10])
+def test_the_way_between_two_images_is_found_from_a_guess(rows: int) -> None:
+    """A rut of random lug marks that has moved back by whole rows; the guess is a tenth too long."""
+    before = np.random.default_rng(1).normal(size=(150, 24)).astype(np.float32)
+    way = tracker.shift(before, np.roll(before, rows, axis=0), 1.1 * rows * STEP)
+    assert way == pytest.approx(rows * STEP, abs=0.1 * STEP)
+    assert tracker.shift(before, before[::-1].copy(), rows * STEP) is None

@@ -102,8 +102,7 @@ def test_an_exception_of_any_part_is_the_outcome_of_its_run(
 
 
 @pytest.mark.parametrize(
-    ("scenario", "part"),
-    [(("cambered-road", SHORT), Plant), (("rover-slope", ROVER), RoverPlant)],
+    ("scenario", "part"), [(("cambered-road", SHORT), Plant), (("rover-slope", ROVER), RoverPlant)]
 )
 @pytest.mark.parametrize("rows", [0, 1, 2])
 def test_a_run_that_fails_at_once_leaves_a_whole_directory(

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,18 +17,15 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from scenarios.results.log import Log, Signal, write_log
+from tests.scenarios.roads.test_opendrive import ROAD
 
-PARAMETERS = Path(__file__).parents[3] / "vehicle" / "parameters"
+VEHICLE = Path(__file__).parents[3] / "vehicle"
 STUDY = 'scenario = "cambered-road"\n[vary]\nspeed_kmh = [50, 60]\n'
 DARK = 'scenario = "roundabout"\n[set]\noff_tracking = "truth"\n[vary]\ntrailer_steering = ["none"]\n'
 DARK += '[[fault]]\nkind = "blackout"\nonsets = [5]\n[requirements]\nsteer.max_deg = 45\n'
 CALIBRATION = "".join(f"P{k}: 60 0 31.5 {-30 * k} 0 60 15.5 0 0 0 1 0\n" for k in (0, 1))
-TRUCK = {  # changes of a shipped file
-    "mass.toml": ("mass = { value = 18000.0", "mass = { value = -18.0"),
-    "limit.toml": ("limit_deg = { value = 42.0", "limit_deg = { value = 420"),
-    "slip.toml": ("peak_slip = { value = [0.12, 0.15]", "peak_slip = { value = [0.95, 0.15]"),
-    "key.toml": ("\ntrack", "\ntrak"),
-}
+
+
 BUS = 'VERSION ""\n\nBU_: A B\n\nBO_ 256 Signals: 8 A\n SG_ speed : 0|8@1+ (0.5,0) [0|100] "{}" B\n'
 
 
@@ -45,7 +43,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "wrong.toml": "scenari = 1\n[[fault]]\nkind = 'dropout'", "run/signals.csv": "", "photos/no.png": "no image",
         "number/scenario.toml": "trailer_steering = 3", "rover/scenario.toml": 'kind = "rover"\nname = "r"\n',
         "bad.dbc": "BO_ what", "lacks.dbc": BUS.format("km/h"), "furlong.dbc": BUS.format("furlong"),
-        "demands.csv": "tick,steer\n0,1\n", "camera.toml": "", "another/journal.log": "",
+        "demands.csv": "tick,steer\n0,1\n", "units.csv": "x,y\nm,m\n1,2\n", "empty.crg": "",
+        "bend.xodr": ROAD, "cut.xodr": ROAD[:300],
+        "bomb.gpx": '<!DOCTYPE gpx [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><gpx>&b;</gpx>',
+        "camera.toml": "", "another/journal.log": "",
         "another/tuning.toml": 'law = "another"\n', "yard/calib.txt": CALIBRATION, "yard/times.txt": "0.0\n0.1\n",
     }  # fmt: skip
     for name, text in texts.items():
@@ -57,18 +58,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
             black(folder / f"yard/image_{side}/{k:06d}.png")
     for missing in ("image_1", "calib.txt", "times.txt"):
         shutil.copytree(folder / "yard", folder / f"no-{missing}", ignore=shutil.ignore_patterns(missing))
-    shutil.copytree(folder / "yard", folder / "cut")
+    for name in ("cut", "wrong-poses", "wrong-calib", "wrong-rig"):
+        shutil.copytree(folder / "yard", folder / name)
     for image in (folder / "cut" / "image_0").iterdir():
         image.write_bytes(image.read_bytes()[:40])
     for name in ("left/0", "left/1", "right/0", "right/1"):
         black(folder / "photos" / f"{name}.png")
     black(folder / "photos" / "small.png", (10, 10))
-    truck = (PARAMETERS / "rigid_truck.toml").read_text(encoding="utf-8")
-    for name, (old, new) in TRUCK.items():
-        assert old in truck
-        (folder / name).write_text(truck.replace(old, new, 1), encoding="utf-8")
-    rover = (PARAMETERS.parent / "rovers" / "el_dorado_ii.toml").read_text(encoding="utf-8")
-    (folder / "rover.toml").write_text(rover.replace("value = 28.4", "value = -28.4", 1), encoding="utf-8")
     return folder
 
 
@@ -81,7 +77,25 @@ def ports() -> Iterator[dict[str, str]]:
         yield {"TCP": str(tcp.getsockname()[1]), "UDP": str(udp.getsockname()[1])}
 
 
-REFUSED = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(encoding="utf-8"))
+def table(name: str) -> Any:
+    """Data of the tests from the file of this name beside this one."""
+    return tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+
+
+REFUSED, WRONG = table("refusals.toml"), table("wrong_files.toml")
+
+
+def check_refused(line: str, says: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(place)
+    monkeypatch.setattr(sys, "path", list(sys.path))  # the catalogue adds the working directory
+    before = sorted(place.rglob("*"))
+    done = CliRunner().invoke(app, shlex.split(line))
+    assert (done.exit_code, done.stdout) == (2, ""), done.output
+    (told,) = done.stderr.splitlines()
+    assert told.startswith("offtrack: ")
+    assert re.search(".*".join(map(re.escape, says.split("…"))), told), told
+    assert "s3cret" not in told
+    assert sorted(place.rglob("*")) == before
 
 
 @pytest.mark.parametrize(
@@ -91,15 +105,19 @@ REFUSED = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(enco
 def test_wrong_input_is_refused_in_one_line(
     line: str, says: str, place: Path, ports: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(place)
-    monkeypatch.setattr(sys, "path", list(sys.path))  # the catalogue adds the working directory
     for name, port in ports.items():
         line, says = (re.sub(rf"\b{name}\b", port, text) for text in (line, says))
-    before = sorted(place.rglob("*"))
-    done = CliRunner().invoke(app, shlex.split(line))
-    assert (done.exit_code, done.stdout) == (2, ""), done.output
-    (told,) = done.stderr.splitlines()
-    assert told.startswith("offtrack: ")
-    assert re.search(".*".join(map(re.escape, says.split("…"))), told), told
-    assert "s3cret" not in told
-    assert sorted(place.rglob("*")) == before
+    check_refused(line, says, place, monkeypatch)
+
+
+@pytest.mark.parametrize(("kind", "old", "new", "says"), [(kind, *one) for kind in WRONG for one in WRONG[kind]["not"]])
+def test_a_wrong_file_is_refused_in_one_line(
+    kind: str, old: str, new: str, says: str, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = WRONG[kind]
+    text = given["text"] if "text" in given else (VEHICLE / given["like"]).read_text(encoding="utf-8")
+    assert old == "*" or old in text
+    wrong = new if old == "*" else text.replace(old, new, 1) if old else text + new
+    (place / "wrong").mkdir(exist_ok=True)
+    (place / given["file"]).write_text(wrong, encoding="utf-8")
+    check_refused(given["command"], says, place, monkeypatch)

@@ -259,24 +259,8 @@ def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> N
         assert variables["plant", name].signal.start == variables["ground", name].signal.start
 
 
-@pytest.mark.parametrize(
-    ("settings", "step", "reason"),
-    [
-        (["off_tracking=x.fmu"], 0.01, "is an FMU already"),
-        (["plant.kind=constant_slip"], 0.01, "a system has the plant multibody"),
-        ([], 0.03, r"--step 0\.03 s: must be 0\.001 to 0\.02 s"),
-    ],
-)
-def test_a_system_that_cannot_be_is_one_line(settings: list[str], step: float, reason: str) -> None:
-    with pytest.raises(ValueError, match=reason):
-        fmu_system(load_scenario("roundabout", settings), 1, step)
-
-
 def test_fmpy_finds_no_problem(
-    fmus: dict[int, Path],
-    drive: tuple[TrailerSession, Scenario],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    fmus: dict[int, Path], drive: tuple[TrailerSession, Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With laws, sensors, drivers, and the ground as the command writes it."""
     monkeypatch.chdir(tmp_path)

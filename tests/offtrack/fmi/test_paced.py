@@ -26,14 +26,14 @@ class Clock:
         self.now += seconds
 
 
-def paced(speed: float, *steps: float) -> Pacer:
-    """A pacer after steps of 10 ticks that took these times [s]."""
+def paced(speed: float, *steps: float, waited: float = 0.0) -> Pacer:
+    """A pacer after steps of 10 ticks that took these times, the last one with a wait for the cameras [s]."""
     clock = Clock()
     pacer = Pacer(speed, clock=clock, sleep=clock.work)
     for k, seconds in enumerate(steps):
         pacer.begin(10 * k, 0.0)
         clock.work(seconds)
-        pacer.end(10 * k + 10, 0.0)
+        pacer.end(10 * k + 10, waited if k == len(steps) - 1 else 0.0)
     return pacer
 
 
@@ -52,7 +52,8 @@ def test_late_steps_are_reported_and_made_up_for_by_quick_ones() -> None:
     report = paced(1.0, *[0.02] * 10).report()
     assert report.best_speed == pytest.approx(0.5)
     assert "100.0 % of the steps ended after their 10 ms, by 100 ms at worst" in report.warnings[0]
-    assert report.warnings[0].endswith("try --speed 0.4")
+    assert report.warnings[0].endswith("mostly the loop; try --speed 0.4")
+    assert "mostly waiting for cameras and odometry" in paced(1.0, *[0.02] * 10, waited=0.015).report().warnings[0]
 
 
 @dataclass(frozen=True)

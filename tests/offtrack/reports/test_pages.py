@@ -169,10 +169,7 @@ def test_pictures_come_back_from_a_page(camera_run: RunResult, tmp_path: Path) -
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "line"),
-    [
-        ((0, 2), "runs of trailers and of rovers can't be laid over each other"),
-        ((0, 0), "a run is named twice"),
-    ],
+    [((0, 2), "runs of trailers and of rovers can't be laid over each other"), ((0, 0), "a run is named twice")],
 )
 def test_runs_that_do_not_go_together_are_refused(runs: list[Path], tmp_path: Path, which: Any, line: str) -> None:
     done = offtrack("view", *(str(runs[k]) for k in which), "--out", str(tmp_path / "page.html"))

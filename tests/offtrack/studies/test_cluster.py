@@ -170,6 +170,11 @@ def test_only_rendered_cameras_need_opengl() -> None:
         assert renders([Case(scenario=scenario, fixed=fixed, axes=(), seed=1)]) is expected
 
 
+def test_what_is_no_address_is_one_line() -> None:
+    with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
+        pass
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [

@@ -17,7 +17,6 @@ from offtrack.studies.table import Exceeding, running_mean
 
 HEAD = 'scenario = "cambered-road"\nseeds = [1, 2]\n[set]\noff_tracking = "truth"\ncourse.length = 20\n'
 SAMPLE = '[sample]\ncount = {count}\nmethod = "{method}"\nseed = 3\n'
-STOPPED = SAMPLE.format(count=8, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
 DRAW = """[draw]
 surface.friction = { uniform = [0.3, 0.9] }
 speed_kmh = { normal = [50, 5] }
@@ -88,34 +87,6 @@ def test_a_drawn_study_runs_and_reports(tmp_path: Path) -> None:
     for words in ("speed_kmh: uniform 40.0, 60.0", "2 draws (latin, seed 3)", "tyres.friction_used_max", "Convergence"):
         assert words in page
     assert (tmp_path / "out" / "runs.csv").read_text(encoding="utf-8").startswith('"speed_kmh","seed","outcome"')
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", r"neither a table \[vary\] nor"),
-        ("[sample]\ncount = 4\n", r"a table \[draw\]"),
-        ("[draw]\nspeed_kmh.uniform = [1, 2]\n", r"a table \[sample\]"),
-        ("[sample]\ncount = 1\n" + DRAW, "sample.count"),
-        ("[sample]\ncount = 4\nmethod = \"dice\"\n" + DRAW, "sample.method"),
-        ("[sample]\ncount = 4\n[draw]\nspeed_kmh = [1, 2]\n", "expected a distribution: uniform"),
-        ("[sample]\ncount = 4\n[draw]\nspeed_kmh.uniform = [2, 1]\n", "rising"),
-        ("[sample]\ncount = 4\n[draw]\nspeed_kmh.uniform = [1, nan]\n", "lowest, highest"),
-        ("[sample]\ncount = 4\n[draw]\nspeed_kmh.normal = [1, 0]\n", "deviation above 0"),
-        ("[sample]\ncount = 4\n[draw]\nspeed_kmh.lognormal = [-1, 1]\n", "median above 0"),
-        ("[sample]\ncount = 4\n[draw]\nspeed_kmh.choice = [1]\n", "equally likely"),
-        ("[vary]\nspeed_kmh = [1, 2]\n[sample]\ncount = 4\n[draw]\nspeed_kmh.uniform = [1, 2]\n", "varied and drawn"),
-        ("[vary]\nspeed_kmh = [1, 2]\n[limits]\noff_tracking.size = 1\n", r"limits\.off_tracking\.size; did you mean"),
-        ("[vary]\nspeed_kmh = [1, 2]\n[limits]\nsteer.max_deg = \"a\"\n", "must be a number"),
-        *((f"{STOPPED}[limits]\noff_tracking.true_max_m = 0.3\n[stop]\n{table}\n", "stop")
-          for table in ("half_width = 0.5", "half_width = 0", "batch = 10", "half_width = 0.1\nbatch = 1")),
-        (f"{STOPPED}[stop]\nhalf_width = 0.1\n", r"\[limits\] is missing"),
-    ],
-)  # fmt: skip
-def test_a_wrong_study_is_refused_in_one_line(tmp_path: Path, text: str, says: str) -> None:
-    with pytest.raises(ValueError, match=r"^study [^\n]+$") as refusal:
-        study(tmp_path, HEAD + text)
-    assert refusal.match(f".*{says}")
 
 
 def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:

@@ -116,20 +116,3 @@ def test_a_real_study_has_its_indices_in_every_output(tmp_path: Path) -> None:
     assert width["keys"]["speed_kmh"]["mu_star"] > 0.0
     assert "plant.mass_scale" in (out / "sensitivity.csv").read_text(encoding="utf-8")
     assert "Elementary effects" in (out / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("table", "line"),
-    [
-        ('method = "morris"', "morris needs trajectories"),
-        ('method = "sobol"\nsamples = 64\nlevels = 4', "sobol needs samples, and takes neither"),
-        ('method = "sobol"\nsamples = 100', "must be a power of two"),
-        ('method = "fast"', "sensitivity.method"),
-        ('method = "morris"\ntrajectories = 4\n[limits]\noff_tracking.true_max_m = 1', "goes with one seed"),
-        ('method = "morris"\ntrajectories = 4\n[sample]\ncount = 4', "choose one"),
-    ],
-)
-def test_wrong_designs_are_one_line(tmp_path: Path, table: str, line: str) -> None:
-    with pytest.raises(ValueError, match=line) as caught:
-        study(tmp_path, f"{HEAD}[draw]\nspeed_kmh.uniform = [40, 50]\n[sensitivity]\n{table}\n")
-    assert "\n" not in str(caught.value)

@@ -179,20 +179,3 @@ def test_standstills_leave_path_preview_as_it_was() -> None:
     assert len(standing) >= 350
     assert np.ptp(angles, axis=0).max() < math.radians(0.3)
     assert np.abs(angles).max() > math.radians(1.0)  # in the turn they are steered
-
-
-@pytest.mark.parametrize(
-    ("settings", "complaint"),
-    [
-        (["driver.stops=[{station=1000.0}]"], "driver.stops.0: station = 1000 m must be beyond 0 m"),
-        (["driver.stops=[{station=50.0, back=60.0}]"], "driver.stops.0: back = 60 m must be between 0 and the station"),
-        (
-            ["driver.trace=drive.csv"],
-            "driver.stops and driver.trace: give only one of them; a recorded drive contains its stops",
-        ),
-        (["vehicle=rigid_truck"], "path_preview: the trailer has no steered axle: choose trailer_steering=none"),
-    ],
-)
-def test_stops_that_can_not_be_are_refused(settings: list[str], complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        assemble(load_scenario("reversing", [*WITHOUT_CAMERAS, *settings]), 1)

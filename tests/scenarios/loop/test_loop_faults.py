@@ -13,14 +13,7 @@ from offtrack.exchange.fmi_proxy.system import fmu_system
 from scenarios.assembly.applied_faults import LoopFaults
 from scenarios.assembly.rover_run import assemble_rover
 from scenarios.assembly.trailer_run import Assembly, assemble
-from scenarios.loop.channel import InLine, Stopwatch
-from scenarios.loop.trailer_session import SteeredTrailer
-from scenarios.loop_faults.fault import (
-    ActuatorFault,
-    LoopFault,
-    LoopFaultContext,
-    MessageFault,
-)
+from scenarios.loop_faults.fault import ActuatorFault, LoopFault, LoopFaultContext, MessageFault
 from scenarios.options.scenario import RoverScenario, load_any_scenario, load_scenario
 from scenarios.options.tables import FaultOptions
 from tests.trailers import estimate
@@ -151,20 +144,6 @@ def test_faults_act_between_law_and_axles_of_a_run() -> None:
     assert abs(log["steer_trailer_2"]).max() < math.radians(0.5)
 
 
-def test_estimates_are_kept_from_the_law_alone() -> None:
-    known = {}
-    for faults in ("none", "estimate_loss:1", "estimate_delay:0.1"):
-        trailer = SteeredTrailer(assembled("roundabout", f"faults={faults}").trailers[-1], InLine(), Stopwatch())
-        trailer.channel.delivered.append(ESTIMATE)
-        for tick in (0, 90, 100):
-            trailer.receive(tick)
-            known[faults, tick] = trailer.off_tracking is not None
-        assert len(list(trailer.estimates)) == 1
-    assert [known["none", tick] for tick in (0, 90, 100)] == [True, True, True]
-    assert [known["estimate_loss:1", tick] for tick in (0, 90, 100)] == [False, False, False]
-    assert [known["estimate_delay:0.1", tick] for tick in (0, 90, 100)] == [False, False, True]
-
-
 def test_a_brake_fault_pulls_the_vehicle_to_the_sound_side() -> None:
     """Without the brakes of the tractor's left side the combination turns to the right; the deceleration is less."""
     vehicle = load_vehicle("eu_tractor_semitrailer").with_failing_brakes()
@@ -191,23 +170,6 @@ def test_brakes_of_one_side_of_an_axle_fail() -> None:
 
 def assembled(name: str, *settings: str) -> Assembly:
     return assemble(load_scenario(name, ("off_tracking=truth", *settings)), 1)
-
-
-@pytest.mark.parametrize(
-    ("scenario", "settings", "complaint"),
-    [
-        ("roundabout", "actuator_stuck:4", r"actuator_stuck: axle = 4: semitrailer has 2 steered axles"),
-        ("roundabout", "brake_fault:0.5,3", r"brake_fault: unit = 3: \S+ has 2 units"),
-        ("roundabout", "brake_fault:0.5,2,9", r"brake_fault: axle = 9: semitrailer has 3 axles"),
-        ("constant-slip", "actuator_stuck", r"actuator_stuck needs a steered trailer; plant.kind = constant_slip"),
-        ("constant-slip", "brake_fault", r"brake_fault needs plant.kind = multibody; constant_slip has brakes"),
-        ("lane-change", "actuator_dead", r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered"),
-    ],
-)
-def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, settings: str, complaint: str) -> None:
-    vehicle = ("vehicle=eu_tractor_semitrailer", "trailer_steering=none") if scenario == "lane-change" else ()
-    with pytest.raises(ValueError, match=f"^faults: {complaint}[^\n]*$"):
-        assembled(scenario, f"faults={settings}", *vehicle)
 
 
 def test_loss_draws_the_same_numbers_whether_active_or_not() -> None:

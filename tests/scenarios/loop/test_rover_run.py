@@ -201,27 +201,6 @@ def test_a_recording_that_does_not_fit_is_one_line(
     assert result.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        (["slip_estimator=ftrce"], "unknown name 'ftrce'; did you mean 'ftrace'?"),
-        (["vehicle=el_dorado_ii_skid"], "slip_compensation = crab needs steered wheels"),
-        (["surface.soil=none"], "hard ground (surface.soil = none) shows no wheel trace"),
-        (["world.terrain=rippels"], "ripples"),
-        (["rig.latency=0.03"], "rig.latency = 0.03 s must be a multiple of 0.05 s"),
-        (["course.lenght=3"], "unknown key 'course.lenght'; did you mean 'course.length'?"),
-    ],
-)
-def test_what_can_not_be_run_is_one_line(settings: list[str], said: str, tmp_path: Path) -> None:
-    options = [part for setting in settings for part in ("--set", setting)]
-    result = CliRunner().invoke(app, ["run", "rover-slope", *options, "--out", str(tmp_path / "out")])
-    assert result.exit_code == 2
-    assert said in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
 def test_a_frozen_camera_is_lost_and_the_drift_carried_on() -> None:
     """From the first repeated image on; 0.1 m later, after 1.25 s, the rover no longer counts on a slip angle."""
     log = driven("rover-slope", *SHORT, "course.length=0.7", "faults=freeze@5+2").log

@@ -10,20 +10,6 @@ from scenarios.options.scenario import Scenario, load_any_scenario, load_scenari
 from sensors.messages import BodyPose, CombinationSignals, check_receives
 
 
-@pytest.mark.parametrize(
-    ("scenario", "settings", "says"),
-    [
-        ("rover-slope", ["slip_estimator=truth", "sensor=trace_camera"], "slip_estimator = truth needs .* SlipReading"),
-        ("rover-slope", ["slip_estimator=ftrace", "sensor=slip_reading"], "ftrace needs .* RoverView"),
-        ("roundabout", ["off_tracking=truth", "sensor=combination_signals"], "off_tracking = truth needs .* BodyPose"),
-        ("roundabout", ["off_tracking=kinematic", "sensor=reference_pose"], "kinematic needs .* CombinationSignals"),
-    ],
-)
-def test_a_sensor_of_other_messages_is_refused(scenario: str, settings: list[str], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
-        run(load_any_scenario(scenario, settings), 1)
-
-
 @pytest.mark.parametrize("camera", ["stereo_camera", "ground_cameras"])
 def test_cameras_that_an_estimator_can_not_use_are_not_opened(camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("scenarios.assembly.trailer_run.built_world", None)
@@ -85,15 +71,6 @@ def test_parameters_have_one_key() -> None:
     assert given == VisoOt.Parameters(smoothing=True, reversing_distance=35.0)
     with pytest.raises(ValueError, match=r"estimator\.smoothing: the key is viso_ot\.smoothing"):
         load_scenario("roundabout", ["estimator.smoothing=true"])
-
-
-def test_options_are_refused_where_nothing_would_use_them() -> None:
-    for name in ("truth", "kinematic"):
-        scenario = load_scenario("roundabout", [f"off_tracking={name}", "viso_ot.smoothing=true"])
-        with pytest.raises(ValueError, match=f"apply only to off_tracking = viso_ot, not to {name}"):
-            assemble(scenario, 1)
-    with pytest.raises(ValueError, match=r"viso_ot.reversing_distance = -1 m must be between 0 and 200 m"):
-        load_scenario("roundabout", ["viso_ot.reversing_distance=-1"])
 
 
 def test_resolved_scenario_runs_again_with_any_estimator() -> None:

@@ -1,5 +1,6 @@
 """The log is a faithful, read-only table, in memory and on disk."""
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -47,12 +48,13 @@ def test_signals_are_read_by_name_and_can_not_be_changed() -> None:
         log["nonsense"]
 
 
-def test_the_hash_sees_a_single_bit_and_a_unit() -> None:
+def test_equality_and_hash_see_a_single_bit_and_a_unit() -> None:
     rows = a_log().rows.copy()
     rows[2, 1] = np.nextafter(rows[2, 1], 1.0)
     other_unit = (*SIGNALS[:2], Signal("std", "mm", "its deviation"))
-    hashes = {log.sha256() for log in (a_log(), Log(SIGNALS, rows), Log(other_unit, a_log().rows))}
-    assert len(hashes) == 3
+    logs = a_log(), Log(SIGNALS, rows), Log(other_unit, a_log().rows)
+    assert len({log.sha256() for log in logs}) == 3
+    assert not any(one == other for one, other in combinations(logs, 2))
 
 
 def test_every_nan_is_the_same_nan() -> None:

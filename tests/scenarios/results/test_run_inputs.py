@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from offtrack.commands.cli import app
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import read_log
-from scenarios.results.run_inputs import RunInputs, run_inputs, write_inputs
+from scenarios.results.run_inputs import RunInputs, run_inputs, texts, write_inputs
 
 SHORT = ("course.length=20", "off_tracking=truth", "surface.roughness=none", "reference_unit=false")
 LAW = """
@@ -92,3 +92,7 @@ def test_files_of_equal_names_are_kept_apart(tmp_path: Path) -> None:
     assert 'three = "inputs/1-x.csv"' in text
     assert (tmp_path / "inputs" / "1-x.csv").read_text() == "b"
     assert write_inputs(toml, RunInputs(), tmp_path) == toml
+
+
+def test_texts_are_found_in_tables_lists_and_tuples() -> None:
+    assert list(texts({"a": {"b": ("c", ["d"])}, "e": 1})) == ["c", "d"]

@@ -46,6 +46,7 @@ def test_an_oscillation_that_stays_is_named(hertz: float) -> None:
     assert line.startswith("trailer, axle 1: its steer oscillates from 5.")
     assert "6.6 deg from side to side" in line
     assert f"period of {1.0 / hertz:.2f} s" in line
+    assert 29.9 - 0.5 / hertz < float(line.partition(" to ")[2].partition(" s")[0]) < 30.0  # its last swing
 
 
 @pytest.mark.parametrize("angle", [wave(3.3, 1.25, decay=0.3), wave(0.6, 1.25), wave(10.0, 0.1)])

@@ -75,12 +75,15 @@ def test_dragging_at_an_angle_sweeps_the_rectangles_shadow() -> None:
     assert swept_path((RIGID,), (dragged,), None).max_width == pytest.approx(expected, abs=1e-6)  # rounding
 
 
-def test_more_than_a_full_turn_is_still_one_roundabout() -> None:
-    """450 degrees: the straight entry crosses the circle's exit and must count as neither."""
-    poses = along(line(20.0), arc(25.0 * math.pi, 0.1), line(20.0))
-    inner, outer = swept_radii((RIGID,), (poses,), (20.0, 10.0))
+@pytest.mark.parametrize("start", [Pose2(0.0, 0.0, 0.0), Pose2(30.0, -70.0, 2.0)])
+def test_more_than_a_full_turn_is_still_one_roundabout(start: Pose2) -> None:
+    """450 degrees: the straight entry crosses the circle's exit and must count as neither, wherever it lies."""
+    path = Path(start, (line(20.0), arc(25.0 * math.pi, 0.1), line(20.0)))
+    poses, centre = path.poses(np.arange(0.0, path.length, 0.05)), start @ Pose2(20.0, 10.0, 0.0)
+    inner, outer = swept_radii((RIGID,), (poses,), (centre.x, centre.y))
     assert inner == pytest.approx(10.0 - 1.25, abs=1e-6)
     assert outer == pytest.approx(math.hypot(10.0 + 1.25, 5.0), abs=1e-3)
+    assert swept_path((RIGID,), (poses,), (centre.x, centre.y)).max_width == outer - inner
 
 
 def test_tail_swing_at_entry_has_the_closed_form() -> None:
@@ -111,6 +114,12 @@ def test_a_vehicle_that_never_turned_was_on_no_roundabout() -> None:
     path = swept_path((RIGID,), (straight,), (20.0, 12.0))
     assert math.isnan(path.max_width)
     assert math.isnan(path.min_inner_radius)
+
+
+def test_a_body_of_which_only_a_corner_is_in_the_sector_has_no_radii() -> None:
+    """A turn of 12 degrees a vehicle's length before the circle: its inner flank is nearest to the centre elsewhere."""
+    poses = np.array([[4.3, 0.0, 0.0], [4.3, 0.0, math.radians(12.0)]])
+    assert all(map(math.isnan, swept_radii((RIGID,), (poses,), (0.0, 10.0))))
 
 
 def test_wheels_turn_about_their_own_middle() -> None:

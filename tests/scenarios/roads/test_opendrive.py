@@ -262,14 +262,7 @@ REFUSED: Final = {
     "empty": ("", "not XML"),
     "no road": ("<OpenDRIVE/>", "has no <road>"),
     "other XML": ("<gpx/>", "must be <OpenDRIVE>"),
-    "page of an error": ("<html><body>404</body></html>", "must be <OpenDRIVE>"),
-    "entities": (changed('<?xml version="1.0"?>', "<!DOCTYPE x>"), "document type"),
-    "deep": ("<OpenDRIVE>" * 100, "nested at most 32 deep"),
-    "cut off": (ROAD[:300], "not XML"),
-    "encoding": (changed('"1.0"?', '"1.0" encoding="klingon"?'), "unknown encoding"),
     "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "line 2: <geometry>: hdg = 'nan' is not a finite number"),
-    "infinite": (changed('x="30.0"', 'x="1e999"'), "not a finite number"),
-    "a word": (changed('length="30.0">', 'length="long">'), "length = 'long'"),
     "backwards": (changed('length="30.0">', 'length="-30">'), "must be positive"),
     "a gap": (changed('x="30.0"', 'x="35"'), "a gap of 5 m in the reference line at s = 30.0 m"),
     "a kink": (changed('x="30.0" y="0.0" hdg="0.0"', 'x="30.0" y="0.0" hdg="0.3"'), "a kink of 0.3 rad"),
@@ -277,27 +270,21 @@ REFUSED: Final = {
     "late begin": (file(road("1", (Piece(50.0),), TWO_LANES)).replace('s="0.0"', 's="7"'), "must be 0"),
     "no plan view": (ROAD.replace("planView", "plan"), "<road> has no <planView>"),
     "no shape": (changed("<line/>", ""), "has 0 shapes: must be one of line, arc"),
-    "two shapes": (changed("<line/>", "<line/><line/>"), "has 2 shapes"),
-    "unknown shape": (changed("<line/>", "<circle/>"), "has 0 shapes"),
-    "no lanes": (ROAD.replace("lanes>", "l>"), "<road> has no <lanes>"),
     "no section": (ROAD.replace("laneSection", "part"), "has no <laneSection>"),
     "late section": (changed('laneSection s="0"', 'laneSection s="900"'), "lane sections from s = 900"),
     "curvature": (changed('curvature="', 'curvature="99'), "must be within -10 to 10 1/m"),
     "coil": (changed("<line/>", '<spiral curvStart="9" curvEnd="9"/>'), "must be within 12.566 rad"),
     "no id": (changed('<road id="1"', "<road"), "<road> has no attribute 'id'"),
     "two of a name": (changed("</road>", "</road>" + road("1", (Piece(9.0),), TWO_LANES)), "two roads have the id '1'"),
-    "lane by name": (changed('id="-1"', 'id="right"'), "id = 'right' is not a finite number"),
     "half a lane": (changed('id="-1"', 'id="-1.5"'), "must be a whole number"),
     "lane 100000": (changed('id="-1"', 'id="-100000"'), "must be within -100 to 100"),
     "footpath": (changed('"driving"', '"sidewalk"'), "has no lane of the type driving"),
     "narrow": (changed('a="9.0"', 'a="1.5"'), "the road is 1.50 m wide"),
     "pRange": (changed("<line/>", '<paramPoly3 pRange="x" aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0" dV="0"/>'),
                "must be arcLength or normalized"),
-    "no coefficient": (changed("<line/>", '<poly3 a="0" b="0" c="0"/>'), "<poly3> has no attribute 'd'"),
     "wild cubic": (changed("<line/>", '<poly3 a="0" b="1e8" c="1e8" d="1e8"/>'), "a gap of"),
     "wall": (changed("<lanes>", f"<elevationProfile>{WALL}</elevationProfile><lanes>"), "slope = 0.9"),
     "too tight": (bend(4.0, math.pi, width=4.0), "would have to steer"),
-    "too long": (changed('length="30.0">', 'length="1e9">'), "must be within -1e\\+06 to 1e\\+06 m"),
     "link to nowhere": (changed("<planView>", LINKED.format("77")), "road 77, which is not in the file"),
     "link to elsewhere": (changed("<planView>", LINKED.format("2"), file(
         road("1", (Piece(50.0),), TWO_LANES), road("2", (Piece(50.0),), TWO_LANES, start=Start(60.0, 0.0, 0.0)))),
@@ -306,7 +293,6 @@ REFUSED: Final = {
         road("1", (Piece(50.0),), TWO_LANES), road("2", (Piece(50.0),), RAISED, start=Start(50.0, 0.0, 0.0)))),
         "a step of .0.4 m in height between the lanes at the begin of road 2"),
     "wall across": (changed("<lanes>", f"<lateralProfile>{LEANING}</lateralProfile><lanes>"), "bank = -0.9"),
-    "mark of words": (changed("</lane>", '<roadMark sOffset="x" type="solid"/></lane>'), "sOffset = 'x' is not"),
     "no width": (changed('a="9.0"', 'a="-9"'), "the road is 0.00 m wide at 0.0 m"),
     "shape of words": (changed("<lanes>", "<lateralProfile><shape s='a'/></lateralProfile><lanes>"), "s = 'a' is not"),
 }  # fmt: skip
@@ -319,25 +305,6 @@ def test_a_file_that_makes_no_road_is_refused_in_one_line(tmp_path: Path, case: 
         course(tmp_path, text)
     assert "road.xodr" in str(refusal.value)
     assert refusal.match(wanted)
-
-
-@pytest.mark.parametrize(
-    ("settings", "wanted"),
-    [
-        (["course.road=5"], "course.road = 5; known: 1"),
-        (["course.lane=2"], "has the lanes -1"),
-        (["course.lane=a"], "course.lane = 'a' must be a whole number"),
-        (["course.route=7"], "course.route = 7 is not reached"),
-        (["course.route=left,right"], "course.route = left is not reached"),
-        (["course.route=[[1]]"], "must be a text"),
-        (["course.edges=kerb"], "course.edges = 'kerb'; known: lane, road"),
-        (["course.begin=5000"], "course.begin = 5000 m leaves nothing of it"),
-    ],
-)
-def test_a_route_that_is_not_there_is_refused_in_one_line(tmp_path: Path, settings: list[str], wanted: str) -> None:
-    with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
-        course(tmp_path, ROAD, *settings)
-    assert wanted in str(refusal.value)
 
 
 # Lines between the lanes: where the file has them, as the driven lane sees them

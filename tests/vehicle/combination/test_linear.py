@@ -28,10 +28,7 @@ def ideal(vehicle: Vehicle) -> Vehicle:
 def test_outputs_are_what_the_motion_says(longer_semitrailer: Vehicle, speed: float) -> None:
     """By kinematics: the hitch's velocity, and a position whose second derivative is an acceleration."""
     model = lateral_model(
-        ideal(longer_semitrailer),
-        speed,
-        outputs=("lateral_velocity", "axle_position", "follow_position"),
-        path=True,
+        ideal(longer_semitrailer), speed, outputs=("lateral_velocity", "axle_position", "follow_position"), path=True
     )
     tractor, trailer = longer_semitrailer.units
     h, state, row = tractor.rear_hitch[0], model.states.index, model.outputs.index
