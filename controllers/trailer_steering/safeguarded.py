@@ -11,10 +11,11 @@
 - Supervision: demands that make up for failed actuators (`actuators`).
 
 An estimate that is lost, too uncertain, too old, or in conflict with the wheels is ignored: for some time and distance
-the law continues with the last good one. After that the fallback steers, without any estimate; also if no good one has
-come when the path is long enough. After an implausible jump, estimates are ignored until later ones agree with each
-other for some time. Then the law takes over again. Signals of the combination that are at fault are corrected first
-(``estimators.off_tracking.signal_monitor``): for these checks, the law and the fallback.
+the law continues with the last good one, unless a signal is found at fault meanwhile. After that the fallback steers,
+without any estimate; also if no good one has come when the path is long enough. After an implausible jump, estimates
+are ignored until later ones agree with each other for some time. Then the law takes over again. Signals of the
+combination that are at fault are corrected first (``estimators.off_tracking.signal_monitor``): for these checks, the
+law and the fallback.
 
 At every handover between law and fallback the axles keep their angles: the difference between the two demands is added
 to the new one and reduced at a rate that starts low and grows. The angles have no step, and the demands of the new law
@@ -287,7 +288,10 @@ class EstimateGuard:
             is_recent = (tick - memory.good_at) * TICK <= hold + _GAP
         else:
             held = (tick - memory.good_at) * TICK
-            is_recent = held <= hold and (held <= _GAP or held * abs(motion.v_x) <= _HOLD_DISTANCE * length)
+            # with a signal that was wrong since then, the law has foreseen another motion
+            misled = any(one.tick > memory.good_at for one in memory.monitor.findings)
+            is_near = not misled and held * abs(motion.v_x) <= _HOLD_DISTANCE * length
+            is_recent = held <= hold and (held <= _GAP or is_near)
         if is_recent:
             return memory
         return memory._replace(law_steers=False, trusted=False, sound_since=None, changed_at=tick)

@@ -249,11 +249,10 @@ class SignalFusion:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
         if estimate is None:
             return memory, path, None
-        estimate = replace(estimate, doubts=self._monitor.doubts(memory.monitor))
-        if memory.turned:
-            std = math.hypot(estimate.std, memory.turned * self._follow_distance)
-            health = Health.DEGRADED if estimate.health is Health.OK else estimate.health
-            estimate = replace(estimate, std=std, health=health, doubts=(*estimate.doubts, DIRECTION))
+        is_turned, doubts = memory.turned > 0.0, self._monitor.doubts(memory.monitor)
+        std = math.hypot(estimate.std, memory.turned * self._follow_distance)
+        health = Health.DEGRADED if is_turned and estimate.health is Health.OK else estimate.health
+        estimate = replace(estimate, std=std, health=health, doubts=(*doubts, *[DIRECTION] * is_turned))
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(

@@ -96,6 +96,7 @@ class MonitorMemory(NamedTuple):
     errors: tuple[SignalError | None, ...]  # of each signal that is at fault; None: it is sound
     suspect: tuple[int, int] = (-1, 0)  # signal that explains the last contradictions, and their number in a row
     compared_at: int = 0  # tick of the last comparison with a reference
+    at_odds: bool = False  # the hitch angle and its gyro at the last comparison; once may be noise
     contradicted: bool = False  # True: nothing tells whether the hitch angle or its gyro is at fault
     towed: tuple[float, float] = (0.0, 0.0)  # meanwhile: articulation [rad] and yaw rate [rad/s] if the axles roll
     findings: tuple[Finding, ...] = ()
@@ -217,13 +218,13 @@ class SignalMonitor:
         memory = memory._replace(suspect=(signal, count))
         return self._distrusted(memory, signal) if count >= _PERSISTENT else memory
 
-    def _doubted(self, memory: MonitorMemory, contradicted: bool) -> MonitorMemory:
+    def _doubted(self, memory: MonitorMemory, at_odds: bool) -> MonitorMemory:
         """Memory with the contradiction between the hitch angle and the gyro of the trailer, or without."""
+        contradicted, memory = at_odds and memory.at_odds, memory._replace(at_odds=at_odds)
         if contradicted == memory.contradicted:
             return memory
-        newest = memory.history[-1]
-        towed = self._towed(memory, newest) if contradicted else memory.towed
-        findings = (*memory.findings, Finding(int(newest[0]), self._either, contradicted))
+        towed = self._towed(memory, memory.history[-1]) if contradicted else memory.towed
+        findings = (*memory.findings, Finding(int(memory.history[-1, 0]), self._either, contradicted))
         return memory._replace(contradicted=contradicted, towed=towed, findings=findings)
 
     def _towed(self, memory: MonitorMemory, row: FloatArray) -> tuple[float, float]:

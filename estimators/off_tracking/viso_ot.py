@@ -101,12 +101,11 @@ class VisoOt(Generic[Memory]):
 
         Frames alone are used without fusion.
         """
-        odometry, frame, motion = memory.odometry, stereo_frame(message), None
+        (odometry, buffer, fusion), frame = memory, stereo_frame(message)
+        motion, off_tracking = None, None
         if frame is not None:
             odometry, motion = self._odometry.step(odometry, frame)
         body = None if motion is None else body_motion(self._X_SC, motion)
-        _, buffer, fusion = memory
-        off_tracking = None
         if self._fusion is not None and fusion is not None and isinstance(message, TrailerView):
             fusion, buffer, off_tracking = self._fusion.step(fusion, buffer, message.tick, body, message.signals)
         elif body is not None:

@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import inspect
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ from offtrack.studies.table import Row, shown_quantities, text_of
 from scenarios.catalogue import resolve
 from scenarios.processes import MOST_JOBS, default_jobs
 from vehicle.foundation.quantity import check_number
+from vehicle.foundation.user_file import shown
 
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Timeout = Annotated[
@@ -93,6 +95,9 @@ class StudyOptions:
             raise ValueError("--scheduler and --dask-jobqueue: choose one")
         if self.scheduler is not None and self.jobs is not None:
             raise ValueError("--jobs: leave it out with --scheduler: workers make as many runs as they have threads")
+        if not re.fullmatch(r"\w+://.+:\d+|.*\.json", self.scheduler or ".json"):
+            address = "expected an address such as tcp://host:8786, or a file (.json)"
+            raise ValueError(f"--scheduler {shown(str(self.scheduler))}: {address}")
         if self.job_queue is not None and self.jobs is None:
             raise ValueError("--dask-jobqueue: needs --jobs, the number of jobs")
 

@@ -8,7 +8,6 @@ import importlib
 import logging
 import os
 import queue
-import re
 import shlex
 import shutil
 import time
@@ -56,10 +55,6 @@ def connected(scheduler: str) -> "Iterator[Client]":
     check_extra("cluster", "a Dask cluster needs", "distributed")
     from distributed import Client
 
-    if not (scheduler.endswith(".json") or re.fullmatch(r"\w+://.+:\d+", scheduler)):
-        raise ValueError(
-            f"--scheduler {shown(scheduler)}: expected an address such as tcp://host:8786, or a file (.json)"
-        )
     with _quiet():
         place = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
         try:

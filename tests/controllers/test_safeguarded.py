@@ -14,9 +14,10 @@ from controllers.checked import LawError
 from controllers.equations import settle
 from controllers.trailer import Actuation, SteerCommand, no_axle_answers
 from controllers.trailer_steering.kinematics import AxleGroup
-from controllers.trailer_steering.safeguarded import Degradation, Safeguarded, SafeguardedCommand
+from controllers.trailer_steering.safeguarded import Degradation, EstimateGuard, Safeguarded, SafeguardedCommand
 from controllers.trailer_steering.signal_laws import CommandSteer, Fallback, FallbackName
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.signal_monitor import Finding
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, estimate, signals
 from tests.trailers import TWO_OF_THREE as TRAILER
@@ -195,6 +196,16 @@ def test_a_wheel_speed_that_fails_does_not_cost_a_sound_estimate() -> None:
     assert missed <= {2900, 3000}  # until it is clear which of the two is wrong
     assert not last.by_fallback
     assert [finding.signal for finding in last.signal_findings] == ["wheel speed"]
+
+
+@pytest.mark.parametrize("found", [2000, 3300, None])
+def test_a_signal_that_is_found_at_fault_meanwhile_ends_the_hold(found: int | None) -> None:
+    """The law has foreseen by it how the trailer goes on; one that was found before is corrected."""
+    guard, read = EstimateGuard(TRAILER, COMBINATION, COMMAND_STEER), signals(3500, speed=SPEED)
+    memory, _ = guard.estimate_checked(guard.init(), 3000, estimate(2900, value=0.1, v_x=SPEED), read)
+    findings = () if found is None else (Finding(found, "wheel speed", True),)
+    memory = memory._replace(monitor=memory.monitor._replace(findings=findings))
+    assert guard.estimate_checked(memory, 3500, None, read)[0].law_steers == (found != 3300)
 
 
 @pytest.mark.parametrize(("std", "share"), [(0.05, 0.9), (0.15, 0.5)])

@@ -80,7 +80,7 @@ def test_every_law_is_the_same_as_an_fmu(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(other[signal_name], own[signal_name], signal_name)
 
 
-@pytest.mark.parametrize(("cycles", "real"), [(2000, False), (200, True)])
+@pytest.mark.parametrize(("cycles", "real"), [(2000, False), (40, True)])
 def test_instances_again_and_again_leave_nothing(cycles: int, real: bool, tmp_path: Path) -> None:
     """No process, descriptor, thread or memory; a small program takes Python's place a thousand times.
 
