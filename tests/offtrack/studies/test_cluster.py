@@ -170,11 +170,6 @@ def test_only_rendered_cameras_need_opengl() -> None:
         assert renders([Case(scenario=scenario, fixed=fixed, axes=(), seed=1)]) is expected
 
 
-def test_what_is_no_address_is_one_line() -> None:
-    with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
-        pass
-
-
 def test_a_wrong_queue_is_one_line(tmp_path: Path) -> None:
     for text, line in (
         ("jobqueue: {slrm: {cores: 1}}", "did you mean 'slurm'"),
