@@ -6,6 +6,7 @@
 import os
 import shutil
 import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -40,13 +41,17 @@ def roads(folder: Path, *names: str) -> list[Path]:
     return [*sorted(folder.glob("*.xodr")), *(sorted(Path(more).glob("*.xodr")) if more else ())]
 
 
-@pytest.mark.skipif(shutil.which("netconvert") is None, reason="netconvert is not installed")
+# beside this Python, where pip puts it
+NETCONVERT = shutil.which("netconvert", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+
+
+@pytest.mark.skipif(NETCONVERT is None, reason="netconvert is not installed")
 def test_reference_lines_are_where_netconvert_has_them(tmp_path: Path) -> None:
     """Within 20 mm, but for the offset of its edges' centre in roads of other files whose lanes are not symmetric."""
     for path in roads(tmp_path, *PLANS):
         plain = str(tmp_path / f"{path.stem}-plain")
         exact = ("--opendrive.curve-resolution", "0.5", "--precision", "6", "--offset.disable-normalization", "true")
-        command = ["netconvert", "--opendrive-files", str(path), "--plain-output-prefix", plain, *exact]
+        command = [str(NETCONVERT), "--opendrive-files", str(path), "--plain-output-prefix", plain, *exact]
         subprocess.run(command, check=True, capture_output=True)
         (road,) = read_opendrive(path).roads.values()
         s = np.append(np.arange(0.0, road.reference.length, FINE), road.reference.length)

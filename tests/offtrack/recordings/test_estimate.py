@@ -18,7 +18,7 @@ from typer.testing import CliRunner, Result
 
 from estimators.context import TrailerContext
 from estimators.estimates import Health, Motion, OffTracking, lost_motion
-from offtrack.commands.estimate import app
+from offtrack.commands.cli import app
 from offtrack.exchange.recordings import stereo_sequence
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from offtrack.exchange.recordings.writers import RecordingWriter, recording_in
@@ -159,7 +159,7 @@ def importable(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def estimated(*arguments: str | Path, odometry: str = "oracles:Oracle") -> Result:
-    return CliRunner().invoke(app, ["off-tracking", *map(str, arguments), "--odometry", odometry])
+    return CliRunner().invoke(app, ["estimate", "off-tracking", *map(str, arguments), "--odometry", odometry])
 
 
 def numbers(*arguments: str | Path, odometry: str = "oracles:Oracle") -> dict[str, Any]:
@@ -428,7 +428,7 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     length = ["course.length=20", "rig.width=640", "rig.height=200", "world.scenery_density=0.3"]
     result = run(load_scenario("constant-slip", length), 1, record=recording_in(tmp_path / "images"))
     options = ["--out", "out", "--no-video", "--quiet", "--no-self-calibration"]  # as in the run
-    told = CliRunner().invoke(app, ["off-tracking", "images", *options])
+    told = CliRunner().invoke(app, ["estimate", "off-tracking", "images", *options])
     assert told.exit_code == 0, told.output
     log = read_log(tmp_path / "out" / "off_tracking.parquet")
     delivered = np.isfinite(result.signal("matches"))
@@ -448,7 +448,7 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     poses = log["off_tracking_poses"]
     assert poses[np.isfinite(poses)] == pytest.approx(result.signal("off_tracking_true")[-1], abs=1e-6)
     # a right camera that is not turned is found not to be: 0.02 deg are some five stated standard deviations
-    told = CliRunner().invoke(app, ["off-tracking", "images", "--out", "b", "--no-video", "--json"])
+    told = CliRunner().invoke(app, ["estimate", "off-tracking", "images", "--out", "b", "--no-video", "--json"])
     assert told.exit_code == 0, told.output
     angles = json.loads(told.stdout)["self_calibration"]
     assert max(abs(angles[f"{name}_deg"]) for name in ("roll", "yaw", "pitch")) < 0.02

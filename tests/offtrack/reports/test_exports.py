@@ -51,6 +51,7 @@ def test_mat_is_read_by_scipy(run: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Could not parse:UserWarning")  # of a comment, which mdfreader does not need
 def test_mf4_is_read_by_mdfreader(run: Path) -> None:
     pytest.importorskip("asammdf", reason="MF4 needs the extra 'export'")
     reader = pytest.importorskip("mdfreader", reason="not installed: pip install mdfreader")
