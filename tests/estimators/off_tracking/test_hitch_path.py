@@ -177,7 +177,7 @@ def test_a_bridge_takes_the_closing_error_in_proportion_and_is_known_at_its_ends
 
 def test_what_motions_are_measured_from_stays_beside_the_path_after_reversing() -> None:
     """3 m forwards, 1.5 m back: of the two samples ahead a keyframe is kept, else both errors add up."""
-    samples = (first_sample(0),)
+    samples: tuple[Sample, ...] = (first_sample(0),)
     for tick in (1, 2, 3):
         samples = extended(samples, tick, UncertainMotion(AHEAD, np.eye(6)), False, keep_start=False)
     back = UncertainMotion(transform(np.eye(3), np.array([-1.5, 0.0, 0.0])), 2.0 * np.eye(6))
