@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from controllers.equations import settle
-from controllers.trailer import Combination, Linkage
+from controllers.trailer import Actuation, Combination, Linkage, no_axle_answers
 from controllers.trailer_steering.kinematics import (
     AxleGroup,
     Predictor,
@@ -256,3 +256,9 @@ def test_the_mean_motion_between_two_ticks_is_that_of_the_steps_between() -> Non
         path = extended(path, tick, moves, 0.02)
     assert motion_between(path, 10, 70) == pytest.approx(moves, rel=1e-3)
     assert motion_between(path, 10, 90) is None
+
+
+def test_axles_at_their_grip_answer_no_more() -> None:
+    for at_grip, held in (([True, False], False), ([True, True], True)):
+        known = Actuation(goal=np.zeros(2), able=np.ones(2, np.bool_), at_grip=np.array(at_grip))
+        assert no_axle_answers(known) is held

@@ -128,7 +128,6 @@ def test_speed_tells_a_delay_from_an_offset() -> None:
 @pytest.mark.parametrize(
     ("yaw_deg", "std_deg", "left_over", "correcting", "health"),
     [
-        (0.02, 0.002, 0.0, False, Health.OK),
         (0.05, 0.002, 0.0, False, Health.DEGRADED),
         (-0.21, 0.002, 0.0, False, Health.LOST),
         (0.21, 0.1, 0.0, False, Health.OK),  # what is uncertain refutes nothing

@@ -7,16 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators.estimates import Health
+from estimators.estimates import Anchor, Health
 from estimators.off_tracking.buffer import BodyMotion, OffTrackingBuffer
 from estimators.off_tracking.hitch_path import crossing, tangent
-from estimators.off_tracking.pose_chain import Sample, with_bridge
+from estimators.off_tracking.pose_chain import Sample, extended, first_sample, with_bridge
+from estimators.rigid_motion import UncertainMotion
 from scenarios.results.metrics import true_off_tracking
 from vehicle.combination.truth import plan_pose
 from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
 from vehicle.surface import Surface
 
 RADIUS = 20.0  # [m]
+AHEAD = transform(np.eye(3), np.array([1.0, 0.0, 0.0]))
 
 
 def circle(spacing: float = 0.5, n: int = 60) -> FloatArray:
@@ -159,10 +161,7 @@ def test_roll_about_the_roll_axis_does_not_move_the_points() -> None:
 
 @pytest.mark.parametrize("since", [0, 1])
 def test_a_bridge_takes_the_closing_error_in_proportion_and_is_known_at_its_ends(since: int) -> None:
-    """Four frames of 1 m, the last one measured 0.2 m aside: half way 0.1 m, a quarter of each variance or less.
-
-    What the newest one was measured from is the bridge's beginning, or lies before it.
-    """
+    """Four frames of 1 m, the last one measured 0.2 m aside, from the bridge's beginning or from before it."""
     still, drifted = np.diag([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]), np.diag([0.0, 0.0, 0.0, 0.0, 3.0, 0.0])
 
     def sample(tick: int, covariance: FloatArray, y: float = 0.0) -> Sample:
@@ -174,3 +173,17 @@ def test_a_bridge_takes_the_closing_error_in_proportion_and_is_known_at_its_ends
     u = 0.5 if since == 0 else 2.0 / 3.0
     assert middle.X_OS[1, 3] == pytest.approx(0.2 * u)
     assert middle.covariance[4, 4] == pytest.approx((u**2 if since == 0 else 0.0) + u * (1.0 - u) * 3.0)
+
+
+def test_what_motions_are_measured_from_stays_beside_the_path_after_reversing() -> None:
+    """3 m forwards, 1.5 m back: of the two samples ahead a keyframe is kept, else both errors add up."""
+    samples: tuple[Sample, ...] = (first_sample(0),)
+    for tick in (1, 2, 3):
+        samples = extended(samples, tick, UncertainMotion(AHEAD, np.eye(6)), False, keep_start=False)
+    back = UncertainMotion(transform(np.eye(3), np.array([-1.5, 0.0, 0.0])), 2.0 * np.eye(6))
+    for keyframe, variance in ((3, 1.0), (-5, 2.0 + 1.0 + 1.0)):
+        anchor = Anchor(tick=keyframe, X_AC=np.eye(4), covariance=np.eye(6))
+        newest, *others = extended(samples, 4, back, False, keep_start=False, anchor=anchor)
+        assert newest.covariance[0, 0] == variance
+        assert [(one.tick, one.on_path) for one in others if one.tick != keyframe] == [(1, True), (0, True)]
+        assert [one.on_path for one in others if one.tick == keyframe] == [False] * (keyframe == 3)

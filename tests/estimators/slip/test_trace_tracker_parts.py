@@ -299,6 +299,15 @@ def test_templates_are_the_same_in_a_mirror() -> None:
         assert templates.shaded == pytest.approx(templates.shaded[::-1, :, ::-1], abs=near)
 
 
+def test_a_lesson_teaches_the_sun_that_it_has_seen() -> None:
+    """The mirrored sun of the other side gets the mirrored profile."""
+    seen = np.random.default_rng(6).normal(size=(1, CHANNELS, WIDTH)).astype(np.float32)
+    quarter = np.array([0.5 * math.pi])
+    one = Lesson(profiles=seen, slips=np.zeros(1), azimuths=quarter, shadow=float(SHADOWS[0]), shaded=np.zeros(1, bool))
+    level = learned([one]).profiles[:, 0].sum(axis=1)
+    assert np.vdot(level[AZIMUTHS // 4], seen) > 2.0 * abs(np.vdot(level[-AZIMUTHS // 4], seen))
+
+
 @pytest.mark.parametrize("level", [0, 128, 255])  # a black edge, dirt, glare
 @pytest.mark.parametrize("turned", [0, 1, 2, 3])
 def test_an_area_of_one_grey_level_beside_sand_has_no_contrast(level: int, turned: int) -> None:
@@ -355,4 +364,3 @@ def test_the_way_between_two_images_is_found_from_a_guess(rows: int) -> None:
     before = np.random.default_rng(1).normal(size=(150, 24)).astype(np.float32)
     way = tracker.shift(before, np.roll(before, rows, axis=0), 1.1 * rows * STEP)
     assert way == pytest.approx(rows * STEP, abs=0.1 * STEP)
-    assert tracker.shift(before, before[::-1].copy(), rows * STEP) is None

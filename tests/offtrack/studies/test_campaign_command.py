@@ -51,6 +51,8 @@ def campaign(tmp_path: Path, text: str) -> Campaign:
 
 def test_lists_are_combined_and_the_reference_runs_once_for_each_law_and_seed(tmp_path: Path) -> None:
     """Two amounts, two onsets, two durations; two laws, two frictions, two seeds; and runs without a fault."""
+    with pytest.raises(ValueError, match=r"^campaign [^\n]+: a table \[\[fault\]\] or \[pairs\] is missing"):
+        campaign(tmp_path, HEAD)
     read = campaign(tmp_path, HEAD + BIAS)
     cases = read.cases()
     assert len(cases) == 8 * 8 + 8
@@ -71,11 +73,6 @@ def test_an_entry_runs_with_its_seeds_and_values_alone_and_so_does_its_reference
     assert len(cases) == 8 + 1
     assert {(case.seed, *(value for _, value in case.axes[1:])) for case in cases} == {(2, "mpc", "0.3")}
     assert campaign(tmp_path, read.to_toml()) == read
-
-
-def test_a_campaign_needs_a_fault(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"^campaign [^\n]+: a table \[\[fault\]\] or \[pairs\] is missing"):
-        campaign(tmp_path, HEAD)
 
 
 def test_drawn_numbers_are_words_of_the_fault_and_the_reference_is_not_repeated(tmp_path: Path) -> None:

@@ -170,21 +170,13 @@ def test_only_rendered_cameras_need_opengl() -> None:
         assert renders([Case(scenario=scenario, fixed=fixed, axes=(), seed=1)]) is expected
 
 
-def test_what_is_no_address_is_one_line() -> None:
-    with pytest.raises(ValueError, match="expected an address such as tcp://host:8786"), connected("nowhere"):
-        pass
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
+def test_a_wrong_queue_is_one_line(tmp_path: Path) -> None:
+    for text, line in (
         ("jobqueue: {slrm: {cores: 1}}", "did you mean 'slurm'"),
         ("jobqueue: [", "not YAML"),
         ("slurm: {cores: 1}", "expected 'jobqueue:'"),
         ("jobqueue: {slurm: 3}", "must be a table"),
-    ],
-)
-def test_a_wrong_queue_is_one_line(text: str, line: str, tmp_path: Path) -> None:
-    (tmp_path / "queue.yaml").write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=line):
-        job_queue(tmp_path / "queue.yaml")
+    ):
+        (tmp_path / "queue.yaml").write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=line):
+            job_queue(tmp_path / "queue.yaml")

@@ -1,18 +1,17 @@
 """A steered trailer of a running loop, step by step: what it receives, who steers it, and what is told of that."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 
 from controllers.trailer_steering.actuators import ActuatorFinding
 from controllers.trailer_steering.safeguarded import SafeguardedCommand
-from estimators.estimates import OffTracking
 from scenarios.assembly.trailer_run import Assembly, assemble
 from scenarios.loop.channel import InLine, Stopwatch
 from scenarios.loop.trailer_session import SteeredTrailer
 from scenarios.options.scenario import load_scenario
-from sensors.messages import CombinationSignals
 from tests.trailers import estimate
 
 
@@ -37,23 +36,14 @@ def test_estimates_are_kept_from_the_law_alone() -> None:
     assert [known["estimate_delay:0.1", tick] for tick in (0, 90, 100)] == [False, False, True]
 
 
-class Law:
-    """Steers by its fallback from 40 to 60 ms, and finds a stuck axle."""
-
-    def init(self) -> None:
-        """Nothing to remember."""
-
-    def step(
-        self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[None, SafeguardedCommand]:
-        found = (ActuatorFinding(20, (2,), "stuck"),)
-        command = SafeguardedCommand(angles=np.zeros(2), by_fallback=40 <= tick <= 60, actuator_findings=found)
-        return None, command
-
-
 def test_handovers_are_noted_and_a_bench_that_steers_ends_the_judgement_of_axles() -> None:
     """What it demands goes to the axles when it is new; what they do is then no answer to the law."""
-    parts, law = assembled(), cast(Any, Law())
+
+    def step(memory: None, tick: int, *_: object) -> tuple[None, SafeguardedCommand]:
+        found = (ActuatorFinding(20, (2,), "stuck"),)
+        return None, SafeguardedCommand(angles=np.zeros(2), by_fallback=40 <= tick <= 60, actuator_findings=found)
+
+    parts, law = assembled(), cast(Any, SimpleNamespace(init=lambda: None, step=step))
     trailer = SteeredTrailer(replace(parts.trailers[-1], law=law), InLine(), Stopwatch())
     truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, 5.0), 0)
     for tick in range(0, 140, 20):

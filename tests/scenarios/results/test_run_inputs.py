@@ -92,7 +92,4 @@ def test_files_of_equal_names_are_kept_apart(tmp_path: Path) -> None:
     assert 'three = "inputs/1-x.csv"' in text
     assert (tmp_path / "inputs" / "1-x.csv").read_text() == "b"
     assert write_inputs(toml, RunInputs(), tmp_path) == toml
-
-
-def test_texts_are_found_in_tables_lists_and_tuples() -> None:
     assert list(texts({"a": {"b": ("c", ["d"])}, "e": 1})) == ["c", "d"]

@@ -293,7 +293,6 @@ REFUSED: Final = {
         "a step of .0.4 m in height between the lanes at the begin of road 2"),
     "wall across": (changed("<lanes>", f"<lateralProfile>{LEANING}</lateralProfile><lanes>"), "bank = -0.9"),
     "no width": (changed('a="9.0"', 'a="-9"'), "the road is 0.00 m wide at 0.0 m"),
-    "shape of words": (changed("<lanes>", "<lateralProfile><shape s='a'/></lateralProfile><lanes>"), "s = 'a' is not"),
 }  # fmt: skip
 
 

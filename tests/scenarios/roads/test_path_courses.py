@@ -256,7 +256,6 @@ REFUSED = {
     "wall": ("path.csv", csv(climbing(bend(), 0.5), "x,y,z"), "slope = 0.5"),
     "bridge": ("path.csv", csv(climbing(bend(20.0, 1.6 * math.pi), 0.02), "x,y,z"), "crosses itself"),
     "unknown ending": ("path.txt", csv(bend()), "must end with .csv, .gpx, .geojson, .json or .crg"),
-    "no XML": ("path.gpx", "x,y\n1,2\n", "not XML: line 1"),
     "two tracks": ("path.gpx", gpx(bend()).replace("</trk>", "</trk><trk></trk>"), "has 2 tracks and 0 routes"),
     "other XML": ("path.gpx", "<kml></kml>", "outermost element is <kml>"),
     "other file": ("path.gpx", '<!DOCTYPE gpx SYSTEM "file:///etc/passwd"><gpx/>', "document type"),
