@@ -74,7 +74,7 @@ def test_a_law_behind_udp_in_step_is_the_law_inside(inside: tuple[float, float],
 def test_a_law_behind_udp_in_wall_time_steers_one_step_later(inside: tuple[float, float]) -> None:
     """A demand acts 20 ms after its signals; at 10 km/h that is 6 cm of path. Some come late on a busy machine."""
     with bench("path_preview") as link:
-        result = run(load_scenario("roundabout", OUTSIDE), 1, bench=LinkedBench([link]), pacer=Pacer(2.0))
+        result = run(load_scenario("roundabout", OUTSIDE), 1, bench=LinkedBench([link]), pacer=Pacer(1.0))
     assert result.outcome == "completed"
     assert result.outside is not None
     assert result.outside.fresh_steps > 0.5 * result.outside.sent
