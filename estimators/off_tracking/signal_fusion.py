@@ -252,7 +252,7 @@ class SignalFusion:
         is_turned, doubts = memory.turned > 0.0, self._monitor.doubts(memory.monitor)
         std = math.hypot(estimate.std, memory.turned * self._follow_distance)
         health = Health.DEGRADED if is_turned and estimate.health is Health.OK else estimate.health
-        estimate = replace(estimate, std=std, health=health, doubts=(*doubts, *[DIRECTION] * is_turned))
+        estimate = replace(estimate, std=std, health=health, doubts=(*doubts, DIRECTION) if is_turned else doubts)
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _monitored(

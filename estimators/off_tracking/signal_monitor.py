@@ -177,7 +177,8 @@ class SignalMonitor:
 
     def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
         """Names of the signals at fault, or of the two that contradict each other."""
-        return (*[self._either] * memory.contradicted, *(self.names[k] for k in memory.distrusted))
+        contradicting = (self._either,) if memory.contradicted else ()
+        return (*contradicting, *(self.names[k] for k in memory.distrusted))
 
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
         if len(memory.history) < _LEAST:

@@ -18,6 +18,8 @@ from sensors.textures import fractal_noise
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, cross, inverse, skew, so3_exp, transform
 
+Floats = NDArray[np.float32]
+
 _TARGET: Final = 118.0  # mean level of the control: 18 % reflectance at the usual gamma of 2.2 [grey levels]
 _GAINS: Final = (0.25, 8.0)  # limits of shutter and amplifier, relative to the fixed exposure
 _BANK = 1 << 22  # fewest samples: eight images of 1344x391 px, so that two rarely get the same noise
@@ -46,10 +48,11 @@ class ExposureControl:
     automatic: AutoExposure | None  # None: fixed
     last: tuple[int, float, float] | None = None  # tick, gain and level of the last image
 
-    def gain(self, tick: int, level: float) -> float:
-        """Gain of the image of this tick and mean level [grey levels at a gain of 1]."""
+    def gain(self, tick: int, *light: Floats) -> float:
+        """Gain of the images of this tick from their light [grey levels at a gain of 1]."""
         if self.automatic is None:
             return 1.0
+        level = float(np.mean([image[::8, ::8].mean() for image in light]))
         gain = self.automatic.settled(level)
         if self.last is not None:
             before, old_gain, old_level = self.last
@@ -108,8 +111,6 @@ def grey(colour: ColourImage) -> GreyImage:
     """Luminance (height, width) of an RGB image (ITU-R BT.601 weights)."""
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
-
-Floats = NDArray[np.float32]
 
 _MARGIN: Final = 2  # of the pinhole image around the camera's view, for cubic interpolation [px]
 _LARGEST: Final = 4096  # side of a pinhole image that is rendered in reasonable time [px]

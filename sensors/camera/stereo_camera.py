@@ -175,7 +175,7 @@ class RawStereoCamera:
             self._light(side, grey(drawn[side]), near[side], twist.seen_from(X_BC[side]), X_WB @ X_BC[side])
             for side in (0, 1)
         ]
-        gain = self._exposure.gain(truth.tick, float(np.mean([image[::8, ::8].mean() for image in light])))
+        gain = self._exposure.gain(truth.tick, *light)
         left, right = (self._noise.sensed(image, gain, self._rng) for image in light)
         colour = None
         if self._keep_colour:

@@ -252,7 +252,7 @@ class TraceCamera:
         self._newest = truth, light
         level = self._level(light, np.float32(_SAND @ _LUMINANCE), self._sun @ _LUMINANCE, self._sky @ _LUMINANCE)
         level = self._blurred(level, self._smear(truth))
-        gain = self._exposure.gain(truth.tick, float(level[::8, ::8].mean()))
+        gain = self._exposure.gain(truth.tick, level)
         return self._compressed(self._noise.sensed(level, gain, self._rng))
 
     def colour(self, truth: RoverTruth) -> ColourImage:
