@@ -8,6 +8,7 @@ limits of the data sheet, and the monitor of the actuators expects them: with ax
 
 import copy
 import math
+from collections import defaultdict
 from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -203,6 +204,7 @@ class FmuPlant:
         return columns(found, ("x", "y", "psi"), len(self._vehicle.units))
 
     def _truth(self, tick: int, found: Mapping[str, float], last: Truth | None, steer: FloatArray) -> Truth:
+        found = defaultdict(lambda: math.nan, found)  # signals that are not connected
         poses, n, wheel_count = self._poses(found), len(self._vehicle.units), self._vehicle.n_wheels
         velocities = columns(found, ("v_x", "v_y", "yaw_rate"), n)
         unknown = np.isnan(velocities)

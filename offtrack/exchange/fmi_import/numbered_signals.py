@@ -171,8 +171,8 @@ def reading_of(tick: int, values: Mapping[str, float], n_steered: int, n_units: 
 
 
 def column(values: Mapping[str, float], name: str, count: int) -> FloatArray:
-    """Signals (count,) of a name by their numbers; NaN for those that are not connected."""
-    return np.array([values.get(f"{name}_{k}", math.nan) for k in range(1, count + 1)])
+    """Signals (count,) of a name by their numbers."""
+    return np.array([values[f"{name}_{k}"] for k in range(1, count + 1)])
 
 
 def columns(values: Mapping[str, float], names: Iterable[str], count: int) -> FloatArray:
