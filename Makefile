@@ -24,7 +24,7 @@ test: install lint
 
 # The rest: slow tests, and comparisons with other programs, which are installed. Only Wine may be missing.
 test-all: install-all
-	$(BIN)/pytest -m slow --no-skips
+	$(BIN)/pytest -m slow --no-skips --dist worksteal
 
 lint: install
 	$(BIN)/ruff check .
