@@ -27,8 +27,8 @@ from itertools import pairwise
 from typing import Final, Generic, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_discrete_are
 
 from controllers.equations import Functions, Num, limited, settled
 from controllers.tractor import STATES, TractorGeometry, TractorModel, path_matrices, rolling_matrices, tractor_model
@@ -109,7 +109,7 @@ def _optimal(matrices: tuple[FloatArray, FloatArray, FloatArray], direction: Flo
     rate, rate_by_demand = _SMOOTHING * A[-1], _SMOOTHING * B[-1]
     Q = np.outer(offset, offset) + np.outer(direction, direction) + np.outer(rate, rate)
     cross, R = rate * rate_by_demand, rate_by_demand**2
-    P = solve_discrete_are(A_d, B_d[:, None], Q, np.array([[R]]), s=cross[:, None])
+    P = scipy.linalg.solve_discrete_are(A_d, B_d[:, None], Q, np.array([[R]]), s=cross[:, None])
     scale = 1.0 / (R + B_d @ P @ B_d)
     K = scale * (B_d @ P @ A_d + cross)
     return np.concatenate([K, _weights(A_d - np.outer(B_d, K), scale * B_d, P @ E_d)])
@@ -120,7 +120,7 @@ def _sampled(A: FloatArray, B: FloatArray, E: FloatArray) -> tuple[FloatArray, F
     n = len(B)
     held = np.zeros((n + 2, n + 2))
     held[:n] = np.column_stack([A, B, E])
-    exact = expm(PERIOD * held)
+    exact = scipy.linalg.expm(PERIOD * held)
     return exact[:n, :n], exact[:n, n], exact[:n, n + 1]
 
 
