@@ -56,6 +56,9 @@ class Motion:
     # errors: left and right, near and far, of the newest keyframe and of older ones; NaN where there are no two halves.
     # None: unknown
     halves: FloatArray | None = None
+    # (n, 4) u, v in the left and u, v in the right image of points in the current pair, as it was given to the
+    # odometry, located to some hundredths of a pixel, the rows independently [px]; None: unknown
+    pairs: NDArray[np.float32] | None = None
 
 
 def lost_motion(tick: int, previous_tick: int, matches: int = 0) -> Motion:

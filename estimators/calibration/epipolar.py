@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.image_points import Points, detect_corners, disparity_guess, track
-from estimators.stereo_pair import Turned, displaced
+from estimators.stereo_pair import Pixels, Turned, displaced
 from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
@@ -105,14 +105,21 @@ def epipolar_fit(
     corners = _doubled(at_half)
     if len(corners) < _FEWEST:
         return None
-    R, f = mount_rotation(*guess[:3].tolist()), calibration.focal_length
+    R = mount_rotation(*guess[:3].tolist())
     expected = displaced(calibration, corners, corners - disparity_guess(calibration, corners), shift)
     raw = moved(homography(calibration, R.T), expected).astype(np.float32)
     right, found = track(left, right_half, at_half, _half(raw), _LEVELS)
-    centre = np.array([calibration.cx, calibration.cy])
-    left_rays = (corners[found].astype(np.float64) - centre) / f
-    right_rays = (_doubled(right[found]).astype(np.float64) - centre) / f
-    return fitted_to_rays(calibration, left_rays, right_rays, guess, shift)
+    pairs = np.hstack([corners[found], _doubled(right[found])])
+    return fitted_to_pairs(calibration, pairs, guess, shift)
+
+
+def fitted_to_pairs(
+    calibration: StereoCalibration, pairs: Pixels, guess: FloatArray, shift: FloatArray
+) -> EpipolarFit | None:
+    """Fit to points (n, 4) in the left and the raw right image [px]; the other arguments are as above."""
+    c = np.array([calibration.cx, calibration.cy])
+    left, right = ((pairs[:, k : k + 2] - c) / calibration.focal_length for k in (0, 2))
+    return fitted_to_rays(calibration, left, right, guess, shift)
 
 
 def fitted_to_rays(

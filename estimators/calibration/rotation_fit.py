@@ -25,14 +25,7 @@ from estimators.odometry.image_points import (
     track,
     warps,
 )
-from estimators.odometry.warped_matching import (
-    MARGIN,
-    Float32Array,
-    PatchMatches,
-    match_patches,
-    templates,
-    warped_patches,
-)
+from estimators.odometry.warped_matching import MARGIN, match_patches
 from estimators.stereo_pair import as_calibrated, displaced, right_position
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
@@ -49,13 +42,12 @@ _SAME_ROW = 1.5  # largest difference of the rows, beyond the uncertainty of the
 _FARTHEST = -1.0  # least disparity: those of distant points scatter about 0 [px]
 _AHEAD = 0.1  # least disparity for a point's plane, so that it lies ahead of the camera [px]
 _NEAREST = 1.0  # [m]
-_GATE = 12.0  # largest distance of a match from its prediction [px]
 
 
 class View(NamedTuple):
     """Stereo pair with n points visible in both raw images."""
 
-    image: Float32Array  # left
+    image: GreyImage  # left
     left: Points  # (n, 2) [px]
     right: Points  # (n, 2) in the raw right image [px]
     variance: FloatArray  # (n, 2) of u and v from left to right [px2]
@@ -110,13 +102,11 @@ def new_view(
     as_straight = straight(calibration, left, right, geometry, rotation)
     disparity = np.maximum(left[:, 0] - as_straight[:, 0], _AHEAD)
     planes = local_planes(calibration, left, disparity, rng)
-    image = frame.left.astype(np.float32)
-    to_right = -right_position(calibration, geometry.shift)
-    patches = warped_patches(image, left, warps(np.eye(3), to_right, planes, rays_through(calibration, left)))
-    matched = _patch_matches(patches, frame.right, right)
+    bent = warps(np.eye(3), -right_position(calibration, geometry.shift), planes, rays_through(calibration, left))
+    matched = match_patches([(frame.left, len(left))], left, bent, frame.right, right)
     kept = (matched.correlation > _LEAST_CORRELATION) & (_longest(matched.points - right) < _MOVED)
     variance = matched.variance[kept].astype(np.float64) + _FINEST_PATCH**2
-    return View(image, left[kept], matched.points[kept], variance, planes[kept], geometry)
+    return View(frame.left, left[kept], matched.points[kept], variance, planes[kept], geometry)
 
 
 def rematched(
@@ -138,14 +128,15 @@ def rematched(
     shown = np.flatnonzero(_inside(calibration, z) & (heads[:, 2] > _NEAREST * inverse_depth) & (heads[:, 2] > 0.0))
     predicted = z[shown].astype(np.float32)
     centres, planes, rays = view.left[shown], view.planes[shown], rays[shown]
-    to_right = right_position(calibration, geometry.shift)
-    patches = [warped_patches(view.image, centres, warps(R, p, planes, rays)) for p in (t, t - to_right)]
-    left = _patch_matches(patches[0], frame.left, predicted[:, :2])
+    t_sides = np.stack([t, t - right_position(calibration, geometry.shift)])[:, None]
+    to_left, to_right = warps(R, t_sides, planes, rays)
+    source = [(view.image, len(shown))]
+    left = match_patches(source, centres, to_left, frame.left, predicted[:, :2])
     shift = left.points - predicted[:, :2]
     guess = raw(calibration, predicted[:, :2] + shift, predicted[:, [2, 1]] + shift, geometry, rotation)
-    right = _patch_matches(patches[1], frame.right, guess)
+    right = match_patches(source, centres, to_right, frame.right, guess)
     kept = (left.correlation > _LEAST_CORRELATION) & (right.correlation > _LEAST_CORRELATION)
-    kept &= (_longest(shift) < _GATE) & (_longest(right.points - guess) < _MOVED)
+    kept &= _longest(right.points - guess) < _MOVED
     kept &= np.isfinite(straight(calibration, left.points, right.points, geometry, rotation)).all(axis=1)
     index = shown[kept]
     # the view's left image defines its points, up to sampling; the mean of two rows has half the variance
@@ -191,13 +182,6 @@ def _pairs(
     # not a number near the epipole of a displaced camera: neither comparison holds
     kept &= (np.abs(apart[:, 1]) < _SAME_ROW + doubtful) & (apart[:, 0] > _FARTHEST - doubtful)
     return corners[kept], right[kept]
-
-
-def _patch_matches(patches: Float32Array, image: GreyImage, guess: Points) -> PatchMatches:
-    """Matches of the patches in the image, each near its guess."""
-    if len(guess) == 0:
-        return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
-    return match_patches(templates(patches), image.astype(np.float32), guess)
 
 
 def _inside(calibration: StereoCalibration, z: FloatArray) -> NDArray[np.bool_]:

@@ -35,7 +35,7 @@ from estimators.calibration.corrections import (
     of_rotation,
     with_calibration,
 )
-from estimators.calibration.epipolar import EpipolarFit, epipolar_fit
+from estimators.calibration.epipolar import EpipolarFit, epipolar_fit, fitted_to_pairs, homography, moved
 from estimators.calibration.mount_state import (
     DELAY,
     UNKNOWN,
@@ -201,6 +201,7 @@ def ground_moves(calibration: StereoCalibration, before: GreyImage, now: GreyIma
 
 _REMATCHED = 3  # rounds of matching and fitting, each from the result of the one before
 _SETTLED = 1.0  # change of the angles after which no more round is needed [standard deviations]
+_SCATTERED = 0.4  # scatter of the rows of an odometry's matches beyond which the pair is looked at anew [px]
 _ASSUMED = 0.15  # relative error of a velocity with the displacement along the optical axis alone compensated, 1 sigma
 _CLIPPED = 0.05  # share of the pixels above which images count as clipped
 _FADING = 0.97  # of that share, from frame to frame: automatic exposure clips some frames and others not
@@ -234,11 +235,16 @@ class SelfCalibratedOdometry(Generic[Memory]):
         """
         pair = match_exposures(self._calibration, frame)
         memory = self._with_clipping(memory, pair)
-        memory, changed = self._with_rows(memory, pair)
+        tried = self._restarted(memory, False)
+        stepped = self._odometry.step(tried.odometry, self._corrected(pair, tried))
+        memory, changed = self._with_rows(memory, pair, self._pairs(tried, stepped[1]))
         if memory.suspect is pair:
             return memory, self._message(lost_motion(pair.tick, memory.previous[-1].frame.tick), memory)
         start = self._restarted(memory, changed)
-        after, motion = self._with_motion(start, pair)
+        if start.odometry is tried.odometry and start.assumed == tried.assumed:
+            after, motion = self._with_motion(start._replace(applied=tried.applied), pair, stepped)
+        else:
+            after, motion = self._with_motion(start, pair)
         if motion is not None and motion.health is Health.LOST and start.applied.rotation != memory.state.rotation:
             again = self._restarted(start, changed, at_once=True)
             if again.applied != start.applied:  # the best guess of the rotation may be what the odometry needs
@@ -267,14 +273,24 @@ class SelfCalibratedOdometry(Generic[Memory]):
         begins = clipped > _CLIPPED >= memory.clipped
         return memory._replace(clipped=clipped, view=None if begins else memory.view)
 
+    def _pairs(self, memory: SelfCalibrationMemory[Memory], motion: Motion | None) -> FloatArray | None:
+        """Points (n, 4) in the left and the raw right image that the odometry has matched; None: there are none."""
+        if motion is None or motion.health is Health.LOST or motion.pairs is None:
+            return None
+        attitude = pair_geometry(memory, self._calibration.baseline).attitude(memory.applied.rotation)
+        right = moved(homography(self._calibration, attitude.T), motion.pairs[:, 2:])
+        return np.hstack([motion.pairs[:, :2], right])
+
     def _with_rows(
-        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame
+        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame, pairs: FloatArray | None
     ) -> tuple[SelfCalibrationMemory[Memory], bool]:
         """Memory with the rows of a frame in its estimate; True if the odometry must restart before it.
 
+        Rows of the odometry's own ``pairs`` (n, 4) are enough as long as they are as expected.
         A frame that contradicts the estimate becomes the suspect; after a second one the estimate starts anew there.
         """
-        fit, baseline, changed = self._fit(memory.state, memory.twist, frame), self._calibration.baseline, False
+        baseline, changed = self._calibration.baseline, False
+        fit = self._expected_rows(memory, pairs) or self._fit(memory.state, memory.twist, frame)
         if memory.earlier is not None:  # from a wrong new estimate, sound pairs may have no fit at all
             memory, as_before = self._returned(memory, memory.earlier, frame)
             fit, changed = as_before or fit, as_before is not None
@@ -310,12 +326,25 @@ class SelfCalibratedOdometry(Generic[Memory]):
         first = memory.previous[-1:] if memory.suspect is None else (Taken(memory.suspect, memory.twist),)
         return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), fit
 
+    def _expected_rows(self, memory: SelfCalibrationMemory[Memory], pairs: FloatArray | None) -> EpipolarFit | None:
+        """Fit to pairs (n, 4) of points; None if there are none, or if it is not as expected."""
+        if pairs is None or memory.suspect is not None or memory.earlier is not None:
+            return None
+        fit = fitted_to_pairs(self._calibration, pairs, *self._expected(memory.state, memory.twist))
+        if fit is None or fit.scatter > _SCATTERED or significant_shift(fit):
+            return None
+        innovated = innovation(memory.state, fit, memory.twist, self._calibration.baseline)
+        return None if is_surprising(memory.state, innovated) else fit
+
     def _fit(self, state: MountState, twist: Twist, frame: MatchedFrame) -> EpipolarFit | None:
         """Fit to the single pair, from what is expected of it."""
+        return epipolar_fit(self._calibration, frame, *self._expected(state, twist))
+
+    def _expected(self, state: MountState, twist: Twist) -> tuple[FloatArray, FloatArray]:
+        """Values (4,) that a fit to a single pair should have, and the position (3,) of the right camera [m]."""
         baseline = self._calibration.baseline
         shift = geometry(float(state.mean[DELAY]), twist, baseline).shift
-        guess = expected_fit(state, twist, baseline)
-        return epipolar_fit(self._calibration, frame, guess, np.zeros(3) if shift is None else shift)
+        return expected_fit(state, twist, baseline), np.zeros(3) if shift is None else shift
 
     def _restarted(
         self, memory: SelfCalibrationMemory[Memory], changed: bool, *, at_once: bool = False
@@ -346,10 +375,16 @@ class SelfCalibratedOdometry(Generic[Memory]):
         )
 
     def _with_motion(
-        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame
+        self,
+        memory: SelfCalibrationMemory[Memory],
+        frame: MatchedFrame,
+        stepped: tuple[Memory, Motion | None] | None = None,
     ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
-        """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion."""
-        odometry, motion = self._odometry.step(memory.odometry, self._corrected(frame, memory))
+        """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion.
+
+        The odometry may have been ``stepped`` already.
+        """
+        odometry, motion = stepped or self._odometry.step(memory.odometry, self._corrected(frame, memory))
         baseline = self._calibration.baseline
         memory = memory._replace(odometry=odometry)
         taken = Taken(frame, memory.twist, left_over=left_over(memory, baseline))

@@ -39,9 +39,6 @@ _ALL_LEVELS = np.arange(256.0)
 _SPREAD = np.array([0.1, 0.5, 0.9])  # quantiles of the cells between which the exposures are compared
 
 
-Image = GreyImage | NDArray[np.float32]
-
-
 class Exposure(NamedTuple):
     """Map of grey levels: ``gain`` times the level, plus ``offset`` [grey levels]."""
 
@@ -82,8 +79,8 @@ def match_over_time(
 
 
 def match_clipping(
-    image: NDArray[np.float32], frame: StereoFrame, tracks: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], StereoFrame] | None:
+    image: GreyImage, frame: StereoFrame, tracks: NDArray[np.float32]
+) -> tuple[GreyImage, StereoFrame] | None:
     """Left image of another moment and frame, both clipped where one of them is; None if they are so already.
 
     Normalised patches may differ in mean and gain, but not in what is clipped: an edge of a clipped area is elsewhere.
@@ -94,10 +91,10 @@ def match_clipping(
         return None
     of_frame = np.clip(_ALL_LEVELS, *(_range(image) * change.gain + change.offset))
     low, high = (_range(frame.left) - change.offset) / change.gain
-    return np.asarray(image.clip(low, high), dtype=np.float32), with_levels(frame, of_frame)
+    return mapped(image, _ALL_LEVELS.clip(low, high)), with_levels(frame, of_frame)
 
 
-def _range(image: Image) -> FloatArray:
+def _range(image: GreyImage) -> FloatArray:
     """Least and largest grey level (2,) that are certainly not clipped."""
     low, high, _, _ = cv2.minMaxLoc(image)
     return np.array([low + _END, high - _END])
@@ -115,7 +112,7 @@ def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
     return mean
 
 
-def clipped_share(image: Image) -> float:
+def clipped_share(image: GreyImage) -> float:
     """Share of the image's pixels at the ends of its range: nearly 0 of an image that is not clipped.
 
     A left image that is limited to the levels of the right one counts as clipped there.
@@ -126,7 +123,7 @@ def clipped_share(image: Image) -> float:
     return 1.0 - inside / sample.size
 
 
-def _clipped(image: Image) -> GreyImage:
+def _clipped(image: GreyImage) -> GreyImage:
     """Mask of the clipped pixels: 255 or 0.
 
     An image that was limited to the levels of another one is clipped at the ends of its own range.
@@ -166,7 +163,7 @@ def _change(
     return _if_visible(best, x)
 
 
-def _tracked_change(source: Image, target: Image, tracks: NDArray[np.float32]) -> Exposure | None:
+def _tracked_change(source: GreyImage, target: GreyImage, tracks: NDArray[np.float32]) -> Exposure | None:
     """Change of exposure by the surroundings of points (n, 4) in both images; None if they agree or tell nothing."""
     for side in _AROUND if len(tracks) >= _FEWEST_TRACKED else ():
         x, y = (_levels_around(image, at, side) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
@@ -186,7 +183,7 @@ def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
     return change if np.abs(change.gain * levels + change.offset - levels).max() > _ALIKE else None
 
 
-def _levels_around(image: Image, points: Points, side: int) -> FloatArray:
+def _levels_around(image: GreyImage, points: Points, side: int) -> FloatArray:
     """Mean grey levels (n,) of squares around points (n, 2) [px]; NaN where pixels are clipped."""
     u, v = np.ascontiguousarray(points.T)
     level, clipped = (

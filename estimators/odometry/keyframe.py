@@ -182,6 +182,7 @@ class KeyframeOdometry:
             tracks=self._tracks(newest, memory.X_OP, pose),
             anchor=Anchor(tick=newest.tick, X_AC=pose.measured.X, covariance=pose.measured.covariance),
             halves=pose.differences,
+            pairs=pose.tracks.pairs[pose.tracks.found],
         )
         return motion, along_axes(X_PC[:3, :3].T, own_P)
 

@@ -18,20 +18,11 @@ from estimators.odometry.image_points import (
     warps,
 )
 from estimators.odometry.pose import Observations, consensus, point_covariance, refined
-from estimators.odometry.warped_matching import (
-    MARGIN,
-    Float32Array,
-    PatchMatches,
-    match_patches,
-    sampled,
-    templates,
-    warped_patches,
-    warped_positions,
-)
+from estimators.odometry.warped_matching import MARGIN, Float32Array, PatchMatches, match_patches
 from estimators.rigid_motion import UncertainMotion
 from estimators.stereo_pair import as_calibrated, image_shift, project, right_position, right_shift, triangulate
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
+from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse
 
 _PER_BUCKET = 4  # corners; bare ground fills at most half of the buckets
@@ -49,7 +40,7 @@ class Keyframe(NamedTuple):
 
     tick: int
     X_OK: FloatArray  # (4, 4) pose of the left camera in O, the frame in which the odometry started
-    image: Float32Array  # left
+    image: GreyImage  # left
     clipped: float  # share of its pixels
     centres: Points  # (n, 2) of the points' patches [px]
     points: FloatArray  # (n, 3) in K [m]
@@ -68,9 +59,8 @@ def new_keyframe(
     left, right, shift = left[closed], right[closed], right_shift(frame)
     disparity = left[:, 0] - as_calibrated(calibration, left, right, shift)[:, 0]
     planes = local_planes(calibration, left, disparity.astype(np.float64), rng)
-    image = frame.left.astype(np.float32)
     bent = warps(np.eye(3), -right_position(calibration, shift), planes, rays_through(calibration, left))
-    matched = match_patches(templates(warped_patches(image, left, bent)), frame.right.astype(np.float32), right)
+    matched = match_patches([(frame.left, len(left))], left, bent, frame.right, right)
     straight = as_calibrated(calibration, left, matched.points, shift)
     apart = left - straight
     kept = (
@@ -87,7 +77,7 @@ def new_keyframe(
     return Keyframe(
         tick=frame.tick,
         X_OK=X_OK,
-        image=image,
+        image=frame.left,
         clipped=clipped_share(frame.left),
         centres=left[chosen],
         points=points,
@@ -102,7 +92,6 @@ _TRACKED = 0.3  # least share of tracked points; with fewer the prediction is wr
 MOST_POINTS = 420  # to search for; more cost time and bring little, as errors of neighbours are correlated
 _OLDER = 0.55  # share of them from older keyframes: old points limit the drift, new ones match best
 _LEAST_CORRELATION = 0.75  # least normalised correlation of a match
-_GATE = 8.0  # largest distance of a match from its prediction [px]
 _SAME_ROW = 1.2  # largest difference of the rows in left and right: matching error and 0.1 deg of mis-rotation [px]
 _NEAREST = 1.0  # [m]
 _LEAST_DISPARITY = 0.4  # [px]
@@ -117,6 +106,7 @@ class Tracks(NamedTuple):
     feature: NDArray[np.intp]  # (n,) index of the point in it
     observations: Observations  # of all n points, in the axes of the newest keyframe N
     found: NDArray[np.bool_]  # (n,)
+    pairs: NDArray[np.float32]  # (n, 4) u, v in the left and u, v in the right image [px]
 
 
 class _Candidates(NamedTuple):
@@ -135,7 +125,8 @@ def tracked(
     candidates = _candidates(calibration, keyframes, X_CK)
     number = np.repeat(np.arange(len(candidates)), [len(candidate.feature) for candidate in candidates])
     z = np.concatenate([candidate.z for candidate in candidates])
-    left, right = _matched(calibration, candidates, frame, X_CK, z)
+    displacement = _displacement(calibration, candidates, X_CK, right_shift(frame))
+    left, right = _matched(calibration, candidates, frame, X_CK, z, displacement)
     clipped = clipped_share(frame.left)
     for k, candidate in enumerate(candidates):
         if max(candidate.keyframe.clipped, clipped) < _CLIPPED:
@@ -145,12 +136,13 @@ def tracked(
         limited = match_clipping(keyframe.image, frame, tracks)
         if limited is not None:  # both are clipped where one of them is
             as_clipped = candidate._replace(keyframe=keyframe._replace(image=limited[0]))
-            again = _matched(calibration, [as_clipped], limited[1], X_CK[k : k + 1], z[of_this])
+            again = _matched(calibration, [as_clipped], limited[1], X_CK[k : k + 1], z[of_this], displacement[of_this])
             for matches, of_one in zip((left, right), again, strict=True):
                 for values, changed in zip(matches, of_one, strict=True):
                     values[of_this] = changed
-    shift = left.points - z[:, :2]
-    found = (np.minimum(left.correlation, right.correlation) > _LEAST_CORRELATION) & (np.abs(shift).max(axis=1) < _GATE)
+    pairs = np.hstack([left.points, right.points])
+    right = right._replace(points=right.points - displacement)
+    found = np.minimum(left.correlation, right.correlation) > _LEAST_CORRELATION
     apart = left.points - right.points
     found &= (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > _LEAST_DISPARITY)
     return Tracks(
@@ -158,6 +150,7 @@ def tracked(
         feature=np.concatenate([candidate.feature for candidate in candidates]),
         observations=_observations(candidates, number, left, right),
         found=found,
+        pairs=pairs,
     )
 
 
@@ -167,17 +160,22 @@ def _matched(
     frame: StereoFrame,
     X_CK: FloatArray,
     z: Float32Array,
+    displacement: Float32Array,
 ) -> tuple[PatchMatches, PatchMatches]:
-    """Matches in the left and right image of all points, near their predicted images ``z`` (n, 3)."""
-    of_right = right_shift(frame)
-    position = right_position(calibration, of_right)
+    """Matches in the left and right image of all points, near their predicted images ``z`` (n, 3).
+
+    In the right image they are moved by ``displacement`` (n, 2).
+    """
+    sources = [(candidate.keyframe.image, len(candidate.feature)) for candidate in candidates]
+    centres = np.concatenate([candidate.keyframe.centres[candidate.feature] for candidate in candidates])
+    planes = np.concatenate([candidate.keyframe.planes[candidate.feature] for candidate in candidates])
     of_points = np.repeat(X_CK, [len(candidate.feature) for candidate in candidates], axis=0)
-    left_patches, right_patches = _patches(calibration, candidates, of_points, position)
-    left = match_patches(templates(left_patches), frame.left.astype(np.float32), z[:, :2])
-    shift = left.points - z[:, :2]
-    guess, displacement = z[:, [2, 1]] + shift, _displacement(calibration, candidates, X_CK, of_right)
-    right = match_patches(templates(right_patches), frame.right.astype(np.float32), guess + displacement)
-    return left, right._replace(points=right.points - displacement)
+    t_left = of_points[:, :3, 3]
+    t_sides = np.stack([t_left, t_left - right_position(calibration, right_shift(frame))])
+    to_left, to_right = warps(of_points[:, :3, :3], t_sides, planes, rays_through(calibration, centres))
+    left = match_patches(sources, centres, to_left, frame.left, z[:, :2])
+    guess = z[:, [2, 1]] + left.points - z[:, :2] + displacement
+    return left, match_patches(sources, centres, to_right, frame.right, guess)
 
 
 def _candidates(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_CK: FloatArray) -> list[_Candidates]:
@@ -204,27 +202,9 @@ def _displacement(
 ) -> Float32Array:
     """Image shifts (n, 2) of the points by the displacement of the right camera [px]; the points are near X_CK."""
     if shift is None:
-        return np.zeros(2, np.float32)
+        return np.zeros((sum(len(candidate.feature) for candidate in candidates), 2), np.float32)
     points = [c.keyframe.points[c.feature] @ X[:3, :3].T + X[:3, 3] for c, X in zip(candidates, X_CK, strict=True)]
     return np.asarray(image_shift(calibration, np.concatenate(points), shift), dtype=np.float32)
-
-
-def _patches(
-    calibration: StereoCalibration, candidates: Sequence[_Candidates], X_CK: FloatArray, p_ClCr: FloatArray
-) -> tuple[Float32Array, Float32Array]:
-    """Patches (n, 289) predicted for the left and the right image, from poses (n, 4, 4), the right camera at p_ClCr."""
-    centres = np.concatenate([candidate.keyframe.centres[candidate.feature] for candidate in candidates])
-    planes = np.concatenate([candidate.keyframe.planes[candidate.feature] for candidate in candidates])
-    t_sides = np.stack([X_CK[:, :3, 3], X_CK[:, :3, 3] - p_ClCr])
-    bent = warps(X_CK[:, :3, :3], t_sides, planes, rays_through(calibration, centres))
-    (u_left, u_right), (v_left, v_right) = warped_positions(centres, bent)
-    left, right, end = [], [], 0
-    for candidate in candidates:  # both sides at once, while the image is in the cache
-        image, part = candidate.keyframe.image, slice(end, end + len(candidate.feature))
-        left.append(sampled(image, u_left[part], v_left[part]))
-        right.append(sampled(image, u_right[part], v_right[part]))
-        end = part.stop
-    return np.concatenate(left), np.concatenate(right)
 
 
 def _observations(

@@ -1,10 +1,13 @@
-"""Matching of warped patches: square patches of one image, warped by their local plane, located to sub-pixels.
+"""Matching of warped patches: square patches of images, warped by their local plane, located to sub-pixels.
 
 Inverse-compositional Gauss-Newton on the shift of the patch: gradients are computed on the template, once. Mean and
 gain of every patch are normalised, so the exposure may change. Without the warp a patch on the ground is sheared by the
 slope of the disparity (baseline over height): 0.09 px of bias and ten times the off-tracking error.
+
+It is compiled C (``patches.c``); without a C compiler OpenCV and NumPy do the same in several times the time.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -12,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.image_points import Points
+from estimators.odometry.kernels import kernel
+from sensors.messages import GreyImage
 from vehicle.frames import FloatArray
 
 _HALF = 7  # patches of 15 x 15 px
-_SIDE = 2 * _HALF + 1
 _SPREAD = 0.6 * _HALF  # standard deviation of the Gaussian weights [px]
 _ITERATIONS = 5  # at most; most patches converge after three
 _DONE = 0.02  # step at convergence; the next would be a fifth of it [px]
@@ -36,120 +40,101 @@ def _grid(half: int) -> tuple[Float32Array, Float32Array]:
 
 
 _U, _V = _grid(_HALF)
-_U_WIDE, _V_WIDE = _grid(_HALF + 1)  # with a border of one pixel for the gradients
 _BELL = np.exp(-(_U**2 + _V**2) / (2.0 * _SPREAD**2))
 _WEIGHT: Float32Array = _BELL / _BELL.sum()
 _NOISE_SHARE = 2.0 * float(np.square(_WEIGHT).sum())  # of the grey-level variance; both images are noisy
-
-
-class Templates(NamedTuple):
-    """Predicted patches with everything that the matching needs of them."""
-
-    gradients: Float32Array  # (2, n, 225) of the grey levels along u and v, weighted, of mean 0 [1/px]
-    inverse: Float32Array  # (2, 2, n) of the structure tensor
-    offset: Float32Array  # (2, n) product of ``gradients`` with the template itself
-    pattern: Float32Array  # (n, 225) weighted grey levels of mean 0
-    contrast: Float32Array  # (n,) weighted standard deviation [grey levels]
+_ROWS = np.pad(_WEIGHT.reshape(2 * _HALF + 1, -1), ((0, 0), (0, 1)))  # of the weights, with a column of zeros
+_NUMBERS = (
+    *(f"HALF={_HALF}", f"ITERATIONS={_ITERATIONS}", f"DONE={_DONE}f", f"LONGEST_STEP={_LONGEST_STEP}f"),
+    *(f"QUIETEST={_QUIETEST}f", f"FLATTEST={_FLATTEST}f", f"LEAST_CONTRAST={_LEAST_CONTRAST}f"),
+    f"NOISE_SHARE={_NOISE_SHARE}f",
+)
 
 
 class PatchMatches(NamedTuple):
     """Positions of matched patches and their quality."""
 
     points: Points  # (n, 2)
-    correlation: Float32Array  # (n,) normalised, at most 1
+    correlation: Float32Array  # (n,) normalised, at most 1; before a patch's last step, which is short by then
     variance: Float32Array  # (n, 2) of u and v, from texture and noise of the patch [px2]
 
 
-def warped_patches(image: Float32Array, centres: Points, warps: FloatArray) -> Float32Array:
-    """Grey levels (n, 289) around the centres; ``warps`` (n, 2, 2) map offsets in the other image to offsets here."""
-    return sampled(image, *warped_positions(centres, warps))
+def match_patches(
+    sources: Sequence[tuple[GreyImage, int]], centres: Points, warps: FloatArray, target: GreyImage, guess: Points
+) -> PatchMatches:
+    """Locate patches in the target image, each near its guess (n, 2): 5 px away at most.
+
+    Args:
+        sources: images of the size of the target, each with its number of patches, in the order of the patches.
+        centres: of the patches in their images (n, 2) [px].
+        warps: (n, 2, 2) map offsets in the target to offsets in the patch's image.
+        target: image in which the patches are located.
+        guess: (n, 2) [px].
+    """
+    n, compiled = len(guess), kernel("patches.c", "match", _NUMBERS)
+    if compiled is None or n == 0:
+        patches, end = [np.empty((0, (2 * _HALF + 3) ** 2), np.float32)], 0
+        for image, count in sources:
+            part, end = slice(end, end + count), end + count
+            patches.append(_warped(image, centres[part], warps[part]))
+        return _matched(np.concatenate(patches), target, guess)
+    images = [np.ascontiguousarray(image) for image, _ in sources]
+    places = np.repeat([image.ctypes.data for image in images], [count for _, count in sources])
+    points, correlation, variance = np.array(guess, np.float32), np.empty(n, np.float32), np.empty((n, 2), np.float32)
+    around, A = np.ascontiguousarray(centres, np.float32), np.ascontiguousarray(warps, np.float32)
+    height, width = target.shape
+    compiled(n, places, around, A, np.ascontiguousarray(target), width, height, _ROWS, points, correlation, variance)
+    return PatchMatches(points, correlation, variance)
 
 
-def warped_positions(centres: Points, warps: FloatArray) -> tuple[Float32Array, Float32Array]:
-    """Columns and rows (..., 289) of the pixels of ``warped_patches``."""
+def _warped(image: GreyImage, centres: Points, warps: FloatArray) -> Float32Array:
+    """Grey levels (n, 289) around the centres, with a border of one pixel for the gradients."""
+    u, v = _grid(_HALF + 1)
     A = warps.astype(np.float32)[..., None]
-    u, v = A[..., 0, 0, :] * _U_WIDE, A[..., 1, 0, :] * _U_WIDE
-    u += centres[..., :1]
-    v += centres[..., 1:]
-    u += A[..., 0, 1, :] * _V_WIDE
-    v += A[..., 1, 1, :] * _V_WIDE
-    return u, v
+    return _sampled(
+        image,
+        centres[:, :1] + A[:, 0, 0] * u + A[:, 0, 1] * v,
+        centres[:, 1:] + A[:, 1, 0] * u + A[:, 1, 1] * v,
+    )
 
 
-def sampled(image: Float32Array, u: Float32Array, v: Float32Array) -> Float32Array:
+def _sampled(image: GreyImage, u: Float32Array, v: Float32Array) -> Float32Array:
     """Grey levels (n, m) by bilinear interpolation; outside the image those of its edge."""
     if len(u) == 0:
         return np.empty(u.shape, np.float32)
-    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
+    grey = cv2.remap(image.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(grey, dtype=np.float32)
 
 
-def templates(patches: Float32Array) -> Templates:
-    """Templates from warped patches (n, 289)."""
-    rows = patches.reshape(-1, _SIDE + 2)
-    columns = np.ascontiguousarray(rows[:, 1:-1]).reshape(len(patches), _SIDE * (_SIDE + 2))
-    across = _minus(rows[:, 2:], rows[:, :-2]).reshape(columns.shape)[:, _SIDE:-_SIDE]
-    down, patch = columns[:, 2 * _SIDE :] - columns[:, : -2 * _SIDE], columns[:, _SIDE:-_SIDE]
-    doubled = np.empty((2, *patch.shape), np.float32)  # twice the gradients: differences over two pixels
-    for target, difference in zip(doubled, (across, down), strict=True):
-        np.subtract(difference, (difference @ _WEIGHT)[:, None], out=target)
-    gradients = doubled * (np.float32(0.5) * _WEIGHT)
-    a, b, c = (np.float32(0.5) * np.vecdot(gradients[i], doubled[j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-    deviation = patch - (patch @ _WEIGHT)[:, None]
-    pattern = deviation * _WEIGHT
-    return Templates(
-        gradients=gradients,
-        inverse=np.array([[c, -b], [-b, a]]) / np.maximum(a * c - b * b, np.float32(_FLATTEST)),
-        offset=np.vecdot(gradients, patch),
-        pattern=pattern,
-        contrast=np.sqrt(np.maximum(np.vecdot(pattern, deviation), np.float32(_LEAST_CONTRAST**2))),
-    )
-
-
-def match_patches(patches: Templates, image: Float32Array, guess: Points) -> PatchMatches:
-    """Locate each patch in the image near its guess (n, 2).
-
-    The correlation is that before a patch's last step, which is shorter than ``_DONE`` once it has converged.
-    """
-    position, active, left = guess.T.astype(np.float32), np.arange(len(guess)), patches
-    correlation = np.zeros(len(guess), np.float32)
+def _matched(patches: Float32Array, target: GreyImage, guess: Points) -> PatchMatches:
+    """Matches of warped patches (n, 289)."""
+    n, side = len(patches), 2 * _HALF + 3
+    wide = patches.reshape(n, side, side)
+    across, down = 0.5 * (wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2]), 0.5 * (wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1])
+    levels = np.stack([across, down, wide[:, 1:-1, 1:-1]]).reshape(3, n, (side - 2) ** 2)
+    levels -= (levels @ _WEIGHT)[..., None]
+    weighted, deviation = levels * _WEIGHT, levels[2]
+    gradients, pattern = weighted[:2], weighted[2]
+    a, b, c = (np.vecdot(gradients[i], levels[j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    inverse = np.array([[c, -b], [-b, a]]) / np.maximum(a * c - b * b, np.float32(_FLATTEST))
+    offset, contrast = np.vecdot(gradients, deviation), _positive(np.vecdot(pattern, deviation))
+    position, moving, correlation = guess.T.astype(np.float32), np.ones(n, np.bool_), np.zeros(n, np.float32)
     for k in range(_ITERATIONS + 1):
-        u, v = position.take(active, axis=1)
-        grey = sampled(image, u[:, None] + _U, v[:, None] + _V)
-        contrast = _contrast(grey)
-        correlation[active] = np.vecdot(left.pattern, grey) / (left.contrast * contrast)
-        if k == _ITERATIONS:
+        grey = _sampled(target, position[0][:, None] + _U, position[1][:, None] + _V)
+        there = _positive(np.square(grey) @ _WEIGHT - np.square(grey @ _WEIGHT))
+        correlation = np.where(moving, np.vecdot(pattern, grey) / (contrast * there), correlation)
+        if k == _ITERATIONS or not moving.any():
             break
-        residual = left.contrast / contrast * np.vecdot(left.gradients, grey) - left.offset
-        step = (left.inverse * residual).sum(axis=1)
-        position[:, active] -= step.clip(-_LONGEST_STEP, _LONGEST_STEP)
-        active = active[np.abs(step).max(axis=0) > _DONE]
-        if not len(active):
-            break
-        left = _of(patches, active)
+        step = (inverse * (contrast / there * np.vecdot(gradients, grey) - offset)).sum(axis=1)
+        position -= moving * step.clip(-_LONGEST_STEP, _LONGEST_STEP)
+        moving &= np.abs(step).max(axis=0) > _DONE
     # the difference of two patches of equal contrast has the variance 2 contrast^2 (1 - correlation), twice that of one
-    noise = np.maximum(patches.contrast * np.sqrt(np.maximum(1.0 - correlation, 0.0)), _QUIETEST)
-    variance = np.float32(_NOISE_SHARE) * np.square(noise) * patches.inverse[[0, 1], [0, 1]]
+    noise = np.maximum(contrast * np.sqrt(np.maximum(1.0 - correlation, 0.0)), _QUIETEST)
+    variance = np.float32(_NOISE_SHARE) * np.square(noise) * inverse[[0, 1], [0, 1]]
     return PatchMatches(np.ascontiguousarray(position.T), correlation, np.ascontiguousarray(variance.T))
 
 
-def _of(patches: Templates, active: NDArray[np.intp]) -> Templates:
-    """Templates of the patches with these indices."""
-    return Templates(
-        gradients=patches.gradients.take(active, axis=1),
-        inverse=patches.inverse.take(active, axis=2),
-        offset=patches.offset.take(active, axis=1),
-        pattern=patches.pattern.take(active, axis=0),
-        contrast=patches.contrast.take(active),
-    )
-
-
-def _minus(one: Float32Array, other: Float32Array) -> Float32Array:
-    """Differences (n, m) of row slices; OpenCV is several times as fast as NumPy here."""
-    return np.asarray(cv2.subtract(one, other), dtype=np.float32) if len(one) else one
-
-
-def _contrast(patch: Float32Array) -> Float32Array:
-    """Weighted standard deviation (n,) of the grey levels, always positive."""
-    variance = np.square(patch) @ _WEIGHT - np.square(patch @ _WEIGHT)
-    contrast: Float32Array = np.sqrt(np.maximum(variance, np.float32(_LEAST_CONTRAST**2)))
-    return contrast
+def _positive(variance: Float32Array) -> Float32Array:
+    """Standard deviations (n,) of grey levels, always positive."""
+    deviation: Float32Array = np.sqrt(np.maximum(variance, np.float32(_LEAST_CONTRAST**2)))
+    return deviation

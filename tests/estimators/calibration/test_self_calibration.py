@@ -186,7 +186,7 @@ def test_nothing_is_done_where_nothing_is_turned(drive: Drive) -> None:
 def test_a_view_that_a_turn_took_out_of_sight_is_replaced_at_once_only_in_doubt(calibration: StereoCalibration) -> None:
     """16 deg round a bend of 8 m: later frames share few points, and new views cost a fifth of the watch."""
     memory, none = self_calibrated(calibration).init(), np.empty((0, 2), np.float32)
-    view = View(none, none, none, np.empty((0, 2)), np.empty((0, 3)), geometry(0.0, UNKNOWN, 0.5))
+    view = View(np.empty((0, 0), np.uint8), none, none, np.empty((0, 2)), np.empty((0, 3)), geometry(0.0, UNKNOWN, 0.5))
     assert view_due(memory)  # yaw is in doubt, and there is no view
     certain = memory.state._replace(covariance=1e-12 * np.eye(6))
     bent = memory._replace(X_VC=transform(rotation_zyx(math.radians(16.0), 0.0, 0.0), np.array([0.0, 0.3, 2.2])))

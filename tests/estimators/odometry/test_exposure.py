@@ -11,7 +11,7 @@ from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.exposure import clipped_share, match_clipping, match_exposures, match_over_time
 from estimators.odometry.image_points import detect_corners
-from estimators.odometry.warped_matching import match_patches, templates, warped_patches
+from estimators.odometry.warped_matching import match_patches
 from estimators.stereo_pair import MatchedFrame, Turned, with_levels
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.messages import GreyImage, StereoFrame
@@ -116,13 +116,13 @@ def test_patches_of_a_clipped_image_lie_where_they_were(drive: Drive) -> None:
     """
     frame = drive.frames[20]
     bright = replace(frame, left=exposed(frame.left, 2.0, 0.0), right=exposed(frame.right, 2.0, 0.0))
-    image, corners = frame.left.astype(np.float32), detect_corners(frame.left, per_bucket=4)
+    image, corners = frame.left, detect_corners(frame.left, per_bucket=4)
     limited = match_clipping(image, bright, np.hstack([corners, corners]))
     assert limited is not None
     off = []
     for source, target in ((image, bright), limited):
-        patches = templates(warped_patches(source, corners, np.tile(np.eye(2), (len(corners), 1, 1))))
-        matched = match_patches(patches, target.left.astype(np.float32), corners)
+        straight = np.tile(np.eye(2), (len(corners), 1, 1))
+        matched = match_patches([(source, len(corners))], corners, straight, target.left, corners)
         seen = matched.correlation > 0.75
         assert np.mean(seen) > 0.6
         off.append(np.linalg.norm(matched.points - corners, axis=1)[seen])
