@@ -5,7 +5,6 @@ instances of a part of a thing. Importing this module imports pyrender and loads
 """
 
 import ctypes
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -108,11 +107,12 @@ def upload_levels(image: NDArray[np.uint8], count: int) -> tuple[int, tuple[floa
     """
     levels = [image]
     for _ in range(1, count):
-        levels.append(cv2.resize(levels[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+        half = cv2.resize(levels[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(half, dtype=np.uint8))
     ny, nx = image.shape[0] + 2 * _MARGIN, sum(level.shape[1] + 2 * _MARGIN for level in levels)
     sheet, x = np.zeros((ny, nx, 4), dtype=np.uint8), 0
     for level in levels:
-        framed = cv2.copyMakeBorder(level, *4 * [_MARGIN], cv2.BORDER_WRAP)
+        framed = np.pad(level, ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN), (0, 0)), mode="wrap")
         sheet[: framed.shape[0], x : x + framed.shape[1]] = framed
         x += framed.shape[1]
     texture = _new_texture(GL.GL_CLAMP_TO_EDGE, GL.GL_LINEAR, GL.GL_LINEAR)
@@ -367,6 +367,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         detail, detail_sheet = upload_levels(world.detail, _DETAIL_LEVELS)
         packed = _packed(world.road)
         road, road_sheet = upload_levels(packed, _ROAD_LEVELS)
+        cell = world.road.cell * world.road.light.shape[1] / packed.shape[1]
         self._ground_textures = {  # by texture unit
             0: detail,
             1: road,
@@ -376,7 +377,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             "DETAIL_SHEET": detail_sheet,
             "ROAD_SHEET": road_sheet,
             "DETAIL_TEXELS": 2.0 * len(world.detail) ** 2,
-            "ROAD_TEXELS": 2.0 * (world.detail_period / world.road.cell * packed.shape[1] / world.road.light.shape[1]) ** 2,
+            "ROAD_TEXELS": 2.0 * (world.detail_period / cell) ** 2,
         }
         self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
         self._programs = {
@@ -503,9 +504,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
-            self._programs["ground"].use(
-                {"view_projection": VP, "camera": X_WC[:3, 3], "stretch": self._stretch(X_WC)}
-            )
+            self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3], "stretch": self._stretch(X_WC)})
             GL.glBindVertexArray(self._ground._vaid)
             for first, count in self._blocks.runs(in_view(VP, self._blocks.spheres)):
                 GL_1_1.glDrawElements(GL.GL_TRIANGLES, 3 * count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(12 * first))
@@ -588,4 +587,4 @@ def _packed(road: RoadMap) -> NDArray[np.uint8]:
     channels = np.stack([strip, road.light, road.gravel, road.lushness], axis=-1)
     coarsest = 2 ** (_ROAD_LEVELS - 1)
     ny, nx = (-(-side // coarsest) * coarsest for side in strip.shape)
-    return to_bytes(cv2.resize(channels, (nx, ny), interpolation=cv2.INTER_CUBIC))
+    return to_bytes(np.asarray(cv2.resize(channels, (nx, ny), interpolation=cv2.INTER_CUBIC), dtype=np.float32))
