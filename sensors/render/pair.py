@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 import pyrender
 from numpy.typing import NDArray
-from OpenGL import EGL, GL
+from OpenGL import GL
 from OpenGL.error import Error as OpenGlError
 from OpenGL.raw.GL.VERSION import GL_1_1, GL_1_5, GL_3_1  # PyOpenGL's wrappers take longer than the calls
-from pyrender.platforms.egl import EGLDevice, EGLPlatform, query_devices
 from pyrender.renderer import Renderer
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from sensors.camera.rig import StereoCalibration
+from sensors.render import egl
 from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.ground import Condition, RoadMap, line_range
@@ -36,48 +36,6 @@ _SHADERS = Path(__file__).parent / "shaders"
 FAILURES = (OSError, OpenGlError, RuntimeError)  # of an OpenGL that does not work here
 _MARGIN = 2  # around each level of a sheet: repeated, so that bilinear samples do not see the neighbour [px]
 _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Context:
-    """A current OpenGL context of this process."""
-
-    platform: EGLPlatform
-    name: str
-
-    def make_current(self) -> None:
-        """Make this the context of the OpenGL calls that follow."""
-        self.platform.make_current()
-
-    def close(self) -> None:
-        """Destroy the context, but not EGL's display, which belongs to the whole process."""
-        display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
-        EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
-        EGL.eglDestroyContext(display, context)
-
-
-def open_context() -> Context:
-    """Context on the first device that works: an accessible graphics card, or else the processor.
-
-    Raises:
-        OSError: with the last device's error if none works.
-    """
-    failure = "EGL has no device"
-    for device in query_devices():
-        try:
-            return _opened_on(device)
-        except OpenGlError as error:
-            failure = f"{getattr(error.baseOperation, '__name__', 'EGL')} answers {error.err}"
-        except AssertionError:  # pyrender asserts that EGL's calls succeed
-            failure = "EGL refuses a call"
-    raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}")
-
-
-def _opened_on(device: EGLDevice) -> Context:
-    platform = EGLPlatform(1, 1, device=device)  # rendering is into a framebuffer object: the size does not matter
-    platform.init_context()
-    name, version = (GL.glGetString(key).decode() for key in (GL.GL_RENDERER, GL.GL_VERSION))
-    return Context(platform, f"{name}, OpenGL {version}")
 
 
 def upload_table(table: NDArray[np.float32]) -> int:
@@ -354,8 +312,7 @@ def projection(calibration: StereoCalibration) -> FloatArray:
 class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
     """Draws both views with one set of OpenGL objects; one call reads both back."""
 
-    def __init__(self, world: World, calibration: StereoCalibration) -> None:
-        context = open_context()
+    def __init__(self, world: World, calibration: StereoCalibration, context: egl.Context) -> None:
         super().__init__(calibration.width, calibration.height)
         self._context, self._projection = context, projection(calibration)
         self._width, self._height = calibration.width, calibration.height
