@@ -20,14 +20,14 @@ from estimators.odometry.covariance import (
     stacked,
     summed,
 )
-from estimators.stereo_pair import linearised, motion_jacobian, residuals, triangulation_jacobian
+from estimators.odometry.kernels import kernel
+from estimators.stereo_pair import NEAREST, linearised, motion_jacobian, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, skew, so3_exp, transform
 
 _ITERATIONS = 40  # at most, in each round; usually four are enough, but many features near the cut make it slow
-_CONVERGED = 0.1  # step at which a round ends [standard deviations]
+_SETTLED = (0.5, 0.1)  # step at which the wide and the narrow round end [standard deviations]
 _NEARLY = 0.5  # largest last step of a motion that counts as converged [standard deviations]
-_FAR = 10.0  # step beyond which the Jacobian is computed anew within a round: 1 cm at 5 m [standard deviations]
 _TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
 _CUT = 4.0  # inliers have smaller residuals [sigma]
 CORRELATION = 1.2  # factor for correlated errors of neighbours and of the four images of a point: measured
@@ -69,67 +69,97 @@ def refined(
 
     ``newest`` (n,) tells which points are of the newest keyframe, for the differences.
     """
-    points, z = np.ascontiguousarray(observations.points.T), np.ascontiguousarray(observations.z.T)
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
-    for tuning in _TUNING:
-        length = math.inf
+    observed = np.concatenate([observations.points.T, observations.z.T, information.reshape(9, -1)])
+    for tuning, settled in zip(_TUNING, _SETTLED, strict=True):
         for _ in range(_ITERATIONS):
-            if length > _FAR**2:
-                r, J = linearised(calibration, R, p, points, z)
-                weighted = _weighted(J, information)
-            else:
-                r = residuals(calibration, R, p, points, z)
-            error, sigma = _normalised(r, information, inliers)
-            weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
-            normal, gradient = _normal_equations(J, weight * weighted, r)
+            found = _residuals(calibration, R, p, observed)
+            sigma = _scatter(found.error[inliers])
+            weight = inliers / (1.0 + (found.error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
+            normal, gradient = _normal_equations(found.J, weight * found.weighted, found.r)
             step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
-            length = float(step @ normal @ step) / sigma**2
-            if length < _CONVERGED**2:
+            length = float(step @ gradient) / sigma**2
+            if length < settled**2:
                 break
-        converged = length < _NEARLY**2
-        inliers = error < _CUT * sigma
+        inliers = found.error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
             break
-    of_inliers = Residuals(*(of_all[..., inliers] for of_all in (J, information, r, error)))
-    contributions = _contributions(of_inliers, observations.variance[inliers], sigma)
+    converged = length < _NEARLY**2
+    index = np.flatnonzero(inliers)
+    of_inliers = Residuals(found.columns.take(index, axis=1))
+    share = np.einsum("iin,ni->n", information, observations.variance)[index] / 3.0
+    contributions = _contributions(of_inliers, share, sigma)
     sums = summed(contributions)
     whole = estimated(stacked([sums]), contributions.least)
     covariance = CORRELATION**2 * whole.covariance[0]
     own = CORRELATION**2 * own_part(contributions, sums.number, whole)
-    in_halves = halves(z[:, inliers], None if newest is None else newest[inliers])
+    in_halves = halves(observed[3:6].take(index, axis=1), None if newest is None else newest[inliers])
     differences = halves_differences(contributions, sums, in_halves) / CORRELATION
     return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)
 
 
 class Residuals(NamedTuple):
-    """Residuals of n features at a motion."""
+    """Residuals of n features at a motion, one column each."""
 
-    J: FloatArray  # (6, 3, n) derivative by the motion
-    information: FloatArray  # (3, 3, n) inverse covariances, up to a scale
-    r: FloatArray  # (3, n) [px]
-    error: FloatArray  # (n,) normalised
+    columns: FloatArray  # (40, n)
+
+    @property
+    def r(self) -> FloatArray:
+        """Measured minus predicted images (3, n) [px]."""
+        return self.columns[:3]
+
+    @property
+    def error(self) -> FloatArray:
+        """Normalised root mean square (n,) of the residuals."""
+        return self.columns[3]
+
+    @property
+    def J(self) -> FloatArray:
+        """Derivative (6, 3, n) of the predicted images by the motion."""
+        return self.columns[4:22].reshape(6, 3, -1)
+
+    @property
+    def weighted(self) -> FloatArray:
+        """The same times the inverse covariances of the residuals."""
+        return self.columns[22:].reshape(6, 3, -1)
 
 
-def _contributions(residuals: Residuals, variance: FloatArray, sigma: float) -> Contributions:
-    """Contributions of features whose images have a ``variance`` (n, 3), and whose errors scatter by ``sigma``.
+def _residuals(calibration: StereoCalibration, R: FloatArray, p: FloatArray, observed: FloatArray) -> Residuals:
+    """Residuals after a motion R, p of columns (15, n): point, image, and inverse covariance up to a scale.
+
+    Compiled C (``pose.c``) if there is a compiler.
+    """
+    n, compiled = observed.shape[1], kernel("pose.c", "linearise", (f"NEAREST={NEAREST}",))
+    if compiled is None:
+        r, J = linearised(calibration, R, p, observed[:3], observed[3:6])
+        inverse = observed[6:].reshape(3, 3, n)
+        error = np.sqrt((np.einsum("in,ijn->jn", r, inverse) * r).sum(axis=0) / 3.0)
+        weighted = np.einsum("kin,ijn->kjn", J, inverse)
+        return Residuals(np.concatenate([r, error[None], J.reshape(18, n), weighted.reshape(18, n)]))
+    camera = (calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline)
+    columns = np.empty((40, n))
+    compiled(n, np.concatenate([R.ravel(), p, camera]), observed, columns)
+    return Residuals(columns)
+
+
+def _contributions(residuals: Residuals, share: FloatArray, sigma: float) -> Contributions:
+    """Contributions of features whose errors scatter by ``sigma``; a ``share`` (n,) comes from the images in C alone.
 
     With u = error / c, the robust weight is w = (1 + u^2)^-2. The derivative of w r with respect to r is w I less
     4 / (3 c^2) (1 + u^2)^-3 r r'W.
     """
-    J, information, r, error = residuals
-    tuned = _TUNING[-1] * sigma
-    u = error / tuned
+    J, weighted, tuned = residuals.J, residuals.weighted, _TUNING[-1] * sigma
+    u = residuals.error / tuned
     weight = 1.0 / (1.0 + u**2) ** 2
-    weighted = _weighted(J, information)
-    score = np.einsum("kjn,jn->kn", weighted, r)
+    score = np.einsum("kjn,jn->kn", weighted, residuals.r)
     return Contributions(
         J=J,
         weighted=weight * weighted,
         score=weight * score,
         bend=math.sqrt(4.0 / 3.0) / tuned * (1.0 + u**2) ** -1.5 * score,
-        share=np.einsum("iin,ni->n", information, variance) / 3.0,
+        share=share,
         least=_FINEST**2,
     )
 
@@ -139,12 +169,6 @@ def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tup
     A = weighted.reshape(6, -1)
     normal = A @ J.reshape(6, -1).T
     return normal + _DAMPING * np.trace(normal) * np.eye(6), A @ r.ravel()
-
-
-def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
-    """Jacobian (6, 3, n) times the inverse covariances (3, 3, n)."""
-    weighted: FloatArray = np.einsum("kin,ijn->kjn", J, information)
-    return weighted
 
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
@@ -173,12 +197,11 @@ def _inverse(S: FloatArray) -> FloatArray:
     return inverse
 
 
-def _normalised(r: FloatArray, information: FloatArray, inliers: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """Normalised RMS error (n,) of each match, and its robust standard deviation over the inliers."""
-    error = np.sqrt((np.einsum("in,ijn->jn", r, information) * r).sum(axis=0) / 3.0)
-    ordered = np.sort(error[inliers])
+def _scatter(error: FloatArray) -> float:
+    """Robust standard deviation of normalised RMS errors (n,)."""
+    ordered = np.sort(error)
     median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
-    return error, max(_FINEST, median / _MEDIAN)
+    return max(_FINEST, median / _MEDIAN)
 
 
 _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong
