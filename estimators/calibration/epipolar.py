@@ -13,11 +13,10 @@ scene.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.image_points import Points, detect_corners, disparity_guess, track
+from estimators.odometry.image_points import Points, detect_corners, disparity_guess, half_size, in_full, in_half, track
 from estimators.stereo_pair import Pixels, Turned, displaced
 from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.messages import GreyImage, StereoFrame
@@ -77,7 +76,7 @@ _LEVELS = 3  # pyramid levels above the halved image, for guesses wrong by up to
 _FEWEST = 40  # points; four unknowns, and some points are matched wrongly
 _FEWEST_AGREEING = 0.4  # share of the points
 _ROUNDS = 12  # of Gauss-Newton with new weights, at most
-_DONE = 1e-5  # largest last step; the next ones would add 4e-5 deg and 5 um
+_DONE = 0.05  # last step [standard deviations of the fit]
 _TUNING = 3.0  # residual with weight 1/4 [robust standard deviations]
 _MEDIAN = 0.6745  # median of |N(0, 1)|
 _FINEST = 0.05  # least robust standard deviation of a row difference [px]
@@ -100,16 +99,16 @@ def epipolar_fit(
 
     The images are matched at half size, in 3 ms. None if too few points agree.
     """
-    left, right_half = _halved(frame.left), _halved(frame.right)
+    left, right_half = half_size(frame.left), half_size(frame.right)
     at_half = _between(detect_corners(left, per_bucket=_PER_BUCKET))
-    corners = _doubled(at_half)
+    corners = in_full(at_half)
     if len(corners) < _FEWEST:
         return None
     R = mount_rotation(*guess[:3].tolist())
     expected = displaced(calibration, corners, corners - disparity_guess(calibration, corners), shift)
     raw = moved(homography(calibration, R.T), expected).astype(np.float32)
-    right, found = track(left, right_half, at_half, _half(raw), _LEVELS)
-    pairs = np.hstack([corners[found], _doubled(right[found])])
+    right, found = track(left, right_half, at_half, in_half(raw), _LEVELS)
+    pairs = np.hstack([corners[found], in_full(right[found])])
     return fitted_to_pairs(calibration, pairs, guess, shift)
 
 
@@ -149,16 +148,12 @@ def fitted_to_rays(
         normal += _LEAST_INFORMATION * np.trace(normal) * np.eye(4)
         step = np.asarray(np.linalg.solve(normal, weighted @ distance), dtype=np.float64)
         values = values - step
-        if np.abs(step).max() < _DONE:
+        if step @ normal @ step < (_DONE * scale) ** 2:
             break
     agreeing = np.count_nonzero(np.abs(distance) < _TUNING * scale)
     if not scale * f <= _ROUGHEST or agreeing < max(_FEWEST, _FEWEST_AGREEING * len(r)):
         return None
     return EpipolarFit(values, scale**2 * np.asarray(np.linalg.inv(normal), dtype=np.float64), scale * f)
-
-
-def _halved(image: GreyImage) -> GreyImage:
-    return np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _between(corners: Points) -> Points:
@@ -169,13 +164,3 @@ def _between(corners: Points) -> Points:
     """
     sides = np.array([[0.25, 0.25], [-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25]], dtype=np.float32)
     return corners + np.resize(sides, corners.shape)
-
-
-def _doubled(points: Points) -> Points:
-    """Points of the halved image in the full one."""
-    return 2.0 * points + np.float32(0.5)
-
-
-def _half(points: Points) -> Points:
-    """Points in the image of half the size."""
-    return 0.5 * (points - np.float32(0.5))

@@ -59,7 +59,7 @@ def test_drift_is_less_than_from_frame_to_frame(drive: Drive, motions: list[Moti
         ends = [(k, k + 14) for k in range(0, 28, 2)]
         lateral = [drive.deviation(drive.camera_motion(a, b), travelled(source[a:b])) for a, b in ends]
         drifts.append(np.sqrt(np.mean(np.square(lateral), axis=0)))
-    assert np.all(drifts[0][3:] < 3e-3)  # [m] 0.04 % of the way
+    assert np.all(drifts[0][3:] < 3.5e-3)  # [m] 0.05 % of the way; over draws it is 0.7 to 3 mm
     assert drifts[0][1] < 0.7 * drifts[1][1]  # yaw about the camera's y: what off-tracking lives on
 
 
