@@ -223,20 +223,24 @@ def track(
     return np.asarray(tracked, dtype=np.float32), np.asarray(found).ravel() > 0
 
 
+def track_halved(
+    source: GreyImage, target: GreyImage, points: Points, guess: Points, levels: int
+) -> tuple[Points, NDArray[np.bool_]]:
+    """Track as by ``track``, in halved images: a third of the time, with errors of some tenths of a pixel."""
+    tracked, found = track(half_size(source), half_size(target), in_half(points), in_half(guess), levels - 1)
+    return in_full(tracked), found
+
+
 def stereo_pairs(
     calibration: StereoCalibration, frame: StereoFrame, corners: Points, *, halved: bool = False
 ) -> tuple[Points, Points]:
     """Corners of the left image that are also found in the right one, with their positions in both.
 
-    In ``halved`` images it takes a third of the time, with errors of some tenths of a pixel.
+    With ``halved`` they are tracked as by ``track_halved``.
     """
     guess, shift = corners - disparity_guess(calibration, corners).astype(np.float32), right_shift(frame)
-    guess = displaced(calibration, corners, guess, shift)
-    if halved:
-        half, found = track(half_size(frame.left), half_size(frame.right), in_half(corners), in_half(guess), LEVELS - 1)
-        right = in_full(half)
-    else:
-        right, found = track(frame.left, frame.right, corners, guess, LEVELS)
+    tracked = track_halved if halved else track
+    right, found = tracked(frame.left, frame.right, corners, displaced(calibration, corners, guess, shift), LEVELS)
     kept = found & same_row(corners, as_calibrated(calibration, corners, right, shift))
     return corners[kept], right[kept]
 

@@ -208,8 +208,8 @@ def _observations(
 ) -> Observations:
     """Points in the axes of the newest keyframe with their measured images."""
     X_OK = np.array([candidate.keyframe.X_OK for candidate in candidates])
-    X_NK = inverse(X_OK[0]) @ X_OK[number]
-    R = np.ascontiguousarray(X_NK[:, :3, :3])
+    X_NK = (inverse(X_OK[0]) @ X_OK)[number]
+    R = X_NK[:, :3, :3]
     points = np.concatenate([candidate.keyframe.points[candidate.feature] for candidate in candidates])
     covariance = np.concatenate([candidate.keyframe.covariance[candidate.feature] for candidate in candidates])
     z = np.column_stack([left.points[:, 0], 0.5 * (left.points[:, 1] + right.points[:, 1]), right.points[:, 0]])

@@ -35,6 +35,7 @@ _MEDIAN = 0.888  # median of the root mean square of three standard normal numbe
 _FINEST = 0.02  # least tracking error [px]
 _FEWEST = 6  # matches that leave residuals to estimate the variance from
 _DAMPING = 1e-12  # share of the trace; keeps the solution finite for degenerate matches
+_IDENTITY = np.eye(6)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # rows and columns of cofactors
 
 
@@ -168,7 +169,7 @@ def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tup
     """Matrix (6, 6) and right-hand side (6,) of a Gauss-Newton step, from the Jacobian and its weighted form."""
     A = weighted.reshape(6, -1)
     normal = A @ J.reshape(6, -1).T
-    return normal + _DAMPING * np.trace(normal) * np.eye(6), A @ r.ravel()
+    return normal + _DAMPING * normal.trace() * _IDENTITY, A @ r.ravel()
 
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
