@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DEMO_STAMP := $(VENV)/.installed-for-the-demo
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 TEST_PACKAGES := build-essential chromium cmake postgresql
@@ -13,7 +14,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 
 .PHONY: demo test test-all install install-all system system-all lint benchmarks fuzz kills mutations soak soak-hour clean
 
-demo: install
+demo: $(DEMO_STAMP)
 	@rm -rf runs/demo
 	$(BIN)/offtrack run roundabout --seed 1 --out runs/demo
 	@echo "Open runs/demo/report.html"
@@ -24,7 +25,7 @@ test: install lint
 
 # The rest: slow tests, and comparisons with other programs, which are installed. Only Wine may be missing.
 test-all: install-all
-	$(BIN)/pytest -m slow --no-skips
+	$(BIN)/pytest -m slow --no-skips --dist worksteal
 
 lint: install
 	$(BIN)/ruff check .
@@ -59,12 +60,22 @@ soak-hour: install
 
 install: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt | system
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
-		|| { echo "offtrack needs Python 3.11 or newer; found $$($(PYTHON) --version). Try: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable '.[$(EXTRAS)]'
+# The demo needs no extra but the video, and none of the developers' tools.
+$(DEMO_STAMP): pyproject.toml constraints.txt | system
+	$(create_venv)
+	$(PIP) --editable '.[video]'
 	@touch $@
+
+$(STAMP): pyproject.toml constraints.txt | system
+	$(create_venv)
+	$(PIP) --editable '.[$(EXTRAS)]'
+	@touch $(DEMO_STAMP) $@
+
+define create_venv
+@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	|| { echo "offtrack needs Python 3.11 or newer; found $$($(PYTHON) --version). Try: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 1; }
+$(PYTHON) -m venv $(VENV)
+endef
 
 install-all: $(STAMP)-all
 

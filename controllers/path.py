@@ -17,7 +17,8 @@ _SPACING = 0.5  # of the profile's points [m]
 # Gauss-Legendre rule on [0, 1]: integrates exp(i theta(u)) to rounding for turns of up to 4 pi within a segment.
 _NODES, _WEIGHTS = quadrature(32)
 _MAX_TURN = 4.0 * math.pi  # [rad]
-_PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess
+_PROJECTION_STEPS = 30  # Newton needs 2 to 4 from a good guess
+_LAST_STEP = 1e-6  # [m]; what is left is in proportion to its square
 
 
 class Segment(NamedTuple):
@@ -34,6 +35,11 @@ class Segment(NamedTuple):
 
     def advance(self, start: Pose2, u: float) -> Pose2:
         """Pose after the distance u [m] from ``start``; the heading is not wrapped."""
+        if self.start_curvature == self.end_curvature:  # along the chord of the arc
+            half = 0.5 * self.start_curvature * u
+            chord, middle = u if half == 0.0 else u * math.sin(half) / half, start.psi + half
+            x, y = start.x + chord * math.cos(middle), start.y + chord * math.sin(middle)
+            return Pose2(x, y, start.psi + u * self.start_curvature)
         sharpness = (self.end_curvature - self.start_curvature) / self.length
         distances = u * _NODES
         headings = start.psi + distances * (self.start_curvature + 0.5 * sharpness * distances)
@@ -93,12 +99,11 @@ class Path:
 
     def headings(self, stations: Sequence[float]) -> list[float]:
         """Headings at arc lengths [m], counting full turns [rad]."""
-        headings = []
+        headings, begins, last = [], self.stations, len(self.segments) - 1
         for s in stations:
-            i = min(max(bisect.bisect_right(self.stations, s) - 1, 0), len(self.segments) - 1)
-            segment, u = self.segments[i], min(max(s, 0.0), self.length) - self.stations[i]
-            sharpness = (segment.end_curvature - segment.start_curvature) / segment.length
-            headings.append(self.knots[i].psi + u * (segment.start_curvature + 0.5 * sharpness * u))
+            i = min(max(bisect.bisect_right(begins, s) - 1, 0), last)
+            (length, start, end), u = self.segments[i], min(max(s, 0.0), begins[-1]) - begins[i]
+            headings.append(self.knots[i].psi + u * (start + 0.5 * ((end - start) / length) * u))
         return headings
 
     def poses(self, stations: FloatArray) -> FloatArray:
@@ -128,14 +133,14 @@ class Path:
         """Arc length [m] of the path's point nearest to x, y [m], on the branch around the arc length ``near`` [m]."""
         s = near
         for _ in range(_PROJECTION_STEPS):
-            pose = self.pose(s)
-            c, sin = math.cos(pose.psi), math.sin(pose.psi)
-            along = c * (x - pose.x) + sin * (y - pose.y)
-            across = c * (y - pose.y) - sin * (x - pose.x)
+            at_x, at_y, psi = self.pose(s)
+            c, sin = math.cos(psi), math.sin(psi)
+            along = c * (x - at_x) + sin * (y - at_y)
+            across = c * (y - at_y) - sin * (x - at_x)
             # Newton on along(s) = 0; the slope is limited beyond half the distance to the centre of curvature.
             step = along / max(1.0 - self.curvature(s) * across, 0.5)
             s += step
-            if abs(step) < 1e-10:
+            if abs(step) < _LAST_STEP:
                 break
         return s
 

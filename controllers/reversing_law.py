@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_continuous_are
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from vehicle.combination.description import Vehicle
 from vehicle.combination.unit import Unit
@@ -189,7 +188,7 @@ def _resampled(points: FloatArray) -> tuple[FloatArray, float]:
     s = np.concatenate([-beyond[::-1], s, s[-1] + beyond])
     stations = np.arange(s[0], s[-1], _SPACING)
     line = np.column_stack([np.interp(stations, s, column) for column in np.vstack([before, points, behind]).T])
-    smooth = gaussian_filter1d(line, _SMOOTHING / _SPACING, axis=0, mode="nearest", truncate=3.0)
+    smooth = scipy.ndimage.gaussian_filter1d(line, _SMOOTHING / _SPACING, axis=0, mode="nearest", truncate=3.0)
     margin = math.ceil(3.0 * _SMOOTHING / _SPACING) + 1  # within reach of the filter's ends
     return smooth[margin:-margin], -s[0] - margin * _SPACING
 
@@ -295,7 +294,7 @@ def _gain(chain: RollingChain, curvature: float) -> FloatArray:
     B = (rate(np.zeros(n), h) - rate(np.zeros(n), -h))[:, None] / (2.0 * h)
     Q, R = np.zeros((n, n)), np.array([[1.0 / _CURVATURE**2]])
     Q[0, 0] = 1.0 / _LATERAL_ERROR**2
-    P = solve_continuous_are(A, B, Q, R)
+    P = scipy.linalg.solve_continuous_are(A, B, Q, R)
     gain: FloatArray = np.linalg.solve(R, B.T @ P)[0]
     return gain
 

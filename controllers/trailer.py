@@ -1,6 +1,6 @@
 """Interface of trailer steering laws: data sheets in, commands out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -30,6 +30,10 @@ class TrailerGeometry:
     max_steer_rate: float  # [rad/s]
     actuator_lag: float  # first-order time constant of the steering actuators [s]
     linkages: tuple[Linkage, ...] = ()  # a steered axle in none of them has its own actuator
+    scales: tuple[float, ...] = field(init=False, repr=False, compare=False)  # sizes of the ``steer_ratios``
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scales", tuple(map(abs, self.steer_ratios)))
 
     @property
     def steered_distances(self) -> tuple[float, ...]:

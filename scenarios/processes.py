@@ -15,7 +15,8 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecut
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from vehicle.engine.compiler import silence, warn_if_interpreted
+from vehicle.engine.compiler import warn_if_interpreted
+from vehicle.foundation.user_cache import silence
 
 if TYPE_CHECKING:
     from loky import ProcessPoolExecutor

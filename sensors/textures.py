@@ -4,13 +4,13 @@ from typing import Final
 
 import cv2
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
 
 NoiseArray = NDArray[np.float32]
 TextureArray = NDArray[np.uint8]
 
-_FREQUENCIES: Final = (scipy.fft.fftfreq, scipy.fft.rfftfreq)  # of the rows and the columns of a real image's spectrum
+_FREQUENCIES: Final = (np.fft.fftfreq, np.fft.rfftfreq)  # of the rows and the columns of a real image's spectrum
 
 
 def fractal_noise(

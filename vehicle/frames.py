@@ -51,7 +51,8 @@ class Pose2(NamedTuple):
     def apply(self, points: FloatArray) -> FloatArray:
         """Points given in B, shape (n, 2), expressed in A."""
         c, s = math.cos(self.psi), math.sin(self.psi)
-        transformed: FloatArray = points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y])
+        transformed: FloatArray = points @ np.array((c, s, -s, c)).reshape(2, 2)
+        transformed += np.array((self.x, self.y))
         return transformed
 
 

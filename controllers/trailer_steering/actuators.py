@@ -216,7 +216,7 @@ class ActuatorMonitor:
     def measured(self, memory: ActuatorMemory, tick: int, angles: FloatArray) -> ActuatorMemory:
         """Memory with a reading of the actuators' angles (m,) [rad]; one that is no number is passed over."""
         last, m = memory.history[-1] if len(memory.history) else None, len(angles)
-        if not np.isfinite(angles).all() or (last is not None and tick <= last[0]):
+        if not all(map(math.isfinite, angles.tolist())) or (last is not None and tick <= last[0]):
             return memory
         if last is None or tick - last[0] > _GAP:
             row = np.concatenate([[tick], angles, angles, np.full(m, self._std(0.0))])
@@ -228,10 +228,12 @@ class ActuatorMonitor:
         expected = self._settled(memory.expected, sent, elapsed)
         pace = np.maximum(np.abs(expected - memory.expected) / elapsed, memory.pace * math.exp(-elapsed / self._memory))
         std = self._std(pace)
-        kept = memory.history[np.searchsorted(memory.history[:, 0], tick - _KEPT) :]
-        row = np.concatenate([[tick], sent, angles, std])
-        memory = memory._replace(history=np.vstack([kept, row]), expected=expected, pace=pace)
-        memory = self._scored(memory, tick, (angles - expected) / std, elapsed)
+        kept = memory.history[memory.history[:, 0].searchsorted(tick - _KEPT) :]
+        row = np.concatenate([(tick,), sent, angles, std])
+        scores, quiet_at = self._scored(memory, tick, (angles - expected) / std, elapsed)
+        memory = memory._replace(
+            history=np.concatenate([kept, row[None]]), expected=expected, pace=pace, scores=scores, quiet_at=quiet_at
+        )
         return self._with_faults(memory, tick) if self._has_alarm(memory) else memory
 
     def max_rates(self, memory: ActuatorMemory) -> FloatArray:
@@ -239,13 +241,15 @@ class ActuatorMonitor:
         sound = self._trailer.max_steer_rate
         return np.array([sound if fault is None else _answering(fault.hypothesis, sound) for fault in memory.faults])
 
-    def _scored(self, memory: ActuatorMemory, tick: int, z: FloatArray, elapsed: float) -> ActuatorMemory:
-        """Memory after one step of the test, with residuals z (m,) in standard deviations."""
+    def _scored(
+        self, memory: ActuatorMemory, tick: int, z: FloatArray, elapsed: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Scores (2, m) and quiet ticks (m,) after a step of the test, with residuals z (m,) in standard deviations."""
         samples = elapsed / self._memory
-        ratios = _SHIFT * (np.stack([z, -z]) - 0.5 * _SHIFT) * samples
+        ratios = _SHIFT * (np.array((z, -z)) - 0.5 * _SHIFT) * samples
         scores = np.maximum(0.0, memory.scores + ratios)
-        quiet = np.where((scores > 0.0).any(axis=0), memory.quiet_at, float(tick))
-        return memory._replace(scores=scores, quiet_at=quiet)
+        quiet = np.full(len(z), float(tick))
+        return scores, quiet if not scores.any() else np.where(scores.any(axis=0), memory.quiet_at, quiet)
 
     def _has_alarm(self, memory: ActuatorMemory) -> bool:
         return bool(memory.scores.max() > self._limit) or memory.at_fault

@@ -23,7 +23,7 @@ tick; the later part stays.
 
 import math
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -81,9 +81,12 @@ class AxleGroup:
     def yaw_per_metre(self, hitch_direction: float, steer_moment: float, mean_slip: float) -> float:
         """Yaw [rad] per metre of the hitch's path, for ``steer_moment = sum(x_i tan(delta_i))`` [m].
 
-        Solves the moment balance for the yaw rate: the inverse of `mean_slip`.
+        Solves the moment balance for the yaw rate: the inverse of `mean_slip`. A prediction asks 60 times a step, so
+        that usual directions are neither wrapped nor limited.
         """
-        lead = self.first_moment * (math.tan(limited_direction(hitch_direction)) - mean_slip)
+        usual = -_STEEPEST <= hitch_direction <= _STEEPEST
+        direction = hitch_direction if usual else limited_direction(hitch_direction := wrap(hitch_direction))
+        lead = self.first_moment * (math.tan(direction) - mean_slip)
         return math.cos(hitch_direction) * (lead - steer_moment) / self.second_moment
 
     def steer_moment(self, angles: FloatArray) -> FloatArray:
@@ -175,9 +178,11 @@ def check_towed(law: str, combination: Combination) -> None:
 
 def reachable(trailer: TrailerGeometry, last: FloatArray, wanted: FloatArray, elapsed: float) -> FloatArray:
     """The wanted angles (n_steered,) [rad], limited to those within reach of the last ones in ``elapsed`` [s]."""
-    ratios = np.abs(trailer.steer_ratios)  # the limits are those of the actuators
-    reach, limit = trailer.max_steer_rate * elapsed * ratios, trailer.max_steer * ratios
-    return np.clip(np.clip(wanted, last - reach, last + reach), -limit, limit)
+    turn, angles = trailer.max_steer_rate * elapsed, []
+    for angle, goal, scale in zip(last.tolist(), wanted.tolist(), trailer.scales, strict=True):
+        near = min(max(goal, angle - turn * scale), angle + turn * scale)
+        angles.append(limited_angle(near, trailer.max_steer * scale))
+    return np.array(angles)
 
 
 MEASURABLE: Final = 0.5  # below this speed the odometry's noise of some mm per frame hides the slip [m/s]
@@ -208,9 +213,11 @@ def angles_at(history: SteerHistory, ticks: FloatArray) -> FloatArray:
     """Angles (n, n_steered) [rad] read at past ticks (n,), interpolated."""
     first = max(0, bisect_right(history, float(ticks.min()), key=_TICK) - 1)
     history = history[first : bisect_left(history, float(ticks.max()), key=_TICK) + 1] or history[-1:]
-    read_at = np.array([reading.tick for reading in history], dtype=np.float64)
-    read = np.array([reading.angles for reading in history])
-    return np.stack([np.interp(ticks, read_at, axle) for axle in read.T], axis=1)
+    read_at, read = zip(*history, strict=True)
+    angles = np.empty((len(ticks), len(read[0])))
+    for k, axle in enumerate(zip(*read, strict=True)):
+        angles[:, k] = np.interp(ticks, read_at, axle)
+    return angles
 
 
 def slip_between(before: OffTracking, estimate: OffTracking, axles: AxleGroup, history: SteerHistory) -> float:
@@ -247,25 +254,24 @@ class Predictor:
         dt = (until - estimate.tick) * TICK / steps
         middles: FloatArray = estimate.tick + (np.arange(steps, dtype=np.float64) + 0.5) * (dt / TICK)
         moments = self._axles.steer_moment(self._angles(history, demand, middles)).tolist()
+        yaw_per_metre, first, advance = self._axles.yaw_per_metre, estimate.hitch_direction, dt * speed
+        half_advance = 0.5 * dt * speed
         x = y = psi = 0.0
         for k, moment in enumerate(moments):
-            course = estimate.hitch_direction + course_rate * (k + 0.5) * dt
-            half = 0.5 * dt * speed * self._axles.yaw_per_metre(wrap(course - psi), moment, mean_slip)
-            psi += dt * speed * self._axles.yaw_per_metre(wrap(course - psi - half), moment, mean_slip)
-            x += dt * speed * math.cos(course)
-            y += dt * speed * math.sin(course)
-        return Ahead(
-            Pose2(x, y, psi), limited_direction(wrap(estimate.hitch_direction + course_rate * steps * dt - psi))
-        )
+            course = first + course_rate * (k + 0.5) * dt
+            half = half_advance * yaw_per_metre(course - psi, moment, mean_slip)
+            psi += advance * yaw_per_metre(course - psi - half, moment, mean_slip)
+            x += advance * math.cos(course)
+            y += advance * math.sin(course)
+        return Ahead(Pose2(x, y, psi), limited_direction(wrap(first + course_rate * steps * dt - psi)))
 
     def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray) -> FloatArray:
         """Steer angles (n, n_steered) [rad] at past and future ticks."""
-        newest = history[-1]
+        newest, t = history[-1], self._trailer
+        coming = int(ticks.searchsorted(newest.tick, side="right"))
         angles = angles_at(history, ticks)
-        t = self._trailer
-        coming = ticks > newest.tick
-        waits = (ticks[coming, None] - newest.tick) * TICK
-        angles[coming] = settle(newest.angles, demand, waits, lag=t.actuator_lag, max_rate=t.max_steer_rate)
+        waits = (ticks[coming:, None] - newest.tick) * TICK
+        angles[coming:] = settle(newest.angles, demand, waits, lag=t.actuator_lag, max_rate=t.max_steer_rate)
         return angles
 
 
@@ -280,9 +286,11 @@ class Target(NamedTuple):
     curvature: float  # + left [1/m]
 
 
-def target_on(path: FloatArray, follow_distance: float) -> Target | None:
-    """The point of a path (n, 2), newest first, at the follow point; None if it does not reach back that far."""
-    s = arc_length(path)
+def target_on(path: FloatArray, s: FloatArray, follow_distance: float) -> Target | None:
+    """The point of a path (n, 2), newest first, at the follow point; None if it does not reach back that far.
+
+    ``s`` is its `arc_length` (n,) [m].
+    """
     passed = crossing(path, s, -follow_distance)
     if passed is None:
         return None
@@ -290,14 +298,18 @@ def target_on(path: FloatArray, follow_distance: float) -> Target | None:
     return Target(passed.y, limited_direction(tangent_there.direction), tangent_there.curvature)
 
 
-def hitch_motion(combination: Combination, signals: CombinationSignals, lateral_speed: float = 0.0) -> HitchMotion:
+def hitch_motion(
+    combination: Combination, signals: CombinationSignals, lateral_speed: float = 0.0, speed: float | None = None
+) -> HitchMotion:
     """Motion of the steered trailer; ``lateral_speed`` is that of the tractor's rear axle [m/s].
 
-    A vehicle that tows nothing is led by its foremost axle, whose wheels roll without slip where they are steered to.
+    Its ``speed`` [m/s] is by default that of the signals. A vehicle that tows nothing is led by its foremost axle,
+    whose wheels roll without slip where they are steered to.
     """
-    v_y = lateral_speed + (signals.speed * math.tan(signals.steer) if combination.unit == 0 else 0.0)
+    v_x = signals.speed if speed is None else speed
+    v_y = lateral_speed + (v_x * math.tan(signals.steer) if combination.unit == 0 else 0.0)
     levers = combination.vehicle.hitch_levers(combination.unit)
-    return hitch_motions(signals.speed, v_y, levers, signals.yaw_rates.tolist(), signals.articulation.tolist())[-1]
+    return hitch_motions(v_x, v_y, levers, signals.yaw_rates.tolist(), signals.articulation.tolist())[-1]
 
 
 _SPACING = 0.1  # of the path's points: the chord of a 10 m circle is off by 0.1 mm [m]
@@ -346,9 +358,9 @@ def extended(path: ReckonedPath, tick: int, motion: HitchMotion, elapsed: float)
     path = path._replace(X_OS=now, recent=recent)
     if math.hypot(now.x - path.points[0, 0], now.y - path.points[0, 1]) < _SPACING:
         return path
-    points = np.concatenate([[[now.x, now.y]], path.points])
-    count = 2 + int(np.searchsorted(np.cumsum(np.hypot(*np.diff(points, axis=0).T)), path.reach))
-    return path._replace(ticks=np.concatenate([[float(tick)], path.ticks])[:count], points=points[:count])
+    points = np.concatenate([((now.x, now.y),), path.points])
+    count = 1 + int(arc_length(points).searchsorted(path.reach))
+    return path._replace(ticks=np.concatenate([(float(tick),), path.ticks])[:count], points=points[:count])
 
 
 def corrected(path: ReckonedPath, estimate: OffTracking) -> ReckonedPath:
@@ -422,4 +434,4 @@ class TractorMotion:
         """Motion of the trailer, with ``more_slip`` [rad] of the rear axle than by the data sheet."""
         slip = more_slip + self.slip(signals)
         speed = self.speed(signals, slip)
-        return hitch_motion(self._combination, replace(signals, speed=speed), speed * slip)
+        return hitch_motion(self._combination, signals, speed * slip, speed)

@@ -58,7 +58,7 @@ from controllers.trailer_steering.kinematics import (
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, elapsed_since
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, arc_length
 from vehicle.option import PartParameters, quantity
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
@@ -73,6 +73,7 @@ class PathLawMemory(NamedTuple):
     tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
     estimate: OffTracking | None = None  # newest usable one
+    along: FloatArray | None = None  # arc length of its path (n,) [m]
     delay: float = 0.0  # mean age of the estimate between its arrival and that of the next one [s]
     history: SteerHistory = ()
     slip: float = 0.0  # mean slip of the axles at that estimate [-]
@@ -111,14 +112,15 @@ class PathLaw(SteeringLaw[PathLawMemory]):
         before = memory.estimate
         is_new = off_tracking is not None and (before is None or off_tracking.tick > before.tick)
         if off_tracking is not None and is_new and self._is_usable(off_tracking):
-            memory = self._with_slip(memory, tick, off_tracking)._replace(estimate=off_tracking)
+            memory = self._with_slip(memory, tick, off_tracking)
+            memory = memory._replace(estimate=off_tracking, along=arc_length(off_tracking.path))
         wanted = last = np.array(memory.demand)
-        estimate = memory.estimate
-        if estimate is not None and tick - estimate.tick <= _OLDEST and estimate.v_x >= _CREEP:
+        estimate, along = memory.estimate, memory.along
+        if estimate and along is not None and tick - estimate.tick <= _OLDEST and estimate.v_x >= _CREEP:
             goal = last if memory.actuation is None else memory.actuation.goal
             until = self._predicted_until(tick, estimate)
             ahead = self._predictor.ahead(estimate, memory.slip, memory.history, goal, until)
-            target = self._target(ahead.frame.inverse().apply(estimate.path))
+            target = self._target(ahead.frame.inverse().apply(estimate.path), along)
             memory, wanted = self._wanted(memory, estimate, ahead, target, elapsed)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
@@ -127,8 +129,8 @@ class PathLaw(SteeringLaw[PathLawMemory]):
         """True if the estimate is good, or lost only because its path is still short: it shows the slip."""
         return estimate.health is not Health.LOST or self._target(estimate.path) is None
 
-    def _target(self, path: FloatArray) -> Target | None:
-        return target_on(path, self._trailer.follow_distance)
+    def _target(self, path: FloatArray, along: FloatArray | None = None) -> Target | None:
+        return target_on(path, arc_length(path) if along is None else along, self._trailer.follow_distance)
 
     def _predicted_until(self, tick: int, estimate: OffTracking) -> int:
         """Tick at which the axles have answered to a demand."""

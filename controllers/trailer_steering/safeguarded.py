@@ -157,6 +157,7 @@ class GuardMemory(NamedTuple):
     sound: OffTracking | None  # newest estimate that agrees with the one before
     sound_since: int | None  # since when all estimates have agreed [ticks]; None: the newest does not
     good: OffTracking | None  # newest estimate for the law
+    expected: OffTracking | None  # what is to be expected with it
     good_at: int  # its arrival, or the time when the first one was due [ticks]
     rolled: float  # distance without a first good estimate [m]
     trusted: bool  # True if sound estimates are used
@@ -187,6 +188,7 @@ class EstimateGuard:
             sound=None,
             sound_since=None,
             good=None,
+            expected=None,
             good_at=0,
             rolled=0.0,
             trusted=True,
@@ -205,10 +207,9 @@ class EstimateGuard:
             reference = motion_reference(off_tracking, newest)
             if reference is not None:
                 monitor = self._monitor.compared(monitor, reference)
-        memory = memory._replace(monitor=monitor)
-        if monitor.distrusted != before.distrusted:  # distance counted by signals that are no longer trusted
-            memory = memory._replace(travel=Travel(newest))
-        return memory, self._monitor.corrected(monitor, signals)
+        # not the distance counted by signals that are no longer trusted
+        travel = memory.travel if monitor.distrusted == before.distrusted else Travel(newest)
+        return memory._replace(monitor=monitor, travel=travel), self._monitor.corrected(monitor, signals)
 
     def estimate_checked(
         self, memory: GuardMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
@@ -225,7 +226,7 @@ class EstimateGuard:
             memory = self._with_estimate(memory, tick, off_tracking, travelled)
         memory = self._with_handover(memory, tick, motion)
         if memory.law_steers and memory.good is not None:
-            return memory, self._expected(memory.good)
+            return memory, memory.expected
         if not memory.law_steers and memory.sound_since is not None and memory.sound is not None:
             return memory, self._expected(memory.sound)
         return memory, None if off_tracking is None else replace(off_tracking, health=Health.LOST)
@@ -254,8 +255,9 @@ class EstimateGuard:
             reduction = self._degradation.fade_rate * growth * elapsed
             difference -= np.clip(difference, -reduction, reduction)
         demand = reachable(self._trailer, last, wanted + difference, elapsed)
-        memory = memory._replace(fallback=fallback, tick=tick)
-        return memory._replace(demand=tuple(demand.tolist()), difference=tuple(difference.tolist())), demand
+        sent = tuple(demand.tolist())
+        memory = memory._replace(fallback=fallback, tick=tick, demand=sent, difference=tuple(difference.tolist()))
+        return memory, demand
 
     def _with_estimate(self, memory: GuardMemory, tick: int, estimate: OffTracking, motion: HitchMotion) -> GuardMemory:
         """Memory with a new estimate, which is good if it and those before it are plausible."""
@@ -272,7 +274,9 @@ class EstimateGuard:
         memory = memory._replace(sound=estimate, sound_since=since)
         if not memory.trusted and (tick - since) * TICK >= d.recovery:
             memory = memory._replace(trusted=True, law_steers=True, changed_at=tick)
-        return memory._replace(good=estimate, good_at=tick) if memory.trusted else memory
+        if not memory.trusted:
+            return memory
+        return memory._replace(good=estimate, expected=self._expected(estimate), good_at=tick)
 
     def _with_handover(self, memory: GuardMemory, tick: int, motion: HitchMotion) -> GuardMemory:
         """Memory after a handover to the fallback, if the last good estimate is out of date.
@@ -402,7 +406,7 @@ class Safeguarded:
         if memory.is_locked and not locked:
             fresh = self.init()
             memory = memory._replace(law=fresh.law, guard=fresh.guard)
-        return memory._replace(is_locked=locked)
+        return memory if locked == memory.is_locked else memory._replace(is_locked=locked)
 
     def _steered(
         self, memory: SafeguardMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals

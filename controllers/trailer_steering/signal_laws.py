@@ -40,7 +40,9 @@ Only the last follow distance of it counts, so that errors do not grow for ever.
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import replace
+from operator import itemgetter
 from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
@@ -313,7 +315,7 @@ class ReckonedDriver:
     def _estimate(self, memory: ReckonedDriverMemory, tick: int, signals: CombinationSignals) -> OffTracking:
         """The off-tracking by dead reckoning."""
         motion, path = self._motion(memory.learnt, signals), memory.path.in_trailer()
-        target = target_on(path, self._trailer.follow_distance)
+        target = target_on(path, arc_length(path), self._trailer.follow_distance)
         ahead = float(signals.yaw_rates[self._unit - 1])
         return OffTracking(
             tick=tick,
@@ -339,6 +341,7 @@ _NONE_FROM: Final = 13.9
 _COMPARED: Final = 2000  # signals that are tested against each other [ticks]
 _GAP: Final = 0.3  # without signals, after which the path is unknown [s]
 _CHANGE_TIME: Final = 2.0  # between dead reckoning and command steer [s]
+_TICK: Final = itemgetter(0)  # of a row
 _UNLIMITED: Final = 1e3  # rate of the laws here; the guard limits it for all of them [rad/s]
 
 
@@ -380,7 +383,8 @@ class Fallback:
         doubted = length if elapsed > _GAP else max(0.0, memory.doubted - abs(signals.speed) * elapsed)
         if reckoning.estimate is not memory.reckoning.estimate:
             doubted = 0.0
-        rows = (*[row for row in memory.rows if row[0] >= tick - _COMPARED], _row(signals, self._unit))
+        kept = memory.rows[bisect_left(memory.rows, tick - _COMPARED, key=_TICK) :]
+        rows = (*kept, _row(signals, self._unit))
         return memory._replace(reckoning=reckoning, rows=rows, doubted=doubted)
 
     def steered(

@@ -129,6 +129,7 @@ def _corrected(scatter: FloatArray, count: FloatArray) -> FloatArray:
 _HALVES = 3  # left and right, near and far, newest keyframe and older ones
 _MEMORY = 30.0  # frames that are averaged over: three seconds at 10 Hz
 _PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start in differences of this mean square
+_ALIKE_PARTS = 12.0  # independent frames' worth of belief that components and kinds of halves are alike
 _CHANCE = 2.0  # times as large as chance makes it on average a squared mean must be to count as persistent
 INDEPENDENT = 0.7  # mean squared difference of independent errors: variances have a factor for neighbours of 1.44
 _OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
@@ -208,15 +209,18 @@ def stated(consistency: SelfConsistency, motion: Motion, focal_length: float) ->
 
 
 def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
-    """Factors (6,) on the standard deviations of motions over ``distance`` [m] that count as independent."""
+    """Factors (6,) on the standard deviations of motions over ``distance`` [m] that count as independent.
+
+    They are below 1 where halves agree as those of independent features do, which the covariances take for neighbours.
+    """
     n = (np.minimum(consistency.frames, 2.0 * _MEMORY) / _ALIKE)[:, None]  # independent frames in the averages
     square = consistency.square
     typical = (_PRIOR * _AT_FIRST + np.sum(n * square)) / (_PRIOR + 6.0 * n.sum())
-    likely = (_PRIOR * typical + n * square) / (_PRIOR + n)
+    likely = (_ALIKE_PARTS * typical + n * square) / (_ALIKE_PARTS + n)
     chance = _CHANCE * square / np.maximum(n, 1.0)  # of a squared mean
     persistent = np.maximum(0.0, consistency.mean**2 - chance)
     motions = _OVER / np.clip(distance, _LEAST_STEP, _OVER)
-    variance = np.maximum(1.0, likely + (motions - 1.0) * persistent)
+    variance = np.maximum(INDEPENDENT, likely + (motions - 1.0) * persistent)
     largest = variance.max(axis=0)
     largest[_TOGETHER] = largest[_TOGETHER].max(axis=0)
     by: FloatArray = np.sqrt(largest)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from estimators.stereo_pair import NEAREST, as_calibrated, displaced, project, right_shift, triangulate
 from sensors.camera.rig import StereoCalibration
@@ -163,7 +163,7 @@ def _fitted_slopes(points: Points, disparity: FloatArray, expected: FloatArray) 
     """Slopes (n, 2) of the disparity around each point, and a mask (n,) of planar neighbourhoods."""
     if len(points) <= _NEIGHBOURS:
         return expected, np.zeros(len(points), np.bool_)
-    distance, near = cKDTree(points * [1.0, _FLAT]).query(points * [1.0, _FLAT], _NEIGHBOURS)
+    distance, near = scipy.spatial.cKDTree(points * [1.0, _FLAT]).query(points * [1.0, _FLAT], _NEIGHBOURS)
     design = np.concatenate([(points[near] - points[:, None]) / _UNIT, np.ones((*near.shape, 1))], axis=2)
     closeness = np.exp(-0.5 * (distance / _REACH) ** 2)
     weight = closeness

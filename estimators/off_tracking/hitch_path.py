@@ -3,6 +3,7 @@
 Paths are (n, 2) [m], newest point first; s is the length of the chords from the newest point back [m].
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy as np
 from vehicle.frames import FloatArray
 
 _LEAST_POINTS = 5  # two more than the coefficients of a parabola, to average the noise
-_BISECTIONS = 40  # a metre to 1e-12 m
+_SECANTS = 60  # five are usual
+_CLOSE = 1e-12  # [m]
+_SAME = 1e-9  # relative determinant without a parabola: rounding [-]
 _APART = 1e-6  # points closer together count as one: their distance is rounding [m]
 _LEAST_SPAN = 0.1  # shorter pieces show the direction of the noise, not of the path [m]
 _LEAST_ADVANCE = 0.01  # advance per length of path; it is 1 on a path, and less where noise or reversing folds it [-]
@@ -37,49 +40,68 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
     The chord between the two points, as printed in de Saxe 2018, eq. 7, would cost 2 mm RMS at R = 12 m.
     """
     beyond = path[:, 0] <= x  # de Saxe 2018, eq. 6
-    index = int(np.argmax(beyond))
+    index = int(beyond.argmax())
     if index == 0:  # no point beyond x, or the hitch itself is beyond
         return None
     if s[index] - s[index - 1] < _APART:
         return Crossing(s=float(s[index]), y=float(path[index, 1]), beyond=index)
     # The next points on both sides that are not repetitions: a repeated point leaves the cubic undetermined.
-    before = int(s.searchsorted(s[index - 1] - _APART)) - 1
-    after = int(s.searchsorted(s[index] + _APART, side="right"))
+    before, after = index - 2, index + 1
+    while before >= 0 and s[index - 1] - s[before] <= _APART:
+        before -= 1
+    while after < len(s) and s[after] - s[index] <= _APART:
+        after += 1
     around = [point for point in (before, index - 1, index, after) if 0 <= point < len(s)]
-    origin = s[index - 1]
-    powers = _powers(s[around] - origin, len(around))[::-1].T
-    of_x, of_y = (_Cubic(*[0.0] * (4 - len(around)), *column) for column in np.linalg.solve(powers, path[around]).T)
-    u = _falls_to(of_x, x, float(s[index] - origin))
-    return Crossing(s=float(origin + u), y=of_y.at(u), beyond=index)
+    nodes, (of_x, of_y) = s[around].tolist(), path[around].T.tolist()
+    there = _falls_to(_Cubic.through(nodes, of_x), x, float(s[index - 1]), float(s[index]))
+    return Crossing(s=there, y=_Cubic.through(nodes, of_y).at(there), beyond=index)
 
 
 class _Cubic(NamedTuple):
-    """Coefficients of a polynomial, the highest power's first."""
+    """A polynomial in Newton's form, on floats: controllers ask often, and arrays of four numbers take longer."""
 
-    a: float
-    b: float
-    c: float
-    d: float
+    d_0: float  # divided differences
+    d_1: float
+    d_2: float
+    d_3: float
+    u_0: float  # nodes
+    u_1: float
+    u_2: float
+
+    @classmethod
+    def through(cls, nodes: list[float], values: list[float]) -> "_Cubic":
+        """The polynomial of the least degree through values at two to four nodes."""
+        differences = values.copy()
+        for order in range(1, len(nodes)):
+            for k in range(len(nodes) - 1, order - 1, -1):
+                differences[k] = (differences[k] - differences[k - 1]) / (nodes[k] - nodes[k - order])
+        return cls(*differences, *[0.0] * (4 - len(nodes)), *nodes[:3], *[0.0] * (3 - len(nodes)))
 
     def at(self, u: float) -> float:
-        """Its value: Horner on floats, as np.polyval costs 20 times as much, and controllers ask often."""
-        return ((self.a * u + self.b) * u + self.c) * u + self.d
+        """Its value."""
+        d_0, d_1, d_2, d_3, u_0, u_1, u_2 = self
+        return d_0 + (u - u_0) * (d_1 + (u - u_1) * (d_2 + (u - u_2) * d_3))
 
 
-def _powers(u: FloatArray, count: int) -> FloatArray:
-    """Powers (count, n) of u (n,) from 0 on: the columns of np.vander, which takes longer than the solution."""
-    powers = np.ones((count, len(u)))
-    for k in range(1, count):
-        powers[k] = powers[k - 1] * u
-    return powers
+def _falls_to(cubic: _Cubic, value: float, low: float, high: float) -> float:
+    """Argument between ``low`` and ``high`` at which the polynomial falls to the value.
 
-
-def _falls_to(cubic: _Cubic, value: float, end: float) -> float:
-    """Argument in (0, ``end``) at which the polynomial falls to the value, by bisection: safe against rounding."""
-    low, high = 0.0, end
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if cubic.at(middle) > value else (low, middle)
+    Illinois' method: by secants of an interval in which it does, with half the value at an end that stays.
+    """
+    above, below = cubic.at(low) - value, cubic.at(high) - value
+    before = 0.0
+    for _ in range(_SECANTS):
+        if above <= below:  # rounding
+            break
+        u = (low * below - high * above) / (below - above)
+        rest = cubic.at(u) - value
+        if abs(rest) < _CLOSE:
+            return u
+        if rest > 0.0:
+            low, above, below = u, rest, 0.5 * below if before > 0.0 else below
+        else:
+            high, below, above = u, rest, 0.5 * above if before < 0.0 else above
+        before = rest
     return high
 
 
@@ -89,14 +111,37 @@ def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent
     A parabola is unbiased on a circle, and one or two metres of path average the noise of single points. For a path
     that is too short, or turns back there, direction and curvature are 0.
     """
-    distance = np.abs(s - at)
-    least = min(_LEAST_POINTS, len(distance)) - 1
-    near = np.flatnonzero(distance <= max(reach, float(np.partition(distance, least)[least])))
-    if len(near) < 3 or np.ptp(s[near]) < _LEAST_SPAN:
+    first, end = s.searchsorted(at - reach), s.searchsorted(at + reach, side="right")
+    if end - first < _LEAST_POINTS < len(s):
+        distance = np.sort(np.abs(s - at))[_LEAST_POINTS - 1]
+        first, end = s.searchsorted(at - distance), s.searchsorted(at + distance, side="right")
+    piece = slice(first, end) if len(s) > _LEAST_POINTS else slice(None)
+    u = s[piece] - at
+    if len(u) < 3 or u[-1] - u[0] < _LEAST_SPAN:
         return Tangent(0.0, 0.0)
-    _, (dx, dy), (ddx, ddy) = np.linalg.lstsq(_powers(s[near] - at, 3).T, path[near], rcond=None)[0]
-    if np.hypot(dx, dy) < _LEAST_ADVANCE:
+    dx, dy, ddx, ddy = _parabola(u, path[piece])
+    if math.hypot(dx, dy) < _LEAST_ADVANCE:
         return Tangent(0.0, 0.0)
     # s runs backwards along the travel, so both the direction and the curvature change sign
     curvature = -2.0 * (dx * ddy - dy * ddx) / (dx * dx + dy * dy) ** 1.5
-    return Tangent(float(np.arctan2(-dy, -dx)), float(curvature))
+    return Tangent(math.atan2(-dy, -dx), curvature)
+
+
+def _parabola(u: FloatArray, points: FloatArray) -> tuple[float, float, float, float]:
+    """Linear and quadratic coefficients of x and y of the least-squares parabola through points (n, 2) at u (n,).
+
+    By the normal equations about the mean of u: within a metre or two they are well conditioned.
+    """
+    mean = float(u.sum()) / len(u)
+    v = u - mean
+    squares = v * v
+    squares -= float(squares.sum()) / len(u)
+    a_11, a_12, a_22 = float(v @ v), float(v @ squares), float(squares @ squares)
+    (x_1, y_1), (x_2, y_2) = (v @ points).tolist(), (squares @ points).tolist()
+    determinant = a_11 * a_22 - a_12 * a_12
+    if determinant <= _SAME * a_11 * a_22:  # at two places alone
+        return x_1 / a_11, y_1 / a_11, 0.0, 0.0
+    scale = 1.0 / determinant
+    ddx, ddy = scale * (a_11 * x_2 - a_12 * x_1), scale * (a_11 * y_2 - a_12 * y_1)
+    dx, dy = scale * (a_22 * x_1 - a_12 * x_2), scale * (a_22 * y_1 - a_12 * y_2)
+    return dx - 2.0 * mean * ddx, dy - 2.0 * mean * ddy, ddx, ddy

@@ -54,9 +54,9 @@ def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float
     recent = history[-_LEVEL_OF:, FIRST : FIRST + 2 * unit + 1]
     if len(recent) < least:
         return 1.0
-    measured = _white_noise(recent)
-    assumed = np.array([ARTICULATION_NOISE] * unit + [GYRO_NOISE] * (unit + 1))
-    level = float(np.median(measured / assumed))
+    measured = _white_noise(recent).tolist()
+    assumed = [ARTICULATION_NOISE] * unit + [GYRO_NOISE] * (unit + 1)
+    level = sorted(one / usual for one, usual in zip(measured, assumed, strict=True))[unit]  # the median
     return level if level > _NOISIER else 1.0
 
 
@@ -115,16 +115,35 @@ class MotionReference(NamedTuple):
     yaw_rate: float  # [rad/s]
 
 
-class Parity(NamedTuple):
-    """Values of relations over their tolerances (m,), and the signature of a fault of each signal."""
-
-    values: FloatArray
-    signatures: tuple[FloatArray, ...]  # (m, q) of each signal, in its unit; q: degrees of freedom of its fault
-    reference: tuple[FloatArray, ...]  # (m, q) of a reference that is wrong in one way, or in all of them
-    slip: FloatArray  # (m, 2) of slip of the tractor's rear and front axle beyond the tolerance
-
-
 _Relation = tuple[float, dict[tuple[int, int], float], tuple[float, float, float]]  # value, signatures, reference's
+
+
+class Parity:
+    """Values of relations over their tolerances (m,), and the signatures of faults, made where they are asked for."""
+
+    def __init__(self, relations: Sequence[_Relation], *, rolls: bool) -> None:
+        """For m relations; ``rolls``: the reference's own motion lets the trailer's axles roll."""
+        self.values = np.array([value for value, _, _ in relations])
+        self._relations, self._rolls = relations, rolls
+
+    def signature(self, signal: int) -> FloatArray:
+        """Signature (m, q) of a fault of a signal, in its unit; q: degrees of freedom of its fault."""
+        both = self._columns((signal, 0), (signal, 1))
+        return both if both[:, 1].any() else both[:, :1]
+
+    @property
+    def reference(self) -> tuple[FloatArray, ...]:
+        """Signatures (m, q) of a reference that is wrong in one way, or in all of them."""
+        own = np.array([own for _, _, own in self._relations])
+        return own[:, :1], own[:, 1:2], own[:, 2:], *(() if self._rolls else (own,))
+
+    @property
+    def slip(self) -> FloatArray:
+        """Signatures (m, 2) of slip of the tractor's rear and front axle beyond the tolerance."""
+        return self._columns(_REAR_SLIP, _FRONT_SLIP)
+
+    def _columns(self, *places: tuple[int, int]) -> FloatArray:
+        return np.array([[row.get(place, 0.0) for place in places] for _, row, _ in self._relations])
 
 
 class ParityRelations:
@@ -164,18 +183,7 @@ class ParityRelations:
             turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro])))
             if reference.v_x * turning <= _BEND and abs(mean[STEER]) < _PLOUGHING:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
-        values, own = np.array([value for value, _, _ in relations]), np.array([own for _, _, own in relations])
-
-        def columns(*places: tuple[int, int]) -> FloatArray:
-            return np.array([[row.get(place, 0.0) for place in places] for _, row, _ in relations])
-
-        signatures = [columns((signal, 0), (signal, 1)) for signal in range(2 * self._unit + 3)]
-        return Parity(
-            values,
-            tuple(s[:, np.any(s != 0.0, axis=0) | (np.arange(2) == 0)] for s in signatures),
-            (own[:, :1], own[:, 1:2], own[:, 2:], *(() if rolls else (own,))),
-            columns(_REAR_SLIP, _FRONT_SLIP),
-        )
+        return Parity(relations, rolls=rolls)
 
     def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
         """A, of each hitch."""

@@ -21,10 +21,9 @@ from estimators.off_tracking.hitch_path import Crossing
 from estimators.rigid_motion import UncertainMotion, along_axes, chained, composed, stretched
 from vehicle.frames import FloatArray, arc_length, cross, inverse, transform
 
-# Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
-# rendered frames has an RMS of 0.5 to 1.0 with scenery and 1.0 to 1.7 on bare ground; without it 1.1 to 1.9 and 1.8 to
-# 2.1 (circular matching).
-_COMMON = 0.04
+# Share of the variance that is common to all measurements from frame to frame, and to those from keyframes, whose
+# features hold still: on rendered frames the mean squared error of the off-tracking then is 0.5 to 0.8 of its variance.
+_COMMON = 0.04, 0.01
 _STEP = 0.02  # least distance between samples [m]
 _TILT = 0.025  # tilt of the mean plane of a path to the side, 1 sigma: the usual cross-fall of a road [rad]
 
@@ -234,9 +233,10 @@ def lateral_std(
     blocks = covariances.reshape(-1, 2, 3, 2, 3)
     body = np.einsum("iba,imbmc,icd->imad", R_OS, blocks, R_OS)  # of rotation and of translation, along the body
     spread = np.sqrt(np.einsum("imaa->ima", body))
-    sense = np.array([link.sense for link in links])
+    from_keyframe = [end + 1 < len(samples) and samples[end].anchor < samples[end + 1].tick for end in ends]
+    sense = np.sqrt(np.where(from_keyframe, _COMMON[1], _COMMON[0])) * [link.sense for link in links]
     together = np.einsum("i,ima,ima->ma", sense, gradient @ R_OS, spread)
-    return math.sqrt(float(independent + _COMMON * np.sum(np.square(together))))
+    return math.sqrt(float(independent + np.sum(np.square(together))))
 
 
 def level_std(X_OS: FloatArray, R_OS: FloatArray, point: FloatArray) -> float:

@@ -163,7 +163,7 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
-_IMPOSSIBLE = 5.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
+_IMPOSSIBLE = 4.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
 # Errors of a signal at fault [m/s], [rad], [rad/s]: what depends on it is no evidence.
 _ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0

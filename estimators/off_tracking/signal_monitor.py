@@ -120,6 +120,7 @@ class SignalMonitor:
         self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE])
         self._rates = np.array([_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1), _RATES[1]])
+        self._least_jump = _JUMP_SIGMAS * self._noise
         self._columns = [SPEED, *range(FIRST, FIRST + 2 * unit + 1), STEER]
 
     def init(self) -> MonitorMemory:
@@ -135,14 +136,12 @@ class SignalMonitor:
         if self._unit == 0:
             return memory
         row, history = self._row(signals), memory.history
-        if not np.isfinite(row).all() or (len(history) and row[0] <= history[-1, 0]):
+        if not all(map(math.isfinite, row.tolist())) or (len(history) and signals.tick <= history[-1, 0]):
             return memory
-        if len(history) >= _LEAST:
-            memory = memory._replace(jumped=self._jumped(memory, row))
-        kept = history[np.searchsorted(history[:, 0], row[0] - _KEPT) :]
-        if memory.contradicted:
-            memory = memory._replace(towed=self._towed(memory, row))
-        memory = memory._replace(history=np.vstack([kept, row]))
+        jumped = self._jumped(memory, row) if len(history) >= _LEAST else memory.jumped
+        towed = self._towed(memory, row) if memory.contradicted else memory.towed
+        kept = history[history[:, 0].searchsorted(signals.tick - _KEPT) :]
+        memory = memory._replace(history=np.concatenate([kept, row[None]]), jumped=jumped, towed=towed)
         if signals.tick - memory.compared_at > _ALONE and signals.tick % 100 == 0:
             return self._compared(memory, None, signals.tick)
         return memory
@@ -185,7 +184,7 @@ class SignalMonitor:
             return memory
         level = noise_level(memory.history, self._unit, _LEAST)
         parity = self._relations.parity(memory.history, _WINDOW, level, reference, tick)
-        known = [parity.signatures[k] for k in memory.distrusted]
+        known = [parity.signature(k) for k in memory.distrusted]
         left, _ = misfit(parity.values, known)
         if left > _DETECTED:
             memory = self._suspected(memory, parity, left, is_alone=reference is None)
@@ -200,13 +199,13 @@ class SignalMonitor:
 
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
         """Memory after a contradiction that the known faults do not explain."""
-        known = [parity.signatures[k] for k in memory.distrusted]
+        known = [parity.signature(k) for k in memory.distrusted]
 
         def explains(other: FloatArray) -> bool:
             return misfit(parity.values, [*known, other])[0] <= min(_DETECTED, _BETTER * left)
 
         others = [k for k in range(len(self.names)) if k not in memory.distrusted]
-        fitting = [k for k in others if explains(parity.signatures[k])]
+        fitting = [k for k in others if explains(parity.signature(k))]
         is_evident = self._evident(memory)
         evident = [k for k in fitting if is_evident[k]]
         doubtful = not is_alone and any(explains(other) for other in (*parity.reference, parity.slip))
@@ -249,7 +248,7 @@ class SignalMonitor:
         distrusted = memory.distrusted
         if not distrusted:
             return memory
-        known = [parity.signatures[k] for k in distrusted]
+        known = [parity.signature(k) for k in distrusted]
         left, sizes = misfit(parity.values, known)
         if left > _DETECTED:
             return memory  # something else is wrong, too
@@ -293,12 +292,12 @@ class SignalMonitor:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
         change = row - memory.history[-1]
         beyond = np.abs(change[self._columns]) - self._rates * change[0] * TICK
-        if not np.any(beyond > _JUMP_SIGMAS * self._noise):  # more noise only hides more
+        if not (beyond > self._least_jump).any():  # more noise only hides more
             return memory.jumped
         jumps = beyond > _JUMP_SIGMAS * noise_level(memory.history, self._unit, _LEAST) * self._noise
         return tuple(int(row[0]) if one else before for one, before in zip(jumps, memory.jumped, strict=True))
 
     def _row(self, signals: CombinationSignals) -> FloatArray:
-        tangent = float(np.sum(np.tan(signals.angles))) / self._n_axles
-        readings = (*signals.articulation[: self._unit], *signals.yaw_rates[: self._unit + 1])
-        return np.array([signals.tick, signals.speed, signals.steer, tangent, *readings, signals.lateral_acceleration])
+        tangent, n = float(np.tan(signals.angles).sum()) / self._n_axles, self._unit
+        readings = (*signals.articulation[:n].tolist(), *signals.yaw_rates[: n + 1].tolist())
+        return np.array((signals.tick, signals.speed, signals.steer, tangent, *readings, signals.lateral_acceleration))

@@ -53,8 +53,6 @@ def _one_line_errors() -> Iterator[None]:
 
     An interrupt ends in exit code 130.
     """
-    from sensors.render import RendererUnavailableError
-
     try:
         yield
     except (BrokenPipeError, typer.Exit):  # whoever read the output has gone: no error of the command
@@ -63,7 +61,8 @@ def _one_line_errors() -> Iterator[None]:
         remark("interrupted; what is finished is kept")
         raise typer.Exit(INTERRUPTED) from interrupt
     except Exception as error:
-        if isinstance(error, ValueError | OSError | RendererUnavailableError):
+        render = sys.modules.get("sensors.render")  # its import takes long, and without it nothing was rendered
+        if isinstance(error, ValueError | OSError) or (render and isinstance(error, render.RendererUnavailableError)):
             line = _line(error)
         elif place := raised_at(error):
             line = f"{type(error).__name__}: {error}{place}"

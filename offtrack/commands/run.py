@@ -1,14 +1,11 @@
-"""`offtrack run`, and `offtrack scenarios`, `parts` and `keys`: run a scenario, and list what there is to choose."""
+"""`offtrack run`: run a scenario."""
 
 import json
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.syntax import Syntax
-from rich.table import Table
 
 from offtrack.commands.console import (
     CHECK_FAILED,
@@ -18,21 +15,15 @@ from offtrack.commands.console import (
     Quiet,
     ScenarioName,
     debugging,
-    listing,
     progress_bar,
     progress_display,
     remark,
     summary_table,
 )
-from offtrack.exchange.bench.links import opened_bench
-from offtrack.exchange.recordings.writers import recording_in
 from offtrack.reports.run_files import write_run
-from offtrack.reports.watching import Watcher, watched
-from scenarios import part_listing
 from scenarios.loop import runner
 from scenarios.loop.channel import Pacer
-from scenarios.options.scenario import load_any_scenario, scenario_names
-from scenarios.part_listing import Key
+from scenarios.options.scenario import load_any_scenario
 from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
 from scenarios.results.run_inputs import changed_modules
@@ -116,15 +107,25 @@ def run(
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
-        bench = cleanup.enter_context(opened_bench(udp, can))
+        bench = None
+        if (udp, can) != (None, None):  # modules that few runs need are imported where one does
+            from offtrack.exchange.bench.links import opened_bench
+
+            bench = cleanup.enter_context(opened_bench(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
         if record:
             check_run_directory(record)
             check_apart(directory, record)
-        watcher = None
+        recording, watcher = None, None
+        if record:
+            from offtrack.exchange.recordings.writers import recording_in
+
+            recording = recording_in(record)
         if watch:
+            from offtrack.reports.watching import Watcher, watched
+
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
@@ -132,7 +133,7 @@ def run(
                 chosen,
                 seed,
                 keep_frames=True,
-                record=recording_in(record) if record else None,
+                record=recording,
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
@@ -168,87 +169,3 @@ def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
     for warning in numbers.get("warnings", ()):
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
-
-
-PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
-KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
-Find = Annotated[
-    str, typer.Option(metavar="TEXT", help="Show only entries that contain this text.", show_default=False)
-]
-
-
-def scenarios(
-    name: Annotated[
-        str | None, typer.Argument(help="A scenario to show in full, by its name or TOML file.", show_default=False)
-    ] = None,
-) -> None:
-    """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
-    if name is None:
-        rows = ((known, load_any_scenario(known).description) for known in scenario_names())
-        PlainConsole().print(listing(rows))
-        return
-    scenario = load_any_scenario(name)
-    console = PlainConsole()
-    console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True)
-    console.print(Syntax(scenario.to_toml(), "toml", background_color="default", word_wrap=True))
-    console.print(f"Run it:     offtrack run {name}", soft_wrap=True)
-    console.print(f"Change it:  offtrack keys {name}", soft_wrap=True)
-
-
-def parts(
-    kind: Annotated[
-        str | None, typer.Argument(help="Kind of parts, e.g. trailer_steering; all kinds if not given.")
-    ] = None,
-    find: Find = "",
-    as_json: AsJson = False,
-) -> None:
-    """List the replaceable parts with their parameters, defaults, units and ranges.
-
-    Choose a part with --set KEY=NAME, or your own with --set KEY=package.module:Name.
-    """
-    matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
-    if as_json:
-        typer.echo(json.dumps([asdict(part) for part in matches], indent=2, ensure_ascii=False))
-        return
-    console, kinds = PlainConsole(), dict.fromkeys(part.kind for part in matches)
-    for heading in kinds:
-        table = _table("part", "value", "range", "meaning", title=heading)
-        for part in (part for part in matches if part.kind == heading):
-            table.add_row(part.name, "", "", part.meaning)
-            for key in part.parameters:
-                table.add_row(f"  {key.name}", _value(key), key.range, key.meaning)
-        console.print(table)
-
-
-def keys(
-    scenario: Annotated[
-        str | None,
-        typer.Argument(help="Scenario whose values are shown as defaults; all keys of trailer scenarios if not given."),
-    ] = None,
-    find: Find = "",
-    as_json: AsJson = False,
-) -> None:
-    """List every key of a scenario with its value, unit, range and meaning.
-
-    Change a key with --set KEY=VALUE. A key that ends with [] belongs to a list of tables.
-    """
-    matches = [key for key in part_listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
-    if as_json:
-        typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
-        return
-    table = _table("key", "default" if scenario is None else "value", "range", "meaning")
-    for key in matches:
-        table.add_row(key.name, _value(key), key.range, key.meaning)
-    PlainConsole().print(table)
-
-
-def _table(*columns: str, title: str | None = None) -> Table:
-    """A table without lines whose first column is never broken."""
-    table = Table(box=None, pad_edge=False, title=title, title_justify="left", title_style="bold")
-    for k, column in enumerate(columns):
-        table.add_column(column, overflow="fold", no_wrap=k == 0)
-    return table
-
-
-def _value(key: Key) -> str:
-    return key.default if key.unit == "-" else f"{key.default} {key.unit}"

@@ -219,6 +219,10 @@ def write_video(
     return _write_gif([_small(one) for one in pictures(stride)], round(1e3 * stride / rate), path_without_suffix)
 
 
+# As good as the preset "veryfast", in two thirds of its time; files are a seventh larger.
+_QUALITY = {"crf": "26", "preset": "superfast", "x264-params": "mbtree=1:rc-lookahead=10"}
+
+
 def _write_h264(pictures: Iterable[Picture], rate: int, path_without_suffix: Path) -> Path:
     import av  # an optional dependency
 
@@ -227,11 +231,12 @@ def _write_h264(pictures: Iterable[Picture], rate: int, path_without_suffix: Pat
         stream = None
         for picture in pictures:
             if stream is None:
-                stream = container.add_stream("h264", rate=rate, options={"crf": "26", "preset": "veryfast"})
+                stream = container.add_stream("h264", rate=rate, options=_QUALITY)
                 stream.thread_type = "FRAME"  # draw the next picture while this one is encoded
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"  # supported by every player
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            planes = cv2.cvtColor(picture, cv2.COLOR_RGB2YUV_I420)  # in a third of the time that FFmpeg takes
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(planes, format="yuv420p")))
         if stream is not None:
             container.mux(stream.encode())
     return path

@@ -66,9 +66,11 @@ def camera_picture(picture: Picture) -> canvas.Picture:
             canvas.curve(shown, np.vstack([part[:1, :2], part[:, 2:]]), colour, 2)
     else:
         draw_flow(shown, strokes)
-    whole = np.full((size[1], WIDTH, 3), INK, np.uint8)
-    left = (WIDTH - size[0]) // 2
-    whole[:, left : left + size[0]] = shown
+    side = (WIDTH - size[0]) // 2
+    whole = shown
+    if side > 0:
+        sides = (0, 0, side, WIDTH - size[0] - side)
+        whole = np.asarray(cv2.copyMakeBorder(shown, *sides, cv2.BORDER_CONSTANT, value=INK), dtype=np.uint8)
     strip = whole[:32]
     strip[:] = strip // 5 * 2
     title = "camera" + (" and the motion of its features" if len(strokes) and not picture.lines else "")
@@ -125,16 +127,15 @@ class _Plan:
         self._scale = min(whole, _MOST / length) if fits else _FOLLOWED / length  # [px/m]
         self._centre = 0.5 * (low + high) if fits else None  # [m]; None: it moves with the vehicle
         self._reach = sum(size) / self._scale  # distance beyond which nothing is in view [m]
+        self._painted: tuple[canvas.Picture | None, int] = None, 0  # ground of a view that stays, and poses swept on it
 
     def draw(self, row: int) -> canvas.Picture:
         """The view at a row of the log."""
-        picture = canvas.blank(*self._size)
         centre = self._poses[0][row, :2] if self._centre is None else self._centre
         along = arc_length(self._poses[0][: row + 1, :2])
         first = 0.0 if self._centre is not None else max(0.0, along[-1] - self._reach)
         past = np.append(np.searchsorted(along, np.arange(first, along[-1], 3.0 / self._scale)), row)
-        if self._playback.road is not None:
-            self._ground(picture, centre, past)
+        picture = self._ground(centre, past)
         for line in self._run.lines:
             canvas.curve(picture, self._pixels(line.points, centre), _FIXED, 6)
         for trail, points in self._trails:
@@ -151,14 +152,27 @@ class _Plan:
         middle = 0.5 * np.array([self._size[0] - 1, self._size[1] - 1 + _KEY])
         return canvas.seen_from_above(points, centre, self._scale, middle)
 
-    def _ground(self, picture: canvas.Picture, centre: FloatArray, past: NDArray[np.intp]) -> None:
-        """Road, and what the bodies have swept."""
-        assert self._playback.road is not None
-        left, right = self._playback.road
+    def _ground(self, centre: FloatArray, past: NDArray[np.intp]) -> canvas.Picture:
+        """Road, and what the bodies have swept at the rows ``past``, the present one last."""
+        if self._playback.road is None:
+            return canvas.blank(*self._size)
+        picture, swept = self._painted
+        if picture is None or self._centre is None or swept >= len(past):
+            picture, swept = canvas.blank(*self._size), 0
+            self._road(picture, centre, *self._playback.road)
+        self._sweep(picture, centre, past[swept:-1])
+        self._painted = picture, len(past) - 1
+        whole = picture.copy()
+        self._sweep(whole, centre, past[-1:])
+        return whole
+
+    def _road(self, picture: canvas.Picture, centre: FloatArray, left: FloatArray, right: FloatArray) -> None:
         near = np.flatnonzero(np.hypot(*(left[1:] - centre).T) < self._reach)
         left, right = self._pixels(left, centre), self._pixels(right, centre)
         for piece in np.stack([left[near], left[near + 1], right[near + 1], right[near]], axis=1):
             canvas.fill(picture, piece, canvas.ROAD)
+
+    def _sweep(self, picture: canvas.Picture, centre: FloatArray, past: NDArray[np.intp]) -> None:
         for body, poses in zip(self._run.bodies, self._poses, strict=True):
             for corners in canvas.fixed_point(self._pixels(placed(body.outline, poses[past]), centre)):
                 cv2.fillConvexPoly(picture, corners, _SWEPT, cv2.LINE_8, canvas.SHIFT)

@@ -8,11 +8,14 @@ the view by errors of the principal points. The mount is straight during the cal
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar, Final, Generic, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
+import scipy
 
+import sensors.camera
 from controllers.trailer import TrailerGeometry
 from estimators.calibration.boards import BoardView, board_view, calibrated, calibrated_pair, in_same_order
 from estimators.calibration.rectification import Rectifier
@@ -45,10 +48,16 @@ from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.combination.unit import Unit
+from vehicle.engine.function_cache import SOURCES
 from vehicle.foundation.own_parts import close_part
+from vehicle.foundation.user_cache import made_once, sources_hash
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 from vehicle.surface import Surface
 
+# Of all code that makes a world, while it is imported.
+_SOURCES: Final = " ".join(
+    [SOURCES, sources_hash(Path(sensors.camera.__file__).parents[1]), scipy.__version__, cv2.__version__]
+)
 _SCENERY_CLEARANCE = 8.0  # distance of scenery from the course; trailers cut in by several metres [m]
 
 
@@ -111,10 +120,12 @@ def traffic_around(
 
 
 def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np.random.Generator) -> World:
-    """The world around a course."""
+    """The world around a course, from the user's cache if it has been there before."""
     azimuth, elevation = options.sun_azimuth_deg, options.sun_elevation_deg
     half_width = course.road_half_width if options.tarmac_width is None else 0.5 * options.tarmac_width
-    return build_world(
+    return made_once(
+        build_world,
+        _SOURCES,
         rng=rng,
         centreline=course.centreline,
         road_half_width=half_width,

@@ -72,7 +72,7 @@ class Referee:
         lifted, since = any(abs(transfer) >= LIFTED for transfer in truth.load_transfer.tolist()), None
         if lifted:
             since = truth.tick if memory.lifted is None else memory.lifted
-        memory = memory._replace(lifted=since)
+        memory = memory if since == memory.lifted else memory._replace(lifted=since)
         if any(abs(ahead - behind) >= FOLDED for ahead, behind in pairwise(truth.poses[:, 2].tolist())):
             return memory, "jackknifed"
         if since is not None and (truth.tick - since) * TICK >= FALLING and self._tips(truth):
@@ -165,6 +165,7 @@ class RecordedDrive:
 
 _PATIENCE = 1.5  # longest duration of a run over the planned one; beyond it the vehicle is stuck
 _GRACE = 10.0  # added for a start on a slope [s]
+_COMPARED = 0.5  # travel between two comparisons with the course, at most: the projection finds its branch [m]
 
 
 class CourseJudge:
@@ -181,6 +182,8 @@ class CourseJudge:
         self._recorded = RecordedDrive(parts.trace) if parts.trace else None
         self._parts = parts
         self._station = 0.0  # of the guided point along the course [m]
+        self._place = (math.nan, math.nan)  # where it was when it was last compared with the course [m]
+        self._room = 0.0  # travel from there that neither ends nor leaves the course [m]
         self._elapsed = 0.0  # [s]
 
     @property
@@ -200,11 +203,15 @@ class CourseJudge:
         if self._recorded:
             ends = self._elapsed >= parts.duration
             return self._recorded.outcome(truth, ends=ends) or ("completed" if ends else None)
-        point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
-        self._station = course.path.project(point.x, point.y, self._station)
-        on_path = course.path.pose(self._station)
-        if math.hypot(point.x - on_path.x, point.y - on_path.y) > self._astray:
-            return "left the road"
-        if self._station >= course.length - 1e-6:
-            return "completed"
+        point = Pose2(*truth.poses[0].tolist()) @ Pose2(*course.reference, 0.0)
+        if not math.hypot(point.x - self._place[0], point.y - self._place[1]) < self._room:
+            self._station = course.path.project(point.x, point.y, self._station)
+            on_path, end = course.path.pose(self._station), course.length - 1e-6
+            beside = math.hypot(point.x - on_path.x, point.y - on_path.y)
+            if beside > self._astray:
+                return "left the road"
+            if self._station >= end:
+                return "completed"
+            # inside a bend the station grows by up to twice the travel, as `project` limits it
+            self._place, self._room = point[:2], min(_COMPARED, self._astray - beside, 0.5 * (end - self._station))
         return "timed out" if self._elapsed > _GRACE + _PATIENCE * parts.duration else None

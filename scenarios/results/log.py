@@ -208,8 +208,14 @@ def write_log(log: Log, path: Path) -> None:
     fields = [
         pa.field(s.name, pa.float64(), metadata={"unit": s.unit, "description": s.description}) for s in log.signals
     ]
-    columns = [pa.array(log[name], from_pandas=True) for name in log.names]  # from_pandas: NaN becomes null
+    columns = [_with_nulls(np.ascontiguousarray(log[name])) for name in log.names]
     pq.write_table(pa.table(columns, schema=pa.schema(fields)), path, compression="zstd")
+
+
+def _with_nulls(values: FloatArray) -> Any:
+    """Arrow array of the values, null where they are NaN; ``pa.array`` would import pandas where that is installed."""
+    known = np.packbits(~np.isnan(values), bitorder="little")
+    return pa.Array.from_buffers(pa.float64(), len(values), [pa.py_buffer(known), pa.py_buffer(values)])
 
 
 def read_log(path: Path) -> Log:

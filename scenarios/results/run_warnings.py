@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 
 from controllers.trailer_steering.actuators import ActuatorFinding, Kind
 from estimators.calibration.corrections import SelfCalibratedMotion
@@ -145,15 +146,13 @@ def _turnings(values: FloatArray, swing: float) -> list[_Turning]:
 
 def _bends(road: FloatArray, tractor: FloatArray) -> FloatArray:
     """Curvature of the road beside the tractor over time [1/m], (rows,)."""
-    from scipy.spatial import KDTree
-
     if len(road) < 5:
         return np.zeros(len(tractor))
     legs = np.diff(road, axis=0)
     headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
     lengths = np.maximum(np.hypot(*legs.T), 1e-6)
     curvature = np.concatenate([[0.0], np.diff(headings) / (0.5 * (lengths[1:] + lengths[:-1])), [0.0]])
-    _, nearest = KDTree(road).query(np.nan_to_num(tractor))
+    _, nearest = scipy.spatial.KDTree(road).query(np.nan_to_num(tractor))
     beside: FloatArray = curvature[nearest]
     return beside
 

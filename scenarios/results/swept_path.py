@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from vehicle.frames import FloatArray, arc_length, rows_every
 
@@ -307,7 +307,8 @@ class RoadEdges:
 
         Its half width is one number, or (n, 2) to the left and right of the points of the line [m].
         """
-        self._line, self._half_width, self._narrowest = KDTree(road), half_width, float(np.min(half_width))
+        self._line, self._half_width = scipy.spatial.KDTree(road), half_width
+        self._narrowest = float(np.min(half_width))
         along = np.gradient(road, axis=0)
         gaps = np.hypot(*along.T)[:, None]
         self._along, self._half_gap = along / np.maximum(gaps, 1e-12), 0.5 * float(gaps.max())

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from scenarios.extras import check_extra
 from vehicle.foundation.quantity import check_number
@@ -74,7 +74,7 @@ def read_crg(path: Path) -> CrgSurface:
     if not np.isfinite(heights).all():
         raise ValueError(f"{path}: the slope or banking of its reference line is not a number everywhere")
     if not is_even:
-        heights, v = np.asarray(make_interp_spline(v, heights, k=1, axis=1)(even)), even
+        heights, v = np.asarray(scipy.interpolate.make_interp_spline(v, heights, k=1, axis=1)(even)), even
     return CrgSurface(
         heights=heights,
         u_start=0.5 * (along - 1) * u_step,

@@ -16,8 +16,7 @@ from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.linalg import LinAlgError, solveh_banded
+import scipy
 
 from controllers.path import Path, Segment
 from scenarios.roads.path_file import PathPoints
@@ -132,7 +131,7 @@ def _smoothed(
     along: FloatArray, values: FloatArray, weights: FloatArray, step: float, count: int, smoothing: float
 ) -> FloatArray:
     """Values (n, m) at distances ``along`` (n,), smoothed, at ``count`` knots a ``step`` apart (count, m)."""
-    third = sparse.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(count - 3, count)) / step**3
+    third = scipy.sparse.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(count - 3, count)) / step**3
     at = _interpolation(along / step, count)
     return _solved(at, third, weights, values, np.zeros((count - 3, values.shape[1])), step, smoothing)
 
@@ -143,16 +142,16 @@ def _shift(
     """Lateral shift of the chain at its knots, and one knot beyond each end (n + 3,) [m]."""
     step, k = chain.step, chain.curvature
     count = len(k) + 2
-    bend: Any = sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(len(k), count)) / step**2
-    bend = bend + sparse.diags_array(k**2, offsets=1, shape=(len(k), count))  # the change of curvature
-    change = sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(len(k) - 1, len(k))) / step
+    bend: Any = scipy.sparse.diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(len(k), count)) / step**2
+    bend = bend + scipy.sparse.diags_array(k**2, offsets=1, shape=(len(k), count))  # the change of curvature
+    change = scipy.sparse.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(len(k) - 1, len(k))) / step
     at = _interpolation(stations / step + 1.0, count)
     rough = change @ bend
     return _solved(at, rough, weights, deviations[:, None], -np.diff(k)[:, None] / step, step, smoothing)[:, 0]
 
 
 def _solved(
-    at: sparse.csr_array,
+    at: "scipy.sparse.csr_array",
     rough: Any,  # a sparse array of any format
     weights: FloatArray,
     values: FloatArray,
@@ -162,24 +161,25 @@ def _solved(
 ) -> FloatArray:
     """Least squares: ``at @ x`` near the values, ``rough @ x`` near what is wanted."""
     penalty = step * (smoothing / math.tau) ** 6
-    weighted = at.T @ sparse.diags_array(weights)
-    matrix = sparse.csr_array(weighted @ at + penalty * (rough.T @ rough))
+    weighted = at.T @ scipy.sparse.diags_array(weights)
+    matrix = scipy.sparse.csr_array(weighted @ at + penalty * (rough.T @ rough))
     bands = np.zeros((4, matrix.shape[0]))
     for k in range(4):
         bands[k, : matrix.shape[0] - k] = matrix.diagonal(k)
     try:
-        solution: FloatArray = solveh_banded(bands, weighted @ values + penalty * (rough.T @ wanted), lower=True)
-    except LinAlgError:
+        wanted = weighted @ values + penalty * (rough.T @ wanted)
+        solution: FloatArray = scipy.linalg.solveh_banded(bands, wanted, lower=True)
+    except np.linalg.LinAlgError:
         raise ValueError(_NO_PATH) from None
     return solution
 
 
-def _interpolation(rows: FloatArray, count: int) -> sparse.csr_array:
+def _interpolation(rows: FloatArray, count: int) -> "scipy.sparse.csr_array":
     """Matrix (n, count) that interpolates linearly at fractional rows (n,), and extrapolates beyond the ends."""
     below = np.clip(rows.astype(np.intp), 0, count - 2)
     share = rows - below
     n = np.arange(len(rows))
-    return sparse.csr_array(
+    return scipy.sparse.csr_array(
         (np.concatenate([1.0 - share, share]), (np.tile(n, 2), np.concatenate([below, below + 1]))),
         shape=(len(rows), count),
     )

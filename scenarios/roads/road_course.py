@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from controllers.path import Path
 from scenarios.courses import Course
@@ -139,7 +139,7 @@ def _continued(values: FloatArray, stations: FloatArray, known: NDArray[np.bool_
 
 def _check_crossings(line: FloatArray, heights: FloatArray, fit: Fit) -> None:
     """Refuse a road that crosses over itself."""
-    near = KDTree(line).query_pairs(_SPACING, output_type="ndarray")
+    near = scipy.spatial.KDTree(line).query_pairs(_SPACING, output_type="ndarray")
     near = near[np.abs(np.diff(near, axis=1)[:, 0]) > _BEYOND / _SPACING]
     rise = np.abs(heights[near[:, 0]] - heights[near[:, 1]])
     if len(rise) and rise.max() > _CROSSING:

@@ -78,14 +78,14 @@ class CombinationSensors:
     def read(self, truth: Truth) -> CombinationSignals:
         """Signals of the sound sensors; every call draws new noise."""
         errors = self._biases + self._random * self._rng.standard_normal(len(self._biases))
-        articulation, yaw_rates = -np.diff(truth.poses[:, 2]), truth.velocities[:, 2]
+        psi, yaw_rates = truth.poses[:, 2], truth.velocities[:, 2]
         n = len(yaw_rates)
         return CombinationSignals(
             tick=truth.tick,
             angles=truth.steer[self._axles].copy(),
             speed=self._scale * self._wheel_speed(truth) + float(errors[0]),
             steer=float(truth.steer[0] + errors[1]),
-            articulation=articulation + errors[2 : n + 1],
+            articulation=psi[:-1] - psi[1:] + errors[2 : n + 1],
             yaw_rates=yaw_rates + errors[n + 1 : -1],
             lateral_acceleration=self._lateral_acceleration(truth) + float(errors[-1]),
         )
@@ -94,7 +94,8 @@ class CombinationSensors:
         """Speed of the rear axle from the rotation of the front wheels, which brakes slow [m/s]."""
         steer = float(truth.steer[0])
         if truth.wheel_speeds is not None:
-            return float(truth.wheel_speeds[self._front_wheels].mean()) * math.cos(steer)
+            left, right = truth.wheel_speeds[self._front_wheels].tolist()
+            return 0.5 * float(left + right) * math.cos(steer)
         v_x, v_y, yaw_rate = map(float, truth.velocities[0])
         rolling = v_x * math.cos(steer) + (v_y + self._front_x * yaw_rate) * math.sin(steer)
         return rolling * math.cos(steer)

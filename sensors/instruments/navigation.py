@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -45,7 +46,8 @@ class DriverPerception:
         if self.origin_x:
             x, y, _ = Pose2(x, y, psi) @ Pose2(-self.origin_x, 0.0, 0.0)
             v_y -= self.origin_x * yaw_rate
-        articulation = tuple((-np.diff(truth.poses[:, 2])).tolist())
+        headings = truth.poses[:, 2].tolist()
+        articulation = tuple(ahead - behind for ahead, behind in pairwise(headings))
         return EgoState(
             tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate, articulation=articulation
         )

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, cKDTree
 
 from sensors.textures import NoiseArray, fractal_noise
 from sensors.world.things import FaceArray, Mesh
@@ -101,7 +100,7 @@ class Centreline:
             at = np.linspace(0.0, along[-1], len(self.points))
             self.half_width = np.stack([np.interp(at, along, side) for side in half_width.T], axis=1)
         self.greatest_half_width = float(np.max(half_width))  # [m]
-        self._tree = cKDTree(self.points)
+        self._tree = scipy.spatial.cKDTree(self.points)
 
     def distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:
         """Distance [m] of xy (..., 2) from the centreline; infinite beyond ``up_to`` [m]."""
@@ -197,7 +196,7 @@ class _Uneven:
 
     def __init__(self, places: FloatArray, cell: float, parts: int) -> None:
         self.parts, self.cell = parts, cell / parts  # of a finest cell elsewhere [-], [m]
-        self._tree = cKDTree(places)
+        self._tree = scipy.spatial.cKDTree(places)
 
     @classmethod
     def of(cls, places: FloatArray, cell: float) -> "_Uneven | None":
@@ -240,7 +239,7 @@ def _triangulated(
         side //= 2
         cells = (cells[split, None] + side * _CORNERS).reshape(-1, 2)
     nodes = np.unique(np.concatenate(corners), axis=0)
-    faces = Delaunay(nodes).simplices
+    faces = scipy.spatial.Delaunay(nodes).simplices
     a, b, c = (nodes[faces[:, i]] for i in range(3))
     area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     faces = np.where(area[:, None] > 0, faces, faces[:, ::-1])[area != 0]

@@ -40,6 +40,7 @@ ALLOWED: Final = {
     ("offtrack/runs.py", "import_module"),  # pandas
     ("offtrack/studies/reproduce/reproduction.py", "import_module"),  # own figures only
     ("offtrack/studies/cluster_executor.py", "import_module"),  # classes of dask-jobqueue, by a table
+    ("vehicle/foundation/user_cache.py", "pickle"),  # what this user has made, in a cache that nobody else can write to
     ("scenarios/loop/channel.py", "pickle"),  # own rows, in a temporary file that has no name
 }
 

@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq, minimize_scalar
 
 from vehicle.combination.actuators import air_drag, retarder_capacity
 from vehicle.combination.description import GRAVITY, Vehicle
@@ -60,7 +60,7 @@ def critical_speed(vehicle: Vehicle) -> float | None:
     speeds = np.arange(_SPEED_STEP, _TOP_SPEED + 0.5 * _SPEED_STEP, _SPEED_STEP).tolist()
     for slow, fast in pairwise(speeds):
         if _growth(fast, vehicle) > 0.0:
-            return float(brentq(_growth, slow, fast, args=(vehicle,)))
+            return float(scipy.optimize.brentq(_growth, slow, fast, args=(vehicle,)))
     return None
 
 
@@ -88,7 +88,7 @@ def peak_rearward_amplification(vehicle: Vehicle, speed: float) -> Amplification
     grid = np.geomspace(0.05, 2.0, 200)
     best = int(np.argmax(_amplification(model, grid)))
     bounds = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
-    peak = minimize_scalar(lambda f: -float(_amplification(model, f)), bounds=bounds, method="bounded")
+    peak = scipy.optimize.minimize_scalar(lambda f: -float(_amplification(model, f)), bounds=bounds, method="bounded")
     return Amplification(gain=-float(peak.fun), frequency=float(peak.x))
 
 
@@ -243,7 +243,7 @@ def _largest(surplus: Callable[[float], float], end: float) -> float:
     """Largest argument up to ``end`` at which the surplus, which falls, is not negative; 0 if there is none."""
     if surplus(0.0) <= 0.0:
         return 0.0
-    return end if surplus(end) >= 0.0 else float(brentq(surplus, 0.0, end, xtol=1e-9))
+    return end if surplus(end) >= 0.0 else float(scipy.optimize.brentq(surplus, 0.0, end, xtol=1e-9))
 
 
 def _loads(vehicle: Vehicle, normal: float, felt: float) -> list[list[float]]:

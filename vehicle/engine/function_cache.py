@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from pydantic import BaseModel
 
-from vehicle.engine.compiler import cached, store
+from vehicle.foundation.user_cache import cached, sources_hash, store
 
 
 class Call(NamedTuple):
@@ -94,15 +94,6 @@ def written_out(function: AnyFunction) -> Any:
 
 
 _PACKAGE: Final = Path(__file__).parents[1]
-
-
-def sources_hash(package: Path) -> str:
-    """Hash of the sources of a package in this folder; empty without sources."""
-    found = hashlib.sha256()
-    paths = sorted(package.rglob("*.py"))
-    for path in paths:
-        found.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())
-    return found.hexdigest() if paths else ""
 
 
 SOURCES: Final = sources_hash(_PACKAGE)  # while they are imported, so that it is theirs even if they are edited later

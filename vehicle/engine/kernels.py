@@ -12,10 +12,11 @@ from typing import Any, Final, Literal, NamedTuple, Protocol, TypeAlias, get_arg
 import casadi as ca
 import numpy as np
 
-from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted, warn_once
+from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted
 from vehicle.engine.function_cache import AnyFunction, Composite, written_out
 from vehicle.engine.native import NativeMany, NativeOne
 from vehicle.engine.program import OPERATIONS, Constant, Entry, Operation, Tape, TapeProgram, program_of
+from vehicle.foundation.user_cache import warn_once
 from vehicle.frames import FloatArray
 
 

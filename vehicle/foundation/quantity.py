@@ -182,7 +182,7 @@ def option(meaning: str, default: Any = ...) -> Any:
 class Frozen(BaseModel):
     """Base of all tables: immutable, validated, unknown keys refused; a boolean or a text is no number."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(defer_build=True, frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
     @model_validator(mode="before")
     @classmethod

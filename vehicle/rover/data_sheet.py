@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover, Soil
@@ -146,7 +146,7 @@ def _entrapped_from(rover: Rover, soil: Soil, loads: FloatArray) -> float | None
 
     if spare(1.0) > 0.0:
         return None
-    return 0.0 if spare(0.0) <= 0.0 else float(brentq(spare, 0.0, 1.0, xtol=1e-6))
+    return 0.0 if spare(0.0) <= 0.0 else float(scipy.optimize.brentq(spare, 0.0, 1.0, xtol=1e-6))
 
 
 def _steepest_climb(rover: Rover, soil: Soil) -> float:
@@ -196,7 +196,7 @@ def _rolling(rover: Rover, soil: Soil, load: float, slip: float) -> _SteadyWheel
 
     if spare(rover.radius) < 0.0:
         return None
-    sinkage = 0.0 if spare(0.0) >= 0.0 else float(brentq(spare, 0.0, rover.radius, xtol=1e-9))
+    sinkage = 0.0 if spare(0.0) >= 0.0 else float(scipy.optimize.brentq(spare, 0.0, rover.radius, xtol=1e-9))
     pull, _, torque = force(sinkage, along)
     return _SteadyWheel(sinkage, float(pull), float(torque))
 

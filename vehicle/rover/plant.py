@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from vehicle.clock import TICK
 from vehicle.combination.layout import slices
@@ -247,7 +247,7 @@ def settled_sinkage(rover: Rover, soil: Soil, load: float) -> float:
         raise ValueError(f"{soil.name} does not carry {load:.1f} N on a wheel of {rover.name}: it sinks to its axle")
     if load <= float(lift(0.0)):
         return 0.0
-    return brentq(lambda h: float(lift(h)) - load, 0.0, rover.radius, xtol=1e-9)
+    return scipy.optimize.brentq(lambda h: float(lift(h)) - load, 0.0, rover.radius, xtol=1e-9)
 
 
 @lru_cache(maxsize=16)

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
 
 from vehicle.foundation.data_file import read_array, table_text
 from vehicle.foundation.user_file import shown
@@ -34,7 +34,8 @@ class HeightMap:
         if not np.all(np.isfinite(self.heights)):
             raise ValueError("heights [m] must all be finite")
         rows, columns = (np.arange(n) for n in self.heights.shape)
-        spline = RectBivariateSpline(self.y + self.spacing * rows, self.x + self.spacing * columns, self.heights, s=0)
+        y, x = self.y + self.spacing * rows, self.x + self.spacing * columns
+        spline = scipy.interpolate.RectBivariateSpline(y, x, self.heights, s=0)
         object.__setattr__(self, "_spline", spline)
         object.__setattr__(self, "_slopes", (spline.partial_derivative(0, 1), spline.partial_derivative(1, 0)))
 

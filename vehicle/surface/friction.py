@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from vehicle.frames import FloatArray, dense, is_left
 
@@ -48,7 +48,7 @@ class SplitFriction:
     def __init__(self, left: Friction, right: Friction, line: FloatArray) -> None:
         self._left, self._right = left, right
         self._points = dense(line, _SPACING)[0]
-        self._tree = cKDTree(self._points)
+        self._tree = scipy.spatial.cKDTree(self._points)
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Friction coefficient [-] at x, y [m] of one shape."""
@@ -69,7 +69,7 @@ class LineFriction:
     """
 
     def __init__(self, values: FloatArray, line: FloatArray) -> None:
-        self._values, self._tree = values, cKDTree(line)
+        self._values, self._tree = values, scipy.spatial.cKDTree(line)
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Friction coefficient [-] at x, y [m] of one shape."""

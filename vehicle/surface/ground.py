@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfc
 
 from vehicle.foundation.quantity import check_number
 from vehicle.frames import FloatArray, arc_length, rotation_zyx, transform
@@ -145,7 +145,7 @@ def displacement_psd(road_class: str, n: FloatArray) -> FloatArray:
 def plane_psd(road_class: str, k: FloatArray, spread: float) -> FloatArray:
     """Two-sided density [m4] over the plane of spatial frequencies of modulus k > 0 [cycles/m], as a tyre feels it."""
     q = 2.0 * np.pi * spread * k
-    averaged = erfc(q) + 2.0 * q * np.exp(-(q**2)) / np.sqrt(np.pi)
+    averaged = scipy.special.erfc(q) + 2.0 * q * np.exp(-(q**2)) / np.sqrt(np.pi)
     return np.asarray(displacement_psd(road_class, k) / (4.0 * k) * averaged, dtype=np.float64)
 
 

@@ -9,10 +9,8 @@ measured heights. At 90 km/h a wave of that length comes every 2 s, slower than 
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, uniform_filter
-from scipy.spatial import KDTree
 
 from vehicle.frames import FloatArray, arc_length
 
@@ -34,7 +32,7 @@ class BesideLine:
 
     def __init__(self, line: FloatArray) -> None:
         self.along = arc_length(line)  # (n,) [m]
-        self._line, self._tree = line, KDTree(line)
+        self._line, self._tree = line, scipy.spatial.KDTree(line)
         tangents = np.gradient(line, self.along, axis=0)
         self._heading = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
         self._curvature = np.gradient(self._heading, self.along)
@@ -88,7 +86,7 @@ class RoadRelief:
         """Relief of a line of points (n, 2) closer than a metre, with heights [m] and banks (n,) [-], + rises left."""
         self._beside, self._reach = BesideLine(line), reach
         along = self._beside.along
-        self._height, self._bank = CubicSpline(along, heights), CubicSpline(along, banks)
+        self._height, self._bank = (scipy.interpolate.CubicSpline(along, values) for values in (heights, banks))
         self._slope, self._twist = self._height.derivative(), self._bank.derivative()
         for name, values in (("slope", self._slope(along)), ("bank", banks)):
             worst = int(np.argmax(np.abs(values)))
@@ -157,14 +155,14 @@ class MeasuredRoad:
         self._length = (len(heights) - 1) * u_step
         self._reach = float(np.abs(v).max())
         spread = tyre_spread / np.array([u_step, (v[-1] - v[0]) / (len(v) - 1)])
-        averaged: FloatArray = gaussian_filter(heights, spread, mode="nearest")
+        averaged: FloatArray = scipy.ndimage.gaussian_filter(heights, spread, mode="nearest")
         mean, bank = _cross_sections(averaged, v)
         self._rest = (averaged - mean[:, None] - bank[:, None] * v).astype(np.float32)
         self._along_grid = np.arange(len(heights)) * u_step
         self._mean, self._bank = mean - mean[0], bank
         self._stations = np.arange(0.0, self._beside.along[-1] + _STATION, _STATION)
         self._smooth_mean, self._smooth_bank = (
-            gaussian_filter1d(values, _AVERAGED / _STATION, mode="nearest")
+            scipy.ndimage.gaussian_filter1d(values, _AVERAGED / _STATION, mode="nearest")
             for values in self._sections(*self._in_grid(self._stations))
         )
         self.relief = RoadRelief(  # the profile
@@ -177,7 +175,7 @@ class MeasuredRoad:
     @property
     def highest(self) -> float:
         """Largest height of the grid above or below the profile, apart from slow waves [m]."""
-        smooth = gaussian_filter1d(self._mean, _AVERAGED / self._u_step, mode="nearest")
+        smooth = scipy.ndimage.gaussian_filter1d(self._mean, _AVERAGED / self._u_step, mode="nearest")
         return float(np.abs(self._rest + (self._mean - smooth)[:, None]).max())
 
     def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -195,7 +193,8 @@ class MeasuredRoad:
         v_step = (self._v[-1] - self._v[0]) / (len(self._v) - 1)
         size = [max(1, round(over / step)) for step in (self._u_step, v_step)]
         heights = self._rest + self._mean[:, None] + self._bank[:, None] * self._v
-        rows, columns = np.nonzero(np.abs(heights - uniform_filter(heights, size, mode="nearest")) > limit)
+        mean = scipy.ndimage.uniform_filter(heights, size, mode="nearest")
+        rows, columns = np.nonzero(np.abs(heights - mean) > limit)
         u, v = rows * self._u_step, self._v[columns]
         first, last = (int((s - self._start) // self._length) for s in (0.0, float(self._beside.along[-1])))
         rounds = range(first, last + 1) if self._beyond == "mirrored" else range(1)

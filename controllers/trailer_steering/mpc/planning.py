@@ -26,7 +26,7 @@ from typing import Any, Final, NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.mpc.observer import Reckoned
@@ -79,7 +79,7 @@ def denser(path: FloatArray) -> FloatArray:
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)
     stations = np.append(np.repeat(s[:-1], pieces) + share * np.repeat(np.diff(s), pieces), s[-1])
-    return CubicSpline(s, path)(stations)
+    return scipy.interpolate.CubicSpline(s, path)(stations)
 
 
 def reference(ahead: FloatArray, behind: FloatArray, distance: float) -> Reference | None:

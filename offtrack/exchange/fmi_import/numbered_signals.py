@@ -264,8 +264,12 @@ def wheel_names(vehicle: Vehicle) -> list[str]:
 
 
 def truth_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
-    """Signals of the motion that ``truth_of`` needs; a body whose pose is all 0 stands on the ground."""
-    needed = {"x", "y", "psi", "v_x", "v_y", "yaw_rate", "steer_angle", *(f"body_{axis}" for axis in _BODY)}
+    """Signals of the motion that ``truth_of`` needs.
+
+    A body whose pose is all 0 stands on the ground. Wheels roll where all of their speeds are 0.
+    """
+    motion = {"x", "y", "psi", "v_x", "v_y", "yaw_rate", "steer_angle", "wheel_speed"}
+    needed = motion | {f"body_{axis}" for axis in _BODY}
     return tuple(signal for signal in motion_signals(vehicle) if kind_of(signal) in needed)
 
 
@@ -276,6 +280,7 @@ def truth_values(truth: Truth) -> dict[str, float]:
         **_numbered_columns(("v_x", "v_y", "yaw_rate"), truth.velocities),
         **_numbered_columns([f"body_{axis}" for axis in _BODY], np.array([_six(body) for body in truth.bodies])),
         **numbered_values("steer_angle", truth.steer),
+        **numbered_values("wheel_speed", 0.0 * truth.wheel_loads if truth.wheel_speeds is None else truth.wheel_speeds),
     }
 
 
@@ -296,6 +301,7 @@ def truth_of(tick: int, values: Mapping[str, float], vehicle: Vehicle, on_ground
         is_given = any(six)
         R_WB = rotation_zyx(six[5], six[4], six[3])
         bodies.append(transform(R_WB, np.array(six[:3])) if is_given else on_ground(k, x, y, psi))
+    speeds = column(values, "wheel_speed", vehicle.n_wheels)
     return Truth(
         tick=tick,
         poses=poses,
@@ -306,6 +312,7 @@ def truth_of(tick: int, values: Mapping[str, float], vehicle: Vehicle, on_ground
         wheel_slip_angles=np.zeros(vehicle.n_wheels),
         friction_used=np.zeros(vehicle.n_wheels),
         load_transfer=np.zeros(n),
+        wheel_speeds=speeds if speeds.any() else None,
     )
 
 

@@ -1,5 +1,6 @@
 """Covariances: what halves of the features tell about them, and the features' own residuals."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from estimators.estimates import Anchor, Health, lost_motion
 from estimators.odometry.agreement import agreement, halved
 from estimators.odometry.covariance import (
+    INDEPENDENT,
     Contributions,
     SelfConsistency,
     estimated,
@@ -55,10 +57,10 @@ def averaged(calibration: StereoCalibration, common: FloatArray, wrong: float, f
     return consistency
 
 
-def test_independent_errors_leave_the_covariance_as_it_is(calibration: StereoCalibration) -> None:
+def test_independent_errors_need_no_factor_for_neighbours(calibration: StereoCalibration) -> None:
     """30 frames: the first doubt has faded, and single components scatter by a fifth."""
     by = factors(averaged(calibration, np.zeros(3), 0.0), 0.5)
-    assert np.all((by >= 1.0) & (by < 1.7))
+    assert np.all((by >= math.sqrt(INDEPENDENT)) & (by < 1.3))
 
 
 def test_the_doubt_of_the_first_frames_fades(calibration: StereoCalibration) -> None:

@@ -206,6 +206,8 @@ def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> 
     np.testing.assert_array_equal(other.poses, truth.poses)
     np.testing.assert_array_equal(other.velocities, truth.velocities)
     np.testing.assert_array_equal(other.steer, truth.steer)
+    assert truth.wheel_speeds is not None
+    np.testing.assert_array_equal(other.wheel_speeds, truth.wheel_speeds)
     np.testing.assert_allclose(other.bodies, truth.bodies, atol=1e-15)
     standing = {name: 0.0 if name.startswith("body_") else value for name, value in values.items()}
     assert np.array_equal(truth_of(0, standing, vehicle, lambda *_: 2.0 * np.eye(4)).bodies[1], 2.0 * np.eye(4))

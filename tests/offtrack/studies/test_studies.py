@@ -20,7 +20,7 @@ from offtrack.studies.run_study import check_study_directory, opened_study, stud
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.table import rows_of, table_csv
 from scenarios.results.run_directory import digest
-from vehicle.engine.compiler import warn_once
+from vehicle.foundation.user_cache import warn_once
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))  # half a second of driving
 

@@ -17,8 +17,8 @@ from vehicle.engine.compiler import (
     engine_name,
     library,
     warn_if_interpreted,
-    warn_once,
 )
+from vehicle.foundation.user_cache import warn_once
 
 SOURCE = "int answer(void) { return ANSWER; }"
 
@@ -70,7 +70,7 @@ def test_a_damaged_or_exchanged_file_is_made_anew(
     assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
     assert wrong.read_bytes() == good
     (warning,) = caplog.messages
-    assert re.match(rf"offtrack: cached code is not used.*{wrong} is damaged", warning)
+    assert re.match(rf"offtrack: the cache is not used.*{wrong} is damaged", warning)
 
 
 def a_pipe(wrong: Path) -> None:

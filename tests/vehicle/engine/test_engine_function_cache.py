@@ -9,9 +9,9 @@ import pytest
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import step_function, topology
 from vehicle.engine import function_cache
-from vehicle.engine.compiler import warn_once
 from vehicle.engine.function_cache import Composite, derived_once
 from vehicle.engine.program import program_of
+from vehicle.foundation.user_cache import sources_hash, warn_once
 from vehicle.tyres.laws import BrushTyre
 
 
@@ -76,7 +76,7 @@ def test_each_name_description_source_and_version_has_its_own(
 
 def test_the_sources_of_the_package_are_hashed(tmp_path: Path) -> None:
     """A changed, added or renamed module changes the hash; without sources there is none, and nothing is cached."""
-    hashes = [function_cache.sources_hash(tmp_path)]
+    hashes = [sources_hash(tmp_path)]
     module = tmp_path / "tyres" / "law.py"
     module.parent.mkdir()
     for change in (
@@ -86,7 +86,7 @@ def test_the_sources_of_the_package_are_hashed(tmp_path: Path) -> None:
         lambda: module.rename(tmp_path / "tyres" / "other.py"),
     ):
         change()
-        hashes.append(function_cache.sources_hash(tmp_path))
+        hashes.append(sources_hash(tmp_path))
     assert hashes[0] == ""
     assert len(set(hashes)) == 5
 

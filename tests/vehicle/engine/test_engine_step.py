@@ -34,9 +34,10 @@ from vehicle.combination.layout import (
     parts,
     state_sizes,
 )
-from vehicle.engine.compiler import compiler, warn_once
+from vehicle.engine.compiler import compiler
 from vehicle.engine.integrator import semi_implicit_step
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
+from vehicle.foundation.user_cache import warn_once
 from vehicle.frames import FloatArray
 
 with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
