@@ -104,7 +104,7 @@ def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
     """Mean grey levels of the image's cells; with ``clipped`` NaN where pixels are clipped."""
     cell = min(_CELL, *image.shape)
     rows, columns = image.shape[0] // cell, image.shape[1] // cell
-    whole = image[: rows * cell : 4, : columns * cell]  # every fourth row: noise is small already
+    whole = image[: rows * cell : 2, : columns * cell]  # every other row: half the time, and noise is small already
     mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
     if clipped:
         share = cv2.resize(_clipped(whole), (columns, rows), interpolation=cv2.INTER_AREA)

@@ -231,16 +231,10 @@ def track_halved(
     return in_full(tracked), found
 
 
-def stereo_pairs(
-    calibration: StereoCalibration, frame: StereoFrame, corners: Points, *, halved: bool = False
-) -> tuple[Points, Points]:
-    """Corners of the left image that are also found in the right one, with their positions in both.
-
-    With ``halved`` they are tracked as by ``track_halved``.
-    """
+def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Points) -> tuple[Points, Points]:
+    """Corners of the left image that are also found in the right one, with their positions in both."""
     guess, shift = corners - disparity_guess(calibration, corners).astype(np.float32), right_shift(frame)
-    tracked = track_halved if halved else track
-    right, found = tracked(frame.left, frame.right, corners, displaced(calibration, corners, guess, shift), LEVELS)
+    right, found = track(frame.left, frame.right, corners, displaced(calibration, corners, guess, shift), LEVELS)
     kept = found & same_row(corners, as_calibrated(calibration, corners, right, shift))
     return corners[kept], right[kept]
 

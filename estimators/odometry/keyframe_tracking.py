@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from estimators.odometry.exposure import clipped_share, match_clipping
 from estimators.odometry.image_points import (
+    LEVELS_NEAR,
     Points,
     detect_corners,
     local_planes,
     rays_through,
     stereo_pairs,
+    track,
     warps,
 )
 from estimators.odometry.pose import Observations, consensus, point_covariance, refined
@@ -51,8 +53,10 @@ def new_keyframe(
     calibration: StereoCalibration, frame: StereoFrame, X_OK: FloatArray, rng: np.random.Generator
 ) -> Keyframe:
     """Keyframe from a frame at pose ``X_OK``."""
-    left, right = stereo_pairs(calibration, frame, detect_corners(frame.left, per_bucket=_PER_BUCKET), halved=True)
-    shift = right_shift(frame)
+    left, right = stereo_pairs(calibration, frame, detect_corners(frame.left, per_bucket=_PER_BUCKET))
+    back, found = track(frame.right, frame.left, right, left, LEVELS_NEAR)
+    closed = found & (np.abs(back - left).max(axis=1, initial=0.0) < _CLOSURE)
+    left, right, shift = left[closed], right[closed], right_shift(frame)
     disparity = left[:, 0] - as_calibrated(calibration, left, right, shift)[:, 0]
     planes = local_planes(calibration, left, disparity.astype(np.float64), rng)
     bent = warps(np.eye(3), -right_position(calibration, shift), planes, rays_through(calibration, left))

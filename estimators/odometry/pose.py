@@ -26,7 +26,7 @@ from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, skew, so3_exp, transform
 
 _ITERATIONS = 40  # at most, in each round; usually four are enough, but many features near the cut make it slow
-_SETTLED = (0.5, 0.1)  # step at which the wide and the narrow round end [standard deviations]
+_CONVERGED = 0.1  # step at which a round ends [standard deviations]
 _NEARLY = 0.5  # largest last step of a motion that counts as converged [standard deviations]
 _TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
 _CUT = 4.0  # inliers have smaller residuals [sigma]
@@ -73,7 +73,7 @@ def refined(
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
     observed = np.concatenate([observations.points.T, observations.z.T, information.reshape(9, -1)])
-    for tuning, settled in zip(_TUNING, _SETTLED, strict=True):
+    for tuning in _TUNING:
         for _ in range(_ITERATIONS):
             found = _residuals(calibration, R, p, observed)
             sigma = _scatter(found.error[inliers])
@@ -82,7 +82,7 @@ def refined(
             step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
             length = float(step @ gradient) / sigma**2
-            if length < settled**2:
+            if length < _CONVERGED**2:
                 break
         inliers = found.error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
