@@ -76,6 +76,7 @@ _LEVELS = 3  # pyramid levels above the halved image, for guesses wrong by up to
 _FEWEST = 40  # points; four unknowns, and some points are matched wrongly
 _FEWEST_AGREEING = 0.4  # share of the points
 _ROUNDS = 12  # of Gauss-Newton with new weights, at most
+_LINEAR = 1e-3  # step beyond which the distances are computed anew: its square is a thousandth of a pixel [rad, m]
 _DONE = 0.3  # last step [standard deviations of the fit]
 _TUNING = 3.0  # residual with weight 1/4 [robust standard deviations]
 _MEDIAN = 0.6745  # median of |N(0, 1)|
@@ -130,18 +131,22 @@ def fitted_to_rays(
     f, baseline, values = calibration.focal_length, calibration.baseline + shift[0], guess.copy()
     (x, y), columns = np.ascontiguousarray(r.T), np.ascontiguousarray(q.T)
     across, middle = shift[1] / baseline, len(r) // 2
+    step = np.full(4, np.inf)
     for _ in range(_ROUNDS):
-        R, s = mount_rotation(*values[:3].tolist()), values[3] / baseline
-        turned = R[:, :2] @ columns + R[:, 2:]
-        x_q, y_q = turned[:2] / turned[2]
-        by_s = x * y_q - y * x_q
-        e = y_q - y - s * by_s - across * (x_q - x)
-        e_x, e_y = s * y - across, 1.0 - s * x  # derivatives by the turned ray
-        # Sampson's distance: the residual over its sensitivity to all four coordinates, as that of a row difference
-        size = np.sqrt(0.5 * (e_x**2 + e_y**2 + (across - s * y_q) ** 2 + (1.0 - s * x_q) ** 2))
-        along = e_x * x_q + e_y * y_q
-        J = np.stack([e_y * x_q - e_x * y_q, e_x + along * x_q, -e_y - along * y_q, -by_s / baseline]) / size
-        distance = e / size
+        if np.abs(step).max() > _LINEAR:
+            R, s = mount_rotation(*values[:3].tolist()), values[3] / baseline
+            turned = R[:, :2] @ columns + R[:, 2:]
+            x_q, y_q = turned[:2] / turned[2]
+            by_s = x * y_q - y * x_q
+            e = y_q - y - s * by_s - across * (x_q - x)
+            e_x, e_y = s * y - across, 1.0 - s * x  # derivatives by the turned ray
+            # Sampson's distance: the residual over its sensitivity to all four coordinates, as of a row difference
+            size = np.sqrt(0.5 * (e_x**2 + e_y**2 + (across - s * y_q) ** 2 + (1.0 - s * x_q) ** 2))
+            along = e_x * x_q + e_y * y_q
+            J = np.stack([e_y * x_q - e_x * y_q, e_x + along * x_q, -e_y - along * y_q, -by_s / baseline]) / size
+            distance = e / size
+        else:
+            distance = distance - step @ J
         scale = max(_FINEST / f, float(np.partition(np.abs(distance), middle)[middle]) / _MEDIAN)
         weighted = J / np.square(1.0 + np.square(distance / (_TUNING * scale)))
         normal = weighted @ J.T

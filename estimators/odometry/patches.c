@@ -12,6 +12,14 @@ typedef float half_row __attribute__((vector_size(2 * LANES)));
 typedef float quarter_row __attribute__((vector_size(LANES)));
 typedef uint8_t pixels __attribute__((vector_size(LANES)));
 
+typedef uint16_t words __attribute__((vector_size(2 * LANES)));
+typedef int32_t integers __attribute__((vector_size(4 * LANES)));
+
+/* step by step: GCC 12 takes the direct way pixel by pixel */
+static inline row levels(pixels grey) {
+  return __builtin_convertvector(__builtin_convertvector(__builtin_convertvector(grey, words), integers), row);
+}
+
 static inline float total(row all) {
   half_row half[2];
   memcpy(half, &all, sizeof half);
@@ -59,7 +67,7 @@ static inline void sample(const uint8_t *image, long width, long height, float u
       const uint8_t *at = image + inside(line + i, height) * width;
       for (int j = 0; j < LANES; j++) one[j] = at[inside(column + j, width)], next[j] = at[inside(column + j + 1, width)];
     }
-    const row a = __builtin_convertvector(one, row), b = __builtin_convertvector(next, row);
+    const row a = levels(one), b = levels(next);
     const row below = a + (u - low_u) * (b - a);
     if (i > 0) grey[i - 1] = above + (v - low_v) * (below - above) - level;
     above = below;

@@ -4,7 +4,8 @@
    The motion: R (3, 3), p (3), and of the camera focal length, cx, cy and baseline. */
 #include <math.h>
 
-void linearise(long n, const double *restrict motion, const double *restrict observed, double *restrict found) {
+void linearise(long n, long whole, const double *restrict motion, const double *restrict observed,
+               double *restrict found) {
   const double *R = motion, *p = motion + 9, *camera = motion + 12, *information = observed + 6 * n;
   const double f = camera[0], c[3] = {camera[1], camera[2], camera[1]};
   double *error = found + 3 * n, *J = found + 4 * n, *weighted = found + 22 * n;
@@ -14,8 +15,12 @@ void linearise(long n, const double *restrict motion, const double *restrict obs
     const double depth = fmax(R[2] * d[0] + R[5] * d[1] + R[8] * d[2], NEAREST), scale = f / depth;
     const double across[3] = {x, y, x - camera[3]};
     double r[3], by[6][3], square = 0.0;
+    for (int i = 0; i < 3; i++) found[i * n + m] = r[i] = observed[(3 + i) * n + m] - across[i] * scale - c[i];
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++) square += r[i] * r[j] * information[(3 * i + j) * n + m];
+    error[m] = sqrt(square / 3.0);
+    if (!whole) continue;
     for (int i = 0; i < 3; i++) {
-      r[i] = observed[(3 + i) * n + m] - across[i] * scale - c[i];
       /* the image by the point's place in C, which turns and moves against the camera */
       const double s0 = i == 1 ? 0.0 : scale, s1 = i == 1 ? scale : 0.0, s2 = -across[i] * scale / depth;
       const double t0 = s1 * depth - s2 * y, t1 = s2 * x - s0 * depth, t2 = s0 * y - s1 * x;
@@ -24,16 +29,12 @@ void linearise(long n, const double *restrict motion, const double *restrict obs
         by[3 + k][i] = -(R[3 * k] * s0 + R[3 * k + 1] * s1 + R[3 * k + 2] * s2);
       }
     }
-    for (int i = 0; i < 3; i++) {
-      found[i * n + m] = r[i];
-      for (int j = 0; j < 3; j++) square += r[i] * r[j] * information[(3 * i + j) * n + m];
+    for (int i = 0; i < 3; i++)
       for (int k = 0; k < 6; k++) {
         double sum = 0.0;
         for (int j = 0; j < 3; j++) sum += by[k][j] * information[(3 * i + j) * n + m];
         J[(3 * k + i) * n + m] = by[k][i];
         weighted[(3 * k + i) * n + m] = sum;
       }
-    }
-    error[m] = sqrt(square / 3.0);
   }
 }

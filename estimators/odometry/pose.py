@@ -28,6 +28,7 @@ from vehicle.frames import FloatArray, orthonormalised, skew, so3_exp, transform
 _ITERATIONS = 40  # at most, in each round; usually four are enough, but many features near the cut make it slow
 _CONVERGED = 0.1  # step at which a round ends [standard deviations]
 _NEARLY = 0.5  # largest last step of a motion that counts as converged [standard deviations]
+_FAR = 10.0  # step beyond which the Jacobian is computed anew within a round: 1 cm at 5 m [standard deviations]
 _TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
 _CUT = 4.0  # inliers have smaller residuals [sigma]
 CORRELATION = 1.2  # factor for correlated errors of neighbours and of the four images of a point: measured
@@ -73,9 +74,11 @@ def refined(
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
     observed = np.concatenate([observations.points.T, observations.z.T, information.reshape(9, -1)])
+    found = Residuals(np.empty((40, observed.shape[1])))
     for tuning in _TUNING:
+        length = math.inf
         for _ in range(_ITERATIONS):
-            found = _residuals(calibration, R, p, observed)
+            _compute(calibration, R, p, observed, found, whole=length > _FAR**2)
             sigma = _scatter(found.error[inliers])
             weight = inliers / (1.0 + (found.error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
             normal, gradient = _normal_equations(found.J, weight * found.weighted, found.r)
@@ -127,22 +130,24 @@ class Residuals(NamedTuple):
         return self.columns[22:].reshape(6, 3, -1)
 
 
-def _residuals(calibration: StereoCalibration, R: FloatArray, p: FloatArray, observed: FloatArray) -> Residuals:
-    """Residuals after a motion R, p of columns (15, n): point, image, and inverse covariance up to a scale.
+def _compute(
+    calibration: StereoCalibration, R: FloatArray, p: FloatArray, observed: FloatArray, found: Residuals, *, whole: bool
+) -> None:
+    """Compute residuals after a motion R, p of columns (15, n): point, image, and inverse covariance up to a scale.
 
-    Compiled C (``pose.c``) if there is a compiler.
+    J and its weighted form stay unless ``whole``. Compiled C (``pose.c``) if there is a compiler.
     """
     n, compiled = observed.shape[1], kernel("pose.c", "linearise", (f"NEAREST={NEAREST}",))
-    if compiled is None:
-        r, J = linearised(calibration, R, p, observed[:3], observed[3:6])
-        inverse = observed[6:].reshape(3, 3, n)
-        error = np.sqrt((np.einsum("in,ijn->jn", r, inverse) * r).sum(axis=0) / 3.0)
-        weighted = np.einsum("kin,ijn->kjn", J, inverse)
-        return Residuals(np.concatenate([r, error[None], J.reshape(18, n), weighted.reshape(18, n)]))
-    camera = (calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline)
-    columns = np.empty((40, n))
-    compiled(n, np.concatenate([R.ravel(), p, camera]), observed, columns)
-    return Residuals(columns)
+    if compiled is not None:
+        camera = (calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline)
+        compiled(n, int(whole), np.concatenate([R.ravel(), p, camera]), observed, found.columns)
+        return
+    inverse = observed[6:].reshape(3, 3, n)
+    found.r[:] = residuals(calibration, R, p, observed[:3], observed[3:6])
+    found.error[:] = np.sqrt((np.einsum("in,ijn->jn", found.r, inverse) * found.r).sum(axis=0) / 3.0)
+    if whole:
+        found.J[:] = motion_jacobian(calibration, R, p, observed[:3])
+        found.weighted[:] = np.einsum("kin,ijn->kjn", found.J, inverse)
 
 
 def _contributions(residuals: Residuals, share: FloatArray, sigma: float) -> Contributions:
