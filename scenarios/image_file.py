@@ -1,4 +1,7 @@
-"""Images that a user gives: photograph and bitmap formats only, their size checked before they are decoded."""
+"""Images that a user gives: photograph and bitmap formats only, their size checked before they are decoded.
+
+And the pictures that a run keeps for its report.
+"""
 
 import io
 import os
@@ -6,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,7 +20,7 @@ from PIL.PngImagePlugin import PngImageFile
 from PIL.PpmImagePlugin import PpmImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
-from sensors.messages import GreyImage
+from sensors.messages import ColourImage, GreyImage
 from vehicle.foundation.user_file import MAX_PIXELS, FileKind, read_bytes
 
 # First bytes of a file, and the reader of its format. Pillow's other readers never see a file: one starts Ghostscript.
@@ -140,3 +143,19 @@ def _silent_stderr() -> Iterator[None]:
         finally:
             os.dup2(kept, 2)
             os.close(kept)
+
+
+class PictureSize(NamedTuple):
+    """How pictures are kept for reports."""
+
+    width: int = 100_000  # of wider ones, which are shrunk to it [px]
+    quality: int = 95  # of the JPEG
+
+    def jpeg(self, colour: ColourImage) -> bytes:
+        """The RGB picture (h, w, 3) as JPEG."""
+        height, width = colour.shape[:2]
+        if width > self.width:
+            size = (self.width, max(1, round(height * self.width / width)))
+            colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        colour = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), dtype=np.uint8)
+        return cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1].tobytes()

@@ -10,20 +10,30 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.slip.trace_tracker.templates import (
+    AZIMUTHS,
+    BAND,
+    CHANNELS,
+    HALF,
     SHADOWS,
+    SIDE,
     SLIPS,
+    STEP,
+    WIDTH,
+    Curve,
     GroundPatch,
-    Lesson,
+    Profiles,
     Templates,
-    learned,
-    lesson,
-    save,
+    banded,
+    channels,
+    straightened,
 )
+from sensors.messages import GreyImage
 from sensors.sand.rover_pass import RoverPass, route_of
 from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.trace_rig import nominal_rig
@@ -49,6 +59,94 @@ class _Sweep(RoverPass):
         """Slip angles from the largest of the templates to the smallest [rad], each for the same time."""
         swept: FloatArray = SLIPS[-1] * np.linspace(1.0, -1.0, self.frames)
         return swept
+
+
+_AZIMUTH_KERNEL: Final = math.radians(6.0)  # width of the kernel over the sun's azimuth
+_SLIP_KERNEL: Final = math.radians(1.25)  # the same over slip
+_SHADED: Final = 0.68  # largest grey level of a band in shadow, relative to the brightest sand
+
+
+class Lesson(NamedTuple):
+    """Profiles of one image, straightened along the true trace."""
+
+    profiles: Profiles  # (n, CHANNELS, WIDTH)
+    slips: FloatArray  # (n,) of the front wheel's rut, see ``path_state.with_fronts`` [rad]
+    azimuths: FloatArray  # (n,) of the sun relative to the trace, + left [rad]
+    shadow: float  # length of the shadow across a wall, see ``SHADOWS`` [m]
+    shaded: NDArray[np.bool_]  # (n,) True: in shadow
+
+
+def lesson(
+    patch: GroundPatch, image: GreyImage, line: FloatArray, front: FloatArray, azimuth: float, shadow: float
+) -> Lesson:
+    """Training sample from an image with the rear wheel's rut along ``line`` and the front one's along ``front``.
+
+    Both are (n, 2) in R, nearest first [m]. The sun's azimuth is relative to the rover's x axis [rad]. Bands beyond the
+    line's ends are left out.
+    """
+    x, y = patch.rig.wheel
+    behind = x - line[:, 0]
+    curve = Curve.through(patch.behind, np.interp(patch.behind, behind, line[:, 1] - y))
+    bands = banded(curve.behind)
+    use = (bands > behind[0] + 0.5 * BAND) & (bands < behind[-1] - 0.5 * BAND)
+    seen = patch.along(curve, image, SIDE)
+    offset = np.interp(bands, behind, line[:, 1]) - np.interp(bands, x - front[:, 0], front[:, 1])
+    return Lesson(
+        profiles=straightened(channels(seen), np.zeros(len(seen)), margin=0)[use],
+        slips=np.arctan2(offset * np.cos(curve.directions), patch.rig.wheelbase)[use],
+        azimuths=(azimuth - curve.directions)[use],
+        shadow=shadow,
+        shaded=_shaded(seen)[use],
+    )
+
+
+def learned(lessons: Sequence[Lesson]) -> Templates:
+    """Templates from lessons; each is used twice, also mirrored."""
+    shape = (AZIMUTHS, len(SHADOWS), len(SLIPS))
+    sunny, in_sun = np.zeros((*shape, CHANNELS, WIDTH)), np.zeros(shape)
+    dark, in_shade = np.zeros((len(SLIPS), CHANNELS, WIDTH)), np.zeros(len(SLIPS))
+    for one in lessons:
+        level = int(np.argmin(np.abs(SHADOWS - one.shadow)))
+        for sign in (1, -1):
+            profiles = one.profiles[..., ::sign]
+            profiles = profiles - profiles.mean(axis=-1, keepdims=True)
+            slip = _near(sign * one.slips, SLIPS, _SLIP_KERNEL)
+            sun = _near(sign * one.azimuths, np.linspace(0.0, 2.0 * math.pi, AZIMUTHS, endpoint=False), _AZIMUTH_KERNEL)
+            weights = sun[:, :, None] * slip[:, None, :] * ~one.shaded[:, None, None]
+            sunny[:, level] += np.einsum("nas,ncw->ascw", weights, profiles)
+            in_sun[:, level] += weights.sum(axis=0)
+            dark += np.einsum("ns,ncw->scw", slip * one.shaded[:, None], profiles)
+            in_shade += (slip * one.shaded[:, None]).sum(axis=0)
+    return Templates(profiles=_mean(sunny, in_sun), shaded=_mean(dark, in_shade))
+
+
+def _shaded(seen: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Mask (bands,) of bands of a trace, in the middle of an image, in shadow."""
+    middle = seen[:, seen.shape[1] // 2 - HALF : seen.shape[1] // 2 + HALF + 1].reshape(-1, round(BAND / STEP) * WIDTH)
+    dark: NDArray[np.bool_] = np.median(middle, axis=1) < _SHADED * np.percentile(seen, 95)
+    return dark
+
+
+def _near(values: FloatArray, nodes: FloatArray, width: float) -> FloatArray:
+    """Gaussian weights (n, nodes) of angles by their distance from nodes [rad]."""
+    off = (values[:, None] - nodes + math.pi) % (2.0 * math.pi) - math.pi
+    weights: FloatArray = np.exp(-0.5 * (off / width) ** 2)
+    return weights
+
+
+def _mean(total: FloatArray, weight: FloatArray) -> Profiles:
+    return np.asarray(total / np.maximum(weight, 1e-9)[..., None, None], dtype=np.float32)
+
+
+def save(templates: Templates, path: Path) -> None:
+    """Save templates as bytes with a scale for each, the format of ``shipped_templates``."""
+    kept = {}
+    for name in ("profiles", "shaded"):
+        profiles = getattr(templates, name)
+        scale = np.maximum(np.abs(profiles).max(axis=-1), 1e-6) / 127.0
+        kept[name] = np.rint(profiles / scale[..., None]).astype(np.int8)
+        kept[f"{name}_scale"] = scale.astype(np.float32)
+    np.savez_compressed(path, **kept)
 
 
 def train_templates(rover: Rover) -> Templates:

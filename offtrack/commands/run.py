@@ -20,7 +20,11 @@ from offtrack.commands.console import (
     remark,
     summary_table,
 )
+from offtrack.exchange.bench.links import opened_bench
+from offtrack.exchange.recordings.writers import recording_in
+from offtrack.reports.player.encoding import ON_PAGE
 from offtrack.reports.run_files import write_run
+from offtrack.reports.watching import Watcher, watched
 from scenarios.loop import runner
 from scenarios.loop.channel import Pacer
 from scenarios.options.scenario import load_any_scenario
@@ -107,33 +111,23 @@ def run(
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
-        bench = None
-        if (udp, can) != (None, None):  # modules that few runs need are imported where one does
-            from offtrack.exchange.bench.links import opened_bench
-
-            bench = cleanup.enter_context(opened_bench(udp, can))
+        bench = cleanup.enter_context(opened_bench(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
         if record:
             check_run_directory(record)
             check_apart(directory, record)
-        recording, watcher = None, None
-        if record:
-            from offtrack.exchange.recordings.writers import recording_in
-
-            recording = recording_in(record)
+        watcher = None
         if watch:
-            from offtrack.reports.watching import Watcher, watched
-
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = runner.run(
                 chosen,
                 seed,
-                keep_frames=True,
-                record=recording,
+                keep_frames=True if video else ON_PAGE,
+                record=recording_in(record) if record else None,
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,

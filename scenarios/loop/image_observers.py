@@ -7,11 +7,12 @@ from collections import deque
 from concurrent.futures import Executor, Future
 from typing import Final, Generic, Protocol, TypeVar
 
-import cv2
+import numpy as np
 
 from scenarios.assembly.trailer_sensors import Cameras
+from scenarios.image_file import PictureSize
 from scenarios.loop.channel import Finished, Kept, Stopwatch
-from sensors.messages import ColourImage, RoverView, Stamped, StereoFrame, stereo_frame
+from sensors.messages import RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
@@ -59,8 +60,9 @@ class _Digest:
 class Pictures(Generic[TruthT]):
     """Pictures kept for reports and videos, and the hash of all images."""
 
-    def __init__(self, *, records: bool) -> None:
+    def __init__(self, *, records: bool, keep: PictureSize | bool) -> None:
         self._records = records
+        self._size = PictureSize() if keep is True else keep or None  # None: none is kept
         self._digest = _Digest()
         self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
         self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
@@ -115,7 +117,7 @@ class StereoPictures(Pictures[Truth]):
         cameras: Cameras | None,
         worker: Executor,
         *,
-        keep: bool,
+        keep: PictureSize | bool,
         recorder: StereoRecorder | None,
     ) -> None:
         """Create the observer of all channels.
@@ -125,13 +127,14 @@ class StereoPictures(Pictures[Truth]):
             unit: index of the unit that carries its cameras.
             cameras: cameras of that channel.
             worker: compresses pictures.
-            keep: keep pictures of that channel.
+            keep: keep pictures of that channel, as they were captured or of this size.
             recorder: receives the frames of that channel.
         """
-        super().__init__(records=recorder is not None)
+        super().__init__(records=recorder is not None, keep=keep)
         self._recorder = recorder
         self._channel, self._unit, self._cameras, self._worker = channel, unit, cameras, worker
-        self._keep = keep
+        width = cameras.calibration.width if cameras else 1
+        self.scale = min(1.0, self._size.width / width) if self._size else 1.0  # of kept pictures to the camera's [-]
 
     def see(self, channel: int, message: object, truth: Truth) -> None:
         """Hash every frame; record and keep those of the chosen channel."""
@@ -144,20 +147,25 @@ class StereoPictures(Pictures[Truth]):
             return
         if self._recorder:
             self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
-        if self._keep and self._cameras:
-            rectified = self._cameras.rectified
-            self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame))))
+        if self._size and self._cameras:
+            size, rectified = self._size, self._cameras.rectified
+            self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame), size)))
 
 
 class TracePictures(Pictures[RoverTruth]):
     """The images of a rover's camera."""
 
     def __init__(
-        self, camera: TraceCamera | None, stopwatch: Stopwatch, *, keep: bool, recorder: RoverRecorder | None
+        self,
+        camera: TraceCamera | None,
+        stopwatch: Stopwatch,
+        *,
+        keep: PictureSize | bool,
+        recorder: RoverRecorder | None,
     ) -> None:
         """Create the observer of a camera; kept pictures are rendered again in colour."""
-        super().__init__(records=recorder is not None)
-        self._recorder, self._camera, self._stopwatch, self._keep = recorder, camera, stopwatch, keep
+        super().__init__(records=recorder is not None, keep=keep)
+        self._recorder, self._camera, self._stopwatch = recorder, camera, stopwatch
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
         """Hash, record and keep the view while the estimator works."""
@@ -166,16 +174,10 @@ class TracePictures(Pictures[RoverTruth]):
         self._digest.update(message.image.tobytes())
         if self._recorder:
             self._recorder.add(message, self._truth(message.tick))
-        if self._keep and self._camera is not None:
+        if self._size and self._camera is not None:
             with self._stopwatch.timed("render"):
-                self.add(truth.tick, Finished(_jpeg(self._camera.colour(truth))))
+                self.add(truth.tick, Finished(self._size.jpeg(self._camera.colour(truth))))
 
 
-def _stereo_jpeg(frame: StereoFrame) -> bytes:
-    if frame.colour is None:
-        return cv2.imencode(".jpg", frame.left)[1].tobytes()
-    return _jpeg(frame.colour)
-
-
-def _jpeg(colour: ColourImage) -> bytes:
-    return cv2.imencode(".jpg", cv2.cvtColor(colour, cv2.COLOR_RGB2BGR))[1].tobytes()
+def _stereo_jpeg(frame: StereoFrame, size: PictureSize) -> bytes:
+    return size.jpeg(np.stack([frame.left] * 3, axis=-1) if frame.colour is None else frame.colour)

@@ -8,6 +8,7 @@ from typing import Final
 from estimators.estimates import SlipAngle
 from estimators.slip.rover_odometry import LaserSlip, RoverOdometry
 from scenarios.assembly.rover_run import PERIOD, RoverAssembly
+from scenarios.image_file import PictureSize
 from scenarios.loop.channel import Channel, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import RoverRecorder, TracePictures
 from scenarios.loop.session import RunSession
@@ -104,7 +105,7 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
         self,
         parts: RoverAssembly,
         *,
-        keep_frames: bool = False,
+        keep_frames: PictureSize | bool = False,
         recorder: RoverRecorder | None = None,
         worker: Executor | None = None,
     ) -> None:
@@ -112,7 +113,7 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
 
         Args:
             parts: parts of the run.
-            keep_frames: keep colour pictures of the camera for the report.
+            keep_frames: keep colour pictures of the camera for the report, as captured or of this size.
             recorder: receives the camera's views.
             worker: runs the estimator, one message after the other; None: a thread of its own.
         """

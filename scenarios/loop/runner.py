@@ -9,6 +9,7 @@ from typing import Any, Final, TypedDict, Unpack, overload
 
 from scenarios.assembly.rover_run import assemble_rover, rover_path
 from scenarios.assembly.trailer_run import assemble, course_duration, rendered_images
+from scenarios.image_file import PictureSize
 from scenarios.loop.bench import Bench
 from scenarios.loop.channel import Pacer
 from scenarios.loop.image_observers import Recorder
@@ -60,7 +61,7 @@ KINDS: Final[Mapping[str, Kind]] = {
 class RunOptions(TypedDict, total=False):
     """Options of a run: the keyword arguments of :func:`run`."""
 
-    keep_frames: bool
+    keep_frames: PictureSize | bool
     record: Record | None
     progress: Progress
     calibration_progress: Progress
@@ -77,7 +78,7 @@ def run(
     scenario: AnyScenario,
     seed: int,
     *,
-    keep_frames: bool = False,
+    keep_frames: PictureSize | bool = False,
     record: Record | None = None,
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
@@ -90,7 +91,7 @@ def run(
     Args:
         scenario: the scenario.
         seed: decides world and noise; the same seed on the same machine gives bitwise the same log and images.
-        keep_frames: keep pictures of the camera for the video and the report.
+        keep_frames: keep pictures of the camera for the video and the report, as captured or of this size.
         record: opens a recording of the camera's images.
         progress: receives the completed share of the course.
         calibration_progress: receives the number of finished pictures of calibration boards, and their total.
@@ -107,7 +108,7 @@ def run(
         raise ValueError(f"--{bench.links[0].name}: signals and demands are those of trailers; a rover has none")
     renderer: Executor | None = None
     with ExitStack() as cleanup:
-        opened = partial(kind.assemble, scenario, seed, keep_colour=keep_frames, record=record is not None)
+        opened = partial(kind.assemble, scenario, seed, keep_colour=bool(keep_frames), record=record is not None)
         if pacer is None or not kind.is_trailer:
             parts = cleanup.enter_context(closing(opened(progress=calibration_progress)))
         else:  # OpenGL's objects belong to the thread that made them

@@ -17,6 +17,7 @@ from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.adapters import outlines
 from scenarios.assembly.applied_faults import LoopFaults
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, trailer_stream
+from scenarios.image_file import PictureSize
 from scenarios.loop.bench import DRIVER, RECORD_NAME, Bench, Exchange, Sensed, opened_exchange
 from scenarios.loop.channel import CONTROL, Channel, Pacer, Stateful, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures, StereoRecorder
@@ -213,7 +214,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         self,
         parts: Assembly,
         *,
-        keep_frames: bool = False,
+        keep_frames: PictureSize | bool = False,
         recorder: StereoRecorder | None = None,
         worker: Executor | None = None,
         renderer: Executor | None = None,
@@ -224,7 +225,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
 
         Args:
             parts: parts of the run.
-            keep_frames: keep pictures of the last trailer's left camera for the report.
+            keep_frames: keep pictures of the last trailer's left camera for the report, as captured or of this size.
             recorder: receives the last trailer's stereo frames.
             worker: runs the estimators, one message after the other; None: a thread of its own.
             renderer: renders the cameras, one picture after the other, while the loop goes on: the thread that has
@@ -461,7 +462,7 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
 
 
 def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
-    frames = session.pictures.frames
+    frames, scale = session.pictures.frames, session.pictures.scale
     shown = {tick for tick, _ in frames}
     motions = {
         estimate.motion.tick: estimate.motion
@@ -471,6 +472,12 @@ def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
     none = lost_motion(0, 0)
     shown_by = [(tick, jpeg, motions.get(tick, none)) for tick, jpeg in frames]
     return tuple(
-        CameraFrame(tick=tick, jpeg=jpeg, tracks=motion.tracks, matches=motion.matches, inliers=motion.inliers)
+        CameraFrame(
+            tick=tick,
+            jpeg=jpeg,
+            tracks=np.float32(scale) * (motion.tracks + np.float32(0.5)) - np.float32(0.5),
+            matches=motion.matches,
+            inliers=motion.inliers,
+        )
         for tick, jpeg, motion in shown_by
     )

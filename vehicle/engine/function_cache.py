@@ -7,10 +7,7 @@ The key of a function holds all that decides on it: what it is, the description 
 this package, and the versions of CasADi, numpy and Python.
 """
 
-import hashlib
-import json
 import platform
-import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -19,7 +16,7 @@ import casadi as ca
 import numpy as np
 from pydantic import BaseModel
 
-from vehicle.foundation.user_cache import cached, sources_hash, store
+from vehicle.foundation.user_cache import kept, sources_hash
 
 
 class Call(NamedTuple):
@@ -94,8 +91,6 @@ def written_out(function: AnyFunction) -> Any:
 
 
 _PACKAGE: Final = Path(__file__).parents[1]
-
-
 SOURCES: Final = sources_hash(_PACKAGE)  # while they are imported, so that it is theirs even if they are edited later
 VERSIONS: Final = (ca.CasadiMeta.version(), np.__version__, platform.python_version(), platform.machine())
 
@@ -108,13 +103,7 @@ def derived_once(name: str, described: tuple[BaseModel | None, ...], derive: Cal
     if not SOURCES or any(_is_foreign(model) for model in described):
         return derive()
     text = "\0".join([name, *map(repr, described), SOURCES, *VERSIONS])
-    file = f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.casadi"
-    found = cached(file)
-    if found is not None:
-        return _read(found)
-    function = derive()
-    store(file, _written(function))
-    return function
+    return kept(text.encode(), derive)
 
 
 def _is_foreign(part: object) -> bool:
@@ -130,22 +119,3 @@ def _classes(part: object) -> Iterator[type]:
     elif isinstance(part, tuple):
         for value in part:
             yield from _classes(value)
-
-
-def _written(function: AnyFunction) -> bytes:
-    if not isinstance(function, Composite):
-        content: dict[str, Any] = {"functions": [function.serialize()]}
-    else:
-        functions = list(dict.fromkeys(call.function for call in function.calls))
-        calls = [call._replace(function=functions.index(call.function)) for call in function.calls]
-        content = {"functions": [of.serialize() for of in functions], "name": function.name, "calls": calls}
-    return zlib.compress(json.dumps(content).encode(), level=1)
-
-
-def _read(content: bytes) -> AnyFunction:
-    read = json.loads(zlib.decompress(content))
-    functions = [ca.Function.deserialize(of) for of in read["functions"]]
-    if "calls" not in read:
-        return functions[0]
-    calls = (Call(functions[of], state, tuple(results), needed) for of, state, results, needed in read["calls"])
-    return Composite(read["name"], tuple(calls))

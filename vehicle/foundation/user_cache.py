@@ -59,16 +59,23 @@ def made_once(make: Callable[..., ResultT], sources: str, **inputs: Any) -> Resu
     ``sources`` is the `sources_hash` of all code that has a part in it. Inputs with classes from elsewhere, whose
     sources may change, are not cached; nor is anything without sources.
     """
-    name = f"{make.__module__}.{make.__qualname__}"
-    key = _identity((name, sources, platform.python_version(), platform.machine(), np.__version__, inputs))
-    if not sources or key is None:
-        return make(**inputs)
-    file = f"{key}.pickle"
+    name, identity = f"{make.__module__}.{make.__qualname__}", io.BytesIO()
+    versions = (platform.python_version(), platform.machine(), np.__version__)
+    try:
+        _OwnPickler(identity, protocol=pickle.HIGHEST_PROTOCOL).dump((name, sources, versions, inputs))
+    except Exception:  # of a user's class, of any kind
+        sources = ""
+    return kept(identity.getbuffer(), lambda: make(**inputs)) if sources else make(**inputs)
+
+
+def kept(identity: bytes | memoryview, make: Callable[[], ResultT]) -> ResultT:
+    """What has this identity: from the cache, or made and then stored, by pickle."""
+    file = f"{hashlib.sha256(identity).hexdigest()[:32]}.pickle"
     found = cached(file)
     if found is not None:
         made: ResultT = pickle.loads(found)
         return made
-    made = make(**inputs)
+    made = make()
     store(file, pickle.dumps(made, protocol=pickle.HIGHEST_PROTOCOL))
     return made
 
@@ -83,16 +90,6 @@ class _OwnPickler(pickle.Pickler):
 
 
 _KNOWN: Final = ("vehicle", "sensors", "numpy", "scipy", "builtins")  # packages of classes that inputs may have
-
-
-def _identity(inputs: object) -> str | None:
-    """Hash of the inputs; None if they contain what this module does not know."""
-    content = io.BytesIO()
-    try:
-        _OwnPickler(content, protocol=pickle.HIGHEST_PROTOCOL).dump(inputs)
-    except Exception:  # of a user's class, of any kind
-        return None
-    return hashlib.sha256(content.getbuffer()).hexdigest()[:32]
 
 
 def cached(name: str) -> bytes | None:

@@ -23,12 +23,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from offtrack.reports.player.playback import Body, Picture, Playback, PlayedRun
+from scenarios.image_file import PictureSize
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import FrictionPicture
 from vehicle.frames import FloatArray
 
 STROKES: Final = 160  # over a picture
-_SIZES: Final = ((672, 50), (560, 45), (480, 42), (416, 40))  # width [px] and JPEG quality, best first
+ON_PAGE: Final = PictureSize(672, 50)
+_SIZES: Final = (ON_PAGE, (560, 45), (480, 42), (416, 40))  # width [px] and JPEG quality, best first
 _TRIED: Final = 8  # pictures whose size is measured
 _HALVED: Final = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
 _MARGIN: Final = 1.1  # pictures that were not tried may be larger
@@ -70,6 +72,8 @@ def _small(picture: Picture, width: int, quality: int) -> SmallPicture | None:
         original = Image.open(io.BytesIO(picture.jpeg)).width  # reads the header alone
     except OSError:
         return None
+    if original <= width:
+        return SmallPicture(picture=picture, jpeg=picture.jpeg, scale=1.0)
     factor = max((k for k in _HALVED if original >= k * width), default=1)
     image = cv2.imdecode(data, _HALVED[factor])
     if image is None:

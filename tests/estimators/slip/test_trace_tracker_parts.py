@@ -19,12 +19,10 @@ from estimators.slip.trace_tracker.templates import (
     WIDTH,
     Curve,
     GroundPatch,
-    Lesson,
     Profiles,
     at_slips,
     channels,
     correlation,
-    learned,
     likely,
     place,
     rut_score,
@@ -37,6 +35,7 @@ from estimators.slip.trace_tracker.templates import (
 from estimators.slip.trace_tracker.tracker import Find, Grip, Pursuit, begun
 from estimators.slip.trace_tracker.tracker import judged as pursuit_after
 from sensors.sand.trace_rig import nominal_rig
+from tools.trace_templates import Lesson, learned
 from vehicle.frames import FloatArray, inverse
 from vehicle.rover.description import load_rover
 

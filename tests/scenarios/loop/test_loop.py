@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.estimates import OffTracking
 from scenarios.assembly.drivers_and_laws import OpenedDriver
 from scenarios.assembly.trailer_run import assemble
+from scenarios.image_file import PictureSize
 from scenarios.loop.channel import Pacer
 from scenarios.loop.runner import run
 from scenarios.loop.trailer_session import TrailerSession
@@ -86,11 +89,26 @@ def seen(worlds: Any) -> RunResult:
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_bitwise_the_same_log_and_images(worlds: Any, seen: RunResult) -> None:
-    """Determinism is what makes a run evidence; another seed must show another world."""
+def test_the_same_seed_gives_bitwise_the_same_log_and_images(
+    worlds: Any, seen: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Determinism is what makes a run evidence; another seed must show another world.
+
+    The world is made anew. Pictures for the page alone are smaller, and so are the strokes on them.
+    """
     scenario = load_scenario("constant-slip", SEEN)
     worlds.forget()
-    again = run(scenario, 1, progress=interrupted_after(100))
+    monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
+    again = run(scenario, 1, keep_frames=PictureSize(160, 50), progress=interrupted_after(100))
+    shown, small = (
+        cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        for frame in (seen.frames[5], again.frames[5])
+    )
+    assert small is not None
+    assert shown is not None
+    assert small.shape == (round(160 * shown.shape[0] / shown.shape[1]), 160, 3)
+    expected = (seen.frames[5].tracks + 0.5) * 160 / shown.shape[1]
+    assert again.frames[5].tracks + 0.5 == pytest.approx(expected, rel=1e-4)
     other = run(scenario, 2, progress=interrupted_after(20))
     assert len(seen.log) == 100
     assert seen.log == again.log
