@@ -74,7 +74,7 @@ def refined(
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
     observed = np.concatenate([observations.points.T, observations.z.T, information.reshape(9, -1)])
-    found = Residuals(np.empty((40, observed.shape[1])))
+    found = _of(np.empty((40, observed.shape[1])))
     for tuning in _TUNING:
         length = math.inf
         for _ in range(_ITERATIONS):
@@ -92,7 +92,7 @@ def refined(
             break
     converged = length < _NEARLY**2
     index = np.flatnonzero(inliers)
-    of_inliers = Residuals(found.columns.take(index, axis=1))
+    of_inliers = _of(found.columns.take(index, axis=1))
     share = np.einsum("iin,ni->n", information, observations.variance)[index] / 3.0
     contributions = _contributions(of_inliers, share, sigma)
     sums = summed(contributions)
@@ -105,29 +105,17 @@ def refined(
 
 
 class Residuals(NamedTuple):
-    """Residuals of n features at a motion, one column each."""
+    """Residuals of n features at a motion; the rest are views of ``columns`` (40, n)."""
 
-    columns: FloatArray  # (40, n)
+    columns: FloatArray
+    r: FloatArray  # (3, n) measured minus predicted images [px]
+    error: FloatArray  # (n,) normalised root mean square
+    J: FloatArray  # (6, 3, n) derivative of the predicted images by the motion
+    weighted: FloatArray  # (6, 3, n) the same times the inverse covariances of the residuals
 
-    @property
-    def r(self) -> FloatArray:
-        """Measured minus predicted images (3, n) [px]."""
-        return self.columns[:3]
 
-    @property
-    def error(self) -> FloatArray:
-        """Normalised root mean square (n,) of the residuals."""
-        return self.columns[3]
-
-    @property
-    def J(self) -> FloatArray:
-        """Derivative (6, 3, n) of the predicted images by the motion."""
-        return self.columns[4:22].reshape(6, 3, -1)
-
-    @property
-    def weighted(self) -> FloatArray:
-        """The same times the inverse covariances of the residuals."""
-        return self.columns[22:].reshape(6, 3, -1)
+def _of(columns: FloatArray) -> Residuals:
+    return Residuals(columns, columns[:3], columns[3], *columns[4:].reshape(2, 6, 3, -1))
 
 
 def _compute(

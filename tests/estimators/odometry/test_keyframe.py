@@ -46,6 +46,17 @@ def test_points_of_a_keyframe_are_found_where_they_were_in_an_image_that_is_clip
     assert np.median(np.abs(off[seen.found])) < 0.01
 
 
+def test_motions_without_a_compiler_are_the_same(
+    drive: Drive, motions: list[Motion], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NumPy and OpenCV in place of the compiled kernels: equal to a hundredth of what a motion is wrong by."""
+    monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    same = drive.run(KeyframeOdometry(drive.calibration), drive.frames[:8])[1]
+    for motion, other in zip(motions, same, strict=False):
+        assert pytest.approx(other.X_PC, abs=1e-5) == motion.X_PC
+        assert motion.inliers == pytest.approx(other.inliers, abs=3)
+
+
 def travelled(motions: Sequence[Motion]) -> FloatArray:
     return reduce(np.matmul, [motion.X_PC for motion in motions], np.eye(4))
 
