@@ -13,11 +13,10 @@ scene.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.image_points import Points, detect_corners, disparity_guess, track
+from estimators.odometry.image_points import Points, detect_corners, disparity_guess, half_size, in_full, in_half, track
 from estimators.stereo_pair import Pixels, Turned, displaced
 from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.messages import GreyImage, StereoFrame
@@ -77,7 +76,8 @@ _LEVELS = 3  # pyramid levels above the halved image, for guesses wrong by up to
 _FEWEST = 40  # points; four unknowns, and some points are matched wrongly
 _FEWEST_AGREEING = 0.4  # share of the points
 _ROUNDS = 12  # of Gauss-Newton with new weights, at most
-_DONE = 1e-5  # largest last step; the next ones would add 4e-5 deg and 5 um
+_LINEAR = 1e-3  # step beyond which the distances are computed anew: its square is a thousandth of a pixel [rad, m]
+_DONE = 0.3  # last step [standard deviations of the fit]
 _TUNING = 3.0  # residual with weight 1/4 [robust standard deviations]
 _MEDIAN = 0.6745  # median of |N(0, 1)|
 _FINEST = 0.05  # least robust standard deviation of a row difference [px]
@@ -100,16 +100,16 @@ def epipolar_fit(
 
     The images are matched at half size, in 3 ms. None if too few points agree.
     """
-    left, right_half = _halved(frame.left), _halved(frame.right)
+    left, right_half = half_size(frame.left), half_size(frame.right)
     at_half = _between(detect_corners(left, per_bucket=_PER_BUCKET))
-    corners = _doubled(at_half)
+    corners = in_full(at_half)
     if len(corners) < _FEWEST:
         return None
     R = mount_rotation(*guess[:3].tolist())
     expected = displaced(calibration, corners, corners - disparity_guess(calibration, corners), shift)
     raw = moved(homography(calibration, R.T), expected).astype(np.float32)
-    right, found = track(left, right_half, at_half, _half(raw), _LEVELS)
-    pairs = np.hstack([corners[found], _doubled(right[found])])
+    right, found = track(left, right_half, at_half, in_half(raw), _LEVELS)
+    pairs = np.hstack([corners[found], in_full(right[found])])
     return fitted_to_pairs(calibration, pairs, guess, shift)
 
 
@@ -131,34 +131,34 @@ def fitted_to_rays(
     f, baseline, values = calibration.focal_length, calibration.baseline + shift[0], guess.copy()
     (x, y), columns = np.ascontiguousarray(r.T), np.ascontiguousarray(q.T)
     across, middle = shift[1] / baseline, len(r) // 2
+    step = np.full(4, np.inf)
     for _ in range(_ROUNDS):
-        R, s = mount_rotation(*values[:3].tolist()), values[3] / baseline
-        turned = R[:, :2] @ columns + R[:, 2:]
-        x_q, y_q = turned[:2] / turned[2]
-        by_s = x * y_q - y * x_q
-        e = y_q - y - s * by_s - across * (x_q - x)
-        e_x, e_y = s * y - across, 1.0 - s * x  # derivatives by the turned ray
-        # Sampson's distance: the residual over its sensitivity to all four coordinates, as that of a row difference
-        size = np.sqrt(0.5 * (e_x**2 + e_y**2 + (across - s * y_q) ** 2 + (1.0 - s * x_q) ** 2))
-        along = e_x * x_q + e_y * y_q
-        J = np.stack([e_y * x_q - e_x * y_q, e_x + along * x_q, -e_y - along * y_q, -by_s / baseline]) / size
-        distance = e / size
+        if np.abs(step).max() > _LINEAR:
+            R, s = mount_rotation(*values[:3].tolist()), values[3] / baseline
+            turned = R[:, :2] @ columns + R[:, 2:]
+            x_q, y_q = turned[:2] / turned[2]
+            by_s = x * y_q - y * x_q
+            e = y_q - y - s * by_s - across * (x_q - x)
+            e_x, e_y = s * y - across, 1.0 - s * x  # derivatives by the turned ray
+            # Sampson's distance: the residual over its sensitivity to all four coordinates, as of a row difference
+            size = np.sqrt(0.5 * (e_x**2 + e_y**2 + (across - s * y_q) ** 2 + (1.0 - s * x_q) ** 2))
+            along = e_x * x_q + e_y * y_q
+            J = np.stack([e_y * x_q - e_x * y_q, e_x + along * x_q, -e_y - along * y_q, -by_s / baseline]) / size
+            distance = e / size
+        else:
+            distance = distance - step @ J
         scale = max(_FINEST / f, float(np.partition(np.abs(distance), middle)[middle]) / _MEDIAN)
         weighted = J / np.square(1.0 + np.square(distance / (_TUNING * scale)))
         normal = weighted @ J.T
         normal += _LEAST_INFORMATION * np.trace(normal) * np.eye(4)
         step = np.asarray(np.linalg.solve(normal, weighted @ distance), dtype=np.float64)
         values = values - step
-        if np.abs(step).max() < _DONE:
+        if step @ normal @ step < (_DONE * scale) ** 2:
             break
     agreeing = np.count_nonzero(np.abs(distance) < _TUNING * scale)
     if not scale * f <= _ROUGHEST or agreeing < max(_FEWEST, _FEWEST_AGREEING * len(r)):
         return None
     return EpipolarFit(values, scale**2 * np.asarray(np.linalg.inv(normal), dtype=np.float64), scale * f)
-
-
-def _halved(image: GreyImage) -> GreyImage:
-    return np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _between(corners: Points) -> Points:
@@ -169,13 +169,3 @@ def _between(corners: Points) -> Points:
     """
     sides = np.array([[0.25, 0.25], [-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25]], dtype=np.float32)
     return corners + np.resize(sides, corners.shape)
-
-
-def _doubled(points: Points) -> Points:
-    """Points of the halved image in the full one."""
-    return 2.0 * points + np.float32(0.5)
-
-
-def _half(points: Points) -> Points:
-    """Points in the image of half the size."""
-    return 0.5 * (points - np.float32(0.5))

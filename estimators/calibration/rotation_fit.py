@@ -22,7 +22,7 @@ from estimators.odometry.image_points import (
     disparity_guess,
     local_planes,
     rays_through,
-    track,
+    track_halved,
     warps,
 )
 from estimators.odometry.warped_matching import MARGIN, match_patches
@@ -174,8 +174,8 @@ def _pairs(
     """Corners in the left and the raw right image that track there and back."""
     corners = detect_corners(frame.left, per_bucket=per_bucket)
     guess = raw(calibration, corners, corners - disparity_guess(calibration, corners), geometry, rotation)
-    right, found = track(frame.left, frame.right, corners, guess, LEVELS)
-    back, found_again = track(frame.right, frame.left, right, corners, LEVELS_NEAR)
+    right, found = track_halved(frame.left, frame.right, corners, guess, LEVELS)
+    back, found_again = track_halved(frame.right, frame.left, right, corners, LEVELS_NEAR)
     apart = corners - straight(calibration, corners, right, geometry, rotation)
     doubtful = 3.0 * doubt * calibration.focal_length
     kept = found & found_again & (_longest(back - corners) < _CLOSURE)
@@ -197,7 +197,7 @@ def _longest(shift: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 _ROUNDS = 8  # of Gauss-Newton with new weights, at most
-_CONVERGED = 0.05  # last step [standard deviations]
+_CONVERGED = 0.2  # last step [standard deviations]
 _TUNING = (3.0, 3.0, 3.0, 2.0)  # residual with weight 1/4 [sigma], by round; the last one repeats
 _MEDIAN = 0.888  # median of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
 _CORRELATION = 2.0  # factor on the variance for correlated errors of neighbours: measured
@@ -236,13 +236,13 @@ def from_motion(
     prior_information[6:, 6:] = _inverse(covariance)
     for k in range(_ROUNDS):
         r, J, precision = _residuals(calibration, first, second, R, t, RightRotation(*angles))
-        error = np.sqrt(np.einsum("ni,nij,nj->n", r, precision, r) / 3.0)
+        error = np.sqrt(np.vecdot(r, (precision @ r[..., None])[..., 0]) / 3.0)
         scale = max(1.0, float(np.median(error)) / _MEDIAN)
         normalised = error / (_TUNING[min(k, len(_TUNING) - 1)] * scale)
         weight = 1.0 / np.square(1.0 + np.square(normalised)) / (_CORRELATION * scale**2)  # Geman and McClure
-        weighted = weight[:, None, None] * (precision @ J)
-        normal = np.einsum("nik,nil->kl", J, weighted) + prior_information
-        gradient = np.einsum("nik,ni->k", weighted, r)
+        weighted = (weight[:, None, None] * (precision @ J)).reshape(-1, 9)
+        normal = weighted.T @ J.reshape(-1, 9) + prior_information
+        gradient = weighted.T @ r.ravel()
         gradient[6:] += prior_information[6:, 6:] @ (prior - angles)
         step = np.linalg.solve(normal, gradient)
         R, t, angles = so3_exp(step[:3]) @ R, t + step[3:6], angles + step[6:]

@@ -7,7 +7,7 @@ A plane is given by n (3,) [1/m] with n . X = 1 for its points X in the camera. 
 (x, y, 1), and disparity is linear in the image; under X' = R X + t the plane's images map by the homography R + t n'.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -34,18 +34,34 @@ def detect_corners(image: GreyImage, *, per_bucket: int) -> Points:
     Detection works on the image at half size, in a fifth of the time: the tracker's windows of 11 px do not need
     corners located to a pixel.
     """
-    halved = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    strength = np.asarray(cv2.cornerMinEigenVal(halved, _BLOCK), dtype=np.float32)
+    strength = np.asarray(cv2.cornerMinEigenVal(half_size(image), _BLOCK), dtype=np.float32)
     neighbours = np.ones((_APART, _APART), np.uint8)
     is_maximum = (strength >= cv2.dilate(strength, neighbours)) & (strength > _WEAKEST)
     inside = is_maximum[_BORDER:-_BORDER, _BORDER:-_BORDER]
     found = cv2.findNonZero(inside.astype(np.uint8)) if inside.any() else None  # a fifth of the time of np.nonzero
     u, v = (np.empty((0, 2)) if found is None else np.asarray(found)).astype(np.int32).reshape(-1, 2).T + _BORDER
-    points = np.stack([2 * u + 0.5, 2 * v + 0.5], axis=1)  # centre of 2 x 2 pixels
-    return points[strongest_in_buckets(points, strength[v, u], per_bucket)].astype(np.float32)
+    points = in_full(np.stack([u, v], axis=1).astype(np.float32))
+    return points[strongest_in_buckets(points, strength[v, u], per_bucket)]
 
 
-def strongest_in_buckets(points: NDArray[np.float64], strength: NDArray[np.float32], count: int) -> NDArray[np.intp]:
+def half_size(image: GreyImage) -> GreyImage:
+    """Image at half size."""
+    return np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def in_full(points: Points) -> Points:
+    """Points of the halved image in the full one."""
+    return 2.0 * points + np.float32(0.5)
+
+
+def in_half(points: Points) -> Points:
+    """Points in the image of half the size."""
+    return 0.5 * (points - np.float32(0.5))
+
+
+def strongest_in_buckets(
+    points: NDArray[np.floating[Any]], strength: NDArray[np.float32], count: int
+) -> NDArray[np.intp]:
     """Indices of the ``count`` strongest of the points (n, 2) in each bucket of 50 x 50 px."""
     column, row = (points.T / _BUCKET).astype(np.int64)
     bucket = row * (column.max(initial=0) + 1) + column
@@ -205,6 +221,14 @@ def track(
         minEigThreshold=_FLATTEST,
     )
     return np.asarray(tracked, dtype=np.float32), np.asarray(found).ravel() > 0
+
+
+def track_halved(
+    source: GreyImage, target: GreyImage, points: Points, guess: Points, levels: int
+) -> tuple[Points, NDArray[np.bool_]]:
+    """Track as by ``track``, in halved images: a third of the time, with errors of some tenths of a pixel."""
+    tracked, found = track(half_size(source), half_size(target), in_half(points), in_half(guess), levels - 1)
+    return in_full(tracked), found
 
 
 def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Points) -> tuple[Points, Points]:

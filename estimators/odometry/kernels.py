@@ -11,28 +11,19 @@ import numpy as np
 from vehicle.engine.compiler import Compiler, CompilerError, compiler, library
 
 
-def kernel(file: str, name: str, definitions: tuple[str, ...] = ()) -> Callable[..., None] | None:
-    """Function of a C file with macros defined; None without a compiler.
-
-    Its arguments are integers, and contiguous arrays of the type that the C code expects.
-    """
+def kernel(file: str, name: str, definitions: tuple[str, ...] = ()) -> Callable[..., Any] | None:
+    """Function of a C file with macros defined, of integers and contiguous arrays; None without a compiler."""
     return _loaded(file, name, definitions, compiler())
 
 
 @cache
-def _loaded(file: str, name: str, definitions: tuple[str, ...], using: Compiler | None) -> Callable[..., None] | None:
-    if using is None:
-        return None
+def _loaded(file: str, name: str, definitions: tuple[str, ...], using: Compiler | None) -> Callable[..., Any] | None:
     source = (resources.files("estimators.odometry") / file).read_text(encoding="utf-8")
     try:
-        function = library(source, definitions, using)[name]
+        function = using and library(source, definitions, using)[name]
     except CompilerError:
         return None
-
-    def call(*arguments: Any) -> None:
-        function(*(_passed(argument) for argument in arguments))
-
-    return call
+    return function and (lambda *arguments: function(*map(_passed, arguments)))
 
 
 def _passed(argument: Any) -> Any:

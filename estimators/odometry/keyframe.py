@@ -214,11 +214,10 @@ def _between(own_P: FloatArray, own_C: FloatArray, X_PC: FloatArray) -> FloatArr
 
 def _with_misses(keyframes: tuple[Keyframe, ...], pose: Located) -> tuple[Keyframe, ...]:
     """Keyframes with updated counts of consecutive misses for all points that were searched for."""
-    updated = []
-    for number, keyframe in enumerate(keyframes):
-        misses, of_this = keyframe.misses.copy(), pose.tracks.keyframe == number
-        feature, agreeing = pose.tracks.feature[of_this], pose.agreeing[of_this]
-        misses[feature] = np.where(agreeing, 0, misses[feature] + 1)
+    updated, bounds = [], np.searchsorted(pose.tracks.keyframe, np.arange(len(keyframes) + 1))
+    for keyframe, start, end in zip(keyframes, bounds, bounds[1:], strict=False):
+        misses, feature = keyframe.misses.copy(), pose.tracks.feature[start:end]
+        misses[feature] = np.where(pose.agreeing[start:end], 0, misses[feature] + 1)
         updated.append(keyframe._replace(misses=misses))
     return tuple(updated)
 

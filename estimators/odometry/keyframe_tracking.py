@@ -148,7 +148,7 @@ def tracked(
     return Tracks(
         keyframe=number,
         feature=np.concatenate([candidate.feature for candidate in candidates]),
-        observations=_observations(candidates, number, left, right),
+        observations=_observations(candidates, left, right),
         found=found,
         pairs=pairs,
     )
@@ -180,8 +180,8 @@ def _matched(
 
 def _candidates(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_CK: FloatArray) -> list[_Candidates]:
     """Visible points of every keyframe; the newest fills up the share that older ones leave."""
-    of_each = [keyframe.points @ X[:3, :3].T + X[:3, 3] for keyframe, X in zip(keyframes, X_CK, strict=True)]
-    points, misses = np.concatenate(of_each), np.concatenate([keyframe.misses for keyframe in keyframes])
+    of_each = [X[:3, :3] @ keyframe.points.T + X[:3, 3:] for keyframe, X in zip(keyframes, X_CK, strict=True)]
+    points, misses = np.concatenate(of_each, axis=1).T, np.concatenate([keyframe.misses for keyframe in keyframes])
     z = project(calibration, points)
     u, v, u_right = z.T
     inside = (u > MARGIN) & (v > MARGIN) & (u_right > MARGIN) & (u < calibration.width - 1 - MARGIN)
@@ -207,21 +207,21 @@ def _displacement(
     return np.asarray(image_shift(calibration, np.concatenate(points), shift), dtype=np.float32)
 
 
-def _observations(
-    candidates: Sequence[_Candidates], number: NDArray[np.intp], left: PatchMatches, right: PatchMatches
-) -> Observations:
+def _observations(candidates: Sequence[_Candidates], left: PatchMatches, right: PatchMatches) -> Observations:
     """Points in the axes of the newest keyframe with their measured images."""
-    X_OK = np.array([candidate.keyframe.X_OK for candidate in candidates])
-    X_NK = inverse(X_OK[0]) @ X_OK[number]
-    R = np.ascontiguousarray(X_NK[:, :3, :3])
-    points = np.concatenate([candidate.keyframe.points[candidate.feature] for candidate in candidates])
-    covariance = np.concatenate([candidate.keyframe.covariance[candidate.feature] for candidate in candidates])
+    X_NK = inverse(candidates[0].keyframe.X_OK) @ np.array([candidate.keyframe.X_OK for candidate in candidates])
+    R = X_NK[:, :3, :3]
+    twice = np.einsum("nij,nkl->njlik", R, R).reshape(-1, 9, 9)  # R C R' of C as a row
+    points, covariance = [], []
+    for k, (keyframe, feature, _) in enumerate(candidates):
+        points.append(keyframe.points[feature] @ R[k].T + X_NK[k, :3, 3])
+        covariance.append(keyframe.covariance[feature].reshape(-1, 9) @ twice[k])
     z = np.column_stack([left.points[:, 0], 0.5 * (left.points[:, 1] + right.points[:, 1]), right.points[:, 0]])
     v = 0.25 * (left.variance[:, 1] + right.variance[:, 1]) + 0.5 * FINEST**2
     variance = np.column_stack([left.variance[:, 0] + FINEST**2, v, right.variance[:, 0] + FINEST**2])
     return Observations(
-        np.einsum("nij,nj->ni", R, points) + X_NK[:, :3, 3],
-        R @ covariance @ R.transpose(0, 2, 1),
+        np.concatenate(points),
+        np.concatenate(covariance).reshape(-1, 3, 3),
         z.astype(np.float64),
         variance.astype(np.float64),
     )

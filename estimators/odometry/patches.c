@@ -4,13 +4,21 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { SIDE = 2 * HALF + 1, LANES = SIDE + 1, WIDE = SIDE + 2, PITCH = 24, ALL = WIDE * PITCH };
+enum { SIDE = 2 * HALF + 1, LANES = SIDE + 1, WIDE = SIDE + 2, ALL = WIDE * WIDE };
 typedef float row __attribute__((vector_size(4 * LANES)));  /* of a patch, and one pixel more that weighs nothing */
 typedef row row_anywhere __attribute__((aligned(4)));
 typedef uint32_t word __attribute__((aligned(1), may_alias));
 typedef float half_row __attribute__((vector_size(2 * LANES)));
 typedef float quarter_row __attribute__((vector_size(LANES)));
 typedef uint8_t pixels __attribute__((vector_size(LANES)));
+
+typedef uint16_t words __attribute__((vector_size(2 * LANES)));
+typedef int32_t integers __attribute__((vector_size(4 * LANES)));
+
+/* step by step: GCC 12 takes the direct way pixel by pixel */
+static inline row levels(pixels grey) {
+  return __builtin_convertvector(__builtin_convertvector(__builtin_convertvector(grey, words), integers), row);
+}
 
 static inline float total(row all) {
   half_row half[2];
@@ -31,7 +39,7 @@ static void warp(const uint8_t *image, int width, int height, const float *centr
   /* four pixels are read at once, of which two count */
   const float most_u = width - 3.001f, most_v = height - 1.001f;
   for (int k = 0; k < ALL; k++) {
-    const float x = k % PITCH - (HALF + 1), y = k / PITCH - (HALF + 1);
+    const float x = k % WIDE - (HALF + 1), y = k / WIDE - (HALF + 1);
     const float u = fminf(fmaxf(centre[0] + A[0] * x + A[1] * y, 0.0f), most_u);
     const float v = fminf(fmaxf(centre[1] + A[2] * x + A[3] * y, 0.0f), most_v);
     const int column = (int)u, line = (int)v, place = line * width + column;
@@ -59,7 +67,7 @@ static inline void sample(const uint8_t *image, long width, long height, float u
       const uint8_t *at = image + inside(line + i, height) * width;
       for (int j = 0; j < LANES; j++) one[j] = at[inside(column + j, width)], next[j] = at[inside(column + j + 1, width)];
     }
-    const row a = __builtin_convertvector(one, row), b = __builtin_convertvector(next, row);
+    const row a = levels(one), b = levels(next);
     const row below = a + (u - low_u) * (b - a);
     if (i > 0) grey[i - 1] = above + (v - low_v) * (below - above) - level;
     above = below;
@@ -75,9 +83,9 @@ void match(long n, const uint8_t *const *sources, const float *centres, const fl
     row mean_u = {0}, mean_v = {0}, mean = {0}, uu = {0}, uv = {0}, vv = {0}, of_u = {0}, of_v = {0}, squares = {0};
     warp(sources[k], width, height, centres + 2 * k, A + 4 * k, wide);
     for (int i = 0; i < SIDE; i++) {
-      const float *at = wide + (i + 1) * PITCH + 1;
+      const float *at = wide + (i + 1) * WIDE + 1;
       across[i] = 0.5f * (*(row_anywhere *)(at + 1) - *(row_anywhere *)(at - 1));
-      down[i] = 0.5f * (*(row_anywhere *)(at + PITCH) - *(row_anywhere *)(at - PITCH));
+      down[i] = 0.5f * (*(row_anywhere *)(at + WIDE) - *(row_anywhere *)(at - WIDE));
       pattern[i] = *(row_anywhere *)at;
       mean_u += weight[i] * across[i], mean_v += weight[i] * down[i], mean += weight[i] * pattern[i];
     }

@@ -20,7 +20,8 @@ from estimators.odometry.covariance import (
     stacked,
     summed,
 )
-from estimators.stereo_pair import linearised, motion_jacobian, residuals, triangulation_jacobian
+from estimators.odometry.kernels import kernel
+from estimators.stereo_pair import NEAREST, linearised, motion_jacobian, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, skew, so3_exp, transform
 
@@ -35,6 +36,7 @@ _MEDIAN = 0.888  # median of the root mean square of three standard normal numbe
 _FINEST = 0.02  # least tracking error [px]
 _FEWEST = 6  # matches that leave residuals to estimate the variance from
 _DAMPING = 1e-12  # share of the trace; keeps the solution finite for degenerate matches
+_IDENTITY = np.eye(6)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # rows and columns of cofactors
 
 
@@ -69,67 +71,89 @@ def refined(
 
     ``newest`` (n,) tells which points are of the newest keyframe, for the differences.
     """
-    points, z = np.ascontiguousarray(observations.points.T), np.ascontiguousarray(observations.z.T)
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
+    observed = np.concatenate([observations.points.T, observations.z.T, information.reshape(9, -1)])
+    found = _of(np.empty((40, observed.shape[1])))
     for tuning in _TUNING:
         length = math.inf
         for _ in range(_ITERATIONS):
-            if length > _FAR**2:
-                r, J = linearised(calibration, R, p, points, z)
-                weighted = _weighted(J, information)
-            else:
-                r = residuals(calibration, R, p, points, z)
-            error, sigma = _normalised(r, information, inliers)
-            weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
-            normal, gradient = _normal_equations(J, weight * weighted, r)
+            _compute(calibration, R, p, observed, found, whole=length > _FAR**2)
+            sigma = _scatter(found.error[inliers])
+            weight = inliers / (1.0 + (found.error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
+            normal, gradient = _normal_equations(found.J, weight * found.weighted, found.r)
             step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
-            length = float(step @ normal @ step) / sigma**2
+            length = float(step @ gradient) / sigma**2
             if length < _CONVERGED**2:
                 break
-        converged = length < _NEARLY**2
-        inliers = error < _CUT * sigma
+        inliers = found.error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
             break
-    of_inliers = Residuals(*(of_all[..., inliers] for of_all in (J, information, r, error)))
-    contributions = _contributions(of_inliers, observations.variance[inliers], sigma)
+    converged = length < _NEARLY**2
+    index = np.flatnonzero(inliers)
+    of_inliers = _of(found.columns.take(index, axis=1))
+    share = np.einsum("iin,ni->n", information, observations.variance)[index] / 3.0
+    contributions = _contributions(of_inliers, share, sigma)
     sums = summed(contributions)
     whole = estimated(stacked([sums]), contributions.least)
     covariance = CORRELATION**2 * whole.covariance[0]
     own = CORRELATION**2 * own_part(contributions, sums.number, whole)
-    in_halves = halves(z[:, inliers], None if newest is None else newest[inliers])
+    in_halves = halves(observed[3:6].take(index, axis=1), None if newest is None else newest[inliers])
     differences = halves_differences(contributions, sums, in_halves) / CORRELATION
     return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)
 
 
 class Residuals(NamedTuple):
-    """Residuals of n features at a motion."""
+    """Residuals of n features at a motion; the rest are views of ``columns`` (40, n)."""
 
-    J: FloatArray  # (6, 3, n) derivative by the motion
-    information: FloatArray  # (3, 3, n) inverse covariances, up to a scale
-    r: FloatArray  # (3, n) [px]
-    error: FloatArray  # (n,) normalised
+    columns: FloatArray
+    r: FloatArray  # (3, n) measured minus predicted images [px]
+    error: FloatArray  # (n,) normalised root mean square
+    J: FloatArray  # (6, 3, n) derivative of the predicted images by the motion
+    weighted: FloatArray  # (6, 3, n) the same times the inverse covariances of the residuals
 
 
-def _contributions(residuals: Residuals, variance: FloatArray, sigma: float) -> Contributions:
-    """Contributions of features whose images have a ``variance`` (n, 3), and whose errors scatter by ``sigma``.
+def _of(columns: FloatArray) -> Residuals:
+    return Residuals(columns, columns[:3], columns[3], *columns[4:].reshape(2, 6, 3, -1))
+
+
+def _compute(
+    calibration: StereoCalibration, R: FloatArray, p: FloatArray, observed: FloatArray, found: Residuals, *, whole: bool
+) -> None:
+    """Compute residuals after a motion R, p of columns (15, n): point, image, and inverse covariance up to a scale.
+
+    J and its weighted form stay unless ``whole``. Compiled C (``pose.c``) if there is a compiler.
+    """
+    n, compiled = observed.shape[1], kernel("pose.c", "linearise", (f"NEAREST={NEAREST}",))
+    if compiled is not None:
+        camera = (calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline)
+        compiled(n, int(whole), np.concatenate([R.ravel(), p, camera]), observed, found.columns)
+        return
+    inverse = observed[6:].reshape(3, 3, n)
+    found.r[:] = residuals(calibration, R, p, observed[:3], observed[3:6])
+    found.error[:] = np.sqrt((np.einsum("in,ijn->jn", found.r, inverse) * found.r).sum(axis=0) / 3.0)
+    if whole:
+        found.J[:] = motion_jacobian(calibration, R, p, observed[:3])
+        found.weighted[:] = np.einsum("kin,ijn->kjn", found.J, inverse)
+
+
+def _contributions(residuals: Residuals, share: FloatArray, sigma: float) -> Contributions:
+    """Contributions of features whose errors scatter by ``sigma``; a ``share`` (n,) comes from the images in C alone.
 
     With u = error / c, the robust weight is w = (1 + u^2)^-2. The derivative of w r with respect to r is w I less
     4 / (3 c^2) (1 + u^2)^-3 r r'W.
     """
-    J, information, r, error = residuals
-    tuned = _TUNING[-1] * sigma
-    u = error / tuned
+    J, weighted, tuned = residuals.J, residuals.weighted, _TUNING[-1] * sigma
+    u = residuals.error / tuned
     weight = 1.0 / (1.0 + u**2) ** 2
-    weighted = _weighted(J, information)
-    score = np.einsum("kjn,jn->kn", weighted, r)
+    score = np.einsum("kjn,jn->kn", weighted, residuals.r)
     return Contributions(
         J=J,
         weighted=weight * weighted,
         score=weight * score,
         bend=math.sqrt(4.0 / 3.0) / tuned * (1.0 + u**2) ** -1.5 * score,
-        share=np.einsum("iin,ni->n", information, variance) / 3.0,
+        share=share,
         least=_FINEST**2,
     )
 
@@ -138,13 +162,7 @@ def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tup
     """Matrix (6, 6) and right-hand side (6,) of a Gauss-Newton step, from the Jacobian and its weighted form."""
     A = weighted.reshape(6, -1)
     normal = A @ J.reshape(6, -1).T
-    return normal + _DAMPING * np.trace(normal) * np.eye(6), A @ r.ravel()
-
-
-def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
-    """Jacobian (6, 3, n) times the inverse covariances (3, 3, n)."""
-    weighted: FloatArray = np.einsum("kin,ijn->kjn", J, information)
-    return weighted
+    return normal + _DAMPING * normal.trace() * _IDENTITY, A @ r.ravel()
 
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
@@ -173,12 +191,11 @@ def _inverse(S: FloatArray) -> FloatArray:
     return inverse
 
 
-def _normalised(r: FloatArray, information: FloatArray, inliers: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """Normalised RMS error (n,) of each match, and its robust standard deviation over the inliers."""
-    error = np.sqrt((np.einsum("in,ijn->jn", r, information) * r).sum(axis=0) / 3.0)
-    ordered = np.sort(error[inliers])
+def _scatter(error: FloatArray) -> float:
+    """Robust standard deviation of normalised RMS errors (n,)."""
+    ordered = np.sort(error)
     median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
-    return error, max(_FINEST, median / _MEDIAN)
+    return max(_FINEST, median / _MEDIAN)
 
 
 _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong

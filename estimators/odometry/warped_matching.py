@@ -72,11 +72,12 @@ def match_patches(
         guess: (n, 2) [px].
     """
     n, compiled = len(guess), kernel("patches.c", "match", _NUMBERS)
-    if compiled is None or n == 0:
-        patches, end = [np.empty((0, (2 * _HALF + 3) ** 2), np.float32)], 0
-        for image, count in sources:
-            part, end = slice(end, end + count), end + count
-            patches.append(_warped(image, centres[part], warps[part]))
+    if n == 0:
+        return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
+    if compiled is None:
+        ends = np.cumsum([count for _, count in sources])[:-1]
+        parts = zip(sources, np.split(centres, ends), np.split(warps, ends), strict=True)
+        patches = [_warped(image, of_these, A) for (image, count), of_these, A in parts if count]
         return _matched(np.concatenate(patches), target, guess)
     images = [np.ascontiguousarray(image) for image, _ in sources]
     places = np.repeat([image.ctypes.data for image in images], [count for _, count in sources])
@@ -89,19 +90,12 @@ def match_patches(
 
 def _warped(image: GreyImage, centres: Points, warps: FloatArray) -> Float32Array:
     """Grey levels (n, 289) around the centres, with a border of one pixel for the gradients."""
-    u, v = _grid(_HALF + 1)
-    A = warps.astype(np.float32)[..., None]
-    return _sampled(
-        image,
-        centres[:, :1] + A[:, 0, 0] * u + A[:, 0, 1] * v,
-        centres[:, 1:] + A[:, 1, 0] * u + A[:, 1, 1] * v,
-    )
+    offsets = warps.astype(np.float32) @ np.stack(_grid(_HALF + 1))
+    return _sampled(image, centres[:, :1] + offsets[:, 0], centres[:, 1:] + offsets[:, 1])
 
 
 def _sampled(image: GreyImage, u: Float32Array, v: Float32Array) -> Float32Array:
     """Grey levels (n, m) by bilinear interpolation; outside the image those of its edge."""
-    if len(u) == 0:
-        return np.empty(u.shape, np.float32)
     grey = cv2.remap(image.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(grey, dtype=np.float32)
 

@@ -5,8 +5,6 @@ SIFT is the descriptor that SURF approximates, its patent has expired, and it ta
 The cameras keep their height, so one scale is enough. The trailer's yaw is known to a few degrees from its own motion,
 so descriptors are aligned with the ground instead of the dominant gradient.
 
-The steps are those of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them.
-
 A camera tilted against the ground distorts it by perspective: a point at r from the centre of the view appears at
 r + r (k . r), with k the tilt over the height. Between two views at a distance d this acts as the shear d k^T. A fit
 without k takes half of it for a rotation: 0.07 deg of roll at 1 m of height cause 1 deg over 14 m. So k [1/m] is
@@ -155,7 +153,12 @@ class Pairs(NamedTuple):
 
 def paired(first: GroundView, second: GroundView) -> Pairs:
     """Matched features of two views that agree with one homography."""
-    p, q = _matched(first, second)
+    if min(len(first.positions), len(second.positions)) < 2:
+        return Pairs(first.positions[:0], second.positions[:0], 0)
+    neighbours = cv2.FlannBasedMatcher(_FLANN_LINEAR, {}).knnMatch(first.descriptors, second.descriptors, k=2)
+    good = [best for best, next_best in neighbours if best.distance < _RATIO * next_best.distance]
+    p = first.positions[np.array([match.queryIdx for match in good], dtype=np.intp)]
+    q = second.positions[np.array([match.trainIdx for match in good], dtype=np.intp)]
     if len(p) < _FEWEST:
         return Pairs(p[:0], q[:0], len(p))
     homography, inliers = cv2.findHomography(p - p.mean(axis=0), q - q.mean(axis=0), cv2.RANSAC, _GATE)
@@ -163,16 +166,6 @@ def paired(first: GroundView, second: GroundView) -> Pairs:
         return Pairs(p[:0], q[:0], len(p))
     agreeing = inliers.ravel() > 0
     return Pairs(p[agreeing], q[agreeing], len(p))
-
-
-def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatArray]:
-    if min(len(first.positions), len(second.positions)) < 2:
-        return np.empty((0, 2)), np.empty((0, 2))
-    neighbours = cv2.FlannBasedMatcher(_FLANN_LINEAR, {}).knnMatch(first.descriptors, second.descriptors, k=2)
-    good = [best for best, next_best in neighbours if best.distance < _RATIO * next_best.distance]
-    from_first = np.array([match.queryIdx for match in good], dtype=np.intp)
-    from_second = np.array([match.trainIdx for match in good], dtype=np.intp)
-    return first.positions[from_first], second.positions[from_second]
 
 
 def planar_motion(pairs: Pairs) -> UncertainMotion:
@@ -200,19 +193,15 @@ def _covariance(residual: FloatArray, spread: FloatArray, centre: FloatArray) ->
     return covariance
 
 
-class _GroundMotion(NamedTuple):
-    """Motion X_PC of the body, and the disagreement of the cameras about it."""
+def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> tuple[UncertainMotion, float]:
+    """Least-squares motion X_PC for the pairs of each camera, given with the centre (2,) of its view in S [m].
 
-    motion: UncertainMotion
-    disagreement: float  # between the mean residuals of the cameras; 0 with one camera [m]
-
-
-def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
-    """Least-squares motion for the pairs of each camera, given with the centre (2,) of its view in S [m]."""
+    The second value is the difference of the cameras' mean residuals [m], which the covariance contains.
+    """
     p, q = (np.concatenate([pairs[i] for pairs, _ in views]) for i in range(2))
     middles = np.concatenate([np.broadcast_to(middle, pairs.first.shape) for pairs, middle in views])
     X = planar_motion(Pairs(p, q, sum(pairs.matches for pairs, _ in views))).X
-    R, t, k = X[:2, :2], X[:2, 3], np.zeros(2)
+    R, t, k = X[:2, :2].copy(), X[:2, 3].copy(), np.zeros(2)
     for _ in range(_ITERATIONS):
         turned = q @ R.T
         from_middle, then = p - middles, (q - middles) @ R.T
@@ -228,15 +217,9 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> _GroundMotion:
     ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in views)]).tolist()
     means = [residual[start:end].mean(axis=0) for start, end in pairwise(ends)]  # of each camera
     disagreement = float(np.linalg.norm(means[0] - means[-1]))
-    X = X.copy()
     X[:2, :2], X[:2, 3] = R, t
-    return _GroundMotion(UncertainMotion(X, _motion_covariance(residual, normal, disagreement)), disagreement)
-
-
-def _motion_covariance(residual: FloatArray, normal: FloatArray, disagreement: float) -> FloatArray:
-    """Covariance (6, 6) of the fit, plus the disagreement of the cameras."""
     variance = _FRAME_CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / (2 * len(residual) - 5))
     covariance = UPRIGHT * np.eye(6)
     covariance[2:5, 2:5] = variance * np.linalg.inv(normal)[:3, :3]
     covariance[3:5, 3:5] += disagreement**2 * np.eye(2)
-    return covariance
+    return UncertainMotion(X, covariance), disagreement

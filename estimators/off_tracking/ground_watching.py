@@ -104,18 +104,18 @@ class GroundWatching:
         usable = [(pairs, middle) for pairs, middle in zip(matched, self._middles, strict=False) if pairs.enough]
         if not usable:
             return self._lost(memory, frame.tick, views, matched)
-        moved = ground_motion(usable)
-        still = float(np.linalg.norm(moved.motion.X[:2, 3])) < _STILL
-        agreed = len(usable) == len(matched) and moved.disagreement < _DISAGREEING
+        motion, disagreement = ground_motion(usable)
+        still = float(np.linalg.norm(motion.X[:2, 3])) < _STILL
+        agreed = len(usable) == len(matched) and disagreement < _DISAGREEING
         body = BodyMotion(
             tick=frame.tick,
             previous_tick=memory.tick,
-            X_PC=np.eye(4) if still else moved.motion.X,
-            covariance=moved.motion.covariance,
+            X_PC=np.eye(4) if still else motion.X,
+            covariance=motion.covariance,
             health=Health.OK if agreed else Health.DEGRADED,
         )
         buffer, off_tracking = self._buffer.step(memory.buffer, body)
-        unrest = max(moved.disagreement, _SUBSIDES * memory.unrest)
+        unrest = max(disagreement, _SUBSIDES * memory.unrest)
         memory = _advanced(memory, frame.tick, views, body.X_PC)._replace(buffer=buffer, unrest=unrest)
         memory, off_tracking = self._closed(memory, views, off_tracking)
         return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(body, matched))

@@ -53,55 +53,32 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
         after += 1
     around = [point for point in (before, index - 1, index, after) if 0 <= point < len(s)]
     nodes, (of_x, of_y) = s[around].tolist(), path[around].T.tolist()
-    there = _falls_to(_Cubic.through(nodes, of_x), x, float(s[index - 1]), float(s[index]))
-    return Crossing(s=there, y=_Cubic.through(nodes, of_y).at(there), beyond=index)
+    there = _falls_to(nodes, of_x, x, float(s[index - 1]), float(s[index]))
+    return Crossing(s=there, y=_interpolated(nodes, of_y, there), beyond=index)
 
 
-class _Cubic(NamedTuple):
-    """A polynomial in Newton's form, on floats: controllers ask often, and arrays of four numbers take longer."""
-
-    d_0: float  # divided differences
-    d_1: float
-    d_2: float
-    d_3: float
-    u_0: float  # nodes
-    u_1: float
-    u_2: float
-
-    @classmethod
-    def through(cls, nodes: list[float], values: list[float]) -> "_Cubic":
-        """The polynomial of the least degree through values at two to four nodes."""
-        differences = values.copy()
-        for order in range(1, len(nodes)):
-            for k in range(len(nodes) - 1, order - 1, -1):
-                differences[k] = (differences[k] - differences[k - 1]) / (nodes[k] - nodes[k - order])
-        return cls(*differences, *[0.0] * (4 - len(nodes)), *nodes[:3], *[0.0] * (3 - len(nodes)))
-
-    def at(self, u: float) -> float:
-        """Its value."""
-        d_0, d_1, d_2, d_3, u_0, u_1, u_2 = self
-        return d_0 + (u - u_0) * (d_1 + (u - u_1) * (d_2 + (u - u_2) * d_3))
+def _interpolated(nodes: list[float], values: list[float], u: float) -> float:
+    """Value at u of the polynomial through values at two to four nodes, by Neville's scheme on floats."""
+    for order in range(1, len(nodes)):
+        pairs = zip(nodes, nodes[order:], values, values[1:], strict=False)
+        values = [((u - b) * of_a - (u - a) * of_b) / (a - b) for a, b, of_a, of_b in pairs]
+    return values[0]
 
 
-def _falls_to(cubic: _Cubic, value: float, low: float, high: float) -> float:
-    """Argument between ``low`` and ``high`` at which the polynomial falls to the value.
-
-    Illinois' method: by secants of an interval in which it does, with half the value at an end that stays.
-    """
-    above, below = cubic.at(low) - value, cubic.at(high) - value
-    before = 0.0
+def _falls_to(nodes: list[float], values: list[float], value: float, low: float, high: float) -> float:
+    """Argument between ``low`` and ``high`` at which that polynomial falls to the value, by secants: it is smooth."""
+    above, below = (_interpolated(nodes, values, u) - value for u in (low, high))
     for _ in range(_SECANTS):
         if above <= below:  # rounding
             break
         u = (low * below - high * above) / (below - above)
-        rest = cubic.at(u) - value
+        rest = _interpolated(nodes, values, u) - value
         if abs(rest) < _CLOSE:
             return u
         if rest > 0.0:
-            low, above, below = u, rest, 0.5 * below if before > 0.0 else below
+            low, above = u, rest
         else:
-            high, below, above = u, rest, 0.5 * above if before < 0.0 else above
-        before = rest
+            high, below = u, rest
     return high
 
 
@@ -127,21 +104,16 @@ def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent
     return Tangent(math.atan2(-dy, -dx), curvature)
 
 
-def _parabola(u: FloatArray, points: FloatArray) -> tuple[float, float, float, float]:
-    """Linear and quadratic coefficients of x and y of the least-squares parabola through points (n, 2) at u (n,).
+def _parabola(u: FloatArray, points: FloatArray) -> list[float]:
+    """Linear and quadratic coefficients (dx, dy, ddx, ddy) of the least-squares parabola through points (n, 2) at u.
 
     By the normal equations about the mean of u: within a metre or two they are well conditioned.
     """
     mean = float(u.sum()) / len(u)
     v = u - mean
-    squares = v * v
-    squares -= float(squares.sum()) / len(u)
-    a_11, a_12, a_22 = float(v @ v), float(v @ squares), float(squares @ squares)
-    (x_1, y_1), (x_2, y_2) = (v @ points).tolist(), (squares @ points).tolist()
-    determinant = a_11 * a_22 - a_12 * a_12
-    if determinant <= _SAME * a_11 * a_22:  # at two places alone
-        return x_1 / a_11, y_1 / a_11, 0.0, 0.0
-    scale = 1.0 / determinant
-    ddx, ddy = scale * (a_11 * x_2 - a_12 * x_1), scale * (a_11 * y_2 - a_12 * y_1)
-    dx, dy = scale * (a_22 * x_1 - a_12 * x_2), scale * (a_22 * y_1 - a_12 * y_2)
-    return dx - 2.0 * mean * ddx, dy - 2.0 * mean * ddy, ddx, ddy
+    squares = v * v - float(v @ v) / len(u)
+    a, b, c = float(v @ v), float(v @ squares), float(squares @ squares)
+    linear, quadratic = v @ points, squares @ points
+    determinant = a * c - b * b
+    bend = (a * quadratic - b * linear) / determinant if determinant > _SAME * a * c else 0.0 * linear
+    return [*((linear - b * bend) / a - 2.0 * mean * bend).tolist(), *bend.tolist()]

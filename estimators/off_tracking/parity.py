@@ -13,9 +13,6 @@ there it looks like a steer angle. Front tyres that slide show in K alone, and o
 A fault adds its signature to the relations: a vector in the space of their values, in proportion to the fault's size.
 The generalised likelihood ratio test asks which signature explains the values that are not zero (J. Gertler, "Fault
 Detection and Diagnosis in Engineering Systems", 1998). Values are over their tolerances.
-
-Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub, ``unit``
-articulations, ``unit + 1`` yaw rates, and more.
 """
 
 import math
@@ -132,15 +129,11 @@ class Parity:
         return both if both[:, 1].any() else both[:, :1]
 
     @property
-    def reference(self) -> tuple[FloatArray, ...]:
-        """Signatures (m, q) of a reference that is wrong in one way, or in all of them."""
+    def excuses(self) -> tuple[FloatArray, ...]:
+        """Signatures (m, q) of what is no fault: a reference wrong in one way, or in all, and slip of the tractor."""
         own = np.array([own for _, _, own in self._relations])
-        return own[:, :1], own[:, 1:2], own[:, 2:], *(() if self._rolls else (own,))
-
-    @property
-    def slip(self) -> FloatArray:
-        """Signatures (m, 2) of slip of the tractor's rear and front axle beyond the tolerance."""
-        return self._columns(_REAR_SLIP, _FRONT_SLIP)
+        wrong = (own[:, :1], own[:, 1:2], own[:, 2:], *(() if self._rolls else (own,)))
+        return *wrong, self._columns(_REAR_SLIP, _FRONT_SLIP)
 
     def _columns(self, *places: tuple[int, int]) -> FloatArray:
         return np.array([[row.get(place, 0.0) for place in places] for _, row, _ in self._relations])

@@ -48,8 +48,7 @@ class ReferenceOffTracking:
         if memory.previous is None:
             return ReferenceMemory(pose, memory.buffer), None
         tick, X_PC = memory.previous.tick, inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP)
-        motion = BodyMotion(
-            tick=pose.tick, previous_tick=tick, X_PC=X_PC, covariance=np.zeros((6, 6)), health=Health.OK
-        )
+        exact = np.zeros((6, 6))
+        motion = BodyMotion(tick=pose.tick, previous_tick=tick, X_PC=X_PC, covariance=exact, health=Health.OK)
         buffer, off_tracking = self._buffer.step(memory.buffer, motion)
         return ReferenceMemory(pose, buffer), off_tracking

@@ -208,7 +208,7 @@ class SignalMonitor:
         fitting = [k for k in others if explains(parity.signature(k))]
         is_evident = self._evident(memory)
         evident = [k for k in fitting if is_evident[k]]
-        doubtful = not is_alone and any(explains(other) for other in (*parity.reference, parity.slip))
+        doubtful = not is_alone and any(map(explains, parity.excuses))
         if len(evident) == 1:
             return self._distrusted(memory, evident[0])
         if len(fitting) != 1 or doubtful or is_alone:

@@ -22,6 +22,7 @@ from offtrack.commands.console import (
 )
 from offtrack.exchange.bench.links import opened_bench
 from offtrack.exchange.recordings.writers import recording_in
+from offtrack.reports.film import IN_FILM
 from offtrack.reports.player.encoding import ON_PAGE
 from offtrack.reports.run_files import write_run
 from offtrack.reports.watching import Watcher, watched
@@ -126,7 +127,7 @@ def run(
             result = runner.run(
                 chosen,
                 seed,
-                keep_frames=True if video else ON_PAGE,
+                keep_frames=IN_FILM if video else ON_PAGE,
                 record=recording_in(record) if record else None,
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),

@@ -12,10 +12,12 @@ from offtrack.reports import canvas
 from offtrack.reports.canvas import INK, PAPER, SOFT, WIDTH, Colour
 from offtrack.reports.page import Photo, Stroke
 from offtrack.reports.player.playback import PALETTE, SERIES, Curve, Picture, Playback
+from scenarios.image_file import PictureSize
 from scenarios.progress import Progress, no_progress
 from scenarios.results.swept_path import placed
 from vehicle.frames import FloatArray, arc_length
 
+IN_FILM: Final = PictureSize(quality=85)  # as good as a video shows
 _TALLEST: Final = 480  # of a camera image [px]
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
 _SWEPT, _FIXED = (207, 224, 241), (200, 206, 212)

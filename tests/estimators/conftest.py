@@ -9,6 +9,7 @@ from estimators.context import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration, StereoRig
 from tests.estimators.stereo_scene import Drive, stereo_drive
+from vehicle.engine.compiler import compiler
 
 
 @pytest.fixture(scope="session")
@@ -37,3 +38,12 @@ def odometry(name: str, drive: Drive) -> Odometry[Any]:
     """It, for the cameras of the drive."""
     part: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
     return part
+
+
+@pytest.fixture(params=["compiled", "without a compiler"])
+def back_end(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernels of the odometries in C, and what takes their place without a compiler."""
+    if request.param == "without a compiler":
+        monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    elif compiler() is None:
+        pytest.skip("there is no compiler")

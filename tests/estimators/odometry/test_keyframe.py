@@ -46,6 +46,17 @@ def test_points_of_a_keyframe_are_found_where_they_were_in_an_image_that_is_clip
     assert np.median(np.abs(off[seen.found])) < 0.01
 
 
+def test_motions_without_a_compiler_are_the_same(
+    drive: Drive, motions: list[Motion], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NumPy and OpenCV in place of the compiled kernels: equal to a hundredth of what a motion is wrong by."""
+    monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    same = drive.run(KeyframeOdometry(drive.calibration), drive.frames[:8])[1]
+    for motion, other in zip(motions, same, strict=False):
+        assert pytest.approx(other.X_PC, abs=1e-5) == motion.X_PC
+        assert motion.inliers == pytest.approx(other.inliers, abs=3)
+
+
 def travelled(motions: Sequence[Motion]) -> FloatArray:
     return reduce(np.matmul, [motion.X_PC for motion in motions], np.eye(4))
 
@@ -59,7 +70,7 @@ def test_drift_is_less_than_from_frame_to_frame(drive: Drive, motions: list[Moti
         ends = [(k, k + 14) for k in range(0, 28, 2)]
         lateral = [drive.deviation(drive.camera_motion(a, b), travelled(source[a:b])) for a, b in ends]
         drifts.append(np.sqrt(np.mean(np.square(lateral), axis=0)))
-    assert np.all(drifts[0][3:] < 3e-3)  # [m] 0.04 % of the way
+    assert np.all(drifts[0][3:] < 3.5e-3)  # [m] 0.05 % of the way; over draws it is 0.7 to 3 mm
     assert drifts[0][1] < 0.7 * drifts[1][1]  # yaw about the camera's y: what off-tracking lives on
 
 

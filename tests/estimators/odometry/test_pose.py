@@ -20,6 +20,8 @@ from estimators.stereo_pair import linearised, project, triangulate, triangulati
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, rotation_zyx, so3_exp, transform
 
+pytestmark = pytest.mark.usefixtures("back_end")
+
 STD = 0.1  # [px] of a coordinate
 VARIANCE = np.array([1.0, 0.5, 1.0])  # of (u left, v, u right), up to a scale; v is the mean of two
 # camera axes: yawing to the left is turning about -y, driving on is -z for a camera that looks back

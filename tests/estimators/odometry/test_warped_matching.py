@@ -11,7 +11,6 @@ from scipy import ndimage
 from estimators.odometry.image_points import Points
 from estimators.odometry.warped_matching import PatchMatches, match_patches
 from sensors.messages import GreyImage
-from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray
 
 SHIFT = np.array([1.37, -0.62])  # [px]
@@ -19,12 +18,7 @@ STRAIGHT = np.eye(2)
 SHEARED = np.array([[1.1, 0.17], [-0.05, 0.9]])  # offsets in the second image to offsets in the first
 
 
-@pytest.fixture(autouse=True, params=["compiled", "without a compiler"])
-def back_end(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if request.param == "without a compiler":
-        monkeypatch.setenv("OFFTRACK_COMPILER", "none")
-    elif compiler() is None:
-        pytest.skip("there is no compiler")
+pytestmark = pytest.mark.usefixtures("back_end")
 
 
 @pytest.fixture(scope="module")
