@@ -25,13 +25,9 @@ def doctor(
     if not render:
         raise ValueError("doctor: nothing to check; --render lists EGL's devices and times stereo pairs on each")
     surface, line = Surface(friction=0.8), np.array([[-60.0, 0.0], [60.0, 0.0]])
+    rng = np.random.default_rng(1)
     world = build_world(
-        rng=np.random.default_rng(1),
-        centreline=line,
-        road_half_width=4.0,
-        surface=surface,
-        scenery_density=1.0,
-        clearance=8.0,
+        rng=rng, centreline=line, road_half_width=4.0, surface=surface, scenery_density=1, clearance=8.0
     )
     rig = StereoRig(facing="rear", width=1344, height=391, hfov=math.radians(100.0), x=0.0, y=0.0, z=3.0, baseline=0.5)
     table = table_of("device", "file", "renderer", "pair [ms]", "processor [ms]")

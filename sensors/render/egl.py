@@ -23,14 +23,10 @@ class Device:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Context:
-    """A current OpenGL context of this process."""
+    """An OpenGL context of this process."""
 
-    platform: EGLPlatform
+    platform: EGLPlatform  # makes it the context of the calls that follow
     name: str  # of renderer and device
-
-    def make_current(self) -> None:
-        """Make this the context of the OpenGL calls that follow."""
-        self.platform.make_current()
 
     def close(self) -> None:
         """Destroy the context, but not EGL's display, which belongs to the whole process."""

@@ -46,10 +46,10 @@ def upload_table(table: NDArray[np.float32]) -> int:
     return texture
 
 
-def upload_texture(image: NDArray[np.uint8], shrink: int) -> int:
-    """Name of a new repeating texture; v = 0 at its first row; ``shrink`` is OpenGL's minification filter."""
+def upload_texture(image: NDArray[np.uint8], shrink: int, wrap: int = GL.GL_REPEAT) -> int:
+    """Name of a new texture; v = 0 at its first row; ``shrink`` is OpenGL's minification filter."""
     internal, layout = _LAYOUTS[image.shape[2]]
-    texture = _new_texture(GL.GL_REPEAT, GL.GL_LINEAR, shrink)
+    texture = _new_texture(wrap, GL.GL_LINEAR, shrink)
     GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
     data = np.ascontiguousarray(image)
     GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, image.shape[1], image.shape[0], 0, layout, GL.GL_UNSIGNED_BYTE, data)
@@ -325,11 +325,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         packed = _packed(world.road)
         road, road_sheet = upload_levels(packed, _ROAD_LEVELS)
         cell = world.road.cell * world.road.light.shape[1] / packed.shape[1]
-        self._ground_textures = {  # by texture unit
-            0: detail,
-            1: road,
-            **_uploaded(world.condition, world.road),
-        }
+        self._ground_textures = {0: detail, 1: road, **_uploaded(world.condition, world.road)}  # by texture unit
         constants = _constants(world) | {
             "DETAIL_SHEET": detail_sheet,
             "ROAD_SHEET": road_sheet,
@@ -353,8 +349,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         scene = pyrender.Scene()
         scene.add(pyrender.Mesh([self._ground, self._sky, *(part.primitive for part in parts)]))
         self._update_context(scene, 0)
-        units: Uniforms = {"detail": 0, "road": 1, "looks": 2, "holes": 3, "lines": 4}
-        self._programs["ground"].use(units)
+        self._programs["ground"].use({name: k for k, name in enumerate(("detail", "road", "looks", "holes", "lines"))})
         self.place(world.moving)
         self._make_framebuffer()
         self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
@@ -366,7 +361,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def close(self) -> None:
         """Free all objects in the context, and the context."""
-        self._context.make_current()
+        self._context.platform.make_current()
         GL.glDeleteTextures([*self._textures.values(), self._panorama, *self._ground_textures.values()])
         GL.glDeleteRenderbuffers(2, self._buffers)
         GL.glDeleteFramebuffers(1, [self._framebuffer])
@@ -378,7 +373,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def draw(self, X_WCl: FloatArray, X_WCr: FloatArray) -> None:
         """Draw the views of the left and the right camera at poses X_WC (4, 4)."""
-        self._context.make_current()
+        self._context.platform.make_current()
         self._prepare()
         views = [(X_WC, self._projection @ inverse(X_WC)) for X_WC in (X_WCl, X_WCr)]
         self._draw_things(views)
@@ -388,7 +383,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def place(self, moved: tuple[Instances, ...]) -> None:
         """Move the moving things and their shadows."""
-        self._context.make_current()
+        self._context.platform.make_current()
         for instances, parts in zip(moved, self._moving, strict=True):
             for part in parts:
                 part.place(instances)
@@ -518,12 +513,13 @@ def _uploaded(condition: Condition, road: RoadMap) -> dict[int, int]:
     """Textures of the ground's condition and of the lines between lanes, by texture unit."""
     textures = {}
     if condition.looks is not None:
-        textures[2] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST)
+        textures[2] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST, GL.GL_CLAMP_TO_EDGE)
     if condition.holes is not None:
         textures[3] = upload_table(condition.holes)
     if road.lines is not None:
         levels = 0.5 + 0.5 * road.lines / line_range(road)
-        textures[4] = upload_texture(to_bytes(np.concatenate([levels, levels[..., :1]], axis=-1)), GL.GL_LINEAR)
+        channels = to_bytes(np.concatenate([levels, levels[..., :1]], axis=-1))
+        textures[4] = upload_texture(channels, GL.GL_LINEAR, GL.GL_CLAMP_TO_EDGE)
     return textures
 
 

@@ -8,7 +8,7 @@ in vec3 sun_light;
 in float fog;       // share of the haze's own colour
 flat in float texels;
 
-// Constants stand in the code, as llvmpipe takes some 30 instructions to load a number from a uniform.
+// Constants stand in the code, others come from ground.vert: llvmpipe takes 30 instructions to load one from a uniform.
 uniform sampler2D detail;  // r asphalt, g grass, b gravel, a patches; mean 0.5; all levels side by side
 uniform sampler2D road;    // r strip along the road's edge, g sunlight, b gravel or wear, a lushness; likewise
 const vec4 detail_sheet = DETAIL_SHEET;  // size of the largest level and margin around each, as shares of the texture
@@ -38,25 +38,26 @@ float stripe(float x, float half_width, float footprint, float per_metre)
 
 #ifdef MARKED
 in vec3 place;  // W [m]
+flat in vec3 eye;
 #endif
 
 #ifdef TRAFFIC
 const int VEHICLES = 3;  // MAX_VEHICLES of sensors.world.traffic
-uniform mat4 into_box[VEHICLES];  // from W into the box around each; its sides are at +-1
+flat in mat4 box[VEHICLES];  // into_box
 
 // Unshadowed share of the light of the sun (x) and of the sky (y) beside vehicles.
 vec2 past_vehicles()
 {
     vec2 left = vec2(1.0);
     for (int k = 0; k < VEHICLES; ++k) {
-        vec3 q = (into_box[k] * vec4(place, 1.0)).xyz;
-        vec3 ray = mat3(into_box[k]) * sun;
+        vec3 q = (box[k] * vec4(place, 1.0)).xyz;
+        vec3 ray = mat3(box[k]) * sun;
         vec3 one = (-1.0 - q) / ray, other = (1.0 - q) / ray;
         vec3 into = min(one, other), out_of = max(one, other);
         float hidden = min(min(out_of.x, out_of.y), out_of.z) - max(max(into.x, into.y), max(into.z, 0.0));  // [m]
         left.x *= 1.0 - smoothstep(0.0, 0.6, hidden);
-        vec2 per_metre = vec2(length(vec3(into_box[k][0].x, into_box[k][1].x, into_box[k][2].x)),
-                              length(vec3(into_box[k][0].y, into_box[k][1].y, into_box[k][2].y)));
+        vec2 per_metre = vec2(length(vec3(box[k][0].x, box[k][1].x, box[k][2].x)),
+                              length(vec3(box[k][0].y, box[k][1].y, box[k][2].y)));
         vec2 outside = max(abs(q.xy) - 1.0, 0.0) / per_metre;  // [m]
         left.y *= 1.0 - 0.7 * exp(-2.5 * dot(outside, outside));
     }
@@ -96,14 +97,13 @@ void dig(inout vec3 albedo, inout vec3 light, vec4 grain, float lit)
 
 #ifdef LOOKS
 uniform sampler2D looks;  // r wet, g muddy, b icy; on the road map
-uniform vec3 camera;      // W [m]
 
 const vec3 ZENITH = vec3(0.36, 0.52, 0.78);
 
 // Colour of wet, muddy or icy ground, and the reflection of a film of water or of ice.
 vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
 {
-    vec3 look = texture(looks, clamp(map_uv, 0.0, 1.0)).rgb;  // zero at the edges of the map
+    vec3 look = texture(looks, map_uv).rgb;  // zero at the edges of the map
     float off_road = clamp(2.0 * d, 0.0, 1.0);
     vec3 share = clamp(2.5 * (look - 0.5) + (look - look * look) * 6.0 * grain.a + 0.5, 0.0, 1.0);  // ragged edges
     share.gb *= 1.0 - 0.45 * off_road;
@@ -120,7 +120,7 @@ vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
     float film = (1.0 - off_road) * max(max(share.r * (0.35 + 0.65 * puddle), 0.75 * share.b), 0.30 * clods);
     float polish = max(puddle, 0.8 * share.b);
     vec3 normal = vec3((1.0 - polish) * 0.35 * grain.rb, 1.0);
-    vec3 view = normalize(camera - place);
+    vec3 view = normalize(eye - place);
     vec3 ray = reflect(-view, normal);
     float grazing = clamp(1.0 - dot(view, normal), 0.0, 1.0);
     float mirrored = 0.02 + 0.98 * grazing * grazing * grazing * grazing * grazing;  // Schlick's formula, water
@@ -138,7 +138,7 @@ const float line_range = LINE_RANGE;  // greatest distance of both [m]
 // Share of the footprint that such a line covers.
 float lane_line()
 {
-    vec2 at = line_range * (2.0 * texture(lines, clamp(map_uv, 0.0, 1.0)).rg - 1.0);  // none at the edges of the map
+    vec2 at = line_range * (2.0 * texture(lines, map_uv).rg - 1.0);  // none at the edges of the map
     float within = clamp(at.y / (fwidth(at.y) + 0.02) + 0.5, 0.0, 1.0);
     float footprint = fwidth(at.x) + 0.004;
     return within * stripe(at.x, 0.06, footprint, 1.0 / footprint);

@@ -19,6 +19,12 @@ out float fog;
 flat out float texels;  // twice the squared texels of the detail per squared period, for its level
 #ifdef MARKED
 out vec3 place;  // W [m]
+flat out vec3 eye;
+#endif
+#ifdef TRAFFIC
+const int VEHICLES = 3;  // MAX_VEHICLES of sensors.world.traffic
+uniform mat4 into_box[VEHICLES];  // from W into the box around each; its sides are at +-1
+flat out mat4 box[VEHICLES];
 #endif
 
 void main()
@@ -33,5 +39,9 @@ void main()
     texels = DETAIL_TEXELS / (stretch * stretch);
 #ifdef MARKED
     place = position;
+    eye = camera;
+#endif
+#ifdef TRAFFIC
+    box = into_box;
 #endif
 }
