@@ -253,7 +253,7 @@ def _render_problem() -> str:
 
     try:
         check_renderer()
-    except RendererUnavailableError as error:
+    except (RendererUnavailableError, ValueError) as error:  # ValueError: of the environment
         return str(error)
     return ""
 

@@ -21,7 +21,9 @@ from vehicle.frames import FloatArray
 if TYPE_CHECKING:
     from sensors.render.pair import PairRenderer
 
-__all__ = ["RendererUnavailableError", "StereoRenderer", "check_renderer"]
+__all__ = ["DEVICE_VARIABLE", "RendererUnavailableError", "StereoRenderer", "check_renderer", "device_names"]
+
+DEVICE_VARIABLE = "OFFTRACK_EGL_DEVICE"  # environment: number or file of the device; empty: choose one
 
 
 class RendererUnavailableError(RuntimeError):
@@ -50,12 +52,14 @@ class StereoRenderer:
 
     Raises:
         RendererUnavailableError: if EGL or OpenGL is missing or does not work.
+        ValueError: one line, if the environment names a device that EGL does not have.
     """
 
     def __init__(self, world: World, calibration: StereoCalibration) -> None:
         self.calibration = calibration
         with _opengl() as renderers:
-            pair: PairRenderer = renderers.PairRenderer(world, calibration)
+            wanted = os.environ.get(DEVICE_VARIABLE, "")
+            pair: PairRenderer = renderers.PairRenderer(world, calibration, renderers.egl.open_context(wanted))
         self._pair: PairRenderer | None = pair
         self.name = pair.name  # and version of the OpenGL renderer
 
@@ -127,14 +131,27 @@ def _pinhole(c: StereoCalibration) -> tuple[float, ...]:
     return c.width, c.height, c.focal_length, c.cx, c.cy
 
 
-def check_renderer() -> None:
-    """Open an OpenGL context and close it again.
+def check_renderer() -> str:
+    """Open an OpenGL context and close it again; return the name of its renderer and device.
 
     Raises:
         RendererUnavailableError: if that fails.
+        ValueError: one line, if the environment names a device that EGL does not have.
     """
     with _opengl() as renderers:
-        renderers.open_context().close()
+        context = renderers.egl.open_context(os.environ.get(DEVICE_VARIABLE, ""))
+        context.close()
+        return str(context.name)
+
+
+def device_names() -> list[str]:
+    """Files of EGL's devices, in its order; "software" for Mesa's renderer on the processor.
+
+    Raises:
+        RendererUnavailableError: if EGL is missing.
+    """
+    with _opengl() as renderers:
+        return [str(device.name) for device in renderers.egl.devices()]
 
 
 @contextmanager

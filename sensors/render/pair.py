@@ -5,7 +5,6 @@ instances of a part of a thing. Importing this module imports pyrender and loads
 """
 
 import ctypes
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,14 +13,14 @@ import cv2
 import numpy as np
 import pyrender
 from numpy.typing import NDArray
-from OpenGL import EGL, GL
+from OpenGL import GL
 from OpenGL.error import Error as OpenGlError
 from OpenGL.raw.GL.VERSION import GL_1_1, GL_1_5, GL_3_1  # PyOpenGL's wrappers take longer than the calls
-from pyrender.platforms.egl import EGLDevice, EGLPlatform, query_devices
 from pyrender.renderer import Renderer
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from sensors.camera.rig import StereoCalibration
+from sensors.render import egl
 from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.ground import Condition, RoadMap, line_range
@@ -35,49 +34,8 @@ Uniforms = Mapping[str, float | tuple[float, ...] | FloatArray]
 
 _SHADERS = Path(__file__).parent / "shaders"
 FAILURES = (OSError, OpenGlError, RuntimeError)  # of an OpenGL that does not work here
+_MARGIN = 2  # around each level of a sheet: repeated, so that bilinear samples do not see the neighbour [px]
 _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Context:
-    """A current OpenGL context of this process."""
-
-    platform: EGLPlatform
-    name: str
-
-    def make_current(self) -> None:
-        """Make this the context of the OpenGL calls that follow."""
-        self.platform.make_current()
-
-    def close(self) -> None:
-        """Destroy the context, but not EGL's display, which belongs to the whole process."""
-        display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
-        EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
-        EGL.eglDestroyContext(display, context)
-
-
-def open_context() -> Context:
-    """Context on the first device that works: an accessible graphics card, or else the processor.
-
-    Raises:
-        OSError: with the last device's error if none works.
-    """
-    failure = "EGL has no device"
-    for device in query_devices():
-        try:
-            return _opened_on(device)
-        except OpenGlError as error:
-            failure = f"{getattr(error.baseOperation, '__name__', 'EGL')} answers {error.err}"
-        except AssertionError:  # pyrender asserts that EGL's calls succeed
-            failure = "EGL refuses a call"
-    raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}")
-
-
-def _opened_on(device: EGLDevice) -> Context:
-    platform = EGLPlatform(1, 1, device=device)  # rendering is into a framebuffer object: the size does not matter
-    platform.init_context()
-    name, version = (GL.glGetString(key).decode() for key in (GL.GL_RENDERER, GL.GL_VERSION))
-    return Context(platform, f"{name}, OpenGL {version}")
 
 
 def upload_table(table: NDArray[np.float32]) -> int:
@@ -99,6 +57,27 @@ def upload_texture(image: NDArray[np.uint8], shrink: int) -> int:
     return texture
 
 
+def upload_levels(image: NDArray[np.uint8], count: int) -> tuple[int, tuple[float, ...]]:
+    """Name of a new texture with ``count`` mipmap levels of a periodic image (h, w, 4) side by side, and its sheet.
+
+    The sheet is the size of the largest level and the margin around each, as shares of the texture. The sides of the
+    image are multiples of 2^(count - 1).
+    """
+    levels = [image]
+    for _ in range(1, count):
+        half = cv2.resize(levels[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(half, dtype=np.uint8))
+    ny, nx = image.shape[0] + 2 * _MARGIN, sum(level.shape[1] + 2 * _MARGIN for level in levels)
+    sheet, x = np.zeros((ny, nx, 4), dtype=np.uint8), 0
+    for level in levels:
+        framed = np.pad(level, ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN), (0, 0)), mode="wrap")
+        sheet[: framed.shape[0], x : x + framed.shape[1]] = framed
+        x += framed.shape[1]
+    texture = _new_texture(GL.GL_CLAMP_TO_EDGE, GL.GL_LINEAR, GL.GL_LINEAR)
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, nx, ny, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, sheet)
+    return texture, (image.shape[1] / nx, image.shape[0] / ny, _MARGIN / nx, _MARGIN / ny)
+
+
 def _new_texture(wrap: int, enlarge: int, shrink: int) -> int:
     """Name of a new texture, which is bound, with this wrapping and these filters."""
     texture = int(GL.glGenTextures(1))
@@ -118,9 +97,9 @@ class Program:
     locations: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, *defined: str) -> "Program":
-        """Program of two files in ``shaders``, with preprocessor definitions; the cache owns it."""
-        defines = dict.fromkeys(defined, 1)
+    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, constants: Uniforms) -> "Program":
+        """Program of two files in ``shaders``, in which constants are replaced by their values; the cache owns it."""
+        defines = {name: _literal(value) for name, value in constants.items()}
         program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag", defines=defines)
         program._add_to_context()
         return cls(int(program._program_id))
@@ -134,6 +113,14 @@ class Program:
             _set(self.locations[name], value)
 
 
+def _literal(value: float | tuple[float, ...] | FloatArray) -> str:
+    """A number or vector as text of a shader."""
+    if isinstance(value, int):
+        return str(value)
+    numbers = np.atleast_1d(value).tolist()
+    return f"vec{len(numbers)}{tuple(numbers)}" if len(numbers) > 1 else repr(numbers[0])
+
+
 def _set(location: int, value: float | tuple[float, ...] | FloatArray) -> None:
     if isinstance(value, int):
         GL.glUniform1i(location, value)
@@ -142,7 +129,7 @@ def _set(location: int, value: float | tuple[float, ...] | FloatArray) -> None:
     if array.ndim == 2:
         GL.glUniformMatrix4fv(location, 1, GL.GL_TRUE, array)
     else:
-        (GL.glUniform1fv, GL.glUniform2fv, GL.glUniform3fv)[max(array.size, 1) - 1](location, 1, array)
+        (GL.glUniform1fv, GL.glUniform2fv, GL.glUniform3fv, GL.glUniform4fv)[max(array.size, 1) - 1](location, 1, array)
 
 
 _BLOCK = 300  # most faces of a block; smaller ones cost more in calls than they save in vertices
@@ -303,6 +290,7 @@ _NEAR, _FAR = 0.3, 2500.0  # [m]
 _STRIP = (-0.7, 1.02)  # lowest relevant edge distance, and range: steps of 4 mm [m]
 _NO_BOX = transform(np.eye(3), np.full(3, 1e4))  # from W into a box far away
 _CLEARANCE = 0.3  # height of the shadow-casting part of a vehicle above the ground [m]
+_DETAIL_LEVELS, _ROAD_LEVELS = 10, 6  # see ground.frag
 _TAPS = 3.0  # samples of ground.frag along a pixel's footprint
 _HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
 
@@ -324,30 +312,34 @@ def projection(calibration: StereoCalibration) -> FloatArray:
 class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
     """Draws both views with one set of OpenGL objects; one call reads both back."""
 
-    def __init__(self, world: World, calibration: StereoCalibration) -> None:
-        context = open_context()
+    def __init__(self, world: World, calibration: StereoCalibration, context: egl.Context) -> None:
         super().__init__(calibration.width, calibration.height)
         self._context, self._projection = context, projection(calibration)
         self._width, self._height = calibration.width, calibration.height
         self._rays = _rays(calibration)
-        self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
-        self._programs = {
-            name: Program.load(self._program_cache, vertex, name)
-            for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
-        }
-        marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes, "LINES": world.road.lines}
-        defined = [name for name, mark in marks.items() if mark is not None]  # absent features cost nothing
-        defined += ["TRAFFIC"] if world.moving else []
-        defined += ["MARKED"] if defined else []
-        self._programs["ground"] = Program.load(self._program_cache, "ground", "ground", *defined)
         nearest_level = GL.GL_LINEAR_MIPMAP_NEAREST  # as good for tracking as trilinear filtering, at half the cost
         self._transparent = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
         self._textures = {key: upload_texture(texture[::-1], nearest_level) for key, texture in world.textures.items()}
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
+        detail, detail_sheet = upload_levels(world.detail, _DETAIL_LEVELS)
+        packed = _packed(world.road)
+        road, road_sheet = upload_levels(packed, _ROAD_LEVELS)
+        cell = world.road.cell * world.road.light.shape[1] / packed.shape[1]
         self._ground_textures = {  # by texture unit
-            0: upload_texture(world.detail, nearest_level),  # see ground.frag
-            1: upload_texture(_packed(world.road), nearest_level),  # smooth: its levels do not show
+            0: detail,
+            1: road,
             **_uploaded(world.condition, world.road),
+        }
+        constants = _constants(world) | {
+            "DETAIL_SHEET": detail_sheet,
+            "ROAD_SHEET": road_sheet,
+            "DETAIL_TEXELS": 2.0 * len(world.detail) ** 2,
+            "ROAD_TEXELS": 2.0 * (world.detail_period / cell) ** 2,
+        }
+        self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
+        self._programs = {
+            name: Program.load(self._program_cache, vertex, name, constants)
+            for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"), ("ground", "ground"))
         }
         parts = [InstancedPart.of(instances, part) for instances in world.scenery for part in instances.thing.parts]
         self._moving = [
@@ -361,7 +353,8 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         scene = pyrender.Scene()
         scene.add(pyrender.Mesh([self._ground, self._sky, *(part.primitive for part in parts)]))
         self._update_context(scene, 0)
-        self._set_constants(world)
+        units: Uniforms = {"detail": 0, "road": 1, "looks": 2, "holes": 3, "lines": 4}
+        self._programs["ground"].use(units)
         self.place(world.moving)
         self._make_framebuffer()
         self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
@@ -422,32 +415,6 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         GL.glReadPixels(0, 0, self._width, 2 * self._height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
         return depth
 
-    def _set_constants(self, world: World) -> None:
-        """Set the uniforms that never change."""
-        light: Uniforms = {
-            "sun": world.light.direction,
-            "sun_colour": world.light.sun_colour,
-            "sky_colour": world.light.sky_colour,
-        }
-        haze_colour = np.array(sky.HAZE) * world.light.sky_tint
-        haze: Uniforms = {"haze": haze_colour, "haze_range": _HAZE_RANGE}
-        road = world.road
-        size = road.cell * np.array(road.light.shape[::-1])
-        layers: Uniforms = {
-            "detail": 0,
-            "road": 1,
-            "looks": 2,
-            "holes": 3,
-            "lines": 4,
-            "line_range": line_range(road),
-            "detail_period": world.detail_period,
-        }
-        on_map: Uniforms = {"map_origin": road.origin - 0.5 * road.cell, "map_size": size, "strip": _STRIP}
-        self._programs["ground"].use({**light, **haze, **layers, **on_map})
-        for name in ("thing", "leaves"):
-            self._programs[name].use({**light, **haze, "surface": 0})
-        self._programs["sky"].use({"panorama": 0})
-
     def _make_framebuffer(self) -> None:
         """Create one framebuffer for both views, the right one above the left one; without costly multisampling."""
         self._buffers = GL.glGenRenderbuffers(2)
@@ -494,8 +461,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
-            self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3]})
-            GL.glTexParameterf(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_LOD_BIAS, -math.log2(self._stretch(X_WC)))
+            self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3], "stretch": self._stretch(X_WC)})
             GL.glBindVertexArray(self._ground._vaid)
             for first, count in self._blocks.runs(in_view(VP, self._blocks.spheres)):
                 GL_1_1.glDrawElements(GL.GL_TRIANGLES, 3 * count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(12 * first))
@@ -513,6 +479,30 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             far_away = self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))
             self._programs["sky"].use({"view_projection": far_away})
             draw(self._sky, 1)
+
+
+def _constants(world: World) -> dict[str, float | tuple[float, ...] | FloatArray]:
+    """Constants of the shaders by name; no name is part of another one."""
+    road, light = world.road, world.light
+    marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes, "LINES": road.lines}
+    defined = [name for name, mark in marks.items() if mark is not None]  # absent features cost nothing
+    defined += ["TRAFFIC"] if world.moving else []
+    defined += ["MARKED"] if defined else []
+    return {
+        **dict.fromkeys(defined, 1),
+        "DETAIL_LAST": _DETAIL_LEVELS - 1,
+        "ROAD_LAST": _ROAD_LEVELS - 1,
+        "DETAIL_PERIOD": world.detail_period,
+        "MAP_ORIGIN": road.origin - 0.5 * road.cell,
+        "MAP_EXTENT": road.cell * np.array(road.light.shape[::-1]),
+        "EDGE_STRIP": _STRIP,
+        "LINE_RANGE": line_range(road),
+        "SUN_DIRECTION": light.direction,
+        "SUN_COLOUR": light.sun_colour,
+        "SKY_COLOUR": light.sky_colour,
+        "HAZE_COLOUR": np.array(sky.HAZE) * light.sky_tint,
+        "HAZE_RANGE": _HAZE_RANGE,
+    }
 
 
 def _rays(calibration: StereoCalibration) -> FloatArray:
@@ -546,7 +536,12 @@ def _into_box(instances: Instances) -> FloatArray:
 
 
 def _packed(road: RoadMap) -> NDArray[np.uint8]:
-    """The road map with its strip of edge distances, 8 bits per channel: llvmpipe samples it three times as fast."""
+    """The road map with its strip of edge distances, 8 bits per channel: llvmpipe samples it three times as fast.
+
+    Its sides are multiples of the coarsest level's cell.
+    """
     strip = (road.edge_distance - _STRIP[0]) / _STRIP[1]
     channels = np.stack([strip, road.light, road.gravel, road.lushness], axis=-1)
-    return to_bytes(channels)
+    coarsest = 2 ** (_ROAD_LEVELS - 1)
+    ny, nx = (-(-side // coarsest) * coarsest for side in strip.shape)
+    return to_bytes(np.asarray(cv2.resize(channels, (nx, ny), interpolation=cv2.INTER_CUBIC), dtype=np.float32))

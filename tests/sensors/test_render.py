@@ -189,3 +189,35 @@ def test_missing_opengl_is_one_clear_line(program: str, environment: dict[str, s
 def test_importing_the_renderer_does_not_load_opengl() -> None:
     program = "import sys, sensors.render; print(sorted({'OpenGL', 'pyrender', 'trimesh'} & set(sys.modules)))"
     assert python(program).strip() == "[]"
+
+
+# Choice of EGL's device
+
+
+def test_graphics_cards_come_before_the_processor_and_a_device_can_be_named() -> None:
+    """By number or by file; the order of equals is EGL's. Devices are made up, as a machine may have only one."""
+    program = """
+from sensors.render import _opengl
+with _opengl() as renderers:
+    made = [("software", True), ("/dev/dri/card0", False), ("/dev/dri/card1", False)]
+    found = [renderers.egl.Device(k, name, soft, None) for k, (name, soft) in enumerate(made)]
+    for wanted in ("", "2", "/dev/dri/card0", "software"):
+        print([device.number for device in renderers.egl.in_order(found, wanted)])
+    try:
+        renderers.egl.in_order(found, "3")
+    except ValueError as error:
+        print(error)
+"""
+    *orders, refusal = python(program).splitlines()
+    assert orders == ["[1, 2, 0]", "[2]", "[1]", "[0]"]
+    assert refusal == (
+        "OFFTRACK_EGL_DEVICE=3: EGL has no such device; there are: 0 (software), 1 (/dev/dri/card0), 2 (/dev/dri/card1)"
+    )
+
+
+def test_the_environment_chooses_the_device_and_the_renderer_names_it() -> None:
+    """The processor is there wherever Mesa is."""
+    program = "from sensors.render import check_renderer, device_names; print(check_renderer(), device_names())"
+    named = python(program, OFFTRACK_EGL_DEVICE="software")
+    assert "llvmpipe" in named
+    assert "(software) ['" in named

@@ -1,39 +1,43 @@
 #version 330 core
+#extension GL_ARB_shader_bit_encoding : require
 // Asphalt with worn lines, a kerb strip, gravel and grass, selected by the distance from the road's edge.
 in vec2 detail_uv;
 in vec2 map_uv;
-in vec3 sky_light;
+in vec3 sky_light;  // both as far as the haze transmits them
 in vec3 sun_light;
-in float clear;
+in float fog;       // share of the haze's own colour
+flat in float texels;
 
-uniform sampler2D detail;  // r asphalt, g grass, b gravel, a patches; mean 0.5
-uniform sampler2D road;    // r strip along the road's edge, g sunlight, b gravel or wear, a lushness
-uniform vec2 strip;        // distance from the edge = x + y * r, saturated [m]
-uniform vec3 haze;
+// Constants stand in the code, as llvmpipe takes some 30 instructions to load a number from a uniform.
+uniform sampler2D detail;  // r asphalt, g grass, b gravel, a patches; mean 0.5; all levels side by side
+uniform sampler2D road;    // r strip along the road's edge, g sunlight, b gravel or wear, a lushness; likewise
+const vec4 detail_sheet = DETAIL_SHEET;  // size of the largest level and margin around each, as shares of the texture
+const vec4 road_sheet = ROAD_SHEET;
+const float road_texels = ROAD_TEXELS;  // twice the squared texels of the road per squared period of the detail
+const vec2 strip = EDGE_STRIP;  // distance from the edge = x + y * r, saturated [m]
+const vec3 haze = HAZE_COLOUR;
+const vec3 sun = SUN_DIRECTION;
 
 out vec4 colour;
 
-// Three samples along the longer axis of the pixel's footprint. The mipmap level for the shorter axis would alias along
-// the longer one, and the level for the longer axis would blur; the texture's bias lowers the latter as far as the
-// footprints in view are long enough. Each sample is bilinear in the nearest level, which costs llvmpipe half as much as
-// a trilinear one. Three of these track better than two trilinear ones (Lucas-Kanade over 0.28 m: median error 0.10 px
-// against 0.12 px nearer than 12 m, 0.14 px against 0.16 px up to 40 m). An explicit level costs 25 % more.
-vec4 along_footprint(vec2 p)
+// Origin and size of the mipmap level whose texels are nearest to a footprint, given twice its square in texels.
+// llvmpipe computes a level three times as fast from the exponent of a float as in a texture with mipmaps.
+vec4 level(vec4 sheet, float footprint, int last)
 {
-    vec2 dx = dFdx(p), dy = dFdy(p);
-    vec2 step = (dot(dx, dx) > dot(dy, dy) ? dx : dy) / 3.0;
-    return (texture(detail, p - step) + texture(detail, p) + texture(detail, p + step)) / 3.0;
+    int n = clamp((floatBitsToInt(footprint) - 0x3F800000) >> 24, 0, last);
+    float size = intBitsToFloat(0x3F800000 - (n << 23));  // 2^-n
+    return vec4(2.0 * sheet.x * (1.0 - size) + float(2 * n + 1) * sheet.z, sheet.w, size * sheet.xy);
 }
 
-// Share of a stripe of the given half width that the footprint around x covers.
-float stripe(float x, float half_width, float half_footprint)
+// Share of a footprint around x that a stripe of the given half width covers; per_metre is 1 over the footprint.
+float stripe(float x, float half_width, float footprint, float per_metre)
 {
-    return max(min(x + half_footprint, half_width) - max(x - half_footprint, -half_width), 0.0) / (2.0 * half_footprint);
+    float right = min(x + 0.5 * footprint, half_width), left = max(x - 0.5 * footprint, -half_width);
+    return max(right - left, 0.0) * per_metre;
 }
 
 #ifdef MARKED
 in vec3 place;  // W [m]
-uniform vec3 sun;
 #endif
 
 #ifdef TRAFFIC
@@ -93,7 +97,6 @@ void dig(inout vec3 albedo, inout vec3 light, vec4 grain, float lit)
 #ifdef LOOKS
 uniform sampler2D looks;  // r wet, g muddy, b icy; on the road map
 uniform vec3 camera;      // W [m]
-uniform vec3 sun_colour;
 
 const vec3 ZENITH = vec3(0.36, 0.52, 0.78);
 
@@ -123,48 +126,64 @@ vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
     float mirrored = 0.02 + 0.98 * grazing * grazing * grazing * grazing * grazing;  // Schlick's formula, water
     float glint = max(dot(ray, sun), 0.0);
     glint *= glint, glint *= glint, glint *= glint, glint *= glint, glint *= glint;
-    vec3 sky = mix(haze, ZENITH, clamp(2.0 * ray.z, 0.0, 1.0)) + (0.4 + 2.0 * polish) * glint * sun_colour;
-    return mix(albedo * light, sky * (0.55 + 0.45 * here.g), film * mirrored);
+    vec3 sky = mix(haze, ZENITH, clamp(2.0 * ray.z, 0.0, 1.0)) + (0.4 + 2.0 * polish) * glint * SUN_COLOUR;
+    return mix(albedo * light, (1.0 - fog) * sky * (0.55 + 0.45 * here.g), film * mirrored);
 }
 #endif
 
 #ifdef LINES
 uniform sampler2D lines;   // r from the nearest line between lanes, g into the line from its end; of the road map
-uniform float line_range;  // greatest distance of both [m]
+const float line_range = LINE_RANGE;  // greatest distance of both [m]
 
 // Share of the footprint that such a line covers.
 float lane_line()
 {
     vec2 at = line_range * (2.0 * texture(lines, clamp(map_uv, 0.0, 1.0)).rg - 1.0);  // none at the edges of the map
     float within = clamp(at.y / (fwidth(at.y) + 0.02) + 0.5, 0.0, 1.0);
-    return within * stripe(at.x, 0.06, 0.5 * fwidth(at.x) + 0.002);
+    float footprint = fwidth(at.x) + 0.004;
+    return within * stripe(at.x, 0.06, footprint, 1.0 / footprint);
 }
 #endif
 
 void main()
 {
-    vec4 grain = along_footprint(detail_uv) - 0.5;
-    vec4 here = texture(road, map_uv);
+    // Three samples along the longer axis of the pixel's footprint. The level for the shorter axis would alias along the
+    // longer one, and the level for the longer axis would blur; the stretch lowers the latter as far as the footprints in
+    // view are long enough. Each sample is bilinear in the nearest level: better for tracking than two trilinear ones
+    // (Lucas-Kanade over 0.28 m: median error 0.10 px against 0.12 px nearer than 12 m, 0.14 px against 0.16 px to 40 m).
+    vec2 dx = dFdx(detail_uv), dy = dFdy(detail_uv);
+    vec2 squares = vec2(dot(dx, dx), dot(dy, dy));
+    vec2 step = (squares.x > squares.y ? dx : dy) * (1.0 / 3.0);
+    float longer = max(squares.x, squares.y);
+    vec4 at = level(detail_sheet, longer * texels, DETAIL_LAST);
+    vec4 grain = texture(detail, at.xy + fract(detail_uv - step) * at.zw)
+        + texture(detail, at.xy + fract(detail_uv) * at.zw)
+        + texture(detail, at.xy + fract(detail_uv + step) * at.zw);
+    grain = grain * (1.0 / 3.0) - 0.5;
+    at = level(road_sheet, longer * road_texels, ROAD_LAST);
+    vec4 here = texture(road, at.xy + fract(map_uv) * at.zw);
     vec2 off = abs(map_uv - 0.5);
     if (max(off.x, off.y) > 0.5)
         here.rg = vec2(1.0);  // beyond the map: no shadows
     float d = strip.x + strip.y * here.r;
-    float half_footprint = 0.5 * fwidth(d) + 0.002;
+    float across = fwidth(d) + 0.004, per_metre = 1.0 / across;
 
-    vec3 asphalt = vec3(0.455, 0.455, 0.460) * (0.82 + 1.8 * grain.r + 0.36 * here.b);
-    float paint = stripe(d + 0.35, 0.07, half_footprint) * clamp(4.0 * (grain.r + 0.8 * grain.a) + 1.3, 0.0, 0.92);
+    float paint = stripe(d + 0.35, 0.07, across, per_metre);
 #ifdef LINES
-    paint = max(paint, lane_line() * clamp(4.0 * (grain.r + 0.8 * grain.a) + 1.3, 0.0, 0.92));
+    paint = max(paint, lane_line());
 #endif
-    asphalt = mix(asphalt, vec3(0.86, 0.86, 0.83) * (1.0 + 0.6 * grain.r), paint);
-
-    vec3 gravel = vec3(0.52, 0.47, 0.39) * (1.0 + 1.5 * grain.b);
-    float lush = clamp(here.a + 0.9 * grain.a, 0.0, 1.0);
-    vec3 grass = mix(vec3(0.41, 0.41, 0.20), vec3(0.25, 0.36, 0.14), lush) * (1.0 + 1.75 * grain.g);
-    vec3 verge = mix(grass, gravel, clamp(5.0 * (here.b - 0.66 + 0.8 * grain.a + 0.5 * grain.g), 0.0, 1.0));
-    verge = mix(verge, vec3(0.66, 0.65, 0.62) * (1.0 + 0.9 * grain.r), stripe(d - 0.06, 0.06, half_footprint));
-
-    vec3 albedo = mix(asphalt, verge, clamp(0.5 * d / half_footprint + 0.5, 0.0, 1.0));
+    paint *= clamp(4.0 * (grain.r + 0.8 * grain.a) + 1.3, 0.0, 0.92);
+    float kerb = stripe(d - 0.06, 0.06, across, per_metre);
+    float off_road = clamp(d * per_metre + 0.5, 0.0, 1.0), on_road = 1.0 - off_road, verge = off_road - off_road * kerb;
+    float gravel = verge * clamp(5.0 * (here.b - 0.66 + 0.8 * grain.a + 0.5 * grain.g), 0.0, 1.0);
+    float grass = (verge - gravel) * (1.0 + 1.75 * grain.g);
+    float lush = grass * clamp(here.a + 0.9 * grain.a, 0.0, 1.0);
+    vec3 albedo = vec3(0.455, 0.455, 0.460) * ((on_road - on_road * paint) * (0.82 + 1.8 * grain.r + 0.36 * here.b))
+        + vec3(0.86, 0.86, 0.83) * (on_road * paint * (1.0 + 0.6 * grain.r))
+        + vec3(0.66, 0.65, 0.62) * (off_road * kerb * (1.0 + 0.9 * grain.r))
+        + vec3(0.52, 0.47, 0.39) * (gravel * (1.0 + 1.5 * grain.b))
+        + vec3(0.41, 0.41, 0.20) * (grass - lush)
+        + vec3(0.25, 0.36, 0.14) * lush;
 #ifdef TRAFFIC
     vec2 left = past_vehicles();
     here.g *= left.x;
@@ -180,5 +199,5 @@ void main()
 #else
     vec3 shaded = albedo * light;
 #endif
-    colour = vec4(mix(haze, shaded, clear), 1.0);
+    colour = vec4(shaded + haze * fog, 1.0);
 }

@@ -5,19 +5,18 @@ layout(location = 2) in vec2 texcoord;  // position distorted by a smooth field 
 
 uniform mat4 view_projection;
 uniform vec3 camera;  // W [m]
-uniform vec3 sun;
-uniform vec3 sun_colour;
-uniform vec3 sky_colour;
-uniform float haze_range;
-uniform float detail_period;  // [m]
-uniform vec2 map_origin;      // W of the map's first texel's edge [m]
-uniform vec2 map_size;        // [m]
+uniform float stretch;  // length over width of the least elongated footprint
+
+const float detail_period = DETAIL_PERIOD;  // [m]
+const vec2 map_origin = MAP_ORIGIN;  // W of the map's first texel's edge [m]
+const vec2 map_size = MAP_EXTENT;  // [m]
 
 out vec2 detail_uv;
 out vec2 map_uv;
 out vec3 sky_light;
 out vec3 sun_light;
-out float clear;  // share of the light transmitted by the haze
+out float fog;
+flat out float texels;  // twice the squared texels of the detail per squared period, for its level
 #ifdef MARKED
 out vec3 place;  // W [m]
 #endif
@@ -27,9 +26,11 @@ void main()
     gl_Position = view_projection * vec4(position, 1.0);
     detail_uv = texcoord / detail_period;
     map_uv = (position.xy - map_origin) / map_size;
-    sky_light = sky_colour * (0.72 + 0.28 * normal.z);
-    sun_light = sun_colour * max(dot(normal, sun), 0.0);
-    clear = exp(-length(camera - position) / haze_range);
+    float clear = exp(-length(camera - position) / HAZE_RANGE);
+    sky_light = SKY_COLOUR * (0.72 + 0.28 * normal.z) * clear;
+    sun_light = SUN_COLOUR * max(dot(normal, SUN_DIRECTION), 0.0) * clear;
+    fog = 1.0 - clear;
+    texels = DETAIL_TEXELS / (stretch * stretch);
 #ifdef MARKED
     place = position;
 #endif

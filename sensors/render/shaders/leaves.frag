@@ -4,7 +4,6 @@ in vec2 uv;
 in vec4 light;
 
 uniform sampler2D surface;
-uniform vec3 haze;
 
 out vec4 colour;
 
@@ -13,5 +12,5 @@ void main()
     vec4 leaf = texture(surface, uv);
     if (leaf.a < 0.4)
         discard;
-    colour = vec4(mix(haze, leaf.rgb * light.rgb, light.a), 1.0);
+    colour = vec4(mix(HAZE_COLOUR, leaf.rgb * light.rgb, light.a), 1.0);
 }

@@ -3,11 +3,10 @@ in vec2 uv;
 in vec4 light;
 
 uniform sampler2D surface;
-uniform vec3 haze;
 
 out vec4 colour;
 
 void main()
 {
-    colour = vec4(mix(haze, texture(surface, uv).rgb * light.rgb, light.a), 1.0);
+    colour = vec4(mix(HAZE_COLOUR, texture(surface, uv).rgb * light.rgb, light.a), 1.0);
 }

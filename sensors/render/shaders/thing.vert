@@ -7,10 +7,6 @@ layout(location = 4) in mat4 instance;  // pose in W times a uniform scale; the 
 
 uniform mat4 view_projection;
 uniform vec3 camera;  // W [m]
-uniform vec3 sun;
-uniform vec3 sun_colour;
-uniform vec3 sky_colour;
-uniform float haze_range;
 
 out vec2 uv;
 out vec4 light;  // last element: share of it transmitted by the haze
@@ -21,8 +17,8 @@ void main()
     vec3 n = normalize(mat3(instance) * normal);
     gl_Position = view_projection * vec4(world, 1.0);
     uv = texcoord;
-    float lit = max(0.85 * dot(n, sun) + 0.15, 0.0) * (0.35 + 0.65 * shade.r);
+    float lit = max(0.85 * dot(n, SUN_DIRECTION) + 0.15, 0.0) * (0.35 + 0.65 * shade.r);
     vec3 tint = vec3(instance[0][3], instance[1][3], instance[2][3]);
-    light.rgb = tint * (sky_colour * (0.62 + 0.38 * n.z) * shade.r + sun_colour * lit);
-    light.a = exp(-length(camera - world) / haze_range);
+    light.rgb = tint * (SKY_COLOUR * (0.62 + 0.38 * n.z) * shade.r + SUN_COLOUR * lit);
+    light.a = exp(-length(camera - world) / HAZE_RANGE);
 }

@@ -142,3 +142,15 @@ def test_every_command_of_the_list_can_be_called() -> None:
         assert commands[name].name in (name, "")
         assert invoked(name, "--help").exit_code == 0
         assert (commands[name].help or "").split()[0] == line.split()[0], name
+
+
+@pytest.mark.slow
+def test_doctor_times_a_pair_on_every_device_and_says_which_one_runs_use(here: Path) -> None:
+    """A device that EGL does not have is refused in one line, after the list."""
+    good = offtrack("doctor", "--render", cwd=here, OFFTRACK_EGL_DEVICE="0", COLUMNS="120")
+    assert good.returncode == 0
+    assert re.search(r"software .* \d+\.\d .* \d+\.\d ", good.stdout)
+    assert "EGL device 0 (" in good.stdout
+    bad = offtrack("doctor", "--render", cwd=here, OFFTRACK_EGL_DEVICE="99")
+    assert bad.returncode == 2
+    assert "OFFTRACK_EGL_DEVICE=99: EGL has no such device; there are: 0 (" in bad.stderr
