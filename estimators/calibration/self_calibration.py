@@ -35,7 +35,7 @@ from estimators.calibration.corrections import (
     of_rotation,
     with_calibration,
 )
-from estimators.calibration.epipolar import EpipolarFit, epipolar_fit, fitted_to_pairs, homography, moved
+from estimators.calibration.epipolar import EpipolarFit, epipolar_fit, fitted_to_rays, homography, moved
 from estimators.calibration.mount_state import (
     DELAY,
     UNKNOWN,
@@ -325,8 +325,8 @@ class SelfCalibratedOdometry(Generic[Memory]):
             return None
         attitude = pair_geometry(memory, self._calibration.baseline).attitude(memory.applied.rotation)
         raw = moved(homography(self._calibration, attitude.T), motion.pairs[:, 2:])
-        pairs = np.hstack([motion.pairs[:, :2], raw])
-        fit = fitted_to_pairs(self._calibration, pairs, *self._expected(memory.state, memory.twist))
+        r, q = (rays_through(self._calibration, points)[:, :2] for points in (motion.pairs[:, :2], raw))
+        fit = fitted_to_rays(self._calibration, r, q, *self._expected(memory.state, memory.twist))
         if fit is None or fit.scatter > _SCATTERED or significant_shift(fit):
             return None
         innovated = innovation(memory.state, fit, memory.twist, self._calibration.baseline)
