@@ -66,15 +66,10 @@ def residuals(
     return z - _images(calibration, _points_in_camera(R, p, points))
 
 
-def motion_jacobian(calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray) -> FloatArray:
-    """Derivative (..., 6, 3, n) of the predicted images with respect to (d_theta, d_p)."""
-    return _jacobian(calibration, R, _points_in_camera(R, p, points))
-
-
 def linearised(
     calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray, z: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Both ``residuals`` and ``motion_jacobian``."""
+    """The ``residuals``, and the derivative (..., 6, 3, n) of the predicted images with respect to (d_theta, d_p)."""
     points_C = _points_in_camera(R, p, points)
     return z - _images(calibration, points_C), _jacobian(calibration, R, points_C)
 

@@ -16,8 +16,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.image_points import Points, detect_corners, disparity_guess, half_size, in_full, in_half, track
-from estimators.stereo_pair import Pixels, Turned, displaced
+from estimators.odometry.image_points import (
+    Points,
+    detect_corners,
+    disparity_guess,
+    half_size,
+    in_full,
+    in_half,
+    rays_through,
+    track,
+)
+from estimators.stereo_pair import Turned, displaced
 from sensors.camera.rig import StereoCalibration, mount_rotation
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
@@ -109,17 +118,8 @@ def epipolar_fit(
     expected = displaced(calibration, corners, corners - disparity_guess(calibration, corners), shift)
     raw = moved(homography(calibration, R.T), expected).astype(np.float32)
     right, found = track(left, right_half, at_half, in_half(raw), _LEVELS)
-    pairs = np.hstack([corners[found], in_full(right[found])])
-    return fitted_to_pairs(calibration, pairs, guess, shift)
-
-
-def fitted_to_pairs(
-    calibration: StereoCalibration, pairs: Pixels, guess: FloatArray, shift: FloatArray
-) -> EpipolarFit | None:
-    """Fit to points (n, 4) in the left and the raw right image [px]; the other arguments are as above."""
-    c = np.array([calibration.cx, calibration.cy])
-    left, right = ((pairs[:, k : k + 2] - c) / calibration.focal_length for k in (0, 2))
-    return fitted_to_rays(calibration, left, right, guess, shift)
+    r, q = (rays_through(calibration, points[found])[:, :2] for points in (corners, in_full(right)))
+    return fitted_to_rays(calibration, r, q, guess, shift)
 
 
 def fitted_to_rays(

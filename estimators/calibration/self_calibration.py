@@ -35,7 +35,7 @@ from estimators.calibration.corrections import (
     of_rotation,
     with_calibration,
 )
-from estimators.calibration.epipolar import EpipolarFit, epipolar_fit, fitted_to_pairs, homography, moved
+from estimators.calibration.epipolar import EpipolarFit, epipolar_fit, fitted_to_rays, homography, moved
 from estimators.calibration.mount_state import (
     DELAY,
     UNKNOWN,
@@ -236,19 +236,20 @@ class SelfCalibratedOdometry(Generic[Memory]):
         pair = match_exposures(self._calibration, frame)
         memory = self._with_clipping(memory, pair)
         tried = self._restarted(memory, False)
-        stepped = self._odometry.step(tried.odometry, self._corrected(pair, tried))
-        memory, changed = self._with_rows(memory, pair, self._pairs(tried, stepped[1]))
+        stepped = self._stepped(tried, pair)
+        newly = tried.odometry is not memory.odometry  # then the restart is repeated, with the rows of this frame
+        memory, changed = self._with_rows(tried, pair, stepped[1])
         if memory.suspect is pair:
             return memory, self._message(lost_motion(pair.tick, memory.previous[-1].frame.tick), memory)
-        start = self._restarted(memory, changed)
+        start = self._restarted(memory, changed or newly)
         if start.odometry is tried.odometry and start.assumed == tried.assumed:
             after, motion = self._with_motion(start._replace(applied=tried.applied), pair, stepped)
         else:
-            after, motion = self._with_motion(start, pair)
+            after, motion = self._with_motion(start, pair, self._stepped(start, pair))
         if motion is not None and motion.health is Health.LOST and start.applied.rotation != memory.state.rotation:
             again = self._restarted(start, changed, at_once=True)
             if again.applied != start.applied:  # the best guess of the rotation may be what the odometry needs
-                after, motion = self._with_motion(again, pair)
+                after, motion = self._with_motion(again, pair, self._stepped(again, pair))
         if motion is None:
             return self._with_view(after, pair), None
         if motion.health is not Health.LOST and look_due(after):
@@ -256,7 +257,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
             again = self._restarted(start._replace(state=after.state), False)
             if is_another(again.applied, start.applied):  # the motion once more, with the better correction
                 before = after
-                after, motion = self._with_motion(again, pair)
+                after, motion = self._with_motion(again, pair, self._stepped(again, pair))
                 if motion is not None and motion.health is not Health.LOST:
                     after = after._replace(view=before.view, X_VC=before.X_VC, look=before.look, rest=before.rest)
         if motion is None or after.assumed:
@@ -273,24 +274,16 @@ class SelfCalibratedOdometry(Generic[Memory]):
         begins = clipped > _CLIPPED >= memory.clipped
         return memory._replace(clipped=clipped, view=None if begins else memory.view)
 
-    def _pairs(self, memory: SelfCalibrationMemory[Memory], motion: Motion | None) -> FloatArray | None:
-        """Points (n, 4) in the left and the raw right image that the odometry has matched; None: there are none."""
-        if motion is None or motion.health is Health.LOST or motion.pairs is None:
-            return None
-        attitude = pair_geometry(memory, self._calibration.baseline).attitude(memory.applied.rotation)
-        right = moved(homography(self._calibration, attitude.T), motion.pairs[:, 2:])
-        return np.hstack([motion.pairs[:, :2], right])
-
     def _with_rows(
-        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame, pairs: FloatArray | None
+        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame, motion: Motion | None
     ) -> tuple[SelfCalibrationMemory[Memory], bool]:
         """Memory with the rows of a frame in its estimate; True if the odometry must restart before it.
 
-        Rows of the odometry's own ``pairs`` (n, 4) are enough as long as they are as expected.
-        A frame that contradicts the estimate becomes the suspect; after a second one the estimate starts anew there.
+        The rows of a motion's own matches are enough as long as they are as expected. A frame that contradicts the
+        estimate becomes the suspect; after a second one the estimate starts anew there.
         """
         baseline, changed = self._calibration.baseline, False
-        fit = self._expected_rows(memory, pairs) or self._fit(memory.state, memory.twist, frame)
+        fit = self._expected_rows(memory, motion) or self._fit(memory.state, memory.twist, frame)
         if memory.earlier is not None:  # from a wrong new estimate, sound pairs may have no fit at all
             memory, as_before = self._returned(memory, memory.earlier, frame)
             fit, changed = as_before or fit, as_before is not None
@@ -326,11 +319,14 @@ class SelfCalibratedOdometry(Generic[Memory]):
         first = memory.previous[-1:] if memory.suspect is None else (Taken(memory.suspect, memory.twist),)
         return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), fit
 
-    def _expected_rows(self, memory: SelfCalibrationMemory[Memory], pairs: FloatArray | None) -> EpipolarFit | None:
-        """Fit to pairs (n, 4) of points; None if there are none, or if it is not as expected."""
-        if pairs is None or memory.suspect is not None or memory.earlier is not None:
+    def _expected_rows(self, memory: SelfCalibrationMemory[Memory], motion: Motion | None) -> EpipolarFit | None:
+        """Fit to the points that the odometry has matched in a pair; None without any, or if it is not as expected."""
+        if motion is None or motion.pairs is None or motion.health is Health.LOST or memory.suspect or memory.earlier:
             return None
-        fit = fitted_to_pairs(self._calibration, pairs, *self._expected(memory.state, memory.twist))
+        attitude = pair_geometry(memory, self._calibration.baseline).attitude(memory.applied.rotation)
+        raw = moved(homography(self._calibration, attitude.T), motion.pairs[:, 2:])
+        r, q = (rays_through(self._calibration, points)[:, :2] for points in (motion.pairs[:, :2], raw))
+        fit = fitted_to_rays(self._calibration, r, q, *self._expected(memory.state, memory.twist))
         if fit is None or fit.scatter > _SCATTERED or significant_shift(fit):
             return None
         innovated = innovation(memory.state, fit, memory.twist, self._calibration.baseline)
@@ -374,17 +370,15 @@ class SelfCalibratedOdometry(Generic[Memory]):
             self._calibration, frame, memory.applied.rotation, pair_geometry(memory, self._calibration.baseline)
         )
 
-    def _with_motion(
-        self,
-        memory: SelfCalibrationMemory[Memory],
-        frame: MatchedFrame,
-        stepped: tuple[Memory, Motion | None] | None = None,
-    ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
-        """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion.
+    def _stepped(self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame) -> tuple[Memory, Motion | None]:
+        """The odometry's memory and motion after the frame with its corrections."""
+        return self._odometry.step(memory.odometry, self._corrected(frame, memory))
 
-        The odometry may have been ``stepped`` already.
-        """
-        odometry, motion = stepped or self._odometry.step(memory.odometry, self._corrected(frame, memory))
+    def _with_motion(
+        self, memory: SelfCalibrationMemory[Memory], frame: MatchedFrame, stepped: tuple[Memory, Motion | None]
+    ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
+        """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion."""
+        odometry, motion = stepped
         baseline = self._calibration.baseline
         memory = memory._replace(odometry=odometry)
         taken = Taken(frame, memory.twist, left_over=left_over(memory, baseline))

@@ -21,7 +21,7 @@ from estimators.odometry.covariance import (
     summed,
 )
 from estimators.odometry.kernels import kernel
-from estimators.stereo_pair import NEAREST, linearised, motion_jacobian, residuals, triangulation_jacobian
+from estimators.stereo_pair import NEAREST, linearised, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, skew, so3_exp, transform
 
@@ -131,11 +131,10 @@ def _compute(
         compiled(n, int(whole), np.concatenate([R.ravel(), p, camera]), observed, found.columns)
         return
     inverse = observed[6:].reshape(3, 3, n)
-    found.r[:] = residuals(calibration, R, p, observed[:3], observed[3:6])
+    found.r[:], J = linearised(calibration, R, p, observed[:3], observed[3:6])
     found.error[:] = np.sqrt((np.einsum("in,ijn->jn", found.r, inverse) * found.r).sum(axis=0) / 3.0)
     if whole:
-        found.J[:] = motion_jacobian(calibration, R, p, observed[:3])
-        found.weighted[:] = np.einsum("kin,ijn->kjn", found.J, inverse)
+        found.J[:], found.weighted[:] = J, np.einsum("kin,ijn->kjn", J, inverse)
 
 
 def _contributions(residuals: Residuals, share: FloatArray, sigma: float) -> Contributions:
@@ -175,9 +174,8 @@ def _information(
     calibration: StereoCalibration, R: FloatArray, p: FloatArray, observations: Observations
 ) -> FloatArray:
     """Inverse covariance (3, 3, n) of the residuals."""
-    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(observations.points.T))[
-        3:
-    ]  # as the derivative by the points, but for the sign
+    # as the derivative by the points, but for the sign
+    J = linearised(calibration, R, p, np.ascontiguousarray(observations.points.T), observations.z.T)[1][3:]
     covariance = np.ascontiguousarray(observations.covariance.transpose(1, 2, 0))
     carried = np.einsum("lin,ljn->ijn", np.einsum("kin,kln->lin", J, covariance), J)
     return _inverse(np.eye(3)[:, :, None] * observations.variance.T + carried)
