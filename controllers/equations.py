@@ -82,22 +82,6 @@ def limited(f: Functions[Num], value: Num, limit: float) -> Num:
     return f.fmax(-limit, f.fmin(limit, value))
 
 
-def exponential(M: FloatArray) -> FloatArray:
-    """Exponential of a small matrix (n, n): its series, of an argument so small that twelve terms are exact, squared.
-
-    SciPy's calls LAPACK, whose threads take longer than such a matrix.
-    """
-    squarings = max(0, math.frexp(float(np.abs(M).sum(axis=0).max()))[1] + 3)
-    X = M / 2.0**squarings
-    term = result = np.eye(len(M))
-    for k in range(1, 13):
-        term = term @ X / k
-        result = result + term
-    for _ in range(squarings):
-        result = result @ result
-    return result
-
-
 def settled(
     f: Functions[Num], angle: Num, demand: Num, duration: Num | float, *, lag: float, max_rate: Num | float
 ) -> Num:

@@ -27,9 +27,10 @@ from itertools import pairwise
 from typing import Final, Generic, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from controllers.equations import Functions, Num, exponential, limited, settled
+from controllers.equations import Functions, Num, limited, settled
 from controllers.tractor import STATES, TractorGeometry, TractorModel, path_matrices, rolling_matrices, tractor_model
 from vehicle.frames import FloatArray
 
@@ -42,7 +43,6 @@ EDGES: Final = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.26, 0.32, 0.4, 0.5, 0.64, 0.
 
 _SMOOTHING: Final = 0.02  # T: short against the lags, which bound the loop; it only evens out kinks of the path [s]
 # Lag of the side force at the axles up to which the tractor rolls, and from which on it has slip and inertia [s].
-_DOUBLINGS, _ROUNDING = 60, 1e-15  # at most, and of the cost [-]
 _ROLLING_UP_TO: Final = 0.05
 _DYNAMIC_FROM: Final = 0.1
 _ROLLING: Final = [0, 1, 6]  # its states
@@ -109,25 +109,10 @@ def _optimal(matrices: tuple[FloatArray, FloatArray, FloatArray], direction: Flo
     rate, rate_by_demand = _SMOOTHING * A[-1], _SMOOTHING * B[-1]
     Q = np.outer(offset, offset) + np.outer(direction, direction) + np.outer(rate, rate)
     cross, R = rate * rate_by_demand, rate_by_demand**2
-    P = _cost(A_d - np.outer(B_d, cross) / R, np.outer(B_d, B_d) / R, Q - np.outer(cross, cross) / R)
+    P = scipy.linalg.solve_discrete_are(A_d, B_d[:, None], Q, np.array([[R]]), s=cross[:, None])
     scale = 1.0 / (R + B_d @ P @ B_d)
     K = scale * (B_d @ P @ A_d + cross)
     return np.concatenate([K, _weights(A_d - np.outer(B_d, K), scale * B_d, P @ E_d)])
-
-
-def _cost(F: FloatArray, G: FloatArray, H: FloatArray) -> FloatArray:
-    """Least cost matrix P = H + F^T P (I + G P)^-1 F, which solves the Riccati equation; G is B R^-1 B^T.
-
-    By doubling: after k iterations H is the cost of 2^k steps. LAPACK's threads would take longer than their work.
-    """
-    n = len(F)
-    for _ in range(_DOUBLINGS):
-        both = np.linalg.solve(np.eye(n) + G @ H, np.hstack([F, G]))
-        more = F.T @ H @ both[:, :n]
-        G, F, H = G + F @ both[:, n:] @ F.T, F @ both[:, :n], H + more
-        if np.max(np.abs(more)) <= _ROUNDING * np.max(np.abs(H)):
-            break
-    return 0.5 * (H + H.T)
 
 
 def _sampled(A: FloatArray, B: FloatArray, E: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -135,7 +120,7 @@ def _sampled(A: FloatArray, B: FloatArray, E: FloatArray) -> tuple[FloatArray, F
     n = len(B)
     held = np.zeros((n + 2, n + 2))
     held[:n] = np.column_stack([A, B, E])
-    exact = exponential(PERIOD * held)
+    exact = scipy.linalg.expm(PERIOD * held)
     return exact[:n, :n], exact[:n, n], exact[:n, n + 1]
 
 

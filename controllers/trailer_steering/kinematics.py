@@ -84,8 +84,9 @@ class AxleGroup:
         Solves the moment balance for the yaw rate: the inverse of `mean_slip`. A prediction asks 60 times a step, so
         that usual directions are neither wrapped nor limited.
         """
-        usual = -_STEEPEST <= hitch_direction <= _STEEPEST
-        direction = hitch_direction if usual else limited_direction(hitch_direction := wrap(hitch_direction))
+        direction = hitch_direction
+        if not -_STEEPEST <= direction <= _STEEPEST:
+            direction = limited_direction(wrap(hitch_direction))
         lead = self.first_moment * (math.tan(direction) - mean_slip)
         return math.cos(hitch_direction) * (lead - steer_moment) / self.second_moment
 

@@ -30,10 +30,10 @@ from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
+import scipy
 from pydantic import model_validator
 
 from controllers.driver import PERIOD
-from controllers.equations import exponential
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import (
     ReckonedPath,
@@ -171,7 +171,7 @@ def _gains(combination: Combination, trailer: TrailerGeometry, weights: Weights,
     n, m = len(p.A), len(read)
     constant_inputs = np.zeros((n + 1 + m, n + 1 + m))  # readings and demand are constant over a period
     constant_inputs[:n] = np.column_stack([p.A - L @ read, p.B, L])
-    exact = exponential(constant_inputs * PERIOD)[:n]
+    exact = scipy.linalg.expm(constant_inputs * PERIOD)[:n]
     feedback = _feedback(p, trailer.follow_distance, weights, speed)
     return Gains(feedback, exact[:, :n], exact[:, n], exact[:, n + 1 :])
 
