@@ -182,8 +182,8 @@ class CourseJudge:
         self._recorded = RecordedDrive(parts.trace) if parts.trace else None
         self._parts = parts
         self._station = 0.0  # of the guided point along the course [m]
-        self._place = (math.nan, math.nan)  # where it was when it was last compared with the course [m]
-        self._room = 0.0  # travel from there that neither ends nor leaves the course [m]
+        self._last_place = (math.nan, math.nan)  # where it was when it was last compared with the course [m]
+        self._safe_travel = 0.0  # travel from there that neither ends nor leaves the course [m]
         self._elapsed = 0.0  # [s]
 
     @property
@@ -204,14 +204,15 @@ class CourseJudge:
             ends = self._elapsed >= parts.duration
             return self._recorded.outcome(truth, ends=ends) or ("completed" if ends else None)
         point = Pose2(*truth.poses[0].tolist()) @ Pose2(*course.reference, 0.0)
-        if not math.hypot(point.x - self._place[0], point.y - self._place[1]) < self._room:
+        if not math.hypot(point.x - self._last_place[0], point.y - self._last_place[1]) < self._safe_travel:
             self._station = course.path.project(point.x, point.y, self._station)
             on_path, end = course.path.pose(self._station), course.length - 1e-6
-            beside = math.hypot(point.x - on_path.x, point.y - on_path.y)
-            if beside > self._astray:
+            deviation = math.hypot(point.x - on_path.x, point.y - on_path.y)
+            if deviation > self._astray:
                 return "left the road"
             if self._station >= end:
                 return "completed"
             # inside a bend the station grows by up to twice the travel, as `project` limits it
-            self._place, self._room = point[:2], min(_COMPARED, self._astray - beside, 0.5 * (end - self._station))
+            self._last_place = point[:2]
+            self._safe_travel = min(_COMPARED, self._astray - deviation, 0.5 * (end - self._station))
         return "timed out" if self._elapsed > _GRACE + _PATIENCE * parts.duration else None

@@ -41,7 +41,7 @@ def roads(folder: Path, *names: str) -> list[Path]:
     return [*sorted(folder.glob("*.xodr")), *(sorted(Path(more).glob("*.xodr")) if more else ())]
 
 
-# beside this Python, where pip puts it
+# in the folder of this Python, where pip installs commands
 NETCONVERT = shutil.which("netconvert", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
 
 

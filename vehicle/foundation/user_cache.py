@@ -54,7 +54,7 @@ def sources_hash(package: Path) -> str:
 
 
 def made_once(make: Callable[..., ResultT], sources: str, **inputs: Any) -> ResultT:
-    """What ``make`` makes of the inputs: from the cache, or made and then stored.
+    """Result of ``make`` for the inputs: read from the cache, or computed and stored.
 
     ``sources`` is the `sources_hash` of all code that has a part in it. Inputs with classes from elsewhere, whose
     sources may change, are not cached; nor is anything without sources.
@@ -69,7 +69,7 @@ def made_once(make: Callable[..., ResultT], sources: str, **inputs: Any) -> Resu
 
 
 def kept(identity: bytes | memoryview, make: Callable[[], ResultT]) -> ResultT:
-    """What has this identity: from the cache, or made and then stored, by pickle."""
+    """Result with this identity: read from the cache, or computed and stored by pickle."""
     file = f"{hashlib.sha256(identity).hexdigest()[:32]}.pickle"
     found = cached(file)
     if found is not None:

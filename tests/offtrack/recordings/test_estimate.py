@@ -243,11 +243,11 @@ def test_trajectories_are_those_of_the_camera(perfect: tuple[Path, dict[str, Any
 
 def test_an_estimator_of_ones_own_works_on_a_recording(yard: Path) -> None:
     """Its options come from ``--set``; what it was given of the trailer is said; nothing is made up for motions."""
-    told = numbers(yard, "--no-video", "--estimator", "oracles:HeldValue", "--set", "estimator.value=0.25")
-    assert told["estimator"] == "oracles:HeldValue"
-    assert told["off_tracking"]["max_m"] == 0.25
-    assert "data sheet for the estimator: uk_longer_semitrailer (--vehicle)" in told["assumed"]
-    assert told["notes"][-1] == "the estimator states no motions of the cameras: there is no trajectory"
+    summary = numbers(yard, "--no-video", "--estimator", "oracles:HeldValue", "--set", "estimator.value=0.25")
+    assert summary["estimator"] == "oracles:HeldValue"
+    assert summary["off_tracking"]["max_m"] == 0.25
+    assert "data sheet for the estimator: uk_longer_semitrailer (--vehicle)" in summary["assumed"]
+    assert summary["notes"][-1] == "the estimator states no motions of the cameras: there is no trajectory"
     assert {row["off_tracking_m"] for row in rows()} == {"", "0.250000"}
     assert {path.name for path in Path("out").iterdir()} == WRITTEN - {"trajectory_kitti.txt", "trajectory_tum.txt"}
 
@@ -428,8 +428,8 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     length = ["course.length=20", "rig.width=640", "rig.height=200", "world.scenery_density=0.3"]
     result = run(load_scenario("constant-slip", length), 1, record=recording_in(tmp_path / "images"))
     options = ["--out", "out", "--no-video", "--quiet", "--no-self-calibration"]  # as in the run
-    told = CliRunner().invoke(app, ["estimate", "off-tracking", "images", *options])
-    assert told.exit_code == 0, told.output
+    ended = CliRunner().invoke(app, ["estimate", "off-tracking", "images", *options])
+    assert ended.exit_code == 0, ended.output
     log = read_log(tmp_path / "out" / "off_tracking.parquet")
     delivered = np.isfinite(result.signal("matches"))
     ticks = result.log["tick"][delivered].astype(int)
@@ -448,9 +448,9 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     poses = log["off_tracking_poses"]
     assert poses[np.isfinite(poses)] == pytest.approx(result.signal("off_tracking_true")[-1], abs=1e-6)
     # a right camera that is not turned is found not to be: 0.02 deg are some five stated standard deviations
-    told = CliRunner().invoke(app, ["estimate", "off-tracking", "images", "--out", "b", "--no-video", "--json"])
-    assert told.exit_code == 0, told.output
-    angles = json.loads(told.stdout)["self_calibration"]
+    ended = CliRunner().invoke(app, ["estimate", "off-tracking", "images", "--out", "b", "--no-video", "--json"])
+    assert ended.exit_code == 0, ended.output
+    angles = json.loads(ended.stdout)["self_calibration"]
     assert max(abs(angles[f"{name}_deg"]) for name in ("roll", "yaw", "pitch")) < 0.02
     # how the cameras face is seen by how they move
     (tmp_path / "images" / "rig.toml").unlink()

@@ -67,9 +67,9 @@ def test_mf4_is_read_by_mdfreader(run: Path, tmp_path: Path) -> None:
     )
     target, names = tmp_path / "read.npz", [signal.name for signal in LOG.signals[1:]]
     command = [sys.executable, "-W", "ignore", "-c", code, str(exported(run, "mf4")), str(target), *names]
-    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1]
     with np.load(target) as content:
-        for signal, (unit, description) in zip(LOG.signals[1:], json.loads(told), strict=True):
+        for signal, (unit, description) in zip(LOG.signals[1:], json.loads(printed), strict=True):
             np.testing.assert_array_equal(content[signal.name], LOG[signal.name])
             assert unit == signal.unit
             assert signal.description in description

@@ -1,4 +1,4 @@
-"""What takes long is made once for all processes of a user, within a bound, and only what can be trusted is read."""
+"""The cache of a user: shared by processes, bounded, and only files that can be trusted are read."""
 
 import os
 import subprocess
