@@ -6,13 +6,14 @@ And the pictures that a run keeps for its report.
 import io
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL.BmpImagePlugin import BmpImageFile
 from PIL.ImageFile import ImageFile
 from PIL.JpegImagePlugin import JpegImageFile
@@ -60,16 +61,42 @@ def pixel_size(path: Path) -> tuple[int, int]:
     return _opened(path, _content(path)).size
 
 
-def read_grey(path: Path) -> GreyImage:
-    """Read an image (height, width) as 8-bit grey levels: the luminance of colours, the upper 8 of 16 bits.
+def read_grey(path: Path, bits: int = 16) -> GreyImage:
+    """Read an image (height, width) as 8-bit grey levels: the luminance of colours, the upper 8 of ``bits`` of 16.
 
     Raises:
         ValueError: one line, if the file is missing, is not a complete image, or has more than ``MAX_PIXELS``.
     """
     image = _decoded(path, _content(path))
     if image.mode.startswith("I"):  # 16 bits
-        return (np.asarray(image, dtype=np.uint32) >> 8).astype(np.uint8)
+        return upper_bits(np.asarray(image, dtype=np.uint32), bits)
     return np.asarray(image.convert("L"))
+
+
+def upper_bits(image: NDArray[Any], bits: int) -> GreyImage:
+    """The upper 8 of the ``bits`` that an image uses; brighter pixels are white."""
+    return np.asarray(np.minimum(image >> (bits - 8), 255), dtype=np.uint8)
+
+
+def used_bits(largest: int) -> int:
+    """Bits that a camera's analogue-to-digital converter has, by the largest of many grey levels."""
+    return next(bits for bits in (8, 10, 12, 14, 16) if largest < 2**bits)
+
+
+def grey_bits(paths: Iterable[Path]) -> int:
+    """Bits of 16 that images use; unreadable ones and those of 8 bits say nothing.
+
+    A 12-bit camera fills the lower 12: their upper 8 are the picture.
+    """
+    largest = []
+    for path in paths:
+        try:
+            image = _opened(path, _content(path))
+            if image.mode.startswith("I"):
+                largest.append(int(np.asarray(_decoded(path, _content(path)), dtype=np.uint32).max()))
+        except ValueError:
+            continue
+    return used_bits(max(largest)) if largest else 16
 
 
 def read_grey_upright(path: Path) -> GreyImage:

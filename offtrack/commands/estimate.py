@@ -156,6 +156,13 @@ def off_tracking(
             "takes four times as long.",
         ),
     ] = False,
+    exchange: Annotated[
+        bool,
+        typer.Option("--exchange", help="Take the right images for left ones: the folders or topics are exchanged."),
+    ] = False,
+    upside_down: Annotated[
+        bool, typer.Option("--upside-down", help="The pair is mounted upside down: turned by 180 deg about its view.")
+    ] = False,
     out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
@@ -182,6 +189,7 @@ def off_tracking(
             y=camera_y,
             direction_std=None if direction_std is None else math.radians(direction_std),
             z=camera_height,
+            upside_down=upside_down,
         )
         if is_bag(directory):
             with progress_display(shown=not (quiet or as_json)) as display:
@@ -189,7 +197,9 @@ def off_tracking(
                 directory = cleanup.enter_context(unpacked_bag(directory, chosen_topics, bar))
         elif chosen_topics:
             raise ValueError(f"--topics {topics}: {directory} is no bag")
-        recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
+        recording = open_recording(
+            directory, calibration_file=calibration, rate_hz=rate, options=options, exchange=exchange
+        )
         chosen = Chosen(
             estimator=estimator,
             self_calibration=self_calibration,

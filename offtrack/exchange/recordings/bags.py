@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import cv2
 import numpy as np
 
+from offtrack.exchange.recordings.file_pairs import nearest_pairs
 from scenarios.extras import import_extra
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage
@@ -98,8 +99,6 @@ def _info_of(topic: str, kinds: Mapping[str, str]) -> str:
 _FILES: Final = ("calib.txt", "rig.toml", "poses.txt")  # of a recording of offtrack
 _FOLDERS: Final = {"left": "image_0", "right": "image_1"}
 _ENDINGS: Final = (".mcap", ".db3", ".bag")
-_APART: Final = 0.5  # of the time between frames; images farther apart are no pair
-_PAIRED: Final = 0.5  # least share of the left images that have a right one
 _GREY: Final = {
     "rgb8": cv2.COLOR_RGB2GRAY, "bgr8": cv2.COLOR_BGR2GRAY, "rgba8": cv2.COLOR_RGBA2GRAY, "bgra8": cv2.COLOR_BGRA2GRAY,
     "8UC3": cv2.COLOR_BGR2GRAY, "bayer_rggb8": cv2.COLOR_BayerBG2GRAY, "bayer_bggr8": cv2.COLOR_BayerRG2GRAY,
@@ -293,20 +292,8 @@ def _pairs(stamps: Mapping[str, list[int]], bag: Path) -> list[tuple[int, int]]:
     for side, found in zip(SIDES, (left, right), strict=True):
         if found.size < 2:
             raise ValueError(f"{bag}: {found.size} images of the {side} camera; at least 2 are needed")
-    period = float(np.median(np.diff(left)))
-    after = np.clip(np.searchsorted(right, left), 1, right.size - 1)
-    near = np.where(left - right[after - 1] <= right[after] - left, after - 1, after)
-    apart = np.abs(right[near] - left)
-    good = apart < _APART * period
-    _, first = np.unique(np.where(good, near, -1 - np.arange(left.size)), return_index=True)
-    kept = np.sort(first)
-    kept = kept[good[kept]]
-    if kept.size < max(2.0, _PAIRED * left.size):
-        raise ValueError(
-            f"{bag}: only {kept.size} of {left.size} left images have a right one within half a period: the "
-            f"nearest are {1e-6 * float(np.median(apart)):.0f} ms apart; the cameras must be triggered together"
-        )
-    return [(int(left[k]), int(right[near[k]])) for k in kept]
+    pairs = nearest_pairs(left, right, 1e-6, str(bag))
+    return list(zip(left[pairs.left].tolist(), right[pairs.right].tolist(), strict=True))
 
 
 def _number(folder: Path, stamps: tuple[int, ...]) -> None:

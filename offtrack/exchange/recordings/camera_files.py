@@ -85,6 +85,7 @@ class MountingOptions:
     y: float | None = None  # + left [m]
     z: float | None = None  # above the ground [m]
     direction_std: float | None = None  # 1 sigma of the direction, by mount and calibration [rad]
+    upside_down: bool = False  # the pair is turned by half a turn about its optical axes
 
     def __post_init__(self) -> None:
         if self.follow_distance is not None and not 0.0 < self.follow_distance < math.inf:
@@ -163,13 +164,17 @@ def mounting(
         follow_distance = _FOLLOW_DISTANCE
         assumed.append(f"follow point {follow_distance:g} m behind the hitch (--follow-distance)")
     placed = (options.facing, options.x, options.y, options.z)
+    turned = rotation_zyx(math.pi if options.upside_down else 0.0, 0.0, 0.0)  # about the optical axis
     if rig.X_SC is not None and placed == (None,) * len(placed):
         direction_std = _direction_std(options, rig, calibration, 0.0, assumed)
-        return Mounting(rig.X_SC, follow_distance, rig.roll_axis_height, direction_std, tuple(assumed))
+        X_SC: FloatArray = rig.X_SC @ transform(turned, np.zeros(3))
+        return Mounting(X_SC, follow_distance, rig.roll_axis_height, direction_std, tuple(assumed))
     direction = options.facing
     if direction is None:
-        direction = facing() or "rear"
-        assumed.append(f"cameras face {_ASSUMED_POSES[direction].words}, found from their motion (--facing)")
+        found = facing()
+        direction = found or "rear"
+        source = ", found from their motion" if found else ": their motion does not show it"
+        assumed.append(f"cameras face {_ASSUMED_POSES[direction].words}{source} (--facing)")
     pose = _ASSUMED_POSES[direction]
     x, y, z = options.x, options.y or 0.0, options.z
     if x is None:
@@ -178,7 +183,7 @@ def mounting(
     if z is None:
         z = _HEIGHT
         assumed.append(f"cameras {z:g} m above the ground (--camera-height)")
-    R_SC = rotation_zyx(pose.yaw, pose.pitch, 0.0) @ R_BODY_CAMERA
+    R_SC = rotation_zyx(pose.yaw, pose.pitch, 0.0) @ R_BODY_CAMERA @ turned
     p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * calibration.baseline, 0.0, 0.0])
     direction_std = _direction_std(options, rig, calibration, _ALIGNED, assumed)
     return Mounting(transform(R_SC, p_SC), follow_distance, rig.roll_axis_height, direction_std, tuple(assumed))
@@ -199,7 +204,9 @@ def _direction_std(
     return std
 
 
-def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFrame]) -> Facing | None:
+def facing_by_motion(
+    calibration: StereoCalibration, frames: Iterable[StereoFrame], *, upside_down: bool = False
+) -> Facing | None:
     """Facing direction of cameras on a vehicle that drives forward; None if it hardly moves.
 
     Cameras that move along their own z face to the front, against it to the rear. Cameras that face left move along
@@ -216,6 +223,8 @@ def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFram
             break
     else:
         return None
+    if upside_down:
+        travel[:2] *= -1.0
     along = int(np.argmax(np.abs(travel)))
     return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(travel[along] > 0.0)]
 

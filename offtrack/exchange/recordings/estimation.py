@@ -317,10 +317,30 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
 
 
 def warnings(estimation: Estimation) -> tuple[str, ...]:
-    """What is doubtful about the cameras, a line each."""
+    """What is doubtful about the recording, a line each; the worst first."""
     motions = [frame.motion for frame in estimation.frames]
     doubts = doubt_warnings(frame.off_tracking for frame in estimation.frames if frame.off_tracking)
-    return (*calibration_warnings(motions, "leave out --no-self-calibration"), *doubts)
+    found = estimation.recording.warnings
+    return (
+        *_lost_warnings(estimation),
+        *found,
+        *calibration_warnings(motions, "leave out --no-self-calibration"),
+        *doubts,
+    )
+
+
+def _lost_warnings(estimation: Estimation) -> list[str]:
+    """A warning if less than half of the frames gave a motion; motions need the frame before."""
+    wanted = len(estimation.frames) - 1
+    found = len(motions_found(estimation))
+    if not estimation.states_motions or 2 * found >= wanted:
+        return []
+    cause = (
+        "see the next lines"
+        if estimation.recording.warnings
+        else "the pairs are in order, so the calibration may be another one's, or the frames may be too far apart"
+    )
+    return [f"{wanted - found} of {wanted} frames gave no motion, and distance and drift mean nothing: {cause}"]
 
 
 def error_of_estimate(log: Log) -> FloatArray:

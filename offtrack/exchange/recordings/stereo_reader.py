@@ -15,8 +15,10 @@ from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
+from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_sequence import (
     Dropped,
+    FrameFiles,
     Layout,
     StereoSequence,
     find_sequence,
@@ -30,6 +32,9 @@ from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, tr
 
 _FOCAL_TOLERANCE = 1e-3  # of the focal lengths of a rectified pair, relative: 0.1 px at 100 px from the middle
 _LARGEST = 1e9  # number of a projection matrix [px], [px m]
+_BASELINES = 0.005, 5.0  # [m]
+_SAMPLES = 3  # places in a recording at which images are checked
+_LEVEL = 0.5  # largest sine of the angle between horizon and optical axis of cameras that see the ground below
 _OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
 
 
@@ -192,6 +197,7 @@ class Recording:
     roll_axis_height: float  # of the axis about which the trailer's body rolls [m]
     direction_std: float  # 1 sigma of the left camera's direction in the trailer [rad]
     poses: FloatArray | None  # (n, 4, 4) true poses of the left camera relative to the first frame
+    warnings: tuple[str, ...]  # on images and calibration that hardly belong together
     notes: tuple[str, ...]  # on irregularities of the recording
     assumed: tuple[str, ...]  # assumptions on the mounting in words
 
@@ -216,8 +222,9 @@ def open_recording(
     calibration_file: Path | None = None,
     rate_hz: float | None = None,
     options: MountingOptions | None = None,
+    exchange: bool = False,
 ) -> Recording:
-    """Open the recording in a folder, without reading the images.
+    """Open the recording in a folder; a few of its images are read to check them.
 
     Args:
         directory: contains two folders of images, ``times.txt`` and ``calib.txt``. ``rig.toml`` has the pose of the
@@ -225,20 +232,31 @@ def open_recording(
         calibration_file: overrides the calibration in the folder; a TOML file describes raw images.
         rate_hz: replaces ``times.txt``.
         options: override ``rig.toml``.
+        exchange: takes the right images for left ones.
 
     Raises:
         ValueError: one line naming the wrong file and the remedy.
     """
-    sequence = find_sequence(directory, rate_hz)
+    sequence = find_sequence(directory, rate_hz, exchange=exchange)
     size = image_size(sequence)
     cameras = _cameras(sequence, size, calibration_file)
     calibration = cameras.calibration
+    if not _BASELINES[0] <= calibration.baseline <= _BASELINES[1]:
+        raise ValueError(
+            f"{calibration_file or directory}: baseline {calibration.baseline:g} m must be {_BASELINES[0]:g} to "
+            f"{_BASELINES[1]:g} m: is the calibration in mm or cm? Positions must be in metres"
+        )
+    options = options or MountingOptions()
     mounted = mounting(
-        options or MountingOptions(),
+        options,
         cameras.rig,
         calibration,
-        lambda: facing_by_motion(calibration, _rectified(sequence, size, cameras.rectification)),
+        lambda: facing_by_motion(
+            calibration, _rectified(sequence.frames, size, cameras.rectification), upside_down=options.upside_down
+        ),
     )
+    ground_below = abs(mounted.X_SC[2, 2]) < _LEVEL and not options.upside_down
+    samples = _samples(sequence, size, cameras.rectification)
     return Recording(
         sequence=sequence,
         size=size,
@@ -248,6 +266,7 @@ def open_recording(
         roll_axis_height=mounted.roll_axis_height,
         direction_std=mounted.direction_std,
         poses=_poses(sequence, cameras.X_CP),
+        warnings=(*projection_warnings(calibration), *image_warnings(samples, ground_below=ground_below)),
         notes=sequence.notes,
         assumed=mounted.assumed,
     )
@@ -294,11 +313,20 @@ def _raw_cameras(path: Path, size: tuple[int, int], rig: Rig) -> _Cameras:
 
 
 def _rectified(
-    sequence: StereoSequence, size: tuple[int, int], rectification: Rectifier | None
+    frames: Sequence[FrameFiles], size: tuple[int, int], rectification: Rectifier | None
 ) -> Iterator[StereoFrame]:
-    for _, frame in stream(sequence.frames, size):
+    for _, frame in stream(frames, size):
         if not isinstance(frame, Dropped):
             yield rectification.step(frame) if rectification else frame
+
+
+def _samples(
+    sequence: StereoSequence, size: tuple[int, int], rectification: Rectifier | None
+) -> list[tuple[StereoFrame, ...]]:
+    """Three consecutive rectified frames from each of ``_SAMPLES`` places; fewer where some can not be read."""
+    frames = sequence.frames
+    starts = np.unique(np.linspace(0, max(0, len(frames) - 3), _SAMPLES).astype(int))
+    return [tuple(_rectified(frames[k : k + 3], size, rectification)) for k in starts]
 
 
 def _poses(sequence: StereoSequence, X_CP: FloatArray) -> FloatArray | None:

@@ -5,24 +5,21 @@ time in seconds for every frame, in order.
 """
 
 import os
-import re
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from scenarios.image_file import images_in, pixel_size, read_grey
+from offtrack.exchange.recordings.file_pairs import file_pairs
+from offtrack.exchange.recordings.frame_times import read_times
+from scenarios.image_file import grey_bits, images_in, pixel_size, read_grey
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
 from vehicle.foundation.quantity import check_number
-from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text, shown
 
-_NO_NUMBER = -1
-_LATEST = 1e10  # time stamp [s]: 300 years
-_LONGEST_PERIOD = 10.0  # between frames [s]; longer ones mean times in milliseconds, or no visible motion
+_LOOKED_AT = 5  # frames whose images tell how many bits are used
 
 
 class Layout(NamedTuple):
@@ -51,6 +48,7 @@ class FrameFiles:
     line: int  # of the frame in ``times.txt`` and ``poses.txt``, counted from 0
     left: Path
     right: Path
+    bits: int = 16  # that images of 16 bits use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +62,8 @@ class StereoSequence:
     notes: tuple[str, ...] = ()  # on irregularities
 
 
-def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequence:
-    """Find the stereo sequence in a folder; ``rate_hz`` replaces its ``times.txt``.
+def find_sequence(directory: Path, rate_hz: float | None = None, *, exchange: bool = False) -> StereoSequence:
+    """Find the stereo sequence in a folder; ``rate_hz`` replaces its ``times.txt``, ``exchange`` left by right images.
 
     A gap in the numbers of the file names is a missing frame, so that times and poses stay with their images.
 
@@ -73,16 +71,28 @@ def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequen
         ValueError: one line, if a folder of images is missing, or if times are missing or wrong.
     """
     layout = _layout(directory)
-    left, right, numbered = _keyed(images_in(directory / layout.left), images_in(directory / layout.right))
+    left, right, numbered, stamps, notes = file_pairs(
+        images_in(directory / layout.left), images_in(directory / layout.right)
+    )
+    if exchange:
+        left, right = right, left
     keys = sorted(left.keys() | right.keys())
     every = range(keys[0], keys[-1] + 1)
+    table = directory / "times.txt"
     if rate_hz is not None:
         check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
-        times = [k / rate_hz for k in range(len(every))]
+        times: Sequence[float] = [k / rate_hz for k in range(len(every))]
         timed = _TimedFrames(tuple(every), 0)
+    elif stamps and not os.path.lexists(table):
+        times, timed = stamps, _TimedFrames(tuple(keys), 0, ("times are those of the file names",))
     else:
-        times = _read_times(directory / "times.txt")
+        times, of_table = read_times(table)
         timed = _timed_frames(keys, len(times), directory, numbered=numbered)
+        notes = (*notes, *of_table)
+    some = [side[key] for key in keys[:: max(1, len(keys) // _LOOKED_AT)] for side in (left, right) if key in side]
+    bits = grey_bits(some)
+    if bits < 16:
+        notes = (*notes, f"images of 16 bits use {bits} of them")
     frames = []
     for line, key in enumerate(timed.keys, start=timed.first_line):
         name = (left.get(key) or right.get(key) or Path(f"{key:06d}.png")).name
@@ -93,9 +103,12 @@ def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequen
                 line=line,
                 left=left.get(key, directory / layout.left / name),
                 right=right.get(key, directory / layout.right / name),
+                bits=bits,
             )
         )
-    return StereoSequence(directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=timed.notes)
+    return StereoSequence(
+        directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=(*notes, *timed.notes)
+    )
 
 
 def _layout(directory: Path) -> Layout:
@@ -113,24 +126,6 @@ def _layout(directory: Path) -> Layout:
     raise ValueError(
         f"{directory} contains no stereo images; it needs two folders: {pairs.replace(', left', ' or left')}"
     )
-
-
-def _keyed(left: list[Path], right: list[Path]) -> tuple[dict[int, Path], dict[int, Path], bool]:
-    """Left and right files by the last number in their names (True); without numbers or with time stamps, by order."""
-    sides = [[_number(path) for path in files] for files in (left, right)]
-    distinct = all(len(set(side)) == len(side) and _NO_NUMBER not in side for side in sides)
-    if distinct and max(map(max, sides)) - min(map(min, sides)) < 2 * max(map(len, sides)):
-        keyed = [{_number(path): path for path in files} for files in (left, right)]
-        return keyed[0], keyed[1], True
-    names = [{f"{_number(path):030d}" if distinct else path.stem: path for path in files} for files in (left, right)]
-    rank = {name: k for k, name in enumerate(sorted(names[0].keys() | names[1].keys()))}
-    keyed = [{rank[name]: path for name, path in side.items()} for side in names]
-    return keyed[0], keyed[1], False
-
-
-def _number(path: Path) -> int:
-    digits = re.findall(r"\d+", path.stem)
-    return int(digits[-1]) if digits else _NO_NUMBER
 
 
 class _TimedFrames(NamedTuple):
@@ -158,38 +153,6 @@ def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered:
         f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames; it needs one line per frame. "
         "Repair it or use --rate HZ"
     )
-
-
-def _read_times(path: Path) -> list[float]:
-    """Times [s] that increase by at least a tick."""
-    if not os.path.lexists(path):
-        raise ValueError(f"{path} is missing: create it with the time [s] of every frame, or use --rate HZ")
-    lines = read_text(path, FileKind.TABLE).splitlines()
-    if len(lines) > MAX_FRAMES:
-        raise ValueError(f"{path} has {len(lines)} lines: a recording must have at most {MAX_FRAMES} frames")
-    times = [_time(path, k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    for k, (before, after) in enumerate(pairwise(times), start=2):
-        if after - before < 0.999 * TICK:
-            raise ValueError(
-                f"{path}, line {k}: {after:g} s must be at least {TICK:g} s after the line before. "
-                "Repair it or use --rate HZ"
-            )
-    if len(times) > 1 and (times[-1] - times[0]) / (len(times) - 1) > _LONGEST_PERIOD:
-        raise ValueError(
-            f"{path}: {(times[-1] - times[0]) / (len(times) - 1):g} s between frames is more than "
-            f"{_LONGEST_PERIOD:g} s. Times must be in seconds; or use --rate HZ"
-        )
-    return times
-
-
-def _time(path: Path, number: int, line: str) -> float:
-    try:
-        time = float(line.split()[0])
-    except ValueError:
-        raise ValueError(f"{path}, line {number}: '{shown(line.strip(), 40)}' is not a time [s]") from None
-    if not abs(time) <= _LATEST:
-        raise ValueError(f"{path}, line {number}: {time} is not a time [s]")
-    return time
 
 
 _AHEAD = 4  # frames that are read in advance: reading then costs no time in the odometry's thread
@@ -249,14 +212,14 @@ def _next(
 
 def _read(files: FrameFiles, size: tuple[int, int]) -> StereoFrame | Dropped:
     try:
-        left, right = (_sized(path, size) for path in (files.left, files.right))
+        left, right = (_sized(path, size, files.bits) for path in (files.left, files.right))
     except ValueError as error:
         return Dropped(files, str(error))
     return StereoFrame(tick=files.tick, left=left, right=right)
 
 
-def _sized(path: Path, size: tuple[int, int]) -> GreyImage:
-    image = read_grey(path)
+def _sized(path: Path, size: tuple[int, int], bits: int) -> GreyImage:
+    image = read_grey(path, bits)
     if image.shape != size[::-1]:
         raise ValueError(f"{path} has {image.shape[1]}x{image.shape[0]} px, not {size[0]}x{size[1]}")
     return image

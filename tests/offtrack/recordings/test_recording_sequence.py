@@ -203,9 +203,9 @@ def test_only_a_few_frames_are_in_memory(tmp_path: Path, monkeypatch: pytest.Mon
     make(tmp_path, range(40))
     read: list[Path] = []
 
-    def counted(path: Path) -> GreyImage:
+    def counted(path: Path, bits: int) -> GreyImage:
         read.append(path)
-        return read_grey(path)
+        return read_grey(path, bits)
 
     monkeypatch.setattr("offtrack.exchange.recordings.stereo_sequence.read_grey", counted)
     frames = stream(find_sequence(tmp_path, 10.0).frames, SIZE)

@@ -1,0 +1,156 @@
+"""Checks of a stereo recording on a few of its pairs: are the images what folders and calibration say?
+
+Features of the left image are sought in the whole right image, so that what is found does not depend on the
+calibration. Pairs are scaled to ``_WIDTH``: seeing which way disparities go needs no more.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import GreyImage, StereoFrame
+from vehicle.frames import FloatArray
+
+_WIDTH: Final = 640  # of the scaled images [px]
+_FEATURES: Final = 500  # of an image
+_DISTANCE: Final = 50  # largest distance of two ORB descriptors that match [bits]
+_ROW: Final = 1.0  # largest difference of rows of one point in a rectified pair [px]
+_FEWEST: Final = 20  # matches of a pair that say something
+_CLEARLY: Final = 1.3  # times as many matches that make another pairing the better one
+_CLOSER: Final = 1.5  # times the disparity above of that below in pictures that stand on their heads
+_FILLED: Final = 0.2  # least share of known disparities in a part of the image that is not sky
+_ROWS_APART: Final = 3.0  # median difference of rows that no self-calibration is meant for [px]
+_SAME: Final = 0.9  # least share of matches without a disparity in two images that are one
+_FLAT: Final = 4.0  # standard deviation of an image without contrast [grey levels]
+_OFF_CENTRE: Final = 0.12  # largest distance of a principal point from the middle, of the image's size
+
+
+def projection_warnings(calibration: StereoCalibration) -> list[str]:
+    """What makes it doubtful that a calibration belongs to images of its size, a line each."""
+    found = []
+    for name, value, extent in (
+        ("column", calibration.cx, calibration.width),
+        ("row", calibration.cy, calibration.height),
+    ):
+        if abs(value / (extent - 1) - 0.5) > _OFF_CENTRE:
+            found.append(
+                f"principal point at {name} {value:.0f} of {extent} is far off the middle: is it the calibration of "
+                "these images, or were they scaled or cropped after it?"
+            )
+    return found
+
+
+def image_warnings(samples: Sequence[Sequence[StereoFrame]], *, ground_below: bool) -> list[str]:
+    """What a few rectified frames show to be wrong, a line each.
+
+    Args:
+        samples: consecutive frames from some places of the recording.
+        ground_below: False if the cameras look down, or are known to be upside down.
+    """
+    samples = [frames for frames in samples if frames]
+    middle = [frames[len(frames) // 2] for frames in samples]
+    if not middle:
+        return []
+    contrast = max(float(np.std(image)) for frame in middle for image in (frame.left, frame.right))
+    if contrast < _FLAT:
+        return [f"the images have hardly any contrast (standard deviation {contrast:.1f} of 255 grey levels)"]
+    scale = min(1.0, _WIDTH / middle[0].left.shape[1])
+    looks = [_look(frames, scale) for frames in samples]
+    pairs = np.concatenate([look.own for look in looks])
+    if len(pairs) < _FEWEST * len(looks):
+        return [f"left and right images have hardly a feature in common ({len(pairs)} in {len(looks)} pairs)"]
+    disparity, rows = (pairs[:, k] - pairs[:, k + 2] for k in (0, 1))
+    straight = np.abs(rows) < _ROW
+    ahead, back = int(np.sum(straight & (disparity > 0.5))), int(np.sum(straight & (disparity < -0.5)))
+    apart = float(np.median(np.abs(rows))) / scale
+    found = []
+    if np.mean(straight & (np.abs(disparity) <= 0.5)) > _SAME:
+        return ["left and right images are the same: name the images of both cameras"]
+    exchanged = back > 2 * ahead and back >= _FEWEST
+    if exchanged:
+        found.append(
+            "disparities are negative: are left and right exchanged? Then use --exchange (or are the images mirrored?)"
+        )
+    elif shift := _shift(looks):
+        found.append(
+            f"right images fit the left ones of the frame {shift} theirs: number both alike from the same instant on"
+        )
+    elif apart > _ROWS_APART:
+        found.append(
+            f"rows of left and right images differ by {apart:.1f} px: are they rectified, and with this calibration?"
+        )
+    if ground_below and all(_upside_down(frame, exchanged=exchanged) for frame in middle):
+        found.append("the ground is above the cameras: are they mounted upside down? Then use --upside-down")
+    return found
+
+
+class _Look(NamedTuple):
+    """Matches (n, 4) of the left image with right ones: of the same frame, of the one before and of the one after."""
+
+    own: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+def _look(frames: Sequence[StereoFrame], scale: float) -> _Look:
+    """Matches of the middle one of three frames; those with its neighbours are empty if there are fewer."""
+    own = frames[len(frames) // 2]
+    left = _features(own.left, scale)
+    rights = own.right, *(frame.right if len(frames) == 3 else None for frame in (frames[0], frames[-1]))
+    return _Look(*(_matches(left, image, scale) for image in rights))
+
+
+def _features(image: GreyImage, scale: float) -> tuple[FloatArray, Any]:
+    """Points (n, 2) and their descriptors."""
+    scaled = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    points, descriptors = cv2.ORB.create(_FEATURES, fastThreshold=10).detectAndCompute(scaled, None)
+    return np.array([point.pt for point in points], dtype=np.float64).reshape(-1, 2), descriptors
+
+
+def _matches(left: tuple[FloatArray, Any], image: GreyImage | None, scale: float) -> FloatArray:
+    right = None if image is None else _features(image, scale)
+    if right is None or left[1] is None or right[1] is None:
+        return np.empty((0, 4))
+    found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left[1], right[1])
+    near = [(match.queryIdx, match.trainIdx) for match in found if match.distance < _DISTANCE]
+    one, other = np.array(near, dtype=np.intp).reshape(-1, 2).T
+    return np.hstack([left[0][one], right[0][other]])
+
+
+def _shift(looks: Sequence[_Look]) -> str:
+    """Where the left images are that fit the right ones better than those of their frame; empty if these do."""
+    fits = np.array([[_fitting(matches) for matches in look] for look in looks])
+    own, *others = fits.T
+    for name, other in zip(("after", "before"), others, strict=True):
+        if np.all(other > own) and other.sum() > max(_CLEARLY * own.sum(), _FEWEST * len(looks)):
+            return name
+    return ""
+
+
+def _fitting(matches: FloatArray) -> int:
+    """Number of matches in one row, with the right one further left."""
+    disparity, rows = matches[:, 0] - matches[:, 2], matches[:, 1] - matches[:, 3]
+    return int(np.sum((np.abs(rows) < 0.5 * _ROW) & (disparity > 0.0)))
+
+
+def _upside_down(frame: StereoFrame, *, exchanged: bool) -> bool:
+    """True if what is in the upper part of the image is closer than what is in its lower part."""
+    images = (frame.right, frame.left) if exchanged else (frame.left, frame.right)
+    width = _WIDTH // 2
+    size = width, max(1, round(frame.left.shape[0] * width / frame.left.shape[1]))
+    small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in images]
+    matcher = cv2.StereoSGBM.create(0, width // 10, 5, P1=200, P2=800, disp12MaxDiff=1, uniquenessRatio=10)
+    disparity = matcher.compute(*small)[:, width // 10 :]
+    third = max(1, len(disparity) // 3)
+    above, below = (_typical(part) for part in (disparity[:third], disparity[-third:]))
+    return above > _CLOSER * below
+
+
+def _typical(disparity: NDArray[Any]) -> float:
+    """Median of the known disparities; 0 for sky."""
+    known = disparity[disparity > 0]
+    return float(np.median(known)) if known.size > _FILLED * disparity.size else 0.0

@@ -1,0 +1,154 @@
+"""Faults of recordings are named: what images, names, times and calibrations show before anything is estimated."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from offtrack.exchange.recordings.file_pairs import file_pairs
+from offtrack.exchange.recordings.frame_times import read_times
+from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
+from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.stereo_sequence import find_sequence
+from scenarios.image_file import grey_bits, read_grey
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import GreyImage, StereoFrame
+
+WIDTH, HEIGHT = 640, 240
+HORIZON = 80  # row; the ground is below it, sky above
+
+
+def _ground(k: int, side: int) -> GreyImage:
+    """Ground seen by cameras that move ahead: rows below the horizon are closer and move faster."""
+    texture = np.random.default_rng(7).integers(0, 256, (400, 600), dtype=np.uint8)
+    texture = cv2.resize(texture, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
+    below = np.arange(1.0, HEIGHT - HORIZON)[:, None]
+    across = 1200.0 + 600.0 * (np.arange(WIDTH)[None, :] - 0.5 * WIDTH + side * 0.3 * below) / (below + 20.0)
+    along = np.broadcast_to(1400.0 - 30.0 * k - 20000.0 / (below + 20.0), across.shape)
+    image = np.full((HEIGHT, WIDTH), 200, dtype=np.uint8)
+    image[HORIZON + 1 :] = cv2.remap(texture, across.astype(np.float32), along.astype(np.float32), cv2.INTER_LINEAR)
+    return image
+
+
+def _frames(change: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]], late: int = 0) -> list[StereoFrame]:
+    pairs = [change(_ground(k, 0), _ground(k - late, 1)) for k in (4, 5, 6)]
+    return [StereoFrame(tick=100 * k, left=left, right=right) for k, (left, right) in enumerate(pairs)]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda left, right: (left, right), ""),
+        (lambda left, right: (right, left), "disparities are negative: are left and right exchanged"),
+        (lambda left, right: (left, left), "left and right images are the same"),
+        (lambda left, right: (left, np.roll(right, 8, axis=0)), "differ by 8"),
+        (lambda left, right: (right[::-1, ::-1], left[::-1, ::-1]), "the ground is above the cameras"),
+        (lambda left, right: (left // 60, right // 60), "hardly any contrast"),
+        (lambda left, _: (left, _noise()), "hardly a feature in common"),
+    ],
+    ids=["sound", "exchanged", "same", "rows", "upside down", "dark", "unrelated"],
+)  # fmt: skip
+def test_images_show_their_fault(
+    change: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]], says: str
+) -> None:
+    found = image_warnings([_frames(change)] * 2, ground_below=True)
+    assert [says in line for line in found] == ([True] if says else []), found
+
+
+@pytest.mark.parametrize(("late", "place"), [(1, "before"), (-1, "after")])
+def test_right_images_of_a_neighbouring_frame_are_noticed(late: int, place: str) -> None:
+    found = image_warnings([_frames(lambda left, right: (left, right), late)] * 2, ground_below=True)
+    assert [f"of the frame {place} theirs" in line for line in found] == [True], found
+
+
+def _noise() -> GreyImage:
+    return np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
+
+
+@pytest.mark.parametrize(("cx", "cy", "lines"), [(310.0, 125.0, 0), (607.0, 125.0, 1), (310.0, 20.0, 1)])
+def test_a_calibration_of_another_size_is_doubted(cx: float, cy: float, lines: int) -> None:
+    calibration = StereoCalibration(
+        width=WIDTH, height=HEIGHT, focal_length=500.0, cx=cx, cy=cy, baseline=0.5, X_SC=np.eye(4)
+    )
+    assert len(projection_warnings(calibration)) == lines
+
+
+@pytest.mark.parametrize("factor", [1000.0, 100.0, 0.001])
+def test_a_baseline_in_another_unit_is_refused(tmp_path: Path, factor: float) -> None:
+    for side in (0, 1):
+        (tmp_path / f"image_{side}").mkdir()
+        cv2.imwrite(str(tmp_path / f"image_{side}" / "0.png"), _ground(0, side))
+    rows = "".join(f"P{k}: 500 0 320 {-250.0 * k * factor} 0 500 120 0 0 0 1 0\n" for k in (0, 1))
+    (tmp_path / "calib.txt").write_text(rows, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"^[^\n]*baseline [0-9.]+ m must be 0\.005 to 5 m: is the calibration in mm"):
+        open_recording(tmp_path, rate_hz=10.0)
+
+
+NAMES = {
+    "Unix time with a fraction": (["1403636579.9.png", "1403636580.05.png"], ["1403636579.9.png", "1403636580.05.png"]),
+    "date and time": (["11-09-26_13-02-59.9.png", "11-09-26_13-03-00.1.png"],) * 2,
+    "stamp and number": (["1403636579000000000_7.png", "1403636579100000000_2.png"],) * 2,
+    "no zeros ahead": (["img9.png", "img10.png"],) * 2,
+    "own stamps": (
+        ["1403636579000000000.png", "1403636579100000000.png"],
+        ["1403636579002000000.png", "1403636579102000000.png"],
+    ),
+    "own numbers": (["L000000.png", "L000001.png"], ["R000001.png", "R000002.png"]),
+    "size in the name": (
+        ["left_9_640x240.png", "left_10_640x240.png"],
+        ["right_9_640x240.png", "right_10_640x240.png"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("left", "right"), NAMES.values(), ids=NAMES)
+def test_names_give_pairs_in_the_order_of_time(left: Sequence[str], right: Sequence[str]) -> None:
+    pairs = file_pairs([Path(name) for name in sorted(left)], [Path(name) for name in sorted(right)])
+    for side, names in ((pairs.left, left), (pairs.right, right)):
+        assert [side[key].name for key in sorted(side)] == names
+    assert pairs.left.keys() == pairs.right.keys()
+
+
+def test_what_has_no_partner_is_said_and_what_can_not_be_paired_is_refused() -> None:
+    left = [Path(f"{1403636579 + k}000000000.png") for k in range(5)]
+    right = [Path(f"{1403636579 + k}003000000.png") for k in (0, 1, 2, 4)]
+    pairs = file_pairs(left, right)
+    assert len(pairs.left) == len(pairs.right) == 4
+    assert pairs.notes == ("paired by time stamps, 3 ms apart; 1 images have no partner",)
+    assert np.diff(pairs.times).tolist() == [1.0, 1.0, 2.0]
+    with pytest.raises(ValueError, match="do not tell which are pairs"):
+        file_pairs([Path(f"{k}.png") for k in range(5)], [Path(f"{k}.png") for k in range(70, 76)])
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        ["1403636579.5", "1403636579.6"],
+        ["1403636579500000000", "1403636579600000000"],
+        ["1403636579500000", "1403636579600000"],
+        ["1403636579500", "1403636579600"],
+        ["# id time exposure", "00000 1403636579.5 7", "00001 1403636579.6 7"],
+        ["#timestamp [ns],filename", "1403636579500000000,a.png", "1403636579600000000,b.png"],
+        ["# timestamp filename", "1403636579.5 rgb/a.png", "1403636579.6 rgb/b.png"],
+        ["2014-06-24 19:02:59.500000000", "2014-06-24 19:02:59.600000000"],
+        ["2014-06-24T19:02:59.5", "2014-06-24T19:02:59.6"],
+    ],
+    ids=["s", "ns", "us", "ms", "DSO", "EuRoC", "TUM", "KITTI raw", "ISO 8601"],
+)
+def test_tables_of_times_are_read_in_their_unit(tmp_path: Path, rows: list[str]) -> None:
+    (tmp_path / "times.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    assert read_times(tmp_path / "times.txt").times == pytest.approx([1403636579.5, 1403636579.6], abs=1e-5)
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_the_upper_eight_of_the_bits_that_are_used_are_read(tmp_path: Path, bits: int) -> None:
+    image = np.arange(256, dtype=np.uint16).reshape(16, 16)
+    for side in (0, 1):
+        (tmp_path / f"image_{side}").mkdir()
+        cv2.imwrite(str(tmp_path / f"image_{side}" / "0.png"), image << (bits - 8))
+    path = tmp_path / "image_0" / "0.png"
+    assert grey_bits([path]) == bits
+    np.testing.assert_array_equal(read_grey(path, bits), image)
+    assert find_sequence(tmp_path, 10.0).frames[0].bits == bits
