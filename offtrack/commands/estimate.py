@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,7 +29,7 @@ from offtrack.commands.console import (
     summary_table,
     table_of,
 )
-from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
+from offtrack.exchange.recordings.bags import UnpackedBag, is_bag, parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.camera_files import (
     MountingOptions,
     board_of,
@@ -191,15 +192,19 @@ def off_tracking(
             z=camera_height,
             upside_down=upside_down,
         )
+        folder, of_bag = UnpackedBag(directory)
         if is_bag(directory):
             with progress_display(shown=not (quiet or as_json)) as display:
                 bar = progress_bar(display, "bag")
-                directory = cleanup.enter_context(unpacked_bag(directory, chosen_topics, bar))
+                unpacked = unpacked_bag(directory, chosen_topics, bar, exchange=exchange)
+                folder, of_bag = cleanup.enter_context(unpacked)
         elif chosen_topics:
             raise ValueError(f"--topics {topics}: {directory} is no bag")
+        exchanged = exchange and folder is directory  # those of a bag are exchanged already
         recording = open_recording(
-            directory, calibration_file=calibration, rate_hz=rate, options=options, exchange=exchange
+            folder, calibration_file=calibration, rate_hz=rate, options=options, exchange=exchanged
         )
+        recording = replace(recording, source=str(directory), notes=(*of_bag, *recording.notes))
         chosen = Chosen(
             estimator=estimator,
             self_calibration=self_calibration,

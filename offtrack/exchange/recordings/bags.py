@@ -1,25 +1,29 @@
 """ROS bags with stereo images as recordings: their topics, unpacked into a temporary folder.
 
 Images are kept as they are if the bag holds the files of a recording of offtrack; else raw images are rectified as
-their CameraInfo says, with K, D, R and P. Read by rosbags (extra ``export``), which needs no ROS.
+their CameraInfo says, with K, D, R and P. Whether they are raw is what their rows show; without a clear answer, what
+their topic says. Read by rosbags (extra ``export``), which needs no ROS.
 """
 
 import json
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from offtrack.exchange.recordings.bag_messages import CameraInfo, baseline, calibration_text, camera_info, grey_image
 from offtrack.exchange.recordings.file_pairs import nearest_pairs
+from offtrack.exchange.recordings.image_checks import rows_apart
 from scenarios.extras import import_extra
+from scenarios.image_file import upper_bits, used_bits
 from scenarios.progress import Progress, no_progress
-from sensors.messages import GreyImage
-from vehicle.foundation.user_file import MAX_FRAMES, MAX_PIXELS, nearest, shown
-from vehicle.frames import FloatArray
+from vehicle.foundation.user_file import MAX_FRAMES, nearest, shown
 
 SIDES: Final = ("left", "right")
 FRAMES: Final = {"left": "camera_left", "right": "camera_right"}
@@ -99,56 +103,64 @@ def _info_of(topic: str, kinds: Mapping[str, str]) -> str:
 _FILES: Final = ("calib.txt", "rig.toml", "poses.txt")  # of a recording of offtrack
 _FOLDERS: Final = {"left": "image_0", "right": "image_1"}
 _ENDINGS: Final = (".mcap", ".db3", ".bag")
-_GREY: Final = {
-    "rgb8": cv2.COLOR_RGB2GRAY, "bgr8": cv2.COLOR_BGR2GRAY, "rgba8": cv2.COLOR_RGBA2GRAY, "bgra8": cv2.COLOR_BGRA2GRAY,
-    "8UC3": cv2.COLOR_BGR2GRAY, "bayer_rggb8": cv2.COLOR_BayerBG2GRAY, "bayer_bggr8": cv2.COLOR_BayerRG2GRAY,
-    "bayer_gbrg8": cv2.COLOR_BayerGR2GRAY, "bayer_grbg8": cv2.COLOR_BayerGB2GRAY,
-}  # fmt: skip
-_MONO: Final = ("mono8", "8UC1")
-_MONO16: Final = ("mono16", "16UC1")
-_LENSES: Final = ("plumb_bob", "rational_polynomial", "equidistant", "fisheye", "")
+_PAIRS: Final = 3  # of the first images, that show whether they are rectified
+_CLEARLY: Final = 0.6  # times the difference of rows that shows which images are rectified
 
 
-class _Info(NamedTuple):
-    """Contents of a CameraInfo."""
+class UnpackedBag(NamedTuple):
+    """Folder with the recording of a bag, and what was noticed."""
 
-    size: tuple[int, int]
-    lens: str
-    D: FloatArray
-    K: FloatArray  # (3, 3)
-    R: FloatArray  # (3, 3)
-    P: FloatArray  # (3, 4)
+    folder: Path
+    notes: tuple[str, ...] = ()
 
 
 def is_bag(path: Path) -> bool:
     """True for the folder or the file of a bag."""
-    return (path / "metadata.yaml").is_file() or (path.suffix in _ENDINGS and path.is_file())
+    return (path / "metadata.yaml").is_file() or bool(_files(path))
+
+
+def _files(path: Path) -> list[Path]:
+    """Files of messages: the path itself, or those in a folder."""
+    inside = path.iterdir() if path.is_dir() else [path]
+    return sorted(file for file in inside if file.suffix in _ENDINGS and file.is_file())
 
 
 @contextmanager
-def unpacked_bag(bag: Path, topics: Mapping[str, str], progress: Progress = no_progress) -> Iterator[Path]:
+def unpacked_bag(
+    bag: Path, topics: Mapping[str, str], progress: Progress = no_progress, *, exchange: bool = False
+) -> Iterator[UnpackedBag]:
     """Unpack a bag into a folder as ``offtrack estimate`` reads it, and remove the folder at the end.
 
     Args:
-        bag: folder of a ROS 2 bag, or a file ``.mcap``, ``.db3`` or ``.bag`` (ROS 1).
+        bag: folder of a ROS 2 bag, or of its files alone, or a file ``.mcap``, ``.db3`` or ``.bag`` (ROS 1).
         topics: topics by role (``left``, ``right``, ``left_info``, ``right_info``); others are found by their names.
         progress: receives the number of messages read.
+        exchange: takes the topics of the right camera for those of the left one.
 
     Raises:
-        ValueError: one line, if the package is missing, or the bag can not be read or used.
+        ValueError: one line, if the package is missing, or the bag can not be read or used; errors that what is done
+            with the folder raises name the bag.
     """
     highlevel = import_extra("export", f"{bag}: bags need", "rosbags.highlevel")
     with tempfile.TemporaryDirectory(prefix="offtrack-bag-") as temporary:
         folder = Path(temporary) / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()
+        paths = [bag] if (bag / "metadata.yaml").is_file() else _files(bag)
         try:
-            _unpack(highlevel.AnyReader, bag, folder, topics, progress)
+            with highlevel.AnyReader(paths, default_typestore=humble_types()) as reader:
+                unpacked = _unpacked(reader, bag, folder, topics, progress, exchange=exchange)
         except (ValueError, KeyboardInterrupt, MemoryError):
             raise
         except Exception as error:  # of the reader, whatever the bag makes it stumble over
             line = " ".join(str(error).split())
-            raise ValueError(f"{bag}: can not be read as a bag: {type(error).__name__}: {shown(line, 120)}") from None
-        yield folder
+            raise ValueError(
+                f"{bag}: can not be read as a bag: {type(error).__name__}: {shown(line, 120)}. If it was cut off, try "
+                "`ros2 bag reindex`, `mcap recover` or `rosbag reindex`"
+            ) from None
+        try:
+            yield unpacked
+        except ValueError as error:
+            raise ValueError(str(error).replace(str(folder), str(bag))) from error
 
 
 def humble_types() -> Any:
@@ -157,23 +169,50 @@ def humble_types() -> Any:
     return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
-def _unpack(reader_of: Any, bag: Path, folder: Path, chosen: Mapping[str, str], progress: Progress) -> None:
-    with reader_of([bag], default_typestore=humble_types()) as reader:
-        kinds = {connection.topic: connection.msgtype for connection in reader.connections}
-        topics = stereo_topics(kinds, chosen, str(bag))
-        files = _recording_files(reader, kinds)
-        infos = {} if "calib.txt" in files or "rig.toml" in files else _infos(reader, topics, bag)
-        maps = {side: _rectifying(info) for side, info in infos.items() if not _is_rectified(info, topics, side)}
-        stamps = _write_images(reader, topics, folder, maps, bag, progress)
-    pairs = _pairs(stamps, bag)
-    for side, column in zip(SIDES, zip(*pairs, strict=True), strict=True):
-        _number(folder / _FOLDERS[side], column)
-    (folder / "times.txt").write_text("".join(f"{1e-9 * left:.9f}\n" for left, _ in pairs), encoding="utf-8")
-    if infos:
-        files["calib.txt"] = _calibration_text(infos, bag)
+def _unpacked(
+    reader: Any, bag: Path, folder: Path, chosen: Mapping[str, str], progress: Progress, *, exchange: bool
+) -> UnpackedBag:
+    kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+    topics = stereo_topics(kinds, chosen, str(bag))
+    if exchange:
+        topics = StereoTopics(topics.right, topics.left, topics.right_info, topics.left_info)
+    if topics.left == topics.right:
+        raise ValueError(f"{bag}: --topics names one topic for both cameras: {topics.left}")
+    files = _recording_files(reader, kinds)
+    maps: dict[str, tuple[Any, Any]] = {}
+    notes: list[str] = []
+    if "calib.txt" not in files and "rig.toml" not in files:
+        infos = _infos(reader, topics, bag)
+        if exchange and baseline(*infos) < 0.0:  # the calibrations were right, the images were not
+            infos = infos[::-1]
+        files["calib.txt"] = _calibration(infos, bag)
+        maps, notes = _rectifying(reader, topics, infos, bag)
+    stamps, of_stamps = _write_images(reader, topics, folder, maps, bag, progress)
+    left, right = (_increasing(stamps[side], side, bag) for side in SIDES)
+    pairs = nearest_pairs(left.stamps, right.stamps, 1e-6, str(bag))
+    _number(folder / _FOLDERS["left"], left.images[pairs.left])
+    _number(folder / _FOLDERS["right"], right.images[pairs.right])
+    times = (1e-9 * left.stamps[pairs.left]).tolist()
+    (folder / "times.txt").write_text("".join(f"{time:.9f}\n" for time in times), encoding="utf-8")
     for name, text in files.items():
-        if name != "poses.txt" or len(text.splitlines()) == len(pairs):
+        if name != "poses.txt" or len(text.splitlines()) == len(times):
             (folder / name).write_text(text, encoding="utf-8")
+    return UnpackedBag(folder, (*notes, *of_stamps))
+
+
+class _Images(NamedTuple):
+    """Images of a camera in the order of their stamps."""
+
+    stamps: NDArray[np.int64]  # [ns]
+    images: NDArray[np.intp]  # their numbers in the bag
+
+
+def _increasing(stamps: Sequence[int], side: str, bag: Path) -> _Images:
+    """Images with a stamp of their own."""
+    found = _Images(*np.unique(np.array(stamps, dtype=np.int64), return_index=True))
+    if found.stamps.size < 2:
+        raise ValueError(f"{bag}: {found.stamps.size} images of the {side} camera; at least 2 are needed")
+    return found
 
 
 def _recording_files(reader: Any, kinds: Mapping[str, str]) -> dict[str, str]:
@@ -186,8 +225,9 @@ def _recording_files(reader: Any, kinds: Mapping[str, str]) -> dict[str, str]:
     return {}
 
 
-def _infos(reader: Any, topics: StereoTopics, bag: Path) -> dict[str, _Info]:
-    infos = {}
+def _infos(reader: Any, topics: StereoTopics, bag: Path) -> tuple[CameraInfo, ...]:
+    """Calibrations of the left and the right camera."""
+    infos = []
     for side, topic in zip(SIDES, (topics.left_info, topics.right_info), strict=True):
         found = [c for c in reader.connections if topic and c.topic == topic]
         message = next(iter(reader.messages(found)), None) if found else None
@@ -196,121 +236,92 @@ def _infos(reader: Any, topics: StereoTopics, bag: Path) -> dict[str, _Info]:
                 f"{bag}: no calibration of the {side} camera: it needs sensor_msgs/CameraInfo beside the images, or "
                 f"--topics {side}_info=/topic, or --calibration"
             )
-        info = reader.deserialize(message[2], message[0].msgtype)
-        k, r, p, d = (_numbers(info, name) for name in "krpd")
-        if k.size != 9 or p.size != 12 or not np.isfinite([*k, *p]).all() or k[0] <= 0.0 or p[0] <= 0.0:
-            raise ValueError(
-                f"{bag}: {topic}: K or P of the {side} camera is empty or not finite: calibrate the cameras"
-            )
-        if info.distortion_model not in _LENSES:
-            raise ValueError(
-                f"{bag}: {topic}: distortion model {shown(info.distortion_model)} is unknown: must be one of "
-                f"{', '.join(filter(None, _LENSES))}; or rectify the images first"
-            )
-        R = r.reshape(3, 3) if r.size == 9 and np.any(r) else np.eye(3)
-        size = int(info.width), int(info.height)
-        infos[side] = _Info(size, info.distortion_model, d, k.reshape(3, 3), R, p.reshape(3, 4))
-    return infos
+        infos.append(camera_info(reader.deserialize(message[2], message[0].msgtype), topic, str(bag)))
+    return tuple(infos)
 
 
-def _numbers(info: Any, name: str) -> FloatArray:
-    """A field of a CameraInfo; ROS 1 writes its name in upper case."""
-    return np.array(getattr(info, name, getattr(info, name.upper(), ())), dtype=np.float64)
+def _calibration(infos: Sequence[CameraInfo], bag: Path) -> str:
+    """Text of a ``calib.txt``."""
+    if baseline(*infos) <= 0.0:
+        raise ValueError(
+            f"{bag}: {infos[1].topic}: P of the right camera has no baseline: P[3] is {infos[1].P[0, 3]:g} and must be "
+            f"less than that of {infos[0].topic}, {infos[0].P[0, 3]:g}. It needs a stereo calibration; or are left and "
+            "right exchanged? Then use --exchange"
+        )
+    return calibration_text(infos)
 
 
-def _is_rectified(info: _Info, topics: StereoTopics, side: str) -> bool:
-    plain = not np.any(info.D) and np.allclose(info.R, np.eye(3)) and np.allclose(info.K, info.P[:, :3])
-    return plain or "rect" in (topics.left if side == "left" else topics.right).rpartition("/")[2]
+def _rectifying(
+    reader: Any, topics: StereoTopics, infos: Sequence[CameraInfo], bag: Path
+) -> tuple[dict[str, tuple[Any, Any]], list[str]]:
+    """Maps that rectify the images of each side, empty where they are rectified; and a note on a surprise."""
+    first = [_first_images(reader, topic, bag) for topic in topics[:2]]
+    for info, images in zip(infos, first, strict=True):
+        for size in {image.shape[::-1] for image in images}:
+            if size != info.size and info.size != (0, 0):
+                raise ValueError(
+                    f"{bag}: {info.topic}: is the calibration of images of {info.size[0]}x{info.size[1]} px, by its "
+                    f"binning and region of interest; those sent have {size[0]}x{size[1]} px. Scale it, or name the "
+                    "topic of the images that it belongs to"
+                )
+    if not all(first) or all(info.straight for info in infos):
+        return {}, []
+    maps = {side: info.maps(images[0].shape[::-1]) for side, info, images in zip(SIDES, infos, first, strict=True)}
+    shown_as = [[upper_bits(image, used_bits(int(image.max()))) for image in images] for images in first]
+    raw = list(zip(*shown_as, strict=False))
+    straight = [tuple(_remapped(image, maps[side]) for side, image in zip(SIDES, pair, strict=True)) for pair in raw]
+    as_sent, rectified = rows_apart(raw), rows_apart(straight)
+    named = all("rect" in topic for topic in topics[:2])
+    if named and rectified < _CLEARLY * as_sent:
+        return maps, ["topics say that images are rectified, their rows say that they are not: they were rectified"]
+    if not named and as_sent < _CLEARLY * rectified:
+        return {}, ["images are rectified already, as their rows show: D and R of the CameraInfo are not used"]
+    return ({}, []) if named else (maps, [])
 
 
-def _rectifying(info: _Info) -> tuple[Any, Any]:
-    """Maps from rectified to raw pixels."""
-    if info.lens in ("equidistant", "fisheye"):
-        return cv2.fisheye.initUndistortRectifyMap(info.K, info.D[:4], info.R, info.P[:, :3], info.size, cv2.CV_32FC1)
-    return cv2.initUndistortRectifyMap(info.K, info.D, info.R, info.P[:, :3], info.size, cv2.CV_32FC1)
+def _first_images(reader: Any, topic: str, bag: Path) -> list[NDArray[Any]]:
+    messages = islice(
+        reader.messages([c for c in reader.connections if c.topic == topic and c.msgtype in IMAGES]), _PAIRS
+    )
+    return [grey_image(reader.deserialize(data, c.msgtype), f"{bag}: {topic}") for c, _, data in messages]
+
+
+def _remapped(image: NDArray[Any], maps: tuple[Any, Any]) -> NDArray[Any]:
+    return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR))
 
 
 def _write_images(
     reader: Any, topics: StereoTopics, folder: Path, maps: Mapping[str, tuple[Any, Any]], bag: Path, progress: Progress
-) -> dict[str, list[int]]:
-    """Write every image under its time stamp; return the stamps [ns]."""
+) -> tuple[dict[str, list[int]], list[str]]:
+    """Write every image under its number; return the stamps [ns], of one clock, and a note on it."""
     sides = {topics.left: "left", topics.right: "right"}
-    if len(sides) < 2:
-        raise ValueError(f"{bag}: --topics names one topic for both cameras: {topics.left}")
-    stamps: dict[str, list[int]] = {side: [] for side in SIDES}
+    stamps: dict[str, list[tuple[int, int]]] = {side: [] for side in SIDES}
     for name in _FOLDERS.values():
         (folder / name).mkdir()
     connections = [c for c in reader.connections if c.topic in sides and c.msgtype in IMAGES]
     total = sum(c.msgcount for c in connections)
-    for done, (connection, time, data) in enumerate(reader.messages(connections), start=1):
+    for done, (connection, received, data) in enumerate(reader.messages(connections), start=1):
         side = sides[connection.topic]
         message = reader.deserialize(data, connection.msgtype)
         at = message.header.stamp
-        stamp = at.sec * 1_000_000_000 + at.nanosec or time
         if len(stamps[side]) >= MAX_FRAMES:
             raise ValueError(f"{bag}: more than {MAX_FRAMES} images of the {side} camera: cut the bag")
-        image = _image(message, f"{bag}: {connection.topic}")
+        image = grey_image(message, f"{bag}: {connection.topic}")
         if side in maps:
-            image = np.asarray(cv2.remap(image, *maps[side], cv2.INTER_LINEAR), dtype=np.uint8)
-        cv2.imwrite(str(folder / _FOLDERS[side] / f"{stamp}.pgm"), image)
-        stamps[side].append(stamp)
+            image = _remapped(image, maps[side])
+        cv2.imwrite(str(folder / _FOLDERS[side] / f"{len(stamps[side])}.pgm"), image)
+        stamps[side].append((at.sec * 1_000_000_000 + at.nanosec, received))
         progress(done, max(total, done), "unpacking")
-    return stamps
+    sent = all(stamp for side in SIDES for stamp, _ in stamps[side])
+    clock = 0 if sent else 1
+    note = [] if sent else ["messages without a time stamp: times are those of their reception"]
+    return {side: [both[clock] for both in stamps[side]] for side in SIDES}, note
 
 
-def _image(message: Any, where: str) -> GreyImage:
-    """The image in grey."""
-    if hasattr(message, "format"):
-        image = cv2.imdecode(np.frombuffer(bytes(message.data), np.uint8), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise ValueError(f"{where}: a compressed image can not be decoded (format {shown(str(message.format))})")
-        return np.asarray(image, dtype=np.uint8)
-    encoding, height, width = message.encoding, int(message.height), int(message.width)
-    channels = (
-        2 if encoding in _MONO16 else 1 if encoding in _MONO or encoding.startswith("bayer") else 3 + ("a8" in encoding)
-    )
-    if encoding not in (*_MONO, *_MONO16, *_GREY):
-        raise ValueError(
-            f"{where}: encoding {shown(encoding)} is unknown: must be one of {', '.join((*_MONO, *_MONO16, *_GREY))}"
-        )
-    step, data = int(message.step), np.frombuffer(bytes(message.data), np.uint8)
-    if not (0 < width * height <= MAX_PIXELS and step >= width * channels and data.size >= step * height):
-        raise ValueError(f"{where}: an image of {width}x{height} px has {data.size} bytes, {step} a row: it is cut off")
-    rows = data[: step * height].reshape(height, step)[:, : width * channels]
-    if encoding in _MONO16:
-        deep = np.ascontiguousarray(rows).view(">u2" if message.is_bigendian else "<u2")
-        return np.asarray(deep >> 8, dtype=np.uint8)
-    if encoding in _MONO:
-        return np.ascontiguousarray(rows)
-    colours = np.ascontiguousarray(rows).reshape((height, width) if channels == 1 else (height, width, channels))
-    return np.asarray(cv2.cvtColor(colours, _GREY[encoding]), dtype=np.uint8)
-
-
-def _pairs(stamps: Mapping[str, list[int]], bag: Path) -> list[tuple[int, int]]:
-    """Left and right stamps of every frame: to each left image the nearest right one."""
-    left, right = (np.unique(np.array(stamps[side], dtype=np.int64)) for side in SIDES)
-    for side, found in zip(SIDES, (left, right), strict=True):
-        if found.size < 2:
-            raise ValueError(f"{bag}: {found.size} images of the {side} camera; at least 2 are needed")
-    pairs = nearest_pairs(left, right, 1e-6, str(bag))
-    return list(zip(left[pairs.left].tolist(), right[pairs.right].tolist(), strict=True))
-
-
-def _number(folder: Path, stamps: tuple[int, ...]) -> None:
-    """Number the images with these stamps; remove the others."""
-    for k, stamp in enumerate(stamps):
-        (folder / f"{stamp}.pgm").rename(folder / f"frame{k:06d}.pgm")
+def _number(folder: Path, kept: NDArray[np.intp]) -> None:
+    """Number the images anew; remove the others."""
+    for k, number in enumerate(kept):
+        (folder / f"{number}.pgm").rename(folder / f"frame{k:06d}.pgm")
     for path in folder.iterdir():
         if not path.name.startswith("frame"):
             path.unlink()
-
-
-def _calibration_text(infos: Mapping[str, _Info], bag: Path) -> str:
-    """Projections of the rectified cameras as in KITTI's calib.txt."""
-    if infos["right"].P[0, 3] >= 0.0:
-        raise ValueError(
-            f"{bag}: P of the right camera has no baseline (P[3] = {infos['right'].P[0, 3]:g}, must be below 0): it "
-            "needs a stereo calibration; or are left and right exchanged?"
-        )
-    rows = (f"P{k}: {' '.join(repr(float(v)) for v in infos[side].P.ravel())}" for k, side in enumerate(SIDES))
-    return "\n".join(rows) + "\n"

@@ -301,7 +301,7 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
         notes.append("the estimator states no motions of the cameras: there is no trajectory")
     return {
         "outcome": estimation.outcome,
-        "recording": str(recording.sequence.directory),
+        "recording": recording.source,
         "follow_distance_m": recording.follow_distance,
         "frames": _frames(estimation, log),
         "off_tracking": _off_tracking(estimation, log),

@@ -190,6 +190,7 @@ class Recording:
     """A stereo sequence with its calibration and mounting."""
 
     sequence: StereoSequence
+    source: str  # folder or bag as the user named it
     size: tuple[int, int]  # of all images [px]
     calibration: StereoCalibration  # of the rectified pair
     rectification: Rectifier | None  # None: the images are rectified already
@@ -259,6 +260,7 @@ def open_recording(
     samples = _samples(sequence, size, cameras.rectification)
     return Recording(
         sequence=sequence,
+        source=str(directory),
         size=size,
         calibration=replace(calibration, X_SC=mounted.X_SC),
         rectification=cameras.rectification,

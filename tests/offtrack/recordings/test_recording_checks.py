@@ -22,8 +22,8 @@ HORIZON = 80  # row; the ground is below it, sky above
 
 def _ground(k: int, side: int) -> GreyImage:
     """Ground seen by cameras that move ahead: rows below the horizon are closer and move faster."""
-    texture = np.random.default_rng(7).integers(0, 256, (400, 600), dtype=np.uint8)
-    texture = cv2.resize(texture, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
+    noise = np.random.default_rng(7).integers(0, 256, (400, 600), dtype=np.uint8)
+    texture = cv2.resize(noise, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
     below = np.arange(1.0, HEIGHT - HORIZON)[:, None]
     across = 1200.0 + 600.0 * (np.arange(WIDTH)[None, :] - 0.5 * WIDTH + side * 0.3 * below) / (below + 20.0)
     along = np.broadcast_to(1400.0 - 30.0 * k - 20000.0 / (below + 20.0), across.shape)

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,10 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange.recordings.bags import parsed_topics, unpacked_bag
+from offtrack.exchange.recordings.image_checks import rows_apart
+from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.stereo_sequence import find_sequence
+from scenarios.image_file import read_grey
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal, write_log
 
@@ -53,7 +57,7 @@ def info(side: int, **changes: Any) -> Any:
     fields = {"height": HEIGHT, "width": WIDTH, "distortion_model": "plumb_bob", "d": D, "k": K.ravel(),
               "r": np.eye(3).ravel(), "p": P.ravel()}  # fmt: skip
     roi = make("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
-    return make(INFO, header=header(0), binning_x=0, binning_y=0, roi=roi, **(fields | changes))
+    return make(INFO, header=header(0), **({"binning_x": 0, "binning_y": 0, "roi": roi} | fields | changes))
 
 
 def stereo(frames: int = 4, *, right_late: int = 0, **changes: Any) -> Messages:
@@ -108,7 +112,7 @@ def exported(tmp_path: Path) -> Path:
 
 def test_a_bag_gives_the_recording_again(exported: Path) -> None:
     recording = exported.parent / "images"
-    with unpacked_bag(exported, {}) as folder:
+    with unpacked_bag(exported, {}) as (folder, _):
         assert (folder / "calib.txt").read_bytes() == (recording / "calib.txt").read_bytes()
         assert np.loadtxt(folder / "times.txt").tolist() == [0.0, 0.123456789, 0.2]
         for side in (0, 1):
@@ -147,7 +151,7 @@ def test_a_bag_is_read_by_another_package(exported: Path) -> None:
 def test_raw_images_are_rectified_by_their_camera_info(tmp_path: Path) -> None:
     folder = bag(tmp_path / "bag", stereo(right_late=10_000_000))
     maps = cv2.initUndistortRectifyMap(K, D, np.eye(3), K, (WIDTH, HEIGHT), cv2.CV_32FC1)
-    with unpacked_bag(folder, {}) as unpacked:
+    with unpacked_bag(folder, {}) as (unpacked, _):
         for side in (0, 1):
             files = sorted((unpacked / f"image_{side}").iterdir())
             assert len(files) == 4
@@ -167,10 +171,172 @@ def test_topics_can_be_chosen_and_images_compressed_or_coloured(tmp_path: Path) 
         told += [("/a", IMAGE, stamp, colour),
                  ("/b", COMPRESSED, stamp, make(COMPRESSED, header=header(stamp), format="png", data=png))]  # fmt: skip
     chosen = parsed_topics("left=/a, right=/b,left_info=/a/info,right_info=/b/info")
-    with unpacked_bag(bag(tmp_path / "bag", told), chosen) as folder:
+    with unpacked_bag(bag(tmp_path / "bag", told), chosen) as (folder, _):
         for side in (0, 1):
             for file in (folder / f"image_{side}").iterdir():
                 np.testing.assert_array_equal(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), picture(0, side))
+
+
+def scene(k: int, side: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """A wall with texture, 12 px nearer to the left edge for the right camera, that moves from frame to frame."""
+    noise = np.random.default_rng(5).integers(0, 256, (60, 80), dtype=np.uint8)
+    wall = cv2.resize(noise, (640, 480), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(wall[k : k + 300, 50 + 12 * side : 450 + 12 * side])
+
+
+def scenes(told: Callable[[np.ndarray[Any, Any], int], Any], *infos: Any, name: str = "image_raw") -> Messages:
+    kind = COMPRESSED if "compressed" in name else IMAGE
+    messages: Messages = [(f"/cam/{s}/camera_info", INFO, 0, i) for s, i in zip(("left", "right"), infos, strict=True)]
+    for k in range(3):
+        for side, camera in enumerate(("left", "right")):
+            stamp = 10**9 + k * 10**8
+            messages.append((f"/cam/{camera}/{name}", kind, stamp, told(scene(k, side), stamp)))
+    return messages
+
+
+def sent(pixels: np.ndarray[Any, Any], stamp: int, encoding: str = "mono8") -> Any:
+    height, width = pixels.shape[:2]
+    data = np.ascontiguousarray(pixels).view(np.uint8).ravel()
+    return image(0, 0, stamp, height=height, width=width, encoding=encoding, step=data.size // height, data=data)
+
+
+def wall_info(side: int, scale: float = 1.0, offset: float = 0.0, **changes: Any) -> Any:
+    """Calibration of the scene, or of a sensor with ``scale`` times its pixels and ``offset`` more at two edges."""
+    K_wall = np.array([[300.0, 0.0, 199.5], [0.0, 300.0, 149.5], [0.0, 0.0, 1.0]])
+    seen = np.array([[1.0, 0.0, offset], [0.0, 1.0, offset], [0.0, 0.0, 1.0]]) @ np.diag([scale, scale, 1.0])
+    P = seen @ np.column_stack([K_wall, [-60.0 * side, 0.0, 0.0]])
+    size = {"height": round(300 * scale + 2 * offset), "width": round(400 * scale + 2 * offset)}
+    return info(side, **({"k": (seen @ K_wall).ravel(), "p": P.ravel(), "d": np.zeros(5)} | size | changes))
+
+
+def region(offset: int, width: int, height: int) -> Any:
+    return make("sensor_msgs/msg/RegionOfInterest", x_offset=offset, y_offset=offset, width=width, height=height,
+                do_rectify=False)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"scale": 2.0, "binning_x": 2, "binning_y": 2},
+        {"offset": 40.0, "roi": region(40, 400, 300)},
+        {"scale": 2.0, "offset": 40.0, "roi": region(40, 800, 600), "binning_x": 2, "binning_y": 2},
+    ],
+    ids=["whole", "binning", "region", "both"],
+)
+def test_binning_and_region_of_interest_scale_the_calibration(tmp_path: Path, changes: dict[str, Any]) -> None:
+    told = scenes(sent, *(wall_info(side, **changes) for side in (0, 1)))
+    with unpacked_bag(bag(tmp_path / "bag", told), {}) as (folder, notes):
+        assert notes == ()
+        for line, side in zip((folder / "calib.txt").read_text(encoding="utf-8").splitlines(), (0, 1), strict=True):
+            expected = [300, 0, 199.5, -60 * side, 0, 300, 149.5, 0, 0, 0, 1, 0]
+            assert [float(v) for v in line.split()[1:]] == pytest.approx(expected)
+
+
+ENCODED: dict[str, Callable[[np.ndarray[Any, Any], int], Any]] = {
+    "mono16, 12 bits": lambda pixels, t: sent(pixels.astype(np.uint16) << 4, t, "mono16"),
+    "mono16, 10 bits": lambda pixels, t: sent(pixels.astype(np.uint16) << 2, t, "mono16"),
+    "rgb16": lambda pixels, t: sent(np.repeat(pixels.astype(np.uint16)[..., None] << 8, 3, 2), t, "rgb16"),
+    "yuv422": lambda pixels, t: sent(np.stack([np.full_like(pixels, 128), pixels], 2), t, "yuv422"),
+    "yuv422_yuy2": lambda pixels, t: sent(np.stack([pixels, np.full_like(pixels, 128)], 2), t, "yuv422_yuy2"),
+    "8UC4": lambda pixels, t: sent(np.repeat(pixels[..., None], 4, 2), t, "8UC4"),
+}
+
+
+@pytest.mark.parametrize("told", ENCODED.values(), ids=ENCODED)
+def test_images_of_every_encoding_are_the_same_grey(
+    tmp_path: Path, told: Callable[[np.ndarray[Any, Any], int], Any]
+) -> None:
+    messages = scenes(told, wall_info(0), wall_info(1))
+    with unpacked_bag(bag(tmp_path / "bag", messages), {}) as (folder, _):
+        frames = find_sequence(folder).frames
+        assert [frame.tick for frame in frames] == [0, 100, 200]
+        for k, frame in enumerate(frames):
+            assert np.abs(read_grey(frame.left, frame.bits).astype(int) - scene(k, 0)).max() <= 1
+
+
+def mosaic(pixels: np.ndarray[Any, Any], stamp: int) -> Any:
+    png = np.asarray(cv2.imencode(".png", pixels)[1]).ravel()
+    return make(COMPRESSED, header=header(stamp), format="bayer_rggb8; png compressed bayer_rggb8", data=png)
+
+
+def test_a_mosaic_of_colours_is_resolved_in_a_compressed_topic_too(tmp_path: Path) -> None:
+    plain = scenes(lambda pixels, t: sent(pixels, t, "bayer_rggb8"), wall_info(0), wall_info(1))
+    packed = scenes(mosaic, wall_info(0), wall_info(1), name="image_raw/compressed")
+    images = []
+    for name, messages in (("plain", plain), ("packed", packed)):
+        with unpacked_bag(bag(tmp_path / name, messages), {}) as (folder, _):
+            images.append(cv2.imread(str(folder / "image_0" / "frame000000.pgm"), cv2.IMREAD_UNCHANGED))
+    np.testing.assert_array_equal(images[0], images[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "note"),
+    [
+        ("image_raw", True, ""),
+        ("image_rect_color", False, ""),
+        ("image_rect", True, "they were rectified"),
+        ("image", False, "rectified already"),
+    ],
+)
+def test_rows_of_images_show_whether_they_are_rectified(tmp_path: Path, name: str, raw: bool, note: str) -> None:
+    """Cameras with lenses unlike: what the topic says counts only where the rows do not tell."""
+    lenses = [np.array([0.3, 0.0, 0.0, 0.0, 0.0]), np.array([-0.3, 0.0, 0.0, 0.0, 0.0])]
+    infos = [wall_info(side, d=D) for side, D in enumerate(lenses)]
+    K_wall = infos[0].k.reshape(3, 3)
+
+    def told(pixels: np.ndarray[Any, Any], stamp: int) -> Any:
+        sides.append(len(sides) % 2)
+        if not raw:
+            return sent(pixels, stamp)
+        points = np.stack(np.meshgrid(np.arange(400.0), np.arange(300.0)), -1).reshape(-1, 1, 2)
+        source = cv2.undistortPoints(points, K_wall, lenses[sides[-1]], P=K_wall).reshape(300, 400, 2)
+        columns, rows = np.moveaxis(source.astype(np.float32), 2, 0)
+        return sent(cv2.remap(pixels, columns, rows, cv2.INTER_LINEAR), stamp)
+
+    sides: list[int] = []
+    with unpacked_bag(bag(tmp_path / "bag", scenes(told, *infos, name=name)), {}) as (folder, notes):
+        assert note in " ".join(notes)
+        assert bool(note) == bool(notes)
+        left, right = (cv2.imread(str(folder / f"image_{k}" / "frame000000.pgm"), cv2.IMREAD_GRAYSCALE) for k in (0, 1))
+        assert rows_apart([(left, right)]) < 0.5  # type: ignore[list-item]  # grey images
+
+
+def test_one_clock_times_all_messages_and_files_alone_are_a_bag(tmp_path: Path) -> None:
+    """A message without a stamp: times are those of reception, for all; without metadata.yaml the files are read."""
+    messages = [
+        (topic, kind, stamp + 7 * 10**9, message if stamp != 1_100_000_000 else sent(scene(1, 0), 0))
+        for topic, kind, stamp, message in scenes(sent, wall_info(0), wall_info(1))
+    ]
+    folder = bag(tmp_path / "bag", messages)
+    (folder / "metadata.yaml").unlink()
+    with unpacked_bag(folder, {}) as (unpacked, notes):
+        assert np.loadtxt(unpacked / "times.txt") == pytest.approx([8.0, 8.1, 8.2])
+        assert notes == ("messages without a time stamp: times are those of their reception",)
+
+
+@pytest.mark.parametrize("tx", [(60.0, 0.0), (-5.0, -65.0)])
+def test_the_difference_of_both_projections_is_the_baseline(tmp_path: Path, tx: tuple[float, float]) -> None:
+    infos = [wall_info(side) for side in (0, 1)]
+    for told, value in zip(infos, tx, strict=True):
+        told.p[3] = value
+    with unpacked_bag(bag(tmp_path / "bag", scenes(sent, *infos)), {}) as (folder, _):
+        assert open_recording(folder).calibration.baseline == pytest.approx(0.2)
+
+
+def test_exchanged_topics_are_taken_with_their_calibrations_or_without(tmp_path: Path) -> None:
+    for name in ("both", "images"):
+        messages = [
+            (topic.replace("left", "x").replace("right", "left").replace("x", "right"), *row)
+            for topic, *row in scenes(sent, wall_info(0), wall_info(1))
+        ]
+        if name == "images":
+            infos_of = [(f"/cam/{s}/camera_info", INFO, 0, wall_info(k)) for s, k in (("left", 0), ("right", 1))]
+            messages = [*infos_of, *(row for row in messages if row[1] != INFO)]
+        with unpacked_bag(bag(tmp_path / name, messages), {}, exchange=True) as (folder, _):
+            assert "P1: 300.0 0.0 199.5 -60.0" in (folder / "calib.txt").read_text(encoding="utf-8")
+            first = cv2.imread(str(folder / "image_0" / "frame000000.pgm"), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(first, scene(0, 0))
 
 
 def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
@@ -198,6 +364,7 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     yield "cut off", stereo(data=np.zeros(9, np.uint8)), "", "it is cut off"
     yield "uncalibrated", with_info(k=np.zeros(9), p=np.zeros(12)), "", "calibrate the cameras"
     yield "unknown lens", with_info(distortion_model="mirror"), "", "distortion model mirror is unknown"
+    yield "resized images", with_info(width=2 * WIDTH, height=2 * HEIGHT), "", "images of 128x96 px"
     yield "no baseline", with_info(p=np.column_stack([K, np.zeros(3)]).ravel()), "", "has no baseline"
 
 
