@@ -81,6 +81,7 @@ def single_thread() -> Iterator[None]:
 
 FEWEST = 8  # photographs: with fewer the distortion follows the noise
 _OUTLIER, _OUTLIER_LEAST = 2.5, 0.3  # an image is dropped if its error exceeds both: [median errors], [px]
+_KNOWN = 3.0  # standard deviations that a distortion coefficient must be away from 0
 ROUNDS = 3  # in which images are dropped
 HIGHEST_ERROR = 1.0  # RMS reprojection error; a flat board and a still camera give about 0.1 px [px]
 _CELLS = (8, 4)  # columns and rows of the grid for the coverage
@@ -98,6 +99,7 @@ class CameraCalibration(NamedTuple):
     dropped: dict[str, str]  # reason by name of each image not used
     corners: FloatArray  # (n, 2) all corners used [px]
     coverage: float  # share of the picture's cells with a corner in them
+    note: str = ""  # on coefficients that the photographs do not determine
 
     @property
     def rms(self) -> float:
@@ -137,6 +139,7 @@ def calibrated(views: Sequence[BoardView], board: Checkerboard) -> CameraCalibra
         dropped=dropped,
         corners=corners,
         coverage=coverage,
+        note="" if fit.std[-1] else "k3 is left at 0: the photographs do not determine it",
     )
 
 
@@ -155,14 +158,29 @@ class _Fit(NamedTuple):
     tilts: FloatArray  # (n,) of the board from frontal [rad]
 
 
-@single_thread()
 def _fitted(used: Sequence[BoardView], size: tuple[int, int], board: Checkerboard) -> _Fit:
+    """Camera with k3, if it is known to better than a third of itself and the image does not fold over; else without.
+
+    A k3 that follows the noise does not lower the residual, and makes nonsense of the corners of the image.
+    """
+    fit = _fitted_with(used, size, board, 0)
+    k3, std = abs(fit.distortion[-1]), fit.std[-1]
+    try:
+        camera_model(size, fit.matrix, fit.distortion)
+    except ValueError:
+        k3 = 0.0
+    return fit if k3 > _KNOWN * std else _fitted_with(used, size, board, cv2.CALIB_FIX_K3)
+
+
+@single_thread()
+def _fitted_with(used: Sequence[BoardView], size: tuple[int, int], board: Checkerboard, flags: int) -> _Fit:
     _, K, distortion, turns, _, std, _, errors = cv2.calibrateCameraExtended(
         [board.corners.astype(np.float32)] * len(used),
         [corners_of(view) for view in used],
         size,
         np.eye(3),
         np.zeros(5),
+        flags=flags,
     )
     normals = np.array([so3_exp(np.asarray(turn, dtype=np.float64).ravel())[:, 2] for turn in turns])
     return _Fit(
@@ -302,7 +320,8 @@ def calibrated_pair(
             f"the pairs are {rms:.1f} px RMS off one pose of the right camera (limit {HIGHEST_ERROR:g} px): were both "
             "images of each taken at the same moment?"
         )
-    fit = _pair_fitted(pairs, cameras, board, cv2.CALIB_USE_INTRINSIC_GUESS)
+    kept = cv2.CALIB_FIX_K3 if any(camera.note for camera in cameras) else 0
+    fit = _pair_fitted(pairs, cameras, board, cv2.CALIB_USE_INTRINSIC_GUESS | kept)
     rotation_std, position_std = _spread(pairs, fit, board)
     centres = np.array([camera.std[2:4] / camera.camera.fx for camera in cameras])  # of the principal points [rad]
     return StereoFit(

@@ -317,12 +317,13 @@ def calibrate(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="Photographs of the board, or folders of them. One folder with left/ and right/ is a stereo pair."
+            help="Photographs of the board, or folders of them. One folder with left/ and right/, or with names that "
+            "say left and right, is a stereo pair."
         ),
     ],
     right: Annotated[
         list[Path] | None,
-        typer.Option(help="Images of the right camera or their folder, in the same order. May be repeated."),
+        typer.Option(help="Images of the right camera or their folder; pairs are found by the numbers in the names."),
     ] = None,
     board: Annotated[str, typer.Option(help="Inner corners per row and column: one less than the squares.")] = "9x6",
     square: Annotated[float, typer.Option(help="Side length of a square [m].")] = 0.04,
@@ -348,7 +349,7 @@ def calibrate(
     """
     check_number("--square", square, 1e-4, 10.0, "m")
     checkerboard, X_SC = board_of(board, square), _mount(facing, position)
-    left_paths, right_paths = photographs(images, right or [])
+    left_paths, right_paths, notes = photographs(images, right or [])
     target = out or Path("rig.toml" if right_paths else "camera.toml")
     check_new_file(target)
     shown = not (quiet or as_json)
@@ -371,10 +372,13 @@ def calibrate(
     coverage_picture(cameras, picture)
     replaced(target, text)
     if as_json:
-        typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
+        typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target), "notes": notes}, indent=2))
     elif not quiet:
         _print_tables(cameras, pair, sides)
         console = PlainConsole()
+        of_cameras = (f"{name}: {calibration.note}" for name, calibration in cameras.items() if calibration.note)
+        for note in (*notes, *of_cameras):
+            console.print(f"Note: {note}", soft_wrap=True)
         console.print(f"Written: {target}, {picture}", soft_wrap=True)
         if pair and position is None:
             console.print(
@@ -411,6 +415,7 @@ def _numbers(cameras: dict[str, CameraCalibration], pair: StereoFit | None) -> d
             "coverage": calibration.coverage,
             "errors_px": calibration.errors,
             "dropped": calibration.dropped,
+            "note": calibration.note,
         }
         | {key: getattr(calibration.camera, key) for key in ("fx", "fy", "cx", "cy", "distortion")}
         | {"std": calibration.std.tolist()}

@@ -5,6 +5,7 @@ The pose comes from a recording's ``rig.toml``, from options, or is assumed and 
 
 import math
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -18,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from estimators.calibration.boards import BoardView, CameraCalibration, board_view
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
+from offtrack.exchange.recordings.file_pairs import file_pairs
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard
@@ -229,17 +231,52 @@ def facing_by_motion(
     return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(travel[along] > 0.0)]
 
 
-def photographs(given: Sequence[Path], right: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Left and right images in the order of their names; no right images for a single camera.
+class Photographs(NamedTuple):
+    """Photographs of a board: pairs in the same order, or those of one camera on the left."""
+
+    left: list[Path]
+    right: list[Path]
+    notes: tuple[str, ...] = ()
+
+
+def photographs(given: Sequence[Path], right: Sequence[Path]) -> Photographs:
+    """Photographs of one camera or of two.
 
     A folder stands for the images in it; one folder that contains ``left`` and ``right`` stands for the pairs in these.
+    Images whose names say left and right, in one folder or list, are those of two cameras. Pairs are found by the
+    numbers in the names.
 
     Raises:
-        ValueError: if a path does not exist or a folder contains no images.
+        ValueError: one line, if a path does not exist, a folder contains no images, or there are no pairs.
     """
     if not right and len(given) == 1 and all((given[0] / side).is_dir() for side in ("left", "right")):
-        return _images([given[0] / "left"]), _images([given[0] / "right"])
-    return _images(given), _images(right)
+        given, right = [given[0] / "left"], [given[0] / "right"]
+    one, other = _images(given), _images(right)
+    if other:  # the shell gives the option only the first of several names
+        kind = _kind(other[0])
+        other += [path for path in one if _kind(path) == kind != _kind(one[0])]
+        one = [path for path in one if path not in other]
+    else:
+        sides = [[path for path in one if _says(path, side)] for side in ("left", "right")]
+        if not all(sides) or len(sides[0]) + len(sides[1]) != len(one):
+            return Photographs(one, [])
+        one, other = sides
+    pairs = file_pairs(one, other)
+    kept = sorted(pairs.left.keys() & pairs.right.keys())
+    alone = [*(pairs.left[k] for k in pairs.left.keys() - kept), *(pairs.right[k] for k in pairs.right.keys() - kept)]
+    notes = [f"no partner, not used: {', '.join(sorted(path.name for path in alone))}"] if alone else []
+    return Photographs([pairs.left[k] for k in kept], [pairs.right[k] for k in kept], (*pairs.notes, *notes))
+
+
+def _kind(path: Path) -> tuple[Path, str]:
+    """Folder and name without its numbers."""
+    return path.parent, re.sub(r"\d+", "#", path.name)
+
+
+def _says(path: Path, side: str) -> bool:
+    """True if the name of an image says that it is of the left or right camera: ``left12.jpg``, ``R_12.jpg``."""
+    words = re.findall(r"[a-z]+", path.stem.lower())
+    return any(side in word for word in words) or words[:1] == [side[0]]
 
 
 def _images(given: Sequence[Path]) -> list[Path]:
