@@ -352,7 +352,6 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._programs["ground"].use({name: k for k, name in enumerate(("detail", "road", "looks", "holes", "lines"))})
         self.place(world.moving)
         self._make_framebuffer()
-        self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
 
     @property
     def name(self) -> str:
@@ -391,10 +390,10 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._programs["ground"].use({f"into_box[{k}]": box for k, box in enumerate(boxes)})
 
     def read_colour(self) -> NDArray[np.uint8]:
-        """Both images (2, height, width, 3), RGB."""
-        GL.glReadPixels(0, 0, *self._pixels.shape[1::-1], GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, array=self._pixels)
-        colour = cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2RGB)  # reading RGB from OpenGL takes twice as long
-        return np.asarray(colour, dtype=np.uint8).reshape(2, self._height, self._width, 3)
+        """Both images (2, height, width, 4), RGBA: reading RGB from OpenGL takes twice as long."""
+        pixels = np.empty((2, self._height, self._width, 4), dtype=np.uint8)
+        GL.glReadPixels(0, 0, self._width, 2 * self._height, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, array=pixels)
+        return pixels
 
     def read_nearness(self) -> NDArray[np.float32]:
         """Inverse depth of both views (2, height, width) along the optical axis [1/m]."""
