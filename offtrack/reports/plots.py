@@ -9,7 +9,7 @@ import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import matplotlib
 import numpy as np
@@ -73,8 +73,8 @@ def drawn(name: str, height: float = FLAT, *, title: str = "") -> Iterator[tuple
         yield drawing, ax
         _plain_logarithms(ax)
         legend_below(canvas, ax)
-        text = io.StringIO()
-        FigureCanvasSVG(canvas).print_svg(text, metadata={"Date": None})  # ``savefig`` draws everything twice
+        text, printer = io.StringIO(), cast("Any", FigureCanvasSVG(canvas))
+        printer.print_svg(text, metadata={"Date": None})  # ``savefig`` draws everything twice
         svg = text.getvalue()
         drawing.content = Figure(svg[svg.index("<svg") :], title)
 
