@@ -12,18 +12,24 @@ import html
 import json
 import math
 import re
+import shutil
 import tomllib
 import traceback
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
+from time import monotonic
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from offtrack.reports.film import write_film
+from offtrack.reports.canvas import Picture as Drawing
+from offtrack.reports.canvas import write_h264
+from offtrack.reports.film import Film, write_film
 from offtrack.reports.page import (
     Cell,
     Column,
@@ -52,6 +58,7 @@ from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.frames import FloatArray
 from vehicle.rover.description import load_rover
 from vehicle.surface import Surface
 
@@ -148,8 +155,81 @@ KINDS: Final[Mapping[str, Kind]] = {  # by a result's ``kind``
 }
 
 
-def write_run(result: Result, directory: Path, *, video: bool = True, progress: Progress = no_progress) -> Path:
-    """Write the run directory and return it; ``progress`` counts the frames of the video.
+_SHORTEST: Final = 1.0  # time between snapshots for a film [s]
+_SHARE: Final = 20.0  # the run goes on for this multiple of what a snapshot costs it
+_UNDER_WAY: Final = 3.0  # newest part of a snapshot, of which not all estimates have arrived yet [s]
+
+
+class FilmAlong:
+    """The video of a run, drawn and encoded by a thread while the run goes on; what is left at its end is drawn then.
+
+    Snapshots between two steps are so seldom that the run loses little time by them.
+    """
+
+    def __init__(self, folder: Path, duration: float) -> None:
+        """Begin a file in ``folder``; the run is expected to take a ``duration`` [s]."""
+        self._duration, self._shown, self._stopped, self._next = duration, 0, False, 0.0
+        self._snapshots = SimpleQueue[tuple[Result, float] | None]()  # with the time that pictures are drawn up to [s]
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="film")
+        self._film = self._thread.submit(write_h264, self._pictures(), _RATE, folder / "video")
+
+    def step(self, result: Callable[[], Result]) -> None:
+        """Take a snapshot if one is due; the run calls this between two steps."""
+        now = monotonic()
+        if now < self._next or not self._snapshots.empty() or self._film.done():
+            return
+        try:
+            snapshot = result()
+        except Exception:  # of a part or a signal that can't be shown: the run itself goes on
+            self._next = math.inf
+            return
+        if len(snapshot.log) > 1:
+            self._snapshots.put((snapshot, float(snapshot.log["time"][-1]) - _UNDER_WAY))
+        self._next = monotonic() + max(_SHORTEST, _SHARE * (monotonic() - now))
+
+    def end(self, result: Result) -> None:
+        """Draw the rest of the run; if it was interrupted, no more."""
+        self._stopped = result.outcome == "interrupted"
+        self._snapshots.put((result, math.inf))
+
+    def path(self, progress: Progress) -> Path | None:
+        """The file, once it is finished; None if there is no picture, or not all could be drawn."""
+        while not wait([self._film], 0.1).done:
+            progress(self._shown, self._shown + 1)
+        return self._film.result() if self._shown and self._film.exception() is None else None
+
+    def close(self) -> None:
+        """Stop drawing."""
+        self._stopped = True
+        self._snapshots.put(None)
+        self._thread.shutdown()
+
+    def _pictures(self) -> Iterator[Drawing]:
+        until = 0.0
+        while until < math.inf and (snapshot := self._snapshots.get()):
+            result, until = snapshot
+            film = Film(KINDS[result.kind].playback(result), duration=self._duration)
+            for moment in film_times(result)[self._shown :]:
+                if moment > until or self._stopped:
+                    break
+                yield film.picture(moment)
+                self._shown += 1
+
+
+def film_times(result: Result) -> FloatArray:
+    """Times of the pictures of a run's video [s]."""
+    return np.arange(0.0, float(result.log["time"][-1]) + 1e-4, KINDS[result.kind].pace / _RATE)
+
+
+def write_run(
+    result: Result,
+    directory: Path,
+    *,
+    video: bool = True,
+    film: FilmAlong | None = None,
+    progress: Progress = no_progress,
+) -> Path:
+    """Write the run directory and return it; ``progress`` counts the frames of the video, unless ``film`` has drawn it.
 
     Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
 
@@ -159,6 +239,8 @@ def write_run(result: Result, directory: Path, *, video: bool = True, progress: 
         KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
     """
     numbers, kind = result.summary(), KINDS[result.kind]
+    if film is not None and len(result.log) > 1:
+        film.end(result)  # the rest is drawn beside the report
     with appearing_at_once(directory) as folder:
         scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
         (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
@@ -175,8 +257,10 @@ def write_run(result: Result, directory: Path, *, video: bool = True, progress: 
         (folder / "report.html").write_text(getattr(run_page, kind.page)(result, numbers), encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
-            times = np.arange(0.0, float(result.log["time"][-1]) + 1e-4, kind.pace / _RATE)
-            write_film(kind.playback(result), folder / "video", times, _RATE, progress=progress)
+            if film is not None and (path := film.path(progress)) is not None:
+                shutil.move(path, folder / path.name)
+            elif result.outcome != "interrupted":
+                write_film(kind.playback(result), folder / "video", film_times(result), _RATE, progress=progress)
     if result.outcome != "interrupted":
         mark_complete(directory)
     if failures:
