@@ -20,7 +20,6 @@ from offtrack.commands.console import (
     remark,
     summary_table,
 )
-from offtrack.exchange.bench.links import opened_bench
 from offtrack.exchange.recordings.writers import recording_in
 from offtrack.reports.film import IN_FILM
 from offtrack.reports.player.encoding import ON_PAGE
@@ -112,7 +111,11 @@ def run(
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
-        bench = cleanup.enter_context(opened_bench(udp, can))
+        bench = None
+        if udp is not None or can is not None:
+            from offtrack.exchange.bench.links import opened_bench
+
+            bench = cleanup.enter_context(opened_bench(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")

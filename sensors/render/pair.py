@@ -288,7 +288,6 @@ class PairRenderer:
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, self._views.nbytes, None, GL.GL_STREAM_DRAW)
         self.place(world.moving)
         self._make_framebuffer()
-        self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
 
     @property
     def name(self) -> str:
@@ -334,10 +333,10 @@ class PairRenderer:
         self._programs["ground"].use({f"into_box[{k}]": box for k, box in enumerate(boxes)})
 
     def read_colour(self) -> NDArray[np.uint8]:
-        """Both images (2, height, width, 3), RGB."""
-        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, self._pixels)
-        colour = cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2RGB)  # reading RGB from OpenGL takes twice as long
-        return np.asarray(colour, dtype=np.uint8).reshape(2, self._height, self._width, 3)
+        """Both images (2, height, width, 4), RGBA: reading RGB from OpenGL takes twice as long."""
+        pixels = np.empty((2, self._height, self._width, 4), dtype=np.uint8)
+        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, pixels)
+        return pixels
 
     def read_nearness(self) -> NDArray[np.float32]:
         """Inverse depth of both views (2, height, width) along the optical axis [1/m]."""
