@@ -29,17 +29,10 @@ from vehicle.frames import FloatArray, inverse, transform
 Uniforms = Mapping[str, float | tuple[float, ...] | FloatArray]
 
 _SHADERS = Path(__file__).parent / "shaders"
-_fast: Any = PLATFORM.GL  # the library itself, for the calls of every frame: PyOpenGL's wrappers take longer than the calls
+_fast: Any = PLATFORM.GL  # the library itself: PyOpenGL's wrappers take longer than the calls of a frame
 FAILURES = (OSError, OpenGlError, RuntimeError)  # of an OpenGL that does not work here
-_TRIANGLES, _INDEX, _CULL, _TEXTURE, _UNIFORMS, _ELEMENTS, _STREAM = map(
-    int,
-    (
-        *(GL.GL_TRIANGLES, GL.GL_UNSIGNED_INT, GL.GL_CULL_FACE, GL.GL_TEXTURE_2D),
-        *(GL.GL_UNIFORM_BUFFER, GL.GL_ELEMENT_ARRAY_BUFFER, GL.GL_STREAM_DRAW),
-    ),
-)
 _Size = ctypes.c_ssize_t
-_VIEW_SIZE, _VIEW_STRIDE = 144, 64  # of the block View of the shaders [bytes], and apart in a buffer [floats]
+_VIEW = 64  # numbers of the block View of the shaders, padded to the alignment of buffers
 _MARGIN = 2  # around each level of a sheet: repeated, so that bilinear samples do not see the neighbour [px]
 _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
 
@@ -176,8 +169,7 @@ class Geometry:
         GL.glBindBuffer(GL.GL_ELEMENT_ARRAY_BUFFER, indices)
         if faces is not None:
             GL.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, np.ascontiguousarray(faces), GL.GL_STATIC_DRAW)
-        for at, name in enumerate(VERTEX.names or ()):
-            layout, offset = VERTEX[name], VERTEX.fields[name][1]
+        for at, (layout, offset, *_) in enumerate((VERTEX.fields or {}).values()):
             number = GL.GL_HALF_FLOAT if layout.base == np.float16 else GL.GL_FLOAT
             GL.glEnableVertexAttribArray(at)
             GL.glVertexAttribPointer(at, *layout.shape, number, False, VERTEX.itemsize, ctypes.c_void_p(offset))
@@ -197,7 +189,7 @@ def _address(array: NDArray[Any]) -> ctypes.c_void_p:
 
 def draw(first: int, count: int) -> None:
     """Draw triangles of the bound geometry, given the first index and the number of indices."""
-    _fast.glDrawElements(_TRIANGLES, count, _INDEX, ctypes.c_void_p(4 * first))
+    _fast.glDrawElements(GL.GL_TRIANGLES, count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(4 * first))
 
 
 def in_blocks(mesh: Mesh) -> _Blocks:
@@ -282,7 +274,7 @@ class PairRenderer:
         self._ground = Geometry.of(plain_vertices(world.ground), self._blocks.faces)
         dome = sky_dome()
         self._sky, self._sky_size = Geometry.of(plain_vertices(dome), dome.faces), dome.faces.size
-        self._views = np.zeros((2, _VIEW_STRIDE), dtype=np.float32)
+        self._views = np.zeros((2, _VIEW), dtype=np.float32)
         self._view_buffer = int(GL.glGenBuffers(1))
         GL.glBindBuffer(GL.GL_UNIFORM_BUFFER, self._view_buffer)
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, self._views.nbytes, None, GL.GL_STREAM_DRAW)
@@ -305,15 +297,16 @@ class PairRenderer:
         for view, X_WC, VP in zip(self._views, (X_WCl, X_WCr), VPs, strict=True):
             view[:16], view[16:32] = VP.ravel(), (self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))).ravel()
             view[32:35], view[35] = X_WC[:3, 3], self._stretch(X_WC)
-        _fast.glBufferSubData(_UNIFORMS, _Size(0), _Size(self._views.nbytes), _address(self._views))
+        _fast.glBufferSubData(GL.GL_UNIFORM_BUFFER, _Size(0), _Size(self._views.nbytes), _address(self._views))
         indices, numbers = self._things.seen(VPs, X_WCl[:3, 3])
         _fast.glBindVertexArray(self._instanced.array)
-        _fast.glBufferData(_ELEMENTS, _Size(indices.nbytes), _address(indices), _STREAM)
+        _fast.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, _Size(indices.nbytes), _address(indices), GL.GL_STREAM_DRAW)
         runs = list(self._blocks.runs(in_views(VPs, self._blocks.spheres)))
-        self._clear()
+        _fast.glClear(GL.GL_DEPTH_BUFFER_BIT)  # the sky covers the rest
         for index in (0, 1):
             _fast.glViewport(0, index * self._height, self._width, self._height)
-            _fast.glBindBufferRange(_UNIFORMS, 0, self._view_buffer, _Size(index * 4 * _VIEW_STRIDE), _Size(_VIEW_SIZE))
+            start, size = _Size(index * self._views[0].nbytes), _Size(self._views[0].nbytes)
+            _fast.glBindBufferRange(GL.GL_UNIFORM_BUFFER, 0, self._view_buffer, start, size)
             self._draw_things(numbers)
             self._draw_ground(runs)
             self._draw_sky()
@@ -353,7 +346,7 @@ class PairRenderer:
         return depth
 
     def _read(self, layout: int, number: int, pixels: NDArray[Any]) -> None:
-        _fast.glReadPixels(0, 0, self._width, 2 * self._height, int(layout), int(number), _address(pixels))
+        _fast.glReadPixels(0, 0, self._width, 2 * self._height, layout, number, _address(pixels))
 
     def _make_framebuffer(self) -> None:
         """Create one framebuffer for both views, the right one above the left one; without costly multisampling."""
@@ -371,21 +364,20 @@ class PairRenderer:
         GL.glDepthFunc(GL.GL_LEQUAL)  # the sky lies on the far plane
         GL.glActiveTexture(GL.GL_TEXTURE0)
 
-    def _clear(self) -> None:
-        _fast.glClear(int(GL.GL_DEPTH_BUFFER_BIT))  # the sky covers the rest
-
     def _draw_things(self, numbers: list[int]) -> None:
         """Draw a number of indices of each kind."""
         _fast.glBindVertexArray(self._instanced.array)
         first = 0
         for kind, number in zip(self._things.kinds, numbers, strict=True):
             if number:
-                (_fast.glEnable if kind.program == "thing" else _fast.glDisable)(_CULL)  # leaves have two sides
+                (_fast.glEnable if kind.program == "thing" else _fast.glDisable)(
+                    GL.GL_CULL_FACE
+                )  # leaves have two sides
                 _fast.glUseProgram(self._programs[kind.program].identity)
-                _fast.glBindTexture(_TEXTURE, self._textures[kind.texture])
+                _fast.glBindTexture(GL.GL_TEXTURE_2D, self._textures[kind.texture])
                 draw(first, number)
             first += number
-        _fast.glEnable(_CULL)
+        _fast.glEnable(GL.GL_CULL_FACE)
 
     def _draw_ground(self, runs: list[tuple[int, int]]) -> None:
         _fast.glUseProgram(self._programs["ground"].identity)
@@ -401,14 +393,19 @@ class PairRenderer:
     def _draw_sky(self) -> None:
         """Draw the sky where nothing else was drawn."""
         _fast.glUseProgram(self._programs["sky"].identity)
-        _fast.glBindTexture(_TEXTURE, self._panorama)
+        _fast.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
         _fast.glBindVertexArray(self._sky.array)
         draw(0, self._sky_size)
 
 
 def _programs(world: World, sheets: Uniforms) -> dict[str, Program]:
-    constants = _constants(world) | sheets
-    files = {"thing": ("thing", "thing"), "leaves": ("thing", "leaves"), "sky": ("sky", "sky"), "ground": ("ground",) * 2}
+    constants = {**_constants(world), **sheets}
+    files = {
+        "thing": ("thing", "thing"),
+        "leaves": ("thing", "leaves"),
+        "sky": ("sky", "sky"),
+        "ground": ("ground",) * 2,
+    }
     programs = {name: Program.load(vertex, fragment, constants) for name, (vertex, fragment) in files.items()}
     programs["crown"] = Program.load("thing", "leaves", constants | {"CROWN": 1})
     programs["ground"].use({name: k for k, name in enumerate(_GROUND_SAMPLERS, start=1)})

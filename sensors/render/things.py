@@ -104,7 +104,9 @@ def _spheres(instances: Instances, part: Part) -> FloatArray:
 
 def in_views(view_projections: Sequence[FloatArray], spheres: FloatArray) -> NDArray[np.bool_]:
     """Mask of the spheres (n, 4) that reach into any view, by its left, right, lower, upper and near planes."""
-    planes = np.array([[VP[3] + VP[0], VP[3] + VP[1], VP[3] + VP[2], VP[3] - VP[0], VP[3] - VP[1]] for VP in view_projections])
+    planes = np.array(
+        [[VP[3] + VP[0], VP[3] + VP[1], VP[3] + VP[2], VP[3] - VP[0], VP[3] - VP[1]] for VP in view_projections]
+    )
     planes = planes / np.linalg.norm(planes[..., :3], axis=-1, keepdims=True)
     beyond = planes[..., :3] @ spheres[:, :3].T + planes[..., 3:] <= -spheres[:, 3]  # (views, 5, n)
     inside: NDArray[np.bool_] = ~beyond.any(axis=1).all(axis=0)
