@@ -1,8 +1,7 @@
 """`offtrack run`: run a scenario."""
 
 import json
-from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,7 +33,6 @@ from scenarios.options.scenario import load_any_scenario
 from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
 from scenarios.results.run_inputs import changed_modules
-from scenarios.results.run_summary import Result
 from vehicle.foundation.quantity import check_number
 
 RUN_EXAMPLES = (
@@ -133,13 +131,8 @@ def run(
         film = None
         if video and not paced and find_spec("av"):  # a paced run has no time for it
             folder = Path(cleanup.enter_context(TemporaryDirectory(prefix="offtrack-")))
-            film = cleanup.enter_context(closing(FilmAlong(folder, runner.KINDS[chosen.vehicle_kind].duration(chosen))))
-
-        def watch_step(so_far: Callable[[], Result]) -> None:
-            for one in (watcher, film):
-                if one is not None:
-                    one.step(so_far)
-
+            film = FilmAlong(folder, runner.KINDS[chosen.vehicle_kind].duration(chosen))
+            cleanup.callback(film.end)
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = runner.run(
                 chosen,
@@ -150,12 +143,13 @@ def run(
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
                 bench=bench,
-                watch=watch_step,
+                watch=[one.step for one in (watcher, film) if one is not None],
             )
             if watcher is not None:
                 watcher.show(result)
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
-            write_run(result, directory, video=video, film=film, progress=checked(progress_bar(display, "video")))
+            drawn = film or (video and result.outcome != "interrupted")
+            write_run(result, directory, video=drawn, progress=checked(progress_bar(display, "video")))
         numbers = result.summary()
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))
