@@ -1,4 +1,4 @@
-"""Rendering of two camera views: colour, depth and inverse depth. Only this package uses pyrender and OpenGL.
+"""Rendering of two camera views: colour, depth and inverse depth. Only this package uses OpenGL.
 
 OpenGL is loaded when the first renderer is opened. It works without a GPU (Mesa's software renderer through EGL).
 Open one renderer at a time per process and close it before the next. Use it only in the thread that opened it. Do not
@@ -80,11 +80,11 @@ class StereoRenderer:
         return self
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
+        """Left and right image, RGBA, of cameras carried by a body at X_WB (4, 4)."""
         return self.render_from(*self.cameras(X_WB))
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right image, RGB, of two such cameras at any poses (4, 4)."""
+        """Left and right image, RGBA, of two such cameras at any poses (4, 4)."""
         pair = self._live()
         pair.draw(X_WCl, X_WCr)
         left, right = pair.read_colour()
@@ -157,8 +157,7 @@ def device_names() -> list[str]:
 @contextmanager
 def _opengl() -> Iterator[Any]:
     """Module of the OpenGL renderer, whose errors become ``RendererUnavailableError``."""
-    os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
-    os.environ["PYGLET_HEADLESS"] = "true"
+    os.environ["PYOPENGL_PLATFORM"] = "egl"  # read when OpenGL is imported
     try:
         from sensors.render import pair
     except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load
