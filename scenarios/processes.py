@@ -3,6 +3,7 @@
 They are never forked: a child of a process with an OpenGL context hangs.
 """
 
+import atexit
 import ctypes
 import gc
 import os
@@ -204,6 +205,7 @@ def save_time() -> None:
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of SciPy, which is imported later
     gc.set_threshold(_ALLOCATIONS)
+    atexit.register(gc.freeze)  # with the process everything goes, and need not be searched
 
 
 def default_jobs() -> int:
