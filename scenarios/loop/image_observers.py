@@ -12,7 +12,7 @@ import numpy as np
 from scenarios.assembly.trailer_sensors import Cameras
 from scenarios.image_file import PictureSize
 from scenarios.loop.channel import Finished, Kept, Stopwatch
-from sensors.messages import RoverView, Stamped, StereoFrame, stereo_frame
+from sensors.messages import GreyImage, RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
@@ -47,8 +47,8 @@ class _Digest:
     def __init__(self, sha256: "hashlib._Hash | None" = None) -> None:
         self._sha256 = sha256 or hashlib.sha256()
 
-    def update(self, content: bytes) -> None:
-        self._sha256.update(content)
+    def update(self, image: GreyImage) -> None:
+        self._sha256.update(np.ascontiguousarray(image).data)
 
     def hexdigest(self) -> str:
         return self._sha256.hexdigest()
@@ -141,8 +141,8 @@ class StereoPictures(Pictures[Truth]):
         frame = stereo_frame(message)
         if frame is None:
             return
-        self._digest.update(frame.left.tobytes())
-        self._digest.update(frame.right.tobytes())
+        self._digest.update(frame.left)
+        self._digest.update(frame.right)
         if channel != self._channel:
             return
         if self._recorder:
@@ -171,7 +171,7 @@ class TracePictures(Pictures[RoverTruth]):
         """Hash, record and keep the view while the estimator works."""
         if not isinstance(message, RoverView):
             return
-        self._digest.update(message.image.tobytes())
+        self._digest.update(message.image)
         if self._recorder:
             self._recorder.add(message, self._truth(message.tick))
         if self._size and self._camera is not None:
