@@ -245,6 +245,9 @@ def slip(
     estimator: Annotated[
         str, typer.Option(help="Slip estimator: ftrace, ftrace_plus or package.module:Name.", show_default=True)
     ] = "ftrace_plus",
+    upside_down: Annotated[
+        bool, typer.Option("--upside-down", help="The camera is mounted upside down: turned by 180 deg about its view.")
+    ] = False,
     out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
     quiet: Quiet = False,
@@ -259,7 +262,7 @@ def slip(
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
         part = resolve("--estimator", estimator, SLIP_ESTIMATOR, in_scenario=False)
-        recording = open_rover_recording(directory, rig)
+        recording = open_rover_recording(directory, rig, upside_down=upside_down)
         context = RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={})
         source = constructed("--estimator", estimator, lambda: part.of(context))
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:

@@ -151,6 +151,7 @@ def _reference(recording: Recording, count: int) -> FloatArray:
     return values
 
 
+_LARGEST_ROTATION: Final = math.radians(1.0)  # of a right camera on a rigid mount, against its calibration
 VISO_OT: Final = "viso_ot"
 DATA_SHEET: Final = str(Scenario.model_fields["vehicle"].default)
 _IMAGES: Final = "stereo_camera"
@@ -325,8 +326,23 @@ def warnings(estimation: Estimation) -> tuple[str, ...]:
         *_lost_warnings(estimation),
         *found,
         *calibration_warnings(motions, "leave out --no-self-calibration"),
+        *_rotation_warnings(estimation),
         *doubts,
     )
+
+
+def _rotation_warnings(estimation: Estimation) -> list[str]:
+    """A warning if the self-calibration ended with a rotation that a rigid mount does not allow."""
+    motion = next((frame.motion for frame in reversed(estimation.frames) if frame.motion is not None), None)
+    if not isinstance(motion, SelfCalibratedMotion) or motion.miscalibrated:
+        return []
+    angle = float(np.linalg.norm(motion.right_rotation))
+    if angle < _LARGEST_ROTATION:
+        return []
+    return [
+        f"the right camera is turned by {math.degrees(angle):.1f} deg against its calibration, more than a rigid mount "
+        f"gives way ({math.degrees(_LARGEST_ROTATION):g} deg): it was corrected, but is the calibration theirs?"
+    ]
 
 
 def _lost_warnings(estimation: Estimation) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
+from offtrack.exchange.recordings.flow_check import flow_warnings
 from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.film import Frames, write_film
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
@@ -117,8 +118,20 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
             "within_2_5_sigma": number(metrics.within_sigmas(error, np.degrees(log["slip_angle_std"]))),
         },
         "timing": {"estimator_ms_per_image": number(1e3 * estimation.seconds / max(1, int(used.sum())))},
+        "warnings": _warnings(estimation),
         "dropped_images": [{"image": k, "reason": reason} for k, reason in estimation.dropped.items()],
     }
+
+
+def _warnings(estimation: SlipEstimation) -> list[str]:
+    """What is doubtful about the recording, a line each; the worst first."""
+    lost = int(np.sum(estimation.log["health"] >= LOST))
+    total = len(estimation.log)
+    found = flow_warnings(estimation.recording)
+    if 2 * lost <= total:
+        return found
+    cause = "see the next line" if found else "is the trace of the wheel in view, and is the rig that of these images?"
+    return [f"{lost} of {total} images gave no slip angle: {cause}", *found]
 
 
 def _log(recording: RoverRecording, estimates: list[SlipAngle | None]) -> Log:
@@ -217,6 +230,8 @@ def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
         text = "Angle from the body's axis to the direction of travel, + left."
         sections = [Section("Playback", content=[Player(encoded(playback))])]
         sections += chart_sections(playback, {"Slip angle": text})
+    if numbers["warnings"]:
+        sections.append(Section("Warnings", content=[Items(numbers["warnings"])]))
     if estimation.dropped:
         dropped = [f"image {k}: {reason}" for k, reason in estimation.dropped.items()]
         sections.append(Section("Images that could not be used", content=[Items(dropped)]))

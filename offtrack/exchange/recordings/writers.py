@@ -124,11 +124,14 @@ class RoverRecording:
     images: tuple[Path, ...]
     readings: FloatArray  # (n, 2 + 2 wheels) as ``columns``
     slip: FloatArray | None  # (m, 2) time [s] and true slip angle [deg], if known
+    upside_down: bool = False  # the camera is turned by half a turn about its optical axis
 
     def view(self, k: int) -> RoverView | str:
         """The k-th view, or the reason why it can not be used."""
         try:
             image = read_grey_upright(self.images[k])
+            if self.upside_down:
+                image = np.ascontiguousarray(image[::-1, ::-1])
         except ValueError as error:
             return str(error)
         size = (self.rig.camera.height, self.rig.camera.width)
@@ -144,8 +147,8 @@ class RoverRecording:
         )
 
 
-def open_rover_recording(directory: Path, rig_file: Path | None = None) -> RoverRecording:
-    """Open the recording in a folder.
+def open_rover_recording(directory: Path, rig_file: Path | None = None, *, upside_down: bool = False) -> RoverRecording:
+    """Open the recording in a folder; images of a camera that is ``upside_down`` are turned.
 
     Raises:
         ValueError: one line naming the file that is missing or does not fit.
@@ -165,7 +168,9 @@ def open_rover_recording(directory: Path, rig_file: Path | None = None) -> Rover
     if not np.all(np.diff(readings[:, 0]) >= 0.999 * TICK):
         raise ValueError(f"{directory / READINGS}: time_s must increase by {TICK:g} s or more from row to row")
     slip = open_table(directory / SLIP).numbers(SLIP_COLUMNS) if os.path.lexists(directory / SLIP) else None
-    return RoverRecording(directory=directory, rig=rig, images=images, readings=readings, slip=slip)
+    return RoverRecording(
+        directory=directory, rig=rig, images=images, readings=readings, slip=slip, upside_down=upside_down
+    )
 
 
 class RecordingFolder:

@@ -1,20 +1,32 @@
 """Faults of recordings are named: what images, names, times and calibrations show before anything is estimated."""
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
 import pytest
 
+from estimators.calibration.corrections import SelfCalibratedMotion
+from estimators.calibration.epipolar import RightRotation
+from estimators.estimates import Motion, lost_motion
+from offtrack.exchange.recordings.estimation import Estimation, _rotation_warnings
 from offtrack.exchange.recordings.file_pairs import file_pairs
+from offtrack.exchange.recordings.flow_check import flow_warnings
 from offtrack.exchange.recordings.frame_times import read_times
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from offtrack.exchange.recordings.stereo_sequence import find_sequence
+from offtrack.exchange.recordings.writers import RoverRecording
 from scenarios.image_file import grey_bits, read_grey
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import GreyImage, StereoFrame
+from sensors.messages import GreyImage, RoverView, StereoFrame
+from sensors.sand.trace_rig import TraceRig, nominal_rig
+from vehicle.rover.description import load_rover
 
 WIDTH, HEIGHT = 640, 240
 HORIZON = 80  # row; the ground is below it, sky above
@@ -61,6 +73,70 @@ def test_images_show_their_fault(
 def test_right_images_of_a_neighbouring_frame_are_noticed(late: int, place: str) -> None:
     found = image_warnings([_frames(lambda left, right: (left, right), late)] * 2, ground_below=True)
     assert [f"of the frame {place} theirs" in line for line in found] == [True], found
+
+
+@pytest.mark.parametrize(("angle", "warned"), [(0.5, False), (1.6, True)])
+def test_a_rotation_that_no_rigid_mount_allows_is_said_though_it_was_corrected(angle: float, warned: bool) -> None:
+    turned = RightRotation(0.0, math.radians(angle), 0.0)
+    motion = SelfCalibratedMotion(
+        **{field.name: getattr(lost_motion(0, 100), field.name) for field in fields(Motion)},
+        right_rotation=turned, right_rotation_std=turned, right_delay=0.0, right_delay_std=1.0, miscalibrated=False,
+    )  # fmt: skip
+    found = _rotation_warnings(cast(Estimation, SimpleNamespace(frames=[SimpleNamespace(motion=motion)])))
+    assert ["1.6 deg" in line for line in found] == [True] * warned
+
+
+SAND = 260  # px of ground a metre
+
+
+class _Drive(NamedTuple):
+    """A rover's recording in memory: a camera that looks straight down, 1 m above textured ground."""
+
+    images: list[GreyImage]
+    rig: TraceRig
+    change: Callable[[GreyImage], GreyImage]
+
+    def view(self, k: int) -> RoverView:
+        return RoverView(tick=100 * k, image=self.change(self.images[k]), heading=0.01 * k,
+                         wheel_speeds=np.full(4, 3.0), steer=np.zeros(4))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def drive() -> _Drive:
+    """In a bend to the left: 3 cm and 0.01 rad from image to image."""
+    rig = nominal_rig(load_rover("el_dorado_ii"))
+    noise = np.random.default_rng(3).integers(0, 256, (500, 500), dtype=np.uint8)
+    ground = cv2.resize(noise, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
+    to_texture = np.array([[SAND, 0.0, 1000.0], [0.0, SAND, 1000.0], [0.0, 0.0, 1.0]])
+    images, pose = [], np.eye(3)
+    for _ in range(8):
+        H = rig.image_of_ground() @ np.linalg.inv(to_texture @ pose)
+        image = cv2.warpPerspective(ground, H, (rig.camera.width, rig.camera.height))
+        images.append(np.asarray(image, dtype=np.uint8))
+        c, s = math.cos(0.01), math.sin(0.01)
+        pose = pose @ np.array([[c, -s, 3.0 * rig.wheel_radius * 0.1], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return _Drive(images, rig, lambda image: image)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda image: image, ""),
+        (lambda image: image[::-1, ::-1], "upside down"),
+        (lambda image: image[::-1], "upside down"),
+        (lambda image: image[:, ::-1], "mirrored"),
+    ],
+)
+def test_ground_that_moves_the_wrong_way_is_noticed(
+    drive: _Drive, change: Callable[[GreyImage], GreyImage], says: str
+) -> None:
+    found = flow_warnings(cast(RoverRecording, drive._replace(change=change)))
+    assert [says in line for line in found] == ([True] if says else [])
+
+
+def test_ground_that_moves_less_far_than_the_wheels_is_noticed(drive: _Drive) -> None:
+    found = flow_warnings(cast(RoverRecording, drive._replace(rig=replace(drive.rig, wheel_radius=0.6))))
+    assert ["times as far" in line for line in found] == [True]
 
 
 def _noise() -> GreyImage:
