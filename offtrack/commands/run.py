@@ -2,7 +2,9 @@
 
 import json
 from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -23,7 +25,7 @@ from offtrack.commands.console import (
 from offtrack.exchange.recordings.writers import recording_in
 from offtrack.reports.film import IN_FILM
 from offtrack.reports.player.encoding import ON_PAGE
-from offtrack.reports.run_files import write_run
+from offtrack.reports.run_files import FilmAlong, write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios.loop import runner
 from scenarios.loop.channel import Pacer
@@ -126,6 +128,11 @@ def run(
         if watch:
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
+        film = None
+        if video and not paced and find_spec("av"):  # a paced run has no time for it
+            folder = Path(cleanup.enter_context(TemporaryDirectory(prefix="offtrack-")))
+            film = FilmAlong(folder, runner.KINDS[chosen.vehicle_kind].duration(chosen))
+            cleanup.callback(film.end)
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = runner.run(
                 chosen,
@@ -136,13 +143,13 @@ def run(
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
                 bench=bench,
-                watch=None if watcher is None else watcher.step,
+                watch=[one.step for one in (watcher, film) if one is not None],
             )
             if watcher is not None:
                 watcher.show(result)
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
-            video = video and result.outcome != "interrupted"
-            write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
+            drawn = film or (video and result.outcome != "interrupted")
+            write_run(result, directory, video=drawn, progress=checked(progress_bar(display, "video")))
         numbers = result.summary()
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))

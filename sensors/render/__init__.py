@@ -1,4 +1,4 @@
-"""Rendering of two camera views: colour, depth and inverse depth. Only this package uses OpenGL.
+"""Rendering of two camera views: colour, depth and inverse depth. Only this package uses pyrender and OpenGL.
 
 OpenGL is loaded when the first renderer is opened. It works without a GPU (Mesa's software renderer through EGL).
 Open one renderer at a time per process and close it before the next. Use it only in the thread that opened it. Do not
@@ -157,7 +157,8 @@ def device_names() -> list[str]:
 @contextmanager
 def _opengl() -> Iterator[Any]:
     """Module of the OpenGL renderer, whose errors become ``RendererUnavailableError``."""
-    os.environ["PYOPENGL_PLATFORM"] = "egl"  # read when OpenGL is imported
+    os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
+    os.environ["PYGLET_HEADLESS"] = "true"
     try:
         from sensors.render import pair
     except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load

@@ -2,21 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from OpenGL import EGL, GL
-from OpenGL.EGL.EXT import device_base, platform_base
 from OpenGL.error import Error as OpenGlError
-
-_DEVICE_FILE, _PLATFORM_DEVICE = 0x3233, 0x313F  # EGL_DRM_DEVICE_FILE_EXT, EGL_PLATFORM_DEVICE_EXT
-_CONFIG = (
-    *(EGL.EGL_SURFACE_TYPE, EGL.EGL_PBUFFER_BIT, EGL.EGL_RENDERABLE_TYPE, EGL.EGL_OPENGL_BIT),
-    *(EGL.EGL_CONFORMANT, EGL.EGL_OPENGL_BIT, EGL.EGL_NONE),
-)
-_CONTEXT = (
-    *(EGL.EGL_CONTEXT_MAJOR_VERSION, 4, EGL.EGL_CONTEXT_MINOR_VERSION, 1),
-    *(EGL.EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL.EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL.EGL_NONE),
-)
+from pyrender.platforms.egl import EGLDevice, EGLPlatform, _eglQueryDeviceStringEXT, query_devices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +15,7 @@ class Device:
     number: int
     name: str  # file of a graphics card, such as "/dev/dri/card0"
     is_software: bool
-    handle: Any  # EGL's own
+    handle: EGLDevice
 
     def __str__(self) -> str:
         return f"{self.number} ({self.name})"
@@ -36,34 +25,23 @@ class Device:
 class Context:
     """An OpenGL context of this process."""
 
-    display: Any
-    handle: Any
+    platform: EGLPlatform  # makes it the context of the calls that follow
     name: str  # of renderer and device
-
-    def make_current(self) -> None:
-        """Make it the context of this thread's calls."""
-        EGL.eglMakeCurrent(self.display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, self.handle)
 
     def close(self) -> None:
         """Destroy the context with all that is in it, but not EGL's display, which belongs to the whole process."""
-        EGL.eglMakeCurrent(self.display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
-        EGL.eglDestroyContext(self.display, self.handle)
+        self.platform.make_current()
+        display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
+        EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
+        EGL.eglDestroyContext(display, context)
 
 
 def devices() -> list[Device]:
     """All devices in EGL's order."""
-    count = EGL.EGLint()
-    device_base.eglQueryDevicesEXT(0, None, count)
-    handles = (device_base.EGLDeviceEXT * count.value)()
-    device_base.eglQueryDevicesEXT(count.value, handles, count)
     found = []
-    for number, handle in enumerate(handles):
-        extensions = device_base.eglQueryDeviceStringEXT(handle, EGL.EGL_EXTENSIONS) or b""
-        is_software = b"software" in extensions
-        has_file = b"EGL_EXT_device_drm" in extensions and not is_software
-        file = device_base.eglQueryDeviceStringEXT(handle, _DEVICE_FILE) if has_file else None
-        name = file.decode() if file else "software" if is_software else "no name"
-        found.append(Device(number, name, is_software, handle))
+    for number, handle in enumerate(query_devices()):
+        is_software = b"software" in (_eglQueryDeviceStringEXT(handle._display, EGL.EGL_EXTENSIONS) or b"")
+        found.append(Device(number, handle.name or ("software" if is_software else "no name"), is_software, handle))
     return found
 
 
@@ -95,16 +73,15 @@ def open_context(wanted: str) -> Context:
             return _opened_on(device)
         except OpenGlError as error:
             failure = f"{getattr(error.baseOperation, '__name__', 'EGL')} answers {error.err}"
+        except AssertionError:  # pyrender asserts that EGL's calls succeed
+            failure = "EGL refuses a call"
     raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}")
 
 
 def _opened_on(device: Device) -> Context:
-    display = platform_base.eglGetPlatformDisplayEXT(_PLATFORM_DEVICE, device.handle, None)
-    EGL.eglInitialize(display, None, None)
-    configs, count = (EGL.EGLConfig * 1)(), EGL.EGLint()
-    EGL.eglChooseConfig(display, _CONFIG, configs, 1, count)
-    EGL.eglBindAPI(EGL.EGL_OPENGL_API)
-    handle = EGL.eglCreateContext(display, configs[0], EGL.EGL_NO_CONTEXT, _CONTEXT)
-    Context(display, handle, "").make_current()
+    platform = EGLPlatform(
+        1, 1, device=device.handle
+    )  # rendering is into a framebuffer object: the size is without effect
+    platform.init_context()
     name, version = (GL.glGetString(key).decode() for key in (GL.GL_RENDERER, GL.GL_VERSION))
-    return Context(display, handle, f"{name}, OpenGL {version}, EGL device {device}")
+    return Context(platform, f"{name}, OpenGL {version}, EGL device {device}")

@@ -1,4 +1,7 @@
-"""Two views of a world in one framebuffer of an OpenGL context without a window. Importing this module loads EGL."""
+"""Two views of a world in one framebuffer of pyrender's OpenGL context without a window.
+
+Importing this module imports pyrender and loads EGL.
+"""
 
 import ctypes
 from collections.abc import Iterator, Mapping
@@ -11,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import Error as OpenGlError
-from OpenGL.GL import shaders
 from OpenGL.platform import PLATFORM
+from pyrender.shader_program import ShaderProgram
 
 from sensors.camera.rig import StereoCalibration
 from sensors.render import egl
@@ -98,12 +101,10 @@ class Program:
     @classmethod
     def load(cls, vertex: str, fragment: str, constants: Uniforms) -> "Program":
         """Program of two files in ``shaders``, in which the constants are defined."""
-        defined = "".join(f"#define {name} {_literal(value)}\n" for name, value in constants.items())
-        compiled = []
-        for file, kind in ((f"{vertex}.vert", GL.GL_VERTEX_SHADER), (f"{fragment}.frag", GL.GL_FRAGMENT_SHADER)):
-            version, rest = (_SHADERS / file).read_text().split("\n", 1)
-            compiled.append(shaders.compileShader(f"{version}\n{defined}{rest}", kind))
-        return cls(int(shaders.compileProgram(*compiled, validate=False)))
+        defines = {name: _literal(value) for name, value in constants.items()}
+        program = ShaderProgram(str(_SHADERS / f"{vertex}.vert"), str(_SHADERS / f"{fragment}.frag"), defines=defines)
+        program._add_to_context()
+        return cls(int(program._program_id))
 
     def use(self, uniforms: Uniforms) -> None:
         """Make this the current program and set uniforms: numbers, vectors, matrices, or ints for texture units."""
@@ -292,7 +293,7 @@ class PairRenderer:
 
     def draw(self, X_WCl: FloatArray, X_WCr: FloatArray) -> None:
         """Draw the views of the left and the right camera at poses X_WC (4, 4)."""
-        self._context.make_current()
+        self._context.platform.make_current()
         VPs = [self._projection @ inverse(X_WC) for X_WC in (X_WCl, X_WCr)]
         for view, X_WC, VP in zip(self._views, (X_WCl, X_WCr), VPs, strict=True):
             view[:16], view[16:32] = VP.ravel(), (self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))).ravel()
@@ -317,7 +318,7 @@ class PairRenderer:
         """Move the moving things and their shadows."""
         if not moved:
             return
-        self._context.make_current()
+        self._context.platform.make_current()
         vertices = self._things.place(moved)
         before = self._things.vertices.nbytes - vertices.nbytes
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._instanced.vertices)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.util
+import time
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,8 @@ from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
 from offtrack.reports.film import Film, camera_picture, write_film
 from offtrack.reports.player.playback import Picture as Shot
 from offtrack.reports.player.playback import trailer_playback
+from offtrack.reports.run_files import FilmAlong
+from scenarios.progress import no_progress
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import RunResult
 
@@ -30,6 +33,18 @@ def still(run: RunResult, now: float) -> Picture:
 
 def colour_count(picture: Picture, colour: tuple[int, int, int]) -> int:
     return int(np.sum(np.all(picture == colour, axis=-1)))
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
+def test_a_video_is_drawn_along_with_its_run(camera_run: RunResult, tmp_path: Path) -> None:
+    """The last 3 s of a snapshot wait for the next one; of an interrupted run they are not drawn."""
+    for outcome, pictures in (("completed", 61), ("interrupted", 20)):
+        film = FilmAlong(tmp_path, duration=10.0)
+        film.step(lambda: first_seconds(camera_run, 5.0))
+        while film.drawn < 20:
+            time.sleep(0.01)
+        film.end(dataclasses.replace(first_seconds(camera_run, 6.01), outcome=outcome))
+        assert (film.path(no_progress, 61), film.drawn) == (tmp_path / "video.mp4", pictures)
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
