@@ -105,13 +105,13 @@ def check_angles(law: object, name: str, tick: int, angles: object, n_steered: i
     Raises:
         LawError: if they are not ``n_steered`` finite numbers.
     """
-    if not isinstance(angles, np.ndarray) or not np.issubdtype(angles.dtype, np.number):
+    if not isinstance(angles, np.ndarray) or angles.dtype.kind not in "fiu":
         raise misbehaviour(name, tick, f"returned the angles {angles!r}, not an array of numbers", law)
     if angles.shape != (n_steered,):
         count = f"{angles.size} angles" if angles.ndim == 1 else f"angles of shape {angles.shape}"
         axles = "1 steered axle" if n_steered == 1 else f"{n_steered} steered axles"
         raise misbehaviour(name, tick, f"returned {count}, the trailer has {axles}", law)
-    if not np.isfinite(angles).all():
+    if not all(map(math.isfinite, angles.tolist())):
         raise misbehaviour(name, tick, f"returned the angles {angles.tolist()} rad", law)
 
 

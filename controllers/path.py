@@ -99,9 +99,9 @@ class Path:
 
     def headings(self, stations: Sequence[float]) -> list[float]:
         """Headings at arc lengths [m], counting full turns [rad]."""
-        headings, begins, last = [], self.stations, len(self.segments) - 1
+        headings, begins, last = [], self.stations, len(self.segments)
         for s in stations:
-            i = min(max(bisect.bisect_right(begins, s) - 1, 0), last)
+            i = bisect.bisect_right(begins, s, 1, last) - 1
             (length, start, end), u = self.segments[i], min(max(s, 0.0), begins[-1]) - begins[i]
             headings.append(self.knots[i].psi + u * (start + 0.5 * ((end - start) / length) * u))
         return headings

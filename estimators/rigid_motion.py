@@ -37,15 +37,22 @@ def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion
 
 def along_axes(R_AB: FloatArray, covariance: FloatArray) -> FloatArray:
     """Covariance (6, 6) along the axes of A, from that along the axes of B."""
-    R = np.kron(np.eye(2), R_AB)
+    R = _for_both(R_AB)
     return R @ covariance @ R.T
+
+
+def _for_both(R: FloatArray) -> FloatArray:
+    """R (3, 3) for rotation vector and translation, (6, 6)."""
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = R
+    return both
 
 
 def inverted(motion: UncertainMotion) -> UncertainMotion:
     """X_BA, with the covariance of its error along the axes of B."""
     R_BA, p_AB = motion.X[:3, :3].T, motion.X[:3, 3]
     # R_BA exp(-d_theta) and p_BA = -R_BA exp(-d_theta) (p_AB + d_p), so d p_BA = -R_BA (d_p + p_AB x d_theta)
-    J = -np.kron(np.eye(2), R_BA)
+    J = -_for_both(R_BA)
     J[3:, :3] = -R_BA @ skew(p_AB)
     return UncertainMotion(inverse(motion.X), J @ motion.covariance @ J.T)
 
@@ -55,7 +62,7 @@ def change_frame(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
     X = X_SC @ motion.X @ inverse(X_SC)
     R_SC, p_SC = X_SC[:3, :3], X_SC[:3, 3]
     # p = p_SC + R_SC p_C - R p_SC, so d p = R_SC d p_C - d_theta x (R p_SC), and d_theta = R_SC d_theta_C
-    J = np.kron(np.eye(2), R_SC)
+    J = _for_both(R_SC)
     J[3:, :3] = skew(X[:3, :3] @ p_SC) @ R_SC
     return UncertainMotion(X, J @ motion.covariance @ J.T)
 

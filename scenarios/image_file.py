@@ -155,7 +155,11 @@ class PictureSize(NamedTuple):
         """The RGB picture (h, w, 3) as JPEG."""
         height, width = colour.shape[:2]
         if width > self.width:
+            times, rest = width // self.width, height % (width // self.width)
+            if width % self.width == 0 and 2 * rest <= times <= height:  # whole pixels are ten times as fast
+                height -= rest
             size = (self.width, max(1, round(height * self.width / width)))
+            colour = colour[:height]
             colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         colour = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), dtype=np.uint8)
         return cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1].tobytes()

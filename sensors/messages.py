@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vehicle.frames import FloatArray
 
 GreyImage = NDArray[np.uint8]  # (height, width), [v, u]
-ColourImage = NDArray[np.uint8]  # (height, width, 3), RGB
+ColourImage = NDArray[np.uint8]  # (height, width, 3), RGB; a renderer's may be RGBA
 NearnessImage = NDArray[np.float32]  # (height, width) inverse depth along the optical axis [1/m]
 
 

@@ -69,4 +69,4 @@ class Pipe(Generic[Message]):
     def deliver(self, tick: int) -> "tuple[Pipe[Message], tuple[Message, ...]]":
         """A pipe without the messages due by ``tick``, and those messages."""
         due = tuple(message for when, message in self.in_flight if when <= tick)
-        return Pipe(tuple(item for item in self.in_flight if item[0] > tick)), due
+        return Pipe(tuple(item for item in self.in_flight if item[0] > tick)) if due else self, due

@@ -248,8 +248,7 @@ class ActuatorMonitor:
         samples = elapsed / self._memory
         ratios = _SHIFT * (np.array((z, -z)) - 0.5 * _SHIFT) * samples
         scores = np.maximum(0.0, memory.scores + ratios)
-        quiet = np.full(len(z), float(tick))
-        return scores, quiet if not scores.any() else np.where(scores.any(axis=0), memory.quiet_at, quiet)
+        return scores, np.where(scores[0] + scores[1] > 0.0, memory.quiet_at, float(tick))
 
     def _has_alarm(self, memory: ActuatorMemory) -> bool:
         return bool(memory.scores.max() > self._limit) or memory.at_fault
@@ -477,7 +476,7 @@ class ActuatorSupervision:
             grip = self._grip.measured(memory.grip, signals, elapsed)
             target, at_grip = self._allocated(monitor, grip, wanted, signals.angles)
             demand = reachable(self._trailer, np.array(memory.sent), target, elapsed)
-        differs = not np.array_equal(demand, wanted)
+        differs = demand is not wanted and not np.array_equal(demand, wanted)
         monitor = self._monitor.sent(monitor, self._trailer.actuator_angles(demand))
         return SupervisionMemory(monitor, tuple(demand.tolist()), differs, grip, at_grip), demand
 

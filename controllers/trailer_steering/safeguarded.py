@@ -250,7 +250,7 @@ class EstimateGuard:
             fallback, wanted = self._fallback.steered(fallback, tick, signals, last)
         if tick == memory.changed_at:
             difference = last - wanted
-        elif difference.any():
+        elif any(memory.difference):
             growth = 1.0 + (tick - memory.changed_at) * TICK / _GROWTH_TIME
             reduction = self._degradation.fade_rate * growth * elapsed
             difference -= np.clip(difference, -reduction, reduction)

@@ -20,9 +20,9 @@ from estimators.odometry.covariance import (
     stacked,
     summed,
 )
-from estimators.odometry.kernels import kernel
 from estimators.stereo_pair import NEAREST, linearised, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray, orthonormalised, skew, so3_exp, transform
 
 _ITERATIONS = 40  # at most, in each round; usually four are enough, but many features near the cut make it slow
@@ -125,7 +125,7 @@ def _compute(
 
     J and its weighted form stay unless ``whole``. Compiled C (``pose.c``) if there is a compiler.
     """
-    n, compiled = observed.shape[1], kernel("pose.c", "linearise", (f"NEAREST={NEAREST}",))
+    n, compiled = observed.shape[1], kernel("estimators.odometry", "pose.c", "linearise", (f"NEAREST={NEAREST}",))
     if compiled is not None:
         camera = (calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline)
         compiled(n, int(whole), np.concatenate([R.ravel(), p, camera]), observed, found.columns)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.image_points import Points
-from estimators.odometry.kernels import kernel
 from sensors.messages import GreyImage
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray
 
 _HALF = 7  # patches of 15 x 15 px
@@ -71,7 +71,7 @@ def match_patches(
         target: image in which the patches are located.
         guess: (n, 2) [px].
     """
-    n, compiled = len(guess), kernel("patches.c", "match", _NUMBERS)
+    n, compiled = len(guess), kernel("estimators.odometry", "patches.c", "match", _NUMBERS)
     if n == 0:
         return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
     if compiled is None:

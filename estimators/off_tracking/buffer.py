@@ -159,8 +159,7 @@ class OffTrackingBuffer:
 
     def _hitch_path(self, samples: tuple[Sample, ...]) -> "_HitchPath":
         """Hitch path as far back as the follow point and the tangent there need it."""
-        R_OS = pose_chain.levelled(samples)
-        all_positions = pose_chain.positions_along(samples, R_OS)
+        R_OS, all_positions = pose_chain.levelled(samples)
         indices = np.flatnonzero([sample.on_path for sample in samples])
         positions = all_positions[indices]
         s = arc_length(positions[:, :2])
@@ -206,7 +205,8 @@ def _estimate(samples: tuple[Sample, ...], hitch_path: _HitchPath, motion: BodyM
             doubtful = any(samples[link.end].doubtful for link in links)
             health = Health.DEGRADED if doubtful else Health.OK
     v_x, v_y, yaw_rate = velocity(motion)
-    at_hitch = _hitch_tangent(path, hitch_path.s, [samples[index].joined for index in hitch_path.indices], v_x, v_y)
+    joined = [samples[index].joined for index in hitch_path.indices.tolist()]
+    at_hitch = _hitch_tangent(path, hitch_path.s, joined, v_x, v_y)
     return OffTracking(
         tick=motion.tick,
         value=value,

@@ -28,7 +28,7 @@ from estimators.off_tracking.ground_view import (
     viewed,
 )
 from estimators.off_tracking.hitch_path import crossing, tangent
-from estimators.off_tracking.pose_chain import Sample, closed, levelled, positions_along
+from estimators.off_tracking.pose_chain import Sample, closed, levelled
 from estimators.rigid_motion import UncertainMotion, change_frame, planar_covariance, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -209,7 +209,7 @@ def _remeasured(
     samples: tuple[Sample, ...], X_CK: UncertainMotion, follow_distance: float, off_tracking: OffTracking, unrest: float
 ) -> OffTracking:
     """Off-tracking on the corrected path, with the uncertainty of the closure and of the cameras' attitude."""
-    path = positions_along(samples, levelled(samples))[:, :2]
+    path = levelled(samples)[1][:, :2]
     s = arc_length(path)
     passed = crossing(path, s, -follow_distance)
     if passed is None or off_tracking.health is Health.LOST:

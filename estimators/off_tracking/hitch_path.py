@@ -59,6 +59,12 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
 
 def _interpolated(nodes: list[float], values: list[float], u: float) -> float:
     """Value at u of the polynomial through values at two to four nodes, by Neville's scheme on floats."""
+    if len(nodes) == 4:  # the usual case; written out, it takes a third of the time
+        (a, b, c, d), (p, q, r, s) = nodes, values
+        u_a, u_b, u_c, u_d = u - a, u - b, u - c, u - d
+        p, q, r = (u_b * p - u_a * q) / (a - b), (u_c * q - u_b * r) / (b - c), (u_d * r - u_c * s) / (c - d)
+        p, q = (u_c * p - u_a * q) / (a - c), (u_d * q - u_b * r) / (b - d)
+        return (u_d * p - u_a * q) / (a - d)
     for order in range(1, len(nodes)):
         pairs = zip(nodes, nodes[order:], values, values[1:], strict=False)
         values = [((u - b) * of_a - (u - a) * of_b) / (a - b) for a, b, of_a, of_b in pairs]

@@ -54,8 +54,8 @@ def first_sample(tick: int) -> Sample:
 
 def up_to(samples: tuple[Sample, ...], tick: int) -> tuple[Sample, ...]:
     """Samples up to ``tick``; a new path if there is none of that tick."""
-    kept = tuple(sample for sample in samples if sample.tick <= tick)
-    return kept if kept and kept[0].tick == tick else (first_sample(tick),)
+    place = next((k for k, sample in enumerate(samples) if sample.tick <= tick), None)
+    return (first_sample(tick),) if place is None or samples[place].tick < tick else samples[place:]
 
 
 def extended(
@@ -73,12 +73,11 @@ def extended(
     travel does not fill the chain, and the newest sample is always the current pose. Samples ahead of a hitch in
     reverse are dropped as well. The anchor, or the sample of the tick ``kept``, stays.
     """
-    X_OA = {sample.tick: sample.X_OS for sample in samples}
-    measured, origin = increment.covariance, samples[0].tick
-    if anchor is not None and anchor.tick in X_OA:
-        measured, origin = anchor.covariance, anchor.tick
-    measured = along_axes(X_OA[origin][:3, :3], measured)
-    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, measured, doubtful)
+    measured, origin = increment.covariance, samples[0]
+    if anchor is not None and (found := [sample for sample in samples if sample.tick == anchor.tick]):
+        measured, origin = anchor.covariance, found[0]
+    measured = along_axes(origin.X_OS[:3, :3], measured)
+    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin.tick, measured, doubtful)
     if keep_start:
         return (end, *samples)
     keyframe = kept if anchor is None else anchor.tick
@@ -136,24 +135,21 @@ def _thinned(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample,
     return samples
 
 
-def positions_along(samples: Sequence[Sample], R_OS: FloatArray) -> FloatArray:
-    """Hitch positions (n, 3) from the newest, along these axes of S, newest first; de Saxe 2018, eqs 3 to 5."""
-    p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
-    return np.asarray((p_OS - p_OS[0]) @ R_OS, dtype=np.float64)
+def levelled(samples: Sequence[Sample]) -> tuple[FloatArray, FloatArray]:
+    """R_OS (3, 3) of the newest sample without its own roll and pitch, and positions (n, 3) of the hitch along it.
 
-
-def levelled(samples: Sequence[Sample]) -> FloatArray:
-    """R_OS (3, 3) of the newest sample without its own roll and pitch.
+    Positions are those from the newest, newest first; de Saxe 2018, eqs 3 to 5.
 
     Off-tracking is measured in plan, so z should be vertical. Motions do not show where that is; z is the mean of the
     body's z axes over the path, in which its roll and pitch cancel, and those of the road in part. `level_std` is the
     error that this leaves. The x axis keeps its heading.
     """
-    axes = np.array([sample.X_OS[:3, :3] for sample in samples])
-    z = axes[:, :, 2].sum(axis=0)
-    y = cross(z, axes[0, :, 0])
+    poses = np.array([sample.X_OS for sample in samples])
+    z = poses[:, :3, 2].sum(axis=0)
+    y = cross(z, poses[0, :3, 0])
     y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
-    return np.column_stack([cross(y, z), y, z])
+    R_OS = np.column_stack([cross(y, z), y, z])
+    return R_OS, (poses[:, :3, 3] - poses[0, :3, 3]) @ R_OS
 
 
 def links_between(samples: tuple[Sample, ...], older: int) -> tuple[Link, ...]:
@@ -167,9 +163,10 @@ def links_between(samples: tuple[Sample, ...], older: int) -> tuple[Link, ...]:
 
 def _anchor_chain(samples: tuple[Sample, ...], index: dict[int, int], start: int) -> list[int]:
     """Indices of the sample, its anchor, the anchor's anchor and so on."""
-    line = [start]
-    while (anchor := samples[line[-1]].anchor) in index and index[anchor] != line[-1]:
-        line.append(index[anchor])
+    line, place = [start], index.get(samples[start].anchor, start)
+    while place != line[-1]:
+        line.append(place)
+        place = index.get(samples[place].anchor, place)
     return line
 
 
@@ -197,7 +194,7 @@ def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[S
     Older samples move with it rigidly; those between are corrected by their share of the distance.
     """
     X_OC = samples[0].X_OS
-    distance = arc_length(positions_along(samples, levelled(samples))[:, :2])
+    distance = arc_length(levelled(samples)[1][:, :2])
     share = np.minimum(distance / distance[index], 1.0)
     correction = X_CK @ inverse(inverse(X_OC) @ samples[index].X_OS)
     return tuple(
@@ -222,12 +219,14 @@ def lateral_std(
     in the axes of the body: the odometry's slowly varying bias. ``positions`` (n, 3) are those along the axes R_OS.
     """
     ends = [link.end for link in links]
+    covariances = np.array([samples[end].covariance for end in ends])
+    if not covariances.any():  # exact motions
+        return 0.0
     R_CO = R_OS.T
     n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
     point = np.array([positions[passed.beyond, 0], passed.y, positions[passed.beyond, 2]])
     r = point - positions[ends]
     gradient = np.concatenate([np.cross(r, n), np.broadcast_to(n, r.shape)], axis=1).reshape(-1, 2, 3) @ R_CO
-    covariances = np.array([samples[end].covariance for end in ends])
     independent = np.einsum("ij,ijk,ik->", gradient.reshape(-1, 6), covariances, gradient.reshape(-1, 6))
     R_OS = np.array([samples[end].X_OS[:3, :3] for end in ends])
     blocks = covariances.reshape(-1, 2, 3, 2, 3)

@@ -1,6 +1,5 @@
 """The `offtrack` command with its subcommands, whose modules are imported when they are called."""
 
-import gc
 import importlib
 import importlib.metadata
 import sys
@@ -10,6 +9,7 @@ from typing import Annotated, Any, Final, NamedTuple
 import typer
 
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, lines
+from scenarios.processes import save_time
 from scenarios.progress import TERMINATED, interrupt_on_termination, terminated
 
 
@@ -61,11 +61,7 @@ class _Commands(Mapping[str, Any]):
 
     @staticmethod
     def _load(name: str, entry: Entry) -> Any:
-        gc.disable()  # definitions are no garbage, and to search them takes a tenth of an import's time
-        try:
-            module = importlib.import_module(f"offtrack.commands.{entry.module}")
-        finally:
-            gc.enable()
+        module = importlib.import_module(f"offtrack.commands.{entry.module}")
         if entry.function == "app":
             return typer.main.get_command(module.app)
         command = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -133,6 +129,7 @@ def _offtrack(
 
 def main() -> None:
     """Entry point of the command."""
+    save_time()
     interrupt_on_termination()
     try:
         app()

@@ -2,7 +2,9 @@
 
 import json
 from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -20,11 +22,10 @@ from offtrack.commands.console import (
     remark,
     summary_table,
 )
-from offtrack.exchange.bench.links import opened_bench
 from offtrack.exchange.recordings.writers import recording_in
 from offtrack.reports.film import IN_FILM
 from offtrack.reports.player.encoding import ON_PAGE
-from offtrack.reports.run_files import write_run
+from offtrack.reports.run_files import FilmAlong, write_run
 from offtrack.reports.watching import Watcher, watched
 from scenarios.loop import runner
 from scenarios.loop.channel import Pacer
@@ -112,7 +113,11 @@ def run(
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
-        bench = cleanup.enter_context(opened_bench(udp, can))
+        bench = None
+        if udp is not None or can is not None:
+            from offtrack.exchange.bench.links import opened_bench
+
+            bench = cleanup.enter_context(opened_bench(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
@@ -123,6 +128,11 @@ def run(
         if watch:
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
+        film = None
+        if video and not paced and find_spec("av"):  # a paced run has no time for it
+            folder = Path(cleanup.enter_context(TemporaryDirectory(prefix="offtrack-")))
+            film = FilmAlong(folder, runner.KINDS[chosen.vehicle_kind].duration(chosen))
+            cleanup.callback(film.end)
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = runner.run(
                 chosen,
@@ -133,13 +143,13 @@ def run(
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
                 bench=bench,
-                watch=None if watcher is None else watcher.step,
+                watch=[one.step for one in (watcher, film) if one is not None],
             )
             if watcher is not None:
                 watcher.show(result)
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
-            video = video and result.outcome != "interrupted"
-            write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
+            drawn = film or (video and result.outcome != "interrupted")
+            write_run(result, directory, video=drawn, progress=checked(progress_bar(display, "video")))
         numbers = result.summary()
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))

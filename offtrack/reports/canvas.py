@@ -35,17 +35,20 @@ def blank(width: int, height: int) -> Picture:
     return np.full((height, width, 3), PAPER[0], np.uint8)  # one value for all: several times faster than a colour
 
 
+_typeface = lru_cache(ImageFont.load_default)  # Pillow's own, by the size in pixels
+
+
 @lru_cache(maxsize=512)
 def _lettering(text: str, size: int) -> NDArray[np.float32]:
-    """Coverage of every pixel by the text, shape (height, width, 1), 0 … 1.
+    """Coverage of every pixel by the text, shape (height, width), 0 … 1.
 
-    Pillow's own typeface, which every machine has; of dashes and minus signs it has only the hyphen.
+    Every machine has the typeface; of dashes and minus signs it has only the hyphen.
     """
-    font = ImageFont.load_default(size)
+    font = _typeface(size)
     left, _, right, _ = font.getbbox(text)
     mask = Image.new("L", (math.ceil(right - left) + 2, round(1.35 * size)))
     ImageDraw.Draw(mask).text((1 - left, 0.05 * size), text, fill=255, font=font)
-    return np.asarray(mask, dtype=np.float32)[..., None] / 255.0
+    return np.asarray(mask, dtype=np.float32) / 255.0
 
 
 def write(
@@ -57,9 +60,9 @@ def write(
     u, v = round(at[0] - anchor * width), at[1]
     u, v = max(0, min(u, picture.shape[1] - width)), max(0, min(v, picture.shape[0] - height))
     patch = picture[v : v + height, u : u + width]
-    patch[:] = np.rint(
-        patch + cover[: patch.shape[0], : patch.shape[1]] * (np.array(colour) - patch.astype(np.float32))
-    )
+    cover, ink = cover[: patch.shape[0], : patch.shape[1]], np.empty_like(patch)
+    ink[:] = colour
+    patch[:] = cv2.blendLinear(ink, patch, cover, 1.0 - cover)
 
 
 def curve(picture: Picture, points: FloatArray, colour: Colour, thickness: int = 1, *, closed: bool = False) -> None:
@@ -167,6 +170,11 @@ class StripChart:
         chart._axes(step)
         return chart
 
+    def up_to(self, largest: float) -> "StripChart":
+        """The chart for values up to ``largest``: this one, if they fit in."""
+        height, width = self.background.shape[:2]
+        return self if largest <= self.limit else self.with_axes((width, height), self.duration, largest)
+
     def _axes(self, step: float) -> None:
         count = round(self.limit / step)
         digits = max(0, -math.floor(math.log10(step) + 1e-9))
@@ -214,7 +222,7 @@ def write_video(
             progress(done, len(shown))
 
     if importlib.util.find_spec("av"):
-        return _write_h264(pictures(1), rate, path_without_suffix)
+        return write_h264(pictures(1), rate, path_without_suffix)
     stride = max(2, math.ceil(len(times) / _GIF_FRAMES))
     return _write_gif([_small(one) for one in pictures(stride)], round(1e3 * stride / rate), path_without_suffix)
 
@@ -223,7 +231,8 @@ def write_video(
 _QUALITY = {"crf": "26", "preset": "superfast", "x264-params": "mbtree=1:rc-lookahead=10"}
 
 
-def _write_h264(pictures: Iterable[Picture], rate: int, path_without_suffix: Path) -> Path:
+def write_h264(pictures: Iterable[Picture], rate: int, path_without_suffix: Path) -> Path:
+    """Writes an H.264 video of pictures of one size, ``rate`` a second, and returns its path; needs PyAV."""
     import av  # an optional dependency
 
     path = path_without_suffix.with_name(path_without_suffix.name + ".mp4")

@@ -1,7 +1,6 @@
 """The film of a playback: the camera's image above the plan, readings and the first chart."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import cv2
@@ -13,7 +12,6 @@ from offtrack.reports.canvas import INK, PAPER, SOFT, WIDTH, Colour
 from offtrack.reports.page import Photo, Stroke
 from offtrack.reports.player.playback import PALETTE, SERIES, Curve, Picture, Playback
 from scenarios.image_file import PictureSize
-from scenarios.progress import Progress, no_progress
 from scenarios.results.swept_path import placed
 from vehicle.frames import FloatArray, arc_length
 
@@ -120,8 +118,9 @@ class _Plan:
         self._playback, self._run, self._size = playback, playback.runs[0], size
         self._poses = [body.poses(self._run.log) for body in self._run.bodies]
         self._trails = [(trail, self._run.trail_points(trail)) for trail in self._run.trails]
+        known = [*(playback.road or ()), *(line.points for line in self._run.lines)]  # the same all the time
         ends = [placed(body.outline, poses) for body, poses in zip(self._run.bodies, self._poses, strict=True)]
-        points = np.concatenate([*(end.reshape(-1, 2) for end in ends), *(line.points for line in self._run.lines)])
+        points = np.concatenate(known or [end.reshape(-1, 2) for end in ends])
         low, high = points.min(axis=0), points.max(axis=0)
         length = sum(float(np.ptp(body.outline[:, 0])) for body in self._run.bodies)
         whole = float(np.min((np.array(size) - [20, _KEY + 20]) / np.maximum(high - low, 0.1 * length)))
@@ -191,10 +190,10 @@ class _Plan:
 
 
 class Film:
-    """Pictures of a playback's first run."""
+    """Pictures of a playback's first run; none shows more of it than was known by its time."""
 
-    def __init__(self, playback: Playback, frames: Frames | None = None) -> None:
-        """With the pictures of the run, or other ``frames``."""
+    def __init__(self, playback: Playback, frames: Frames | None = None, *, duration: float = 0.0) -> None:
+        """With the pictures of the run, or other ``frames``; the run is expected to take a ``duration`` [s]."""
         run = self._run = playback.runs[0]
         self._playback, self._time = playback, run.log["time"]
         self._frames = frames or Frames(np.array([one.time for one in run.pictures]), run.pictures.__getitem__)
@@ -206,9 +205,9 @@ class Film:
         chart = playback.charts[0]
         curves = [curve for curve in chart.curves if curve.style in ("line", "dots") and curve.signal in run.log]
         self._curves = [self._curve(curve) for curve in sorted(curves, key=lambda curve: curve.style)]
-        largest = max((float(np.max(np.abs(values), initial=0.0)) for _, values, *_ in self._curves), default=0.0)
-        size = (width, height - _READINGS)
-        self._chart = canvas.StripChart.with_axes(size, float(self._time[-1]), largest)
+        self._chart = canvas.StripChart.with_axes(
+            (width, height - _READINGS), max(duration, float(self._time[-1])), 0.0
+        )
 
     def _curve(self, curve: Curve) -> canvas.Curve:
         dots = curve.style == "dots"
@@ -232,9 +231,11 @@ class Film:
 
     def _panel(self, row: int) -> canvas.Picture:
         """Title, time and readings above the chart."""
-        background, chart = self._chart.background, self._playback.charts[0]
+        now, chart = float(self._time[row]), self._playback.charts[0]
+        shown = (np.abs(values[time <= now]) for time, values, *_ in self._curves)
+        self._chart = self._chart.up_to(max((float(np.max(values, initial=0.0)) for values in shown), default=0.0))
+        background = self._chart.background
         panel = canvas.blank(background.shape[1], background.shape[0] + _READINGS)
-        now = float(self._time[row])
         canvas.write(panel, self._playback.title[:40], (20, 10), size=19)
         canvas.write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 10), size=19, anchor=1.0)
         readings = self._readings(row)
@@ -253,16 +254,3 @@ class Film:
             value = f"{one.scale * known[-1]:z.{one.digits}f}{unit}" if known.size else "none"
             readings.append((one.label.replace("σ", "std. dev."), value, rgb(PALETTE[one.colour])))
         return readings
-
-
-def write_film(
-    playback: Playback,
-    path_without_suffix: Path,
-    times: FloatArray,
-    rate: int,
-    *,
-    frames: Frames | None = None,
-    progress: Progress = no_progress,
-) -> Path:
-    """Write the film with a picture for each of the run's times [s], ``rate`` a second, and return its path."""
-    return canvas.write_video(Film(playback, frames).picture, times, rate, path_without_suffix, progress)

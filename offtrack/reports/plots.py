@@ -9,14 +9,16 @@ import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure as Canvas
-from matplotlib.patches import Rectangle
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter
 
 from offtrack.reports.page import Figure, Section
@@ -34,6 +36,7 @@ STYLE: Any = {  # matplotlib's types for it change with its version
     "svg.fonttype": "none",
     "font.size": 9.5,
     "axes.edgecolor": "#b8c0c8",
+    "axes.facecolor": "none",
     "axes.labelcolor": INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -65,13 +68,13 @@ def drawn(name: str, height: float = FLAT, *, title: str = "") -> Iterator[tuple
     """Axes on a figure ``height`` inches high; ``name`` keeps the identifiers of several figures on a page apart."""
     drawing = Drawing()
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "text.parse_math": False}):
-        canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
+        canvas = Canvas(figsize=(WIDTH, height), layout="constrained", facecolor="none")
         ax = canvas.subplots()
         yield drawing, ax
         _plain_logarithms(ax)
         legend_below(canvas, ax)
-        text = io.StringIO()
-        canvas.savefig(text, format="svg", transparent=True, metadata={"Date": None})
+        text, printer = io.StringIO(), cast("Any", FigureCanvasSVG(canvas))
+        printer.print_svg(text, metadata={"Date": None})  # ``savefig`` draws everything twice
         svg = text.getvalue()
         drawing.content = Figure(svg[svg.index("<svg") :], title)
 
@@ -185,8 +188,8 @@ def plan_figure(playback: Playback, *, bodies: bool = True) -> Figure:
         if bodies:
             shown = rows_every(poses[0][:, :2], 0.15)
             for corners in swept:
-                area = PolyCollection(list(corners[shown]), facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4)
-                ax.add_collection(area)
+                area = Path.make_compound_path_from_polys(corners[shown])
+                ax.add_artist(PathPatch(area, facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4))
             ax.plot([], [], color=SWEPT, linewidth=7, label="swept by the bodies")
         if playback.friction is not None:
             _slippery(ax, playback.friction)

@@ -12,18 +12,24 @@ import html
 import json
 import math
 import re
+import shutil
 import tomllib
 import traceback
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
+from time import monotonic
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from offtrack.reports.film import write_film
+from offtrack.reports.canvas import Picture as Drawing
+from offtrack.reports.canvas import write_h264, write_video
+from offtrack.reports.film import Film
 from offtrack.reports.page import (
     Cell,
     Column,
@@ -52,6 +58,7 @@ from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle
 from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.frames import FloatArray
 from vehicle.rover.description import load_rover
 from vehicle.surface import Surface
 
@@ -148,7 +155,63 @@ KINDS: Final[Mapping[str, Kind]] = {  # by a result's ``kind``
 }
 
 
-def write_run(result: Result, directory: Path, *, video: bool = True, progress: Progress = no_progress) -> Path:
+_SHARE: Final = 20.0  # the run goes on for this multiple of what a snapshot costs it, and for a second
+_UNDER_WAY: Final = 3.0  # newest part of a snapshot, of which not all estimates have arrived yet [s]
+
+
+class FilmAlong:
+    """The video of a run, drawn by a thread while the run goes on, from snapshots between two steps; needs PyAV."""
+
+    def __init__(self, folder: Path, duration: float) -> None:
+        """Begin a file in ``folder``; the run is expected to take a ``duration`` [s]."""
+        self.drawn = 0  # pictures
+        self._duration, self._stopped, self._next = duration, False, 0.0
+        self._snapshots = SimpleQueue[tuple[Result, float] | None]()  # with the time up to which pictures are drawn [s]
+        thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="film")
+        self._film = thread.submit(write_h264, self._pictures(), _RATE, folder / "video")
+
+    def step(self, result: Callable[[], Result]) -> None:
+        """Take a snapshot if one is due; the run calls this between two steps."""
+        now = monotonic()
+        if now < self._next or not self._snapshots.empty() or self._film.done():
+            return
+        with suppress(Exception):  # of a part or a signal that can't be shown: the run itself goes on
+            snapshot = result()
+            if len(snapshot.log) > 1:
+                self._snapshots.put((snapshot, float(snapshot.log["time"][-1]) - _UNDER_WAY))
+        self._next = monotonic() + 1.0 + _SHARE * (monotonic() - now)
+
+    def end(self, result: Result | None = None) -> None:
+        """Draw the rest of a run, but not of one that was interrupted; without a result stop at once."""
+        self._stopped = result is None or result.outcome == "interrupted"
+        self._snapshots.put(None if result is None else (result, math.inf))
+
+    def path(self, progress: Progress, total: int) -> Path | None:
+        """The file, once its ``total`` pictures are drawn; None if there is none, or not all could be drawn."""
+        while not wait([self._film], 0.1).done:
+            progress(self.drawn, total)
+        return self._film.result() if self.drawn and self._film.exception() is None else None
+
+    def _pictures(self) -> Iterator[Drawing]:
+        until = 0.0
+        while until < math.inf and (snapshot := self._snapshots.get()):
+            result, until = snapshot
+            film = Film(KINDS[result.kind].playback(result), duration=self._duration)
+            for moment in film_times(result)[self.drawn :]:
+                if moment > until or self._stopped:
+                    break
+                yield film.picture(moment)
+                self.drawn += 1
+
+
+def film_times(result: Result) -> FloatArray:
+    """Times of the pictures of a run's video [s]."""
+    return np.arange(0.0, float(result.log["time"][-1]) + 1e-4, KINDS[result.kind].pace / _RATE)
+
+
+def write_run(
+    result: Result, directory: Path, *, video: bool | FilmAlong = True, progress: Progress = no_progress
+) -> Path:
     """Write the run directory and return it; ``progress`` counts the frames of the video.
 
     Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
@@ -159,6 +222,8 @@ def write_run(result: Result, directory: Path, *, video: bool = True, progress: 
         KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
     """
     numbers, kind = result.summary(), KINDS[result.kind]
+    if isinstance(video, FilmAlong):
+        video.end(result if len(result.log) > 1 else None)  # the rest is drawn beside the report
     with appearing_at_once(directory) as folder:
         scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
         (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
@@ -175,8 +240,11 @@ def write_run(result: Result, directory: Path, *, video: bool = True, progress: 
         (folder / "report.html").write_text(getattr(run_page, kind.page)(result, numbers), encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
-            times = np.arange(0.0, float(result.log["time"][-1]) + 1e-4, kind.pace / _RATE)
-            write_film(kind.playback(result), folder / "video", times, _RATE, progress=progress)
+            times = film_times(result)
+            if isinstance(video, FilmAlong) and (path := video.path(progress, len(times))):
+                shutil.move(path, folder / path.name)
+            elif video is True or result.outcome != "interrupted":
+                write_video(Film(kind.playback(result)).picture, times, _RATE, folder / "video", progress)
     if result.outcome != "interrupted":
         mark_complete(directory)
     if failures:

@@ -3,7 +3,7 @@
 import hashlib
 from array import array
 from bisect import bisect_right
-from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from scenarios.assembly.trailer_sensors import Cameras
 from scenarios.image_file import PictureSize
-from scenarios.loop.channel import Finished, Kept, Stopwatch
-from sensors.messages import RoverView, Stamped, StereoFrame, stereo_frame
+from scenarios.loop.channel import Kept, Stopwatch
+from sensors.messages import GreyImage, RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
@@ -47,8 +47,8 @@ class _Digest:
     def __init__(self, sha256: "hashlib._Hash | None" = None) -> None:
         self._sha256 = sha256 or hashlib.sha256()
 
-    def update(self, content: bytes) -> None:
-        self._sha256.update(content)
+    def update(self, image: GreyImage) -> None:
+        self._sha256.update(np.ascontiguousarray(image).data)
 
     def hexdigest(self) -> str:
         return self._sha256.hexdigest()
@@ -64,7 +64,7 @@ class Pictures(Generic[TruthT]):
         self._records = records
         self._size = PictureSize() if keep is True else keep or None  # None: none is kept
         self._digest = _Digest()
-        self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
+        self._newest: Future[None] | None = None  # of the picture that is compressed last
         self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
         self._truths: Kept[TruthT] = Kept(_TRUTHS, recent=_RECENT)
         self._ticks = array("q")  # of the truths
@@ -85,21 +85,13 @@ class Pictures(Generic[TruthT]):
     @property
     def frames(self) -> list[tuple[int, bytes]]:
         """Tick and JPEG of every kept picture; those that a user's own sensor made unfit for JPEG are left out."""
-        while self._coming:
-            self._take()
+        if self._newest is not None:
+            self._newest.exception()  # waits
         return list(self._kept)
 
-    def add(self, tick: int, jpeg: Future[bytes]) -> None:
-        """Keep a picture that is being compressed."""
-        self._coming.append((tick, jpeg))
-        while self._coming and self._coming[0][1].done():
-            self._take()
-
-    def _take(self) -> None:
-        """Keep the oldest picture that was being compressed; waits for it."""
-        tick, jpeg = self._coming.popleft()
-        if jpeg.exception() is None:
-            self._kept.append((tick, jpeg.result()))
+    def compress(self, worker: Executor, tick: int, jpeg: Callable[[], bytes]) -> None:
+        """Keep a picture that a worker compresses, one after the other."""
+        self._newest = worker.submit(lambda: self._kept.append((tick, jpeg())))
 
     @property
     def sha256(self) -> str:
@@ -141,15 +133,15 @@ class StereoPictures(Pictures[Truth]):
         frame = stereo_frame(message)
         if frame is None:
             return
-        self._digest.update(frame.left.tobytes())
-        self._digest.update(frame.right.tobytes())
+        self._digest.update(frame.left)
+        self._digest.update(frame.right)
         if channel != self._channel:
             return
         if self._recorder:
             self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
         if self._size and self._cameras:
             size, rectified = self._size, self._cameras.rectified
-            self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame), size)))
+            self.compress(self._worker, frame.tick, lambda: _stereo_jpeg(rectified(frame), size))
 
 
 class TracePictures(Pictures[RoverTruth]):
@@ -171,12 +163,12 @@ class TracePictures(Pictures[RoverTruth]):
         """Hash, record and keep the view while the estimator works."""
         if not isinstance(message, RoverView):
             return
-        self._digest.update(message.image.tobytes())
+        self._digest.update(message.image)
         if self._recorder:
             self._recorder.add(message, self._truth(message.tick))
         if self._size and self._camera is not None:
             with self._stopwatch.timed("render"):
-                self.add(truth.tick, Finished(self._size.jpeg(self._camera.colour(truth))))
+                self._kept.append((truth.tick, self._size.jpeg(self._camera.colour(truth))))
 
 
 def _stereo_jpeg(frame: StereoFrame, size: PictureSize) -> bytes:

@@ -1,6 +1,6 @@
 """Run a scenario of any kind of vehicle from start to finish."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass, replace
@@ -67,7 +67,7 @@ class RunOptions(TypedDict, total=False):
     calibration_progress: Progress
     pacer: Pacer | None
     bench: Bench | None
-    watch: Watch | None
+    watch: Sequence[Watch]
 
 
 @overload
@@ -84,7 +84,7 @@ def run(
     calibration_progress: Progress = no_progress,
     pacer: Pacer | None = None,
     bench: Bench | None = None,
-    watch: Watch | None = None,
+    watch: Sequence[Watch] = (),
 ) -> Result:
     """Run a scenario in the closed loop; an interrupt or an exception ends it early; results so far are kept.
 
@@ -97,7 +97,7 @@ def run(
         calibration_progress: receives the number of finished pictures of calibration boards, and their total.
         pacer: keeps the run to wall time; a trailer's cameras are rendered while the loop goes on.
         bench: gets the signals and steers what ``outside.demands`` says.
-        watch: is called between two steps with a function that makes the result so far.
+        watch: are called between two steps with a function that makes the result so far.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
@@ -129,13 +129,14 @@ def run(
         return result if pacer is None else replace(result, paced=pacer.report())
 
 
-def _watched(progress: Progress, watch: Watch | None, result: Callable[[], Result]) -> Progress:
-    """The progress callback, which asks the watch too."""
-    if watch is None:
+def _watched(progress: Progress, watch: Sequence[Watch], result: Callable[[], Result]) -> Progress:
+    """The progress callback, which asks those who watch too."""
+    if not watch:
         return progress
 
     def both(done: float, total: float, note: str = "", /) -> None:
-        watch(result)
+        for one in watch:
+            one(result)
         progress(done, total, note)
 
     return both

@@ -117,7 +117,8 @@ class SteeredTrailer:
 
     def receive(self, tick: int) -> None:
         """Send the estimates delivered by this tick to the law, where faults let them through."""
-        sent = self.channel.delivered[self._received :]
+        delivered = self.channel.delivered
+        sent = delivered[self._received :] if len(delivered) > self._received else []
         self._received += len(sent)
         arrived = self.trailer.faults.carried("estimates", tick, sent)
         if arrived:

@@ -5,7 +5,7 @@ On disk a log is a Parquet file in SI units; its schema holds the unit and meani
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
@@ -115,10 +115,12 @@ class Log:
 
     signals: tuple[Signal, ...]
     rows: FloatArray  # (n_rows, n_signals), read-only
+    _columns: dict[str, int] = field(init=False, repr=False)  # by their names, in their order
 
     def __post_init__(self) -> None:
-        if len(set(self.names)) != len(self.signals):
-            raise ValueError(f"signal names must differ from each other, got {self.names}")
+        object.__setattr__(self, "_columns", {signal.name: k for k, signal in enumerate(self.signals)})
+        if len(self._columns) != len(self.signals):
+            raise ValueError(f"signal names must differ from each other, got {[one.name for one in self.signals]}")
         if self.rows.ndim != 2 or self.rows.shape[1] != len(self.signals):
             raise ValueError(f"rows of shape {self.rows.shape} do not fit {len(self.signals)} signals")
         if not _is_canonical(self.rows):
@@ -127,19 +129,19 @@ class Log:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the signals, in the order of the columns."""
-        return tuple(signal.name for signal in self.signals)
+        return tuple(self._columns)
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def __contains__(self, name: object) -> bool:
-        return name in self.names
+        return name in self._columns
 
     def __getitem__(self, name: str) -> FloatArray:
         """The signal's values, shape (n_rows,), read-only."""
-        if name not in self.names:
+        if name not in self._columns:
             raise KeyError(f"no signal {name!r} in this log; it has {', '.join(self.names)}")
-        column: FloatArray = self.rows[:, self.names.index(name)]
+        column: FloatArray = self.rows[:, self._columns[name]]
         return column
 
     def __eq__(self, other: object) -> bool:

@@ -99,8 +99,10 @@ class ReferenceOffTracking:
         for row, truth in enumerate(truths):
             if truth.tick % PERIOD:
                 continue
-            message = self._sensor.sample(truth)
-            if truth.tick % _EVERY == 0:
+            if truth.tick % _EVERY:
+                self._sensor.errors_at(truth.tick)
+            else:
+                message = self._sensor.sample(truth)
                 X_WU = transform(rotation_zyx(message.heading, message.pitch, message.roll), message.p_WU)
                 pose = BodyPose(tick=message.tick, X_WB=X_WU @ self._X_US)
                 self._memory, estimate = self._source.step(self._memory, pose)
@@ -206,12 +208,13 @@ def _of(trailer: str, signal: Signal) -> Signal:
 
 
 def unit_columns(truths: Sequence[Truth], unit: int, name: str) -> Iterator[Column]:
-    """Pose, velocity and roll of a unit over time."""
+    """Pose, velocity, roll and pitch of a unit over time."""
     motion = np.array([(*truth.poses[unit], *truth.velocities[unit]) for truth in truths]).reshape(-1, len(MOTION))
     for (quantity, dimension, meaning), values in zip(MOTION, motion.T, strict=True):
         yield Signal(f"{quantity}_{name}", dimension, f"{name}: {meaning}"), values
-    roll = [np.arctan2(*truth.bodies[unit][2, 1:3]) for truth in truths]
-    yield Signal(f"roll_{name}", "rad", f"{name}: roll of the body in W"), roll
+    axes = np.array([truth.bodies[unit, 2, :3] for truth in truths]).reshape(-1, 3)  # of the body along W's z
+    yield Signal(f"roll_{name}", "rad", f"{name}: roll of the body in W"), np.arctan2(axes[:, 1], axes[:, 2])
+    yield Signal(f"pitch_{name}", "rad", f"{name}: pitch of the body in W"), -np.arcsin(axes[:, 0])
 
 
 def tyre_columns(truths: Sequence[Truth]) -> Iterator[Column]:
@@ -227,8 +230,6 @@ def _common_columns(rows: Sequence[TrailerRow], vehicle: Vehicle) -> Iterator[Co
     yield Signal("time", "s", "time"), [truth.tick * TICK for truth in truths]
     for k, unit in enumerate(vehicle.units):
         yield from unit_columns(truths, k, unit.name)
-        pitch = Signal(f"pitch_{unit.name}", "rad", f"{unit.name}: pitch of the body in W")
-        yield pitch, [-np.arcsin(truth.bodies[k][2, 0]) for truth in truths]
     for k in range(vehicle.units[0].n_by_driver):
         ending, axle = (f"_{k + 1}", f"steered axle {k + 1}") if k else ("", "the foremost axle")
         steer = Signal(f"steer_tractor{ending}", "rad", f"tractor: road-wheel angle of {axle}, + left")

@@ -16,6 +16,7 @@ from sensors.camera.rig import UNDISTORTED, CameraModel, RawStereoRig, StereoCal
 from sensors.messages import ColourImage, GreyImage
 from sensors.textures import fractal_noise
 from vehicle.clock import TICK
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray, cross, inverse, skew, so3_exp, transform
 
 Floats = NDArray[np.float32]
@@ -77,11 +78,17 @@ class NoiseBank:
         noise *= np.float32(std)
         return cls(np.rint(noise).astype(np.int16))
 
-    def added_to(self, image: GreyImage, rng: np.random.Generator) -> GreyImage:
-        """Image plus a new section of the noise, saturated at 0 and 255."""
-        start = int(rng.integers(self.samples.size - image.size))
-        noise = self.samples[start : start + image.size].reshape(image.shape)
-        return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+    def added_to(self, image: GreyImage | ColourImage, rng: np.random.Generator) -> GreyImage:
+        """The image's grey levels plus a new section of the noise, saturated at 0 and 255."""
+        shape = image.shape[:2]
+        start = int(rng.integers(self.samples.size - math.prod(shape)))
+        noise = self.samples[start : start + math.prod(shape)].reshape(shape)
+        compiled = kernel("sensors.camera", "noisy_grey.c", "noisy_grey") if image.shape[2:] == (4,) else None
+        if compiled is None or not image.flags.c_contiguous:
+            return np.asarray(cv2.add(grey(image), noise, dtype=cv2.CV_8U), dtype=np.uint8)
+        noisy = np.empty(shape, np.uint8)
+        compiled(noise.size, image, noise, noisy)
+        return noisy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,9 +114,17 @@ class LightNoise:
         return np.asarray(cv2.add(level, noise * std, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def grey(colour: ColourImage) -> GreyImage:
-    """Luminance (height, width) of an RGB image (ITU-R BT.601 weights)."""
-    return np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+def grey(image: GreyImage | ColourImage) -> GreyImage:
+    """Luminance (height, width) of an RGB or RGBA image (ITU-R BT.601 weights); a grey image as it is."""
+    if image.ndim == 2:
+        return image
+    code = cv2.COLOR_RGBA2GRAY if image.shape[2] == 4 else cv2.COLOR_RGB2GRAY
+    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+
+
+def without_alpha(image: ColourImage) -> ColourImage:
+    """RGB image from one that may be RGBA; a copy, unless it is RGB."""
+    return image if image.shape[2] == 3 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGBA2RGB), dtype=np.uint8)
 
 
 _MARGIN: Final = 2  # of the pinhole image around the camera's view, for cubic interpolation [px]

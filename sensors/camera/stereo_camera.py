@@ -25,6 +25,7 @@ from sensors.camera.image_formation import (
     grey,
     lens_surface,
     twist_between,
+    without_alpha,
 )
 from sensors.camera.rig import RawStereoRig, StereoCalibration, mount_rotation
 from sensors.messages import ColourImage, GreyImage, NearnessImage, StereoFrame
@@ -41,7 +42,7 @@ class PairSource(Protocol):
         """Calibration of both cameras."""
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right RGB image of cameras carried by a body at X_WB (4, 4)."""
+        """Left and right image, RGB or RGBA, of cameras carried by a body at X_WB (4, 4)."""
 
 
 class StereoCamera:
@@ -64,13 +65,10 @@ class StereoCamera:
         left, right = self._renderer.render(truth.bodies[self._unit])
         return StereoFrame(
             tick=truth.tick,
-            left=self._noisy(left),
-            right=self._noisy(right),
-            colour=left if self._keep_colour else None,
+            left=self._bank.added_to(left, self._rng),
+            right=self._bank.added_to(right, self._rng),
+            colour=without_alpha(left) if self._keep_colour else None,
         )
-
-    def _noisy(self, colour: ColourImage) -> GreyImage:
-        return self._bank.added_to(grey(colour), self._rng)
 
 
 _PIXELS_AROUND = 24  # margin of the pinhole image for motion during an exposure [px]
@@ -100,7 +98,7 @@ class ViewSource(Protocol):
         """Calibration of the pinholes."""
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right RGB image."""
+        """Left and right image, RGB or RGBA."""
 
     def nearness(self) -> tuple[NearnessImage, NearnessImage]:
         """Inverse depth of the last images [1/m]."""
@@ -179,7 +177,7 @@ class RawStereoCamera:
         left, right = (self._noise.sensed(image, gain, self._rng) for image in light)
         colour = None
         if self._keep_colour:
-            tint = self._light(0, drawn[0], near[0], twist.seen_from(X_BC[0]), X_WB @ X_BC[0])
+            tint = self._light(0, without_alpha(drawn[0]), near[0], twist.seen_from(X_BC[0]), X_WB @ X_BC[0])
             colour = np.asarray(np.clip(np.rint(gain * tint), 0, 255), dtype=np.uint8)
         return StereoFrame(tick=truth.tick, left=left, right=right, colour=colour)
 

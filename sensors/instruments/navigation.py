@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
@@ -94,7 +95,7 @@ class ReferenceUnit:
 
     def sample(self, truth: Truth) -> GnssIns:
         """Measured position, velocity and attitude of the instrument."""
-        error = self._errors_at(truth.tick)
+        error = self.errors_at(truth.tick)
         X_WB, (v_x, v_y, yaw_rate) = truth.bodies[self._unit], truth.velocities[self._unit]
         R = X_WB[:3, :3]
         yaw, pitch, roll = math.atan2(R[1, 0], R[0, 0]), -math.asin(R[2, 0]), math.atan2(R[2, 1], R[2, 2])
@@ -109,14 +110,20 @@ class ReferenceUnit:
             roll=roll + float(error[11]),
         )
 
-    def _errors_at(self, tick: int) -> FloatArray:
-        """Errors at the tick (12,): the decayed last ones plus new noise."""
+    def errors_at(self, tick: int) -> FloatArray:
+        """Errors at the tick (12,): the decayed last ones plus new noise. Call it for a message that nobody reads."""
         if self._tick is not None:
-            kept = np.exp(-(tick - self._tick) * TICK / _TIME)
-            fresh = np.sqrt(1.0 - kept**2) * _STD
+            kept, fresh = _decay(tick - self._tick)
             self._error = kept * self._error + fresh * self._rng.standard_normal(len(_STD))
         self._tick = tick
         return self._error
+
+
+@lru_cache(maxsize=16)
+def _decay(ticks: int) -> tuple[FloatArray, FloatArray]:
+    """Share (12,) of the errors that remains after so many ticks, and standard deviations (12,) of the new ones."""
+    kept = np.exp(-ticks * TICK / _TIME)
+    return kept, np.sqrt(1.0 - kept**2) * _STD
 
 
 # Error of a calibrated fluxgate compass: 0.5 deg RMS (assumed, common in data sheets). It is noise plus the residual of

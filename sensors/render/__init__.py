@@ -80,11 +80,11 @@ class StereoRenderer:
         return self
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
+        """Left and right image, RGBA, of cameras carried by a body at X_WB (4, 4)."""
         return self.render_from(*self.cameras(X_WB))
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right image, RGB, of two such cameras at any poses (4, 4)."""
+        """Left and right image, RGBA, of two such cameras at any poses (4, 4)."""
         pair = self._live()
         pair.draw(X_WCl, X_WCr)
         left, right = pair.read_colour()

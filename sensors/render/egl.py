@@ -29,7 +29,8 @@ class Context:
     name: str  # of renderer and device
 
     def close(self) -> None:
-        """Destroy the context, but not EGL's display, which belongs to the whole process."""
+        """Destroy the context with all that is in it, but not EGL's display, which belongs to the whole process."""
+        self.platform.make_current()
         display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
         EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
         EGL.eglDestroyContext(display, context)

@@ -1,31 +1,30 @@
-"""Two views of a world in one framebuffer: an OpenGL context without a window, and pyrender's renderer in it.
+"""Two views of a world in one framebuffer of pyrender's OpenGL context without a window.
 
-The renderer has its own shaders, drawing order and instanced meshes: these are cut into blocks, and one call draws all
-instances of a part of a thing. Importing this module imports pyrender and loads EGL.
+Importing this module imports pyrender and loads EGL.
 """
 
 import ctypes
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-import pyrender
 from numpy.typing import NDArray
 from OpenGL import GL
 from OpenGL.error import Error as OpenGlError
-from OpenGL.raw.GL.VERSION import GL_1_1, GL_1_5, GL_3_1  # PyOpenGL's wrappers take longer than the calls
-from pyrender.renderer import Renderer
-from pyrender.shader_program import ShaderProgram, ShaderProgramCache
+from OpenGL.platform import PLATFORM
+from pyrender.shader_program import ShaderProgram
 
 from sensors.camera.rig import StereoCalibration
 from sensors.render import egl
+from sensors.render.things import VERTEX, Things, VertexArray, in_views
 from sensors.textures import to_bytes
 from sensors.world import sky
-from sensors.world.ground import Condition, RoadMap, line_range
+from sensors.world.ground import RoadMap, line_range
 from sensors.world.scenery import Instances
-from sensors.world.things import FaceArray, Mesh, Part, grid_faces
+from sensors.world.things import FaceArray, Mesh, grid_faces
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
@@ -33,7 +32,10 @@ from vehicle.frames import FloatArray, inverse, transform
 Uniforms = Mapping[str, float | tuple[float, ...] | FloatArray]
 
 _SHADERS = Path(__file__).parent / "shaders"
+_fast: Any = PLATFORM.GL  # the library itself: PyOpenGL's wrappers take longer than the calls of a frame
 FAILURES = (OSError, OpenGlError, RuntimeError)  # of an OpenGL that does not work here
+_Size = ctypes.c_ssize_t
+_VIEW = 64  # numbers of the block View of the shaders, padded to the alignment of buffers
 _MARGIN = 2  # around each level of a sheet: repeated, so that bilinear samples do not see the neighbour [px]
 _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
 
@@ -97,10 +99,10 @@ class Program:
     locations: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, constants: Uniforms) -> "Program":
-        """Program of two files in ``shaders``, in which constants are replaced by their values; the cache owns it."""
+    def load(cls, vertex: str, fragment: str, constants: Uniforms) -> "Program":
+        """Program of two files in ``shaders``, in which the constants are defined."""
         defines = {name: _literal(value) for name, value in constants.items()}
-        program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag", defines=defines)
+        program = ShaderProgram(str(_SHADERS / f"{vertex}.vert"), str(_SHADERS / f"{fragment}.frag"), defines=defines)
         program._add_to_context()
         return cls(int(program._program_id))
 
@@ -151,98 +153,44 @@ class _Blocks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InstancedPart:
-    """All instances of one part of a thing."""
+class Geometry:
+    """Vertices and triangles in buffers of OpenGL."""
 
-    part: Part
-    primitive: pyrender.Primitive
-    matrices: NDArray[np.float32]  # (n, 4, 4) poses transposed for OpenGL; the last row is the instance's colour
-    spheres: FloatArray  # (n, 4) bounding spheres for culling: centre in W and radius [m]
+    array: int
+    vertices: int
+    indices: int
 
     @classmethod
-    def of(cls, instances: Instances, part: Part) -> "InstancedPart":
-        """Instances of one part of a thing."""
-        matrices, spheres = _placed(instances, part)
-        transposed = np.ascontiguousarray(matrices.transpose(0, 2, 1), dtype=np.float32)
-        return cls(part, primitive(part.mesh, poses=matrices), transposed, spheres)
-
-    def place(self, instances: Instances) -> None:
-        """Move all instances; their number stays."""
-        matrices, self.spheres[:] = _placed(instances, self.part)
-        self.matrices[:] = matrices.transpose(0, 2, 1)
-
-
-class Culler:
-    """Joint culling of several instanced parts."""
-
-    def __init__(self, parts: Sequence[InstancedPart]) -> None:
-        self._parts = parts
-        sizes = [len(part.matrices) for part in parts]
-        self._starts = np.concatenate([[0], np.cumsum(sizes, dtype=int)])
-        self._owner = np.repeat(np.arange(len(parts)), sizes)
-        self._nearest, self._farthest = (
-            np.repeat([part.part.distances[end] for part in parts], sizes) for end in (0, 1)
-        )
-
-    def in_views(self, view_projections: Sequence[FloatArray], eye: FloatArray) -> list[tuple[InstancedPart, int]]:
-        """Parts with the number of instances in any view; their matrices are uploaded to the start of the buffers.
-
-        The nearest to the ``eye`` (3,) come first, as they hide others.
-        """
-        if not len(self._owner):
-            return []
-        spheres = np.concatenate([part.spheres for part in self._parts])
-        distance = np.linalg.norm(spheres[:, :3] - eye, axis=1)
-        visible = np.logical_or.reduce([in_view(VP, spheres) for VP in view_projections])
-        order = np.flatnonzero(visible & (distance >= self._nearest) & (distance < self._farthest))
-        order = order[np.lexsort([distance[order], self._owner[order]])]
-        ends = np.cumsum(np.bincount(self._owner[order], minlength=len(self._parts)))
-        drawn = []
-        for part, start, indices in zip(self._parts, self._starts, np.split(order, ends), strict=False):
-            if len(indices):
-                matrices = part.matrices[indices - start]
-                GL.glBindBuffer(GL.GL_ARRAY_BUFFER, part.primitive._buffers[1])  # [1]: the instances' matrices
-                GL_1_5.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, matrices.nbytes, matrices)
-                drawn.append((part, len(indices)))
-        return drawn
+    def of(cls, vertices: VertexArray, faces: FaceArray | None) -> "Geometry":
+        """New buffers; without faces their number may change with every frame."""
+        array, (stored, indices) = int(GL.glGenVertexArrays(1)), GL.glGenBuffers(2)
+        GL.glBindVertexArray(array)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, stored)
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, vertices.nbytes, vertices.view(np.uint8), GL.GL_STATIC_DRAW)
+        GL.glBindBuffer(GL.GL_ELEMENT_ARRAY_BUFFER, indices)
+        if faces is not None:
+            GL.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, np.ascontiguousarray(faces), GL.GL_STATIC_DRAW)
+        for at, (layout, offset, *_) in enumerate((VERTEX.fields or {}).values()):
+            number = GL.GL_HALF_FLOAT if layout.base == np.float16 else GL.GL_FLOAT
+            GL.glEnableVertexAttribArray(at)
+            GL.glVertexAttribPointer(at, *layout.shape, number, False, VERTEX.itemsize, ctypes.c_void_p(offset))
+        return cls(array, int(stored), int(indices))
 
 
-def _placed(instances: Instances, part: Part) -> tuple[FloatArray, FloatArray]:
-    """Poses (n, 4, 4) with the colour as their last row, and bounding spheres (n, 4) [m]."""
-    middle = 0.5 * (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0))
-    reach = float(np.linalg.norm(part.mesh.vertices - middle, axis=1).max())
-    centres = instances.poses[:, :3, :3] @ middle + instances.poses[:, :3, 3]
-    radii = reach * np.linalg.norm(instances.poses[:, :3, 0], axis=1)
-    matrices = instances.poses.copy()
-    matrices[:, 3, :3] = instances.brightness[:, None] * np.array(part.colour)
-    return matrices, np.column_stack([centres, radii])
+def plain_vertices(mesh: Mesh) -> VertexArray:
+    """Vertices of a mesh in W without a tint."""
+    vertices = np.zeros(len(mesh.vertices), dtype=VERTEX)
+    vertices["position"], vertices["normal"], vertices["uv"] = mesh.vertices, mesh.normals, mesh.uv
+    return vertices
 
 
-def primitive(mesh: Mesh, poses: FloatArray | None = None) -> pyrender.Primitive:
-    """Pyrender primitive of a mesh, drawn once at each of the poses (n, 4, 4)."""
-    shade = np.repeat(mesh.shade[:, None], 4, axis=1)
-    return pyrender.Primitive(
-        positions=mesh.vertices,
-        normals=mesh.normals,
-        texcoord_0=mesh.uv,
-        color_0=shade,
-        indices=mesh.faces,
-        poses=poses,
-    )
+def _address(array: NDArray[Any]) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
 
 
-def in_view(VP: FloatArray, spheres: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the spheres (n, 4) that reach into the view, by its left, right, lower, upper and near planes."""
-    planes = np.concatenate([VP[3] + VP[:3], VP[3] - VP[:2]]).reshape(5, 4)
-    planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
-    inside: NDArray[np.bool_] = ((spheres[:, :3] @ planes[:, :3].T + planes[:, 3]) > -spheres[:, 3:]).all(axis=1)
-    return inside
-
-
-def draw(primitive: pyrender.Primitive, instances: int) -> None:
-    """Draw all triangles of a number of instances of a primitive."""
-    GL.glBindVertexArray(primitive._vaid)
-    GL_3_1.glDrawElementsInstanced(GL.GL_TRIANGLES, primitive.indices.size, GL.GL_UNSIGNED_INT, None, instances)
+def draw(first: int, count: int) -> None:
+    """Draw triangles of the bound geometry, given the first index and the number of indices."""
+    _fast.glDrawElements(GL.GL_TRIANGLES, count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(4 * first))
 
 
 def in_blocks(mesh: Mesh) -> _Blocks:
@@ -270,7 +218,7 @@ def _sphere(points: FloatArray) -> FloatArray:
     return np.append(centre, np.linalg.norm(points - centre, axis=1).max())
 
 
-def dome(sides: int = 24, rings: int = 4) -> Mesh:
+def sky_dome(sides: int = 24, rings: int = 4) -> Mesh:
     """Sky dome, visible from inside: unit directions as vertices, with coordinates on the panorama."""
     levels = np.append(np.linspace(sky.LOWEST, sky.HIGHEST, rings), [1.1, 0.5 * np.pi])  # up to the zenith [rad]
     elevation, azimuth = np.meshgrid(levels, np.linspace(0.0, 2.0 * np.pi, sides + 1), indexing="ij")
@@ -309,50 +257,30 @@ def projection(calibration: StereoCalibration) -> FloatArray:
     return P
 
 
-class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
+class PairRenderer:
     """Draws both views with one set of OpenGL objects; one call reads both back."""
 
     def __init__(self, world: World, calibration: StereoCalibration, context: egl.Context) -> None:
-        super().__init__(calibration.width, calibration.height)
         self._context, self._projection = context, projection(calibration)
         self._width, self._height = calibration.width, calibration.height
         self._rays = _rays(calibration)
         nearest_level = GL.GL_LINEAR_MIPMAP_NEAREST  # as good for tracking as trilinear filtering, at half the cost
-        self._transparent = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
         self._textures = {key: upload_texture(texture[::-1], nearest_level) for key, texture in world.textures.items()}
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
-        detail, detail_sheet = upload_levels(world.detail, _DETAIL_LEVELS)
-        packed = _packed(world.road)
-        road, road_sheet = upload_levels(packed, _ROAD_LEVELS)
-        cell = world.road.cell * world.road.light.shape[1] / packed.shape[1]
-        self._ground_textures = {0: detail, 1: road, **_uploaded(world.condition, world.road)}  # by texture unit
-        constants = _constants(world) | {
-            "DETAIL_SHEET": detail_sheet,
-            "ROAD_SHEET": road_sheet,
-            "DETAIL_TEXELS": 2.0 * len(world.detail) ** 2,
-            "ROAD_TEXELS": 2.0 * (world.detail_period / cell) ** 2,
-        }
-        self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
-        self._programs = {
-            name: Program.load(self._program_cache, vertex, name, constants)
-            for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"), ("ground", "ground"))
-        }
-        parts = [InstancedPart.of(instances, part) for instances in world.scenery for part in instances.thing.parts]
-        self._moving = [
-            [InstancedPart.of(instances, part) for part in instances.thing.parts] for instances in world.moving
-        ]
-        parts += [part for parts_of_one in self._moving for part in parts_of_one]
-        parts.sort(key=lambda part: part.part.texture in self._transparent)  # opaque parts first
-        self._culler = Culler(parts)
+        self._programs = _programs(world, _bind_ground_textures(world))
+        transparent = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
+        self._things = Things(world.scenery, world.moving, transparent)
+        self._instanced = Geometry.of(self._things.vertices, None)
         self._blocks = in_blocks(world.ground)
-        self._ground, self._sky = primitive(replace(world.ground, faces=self._blocks.faces)), primitive(dome())
-        scene = pyrender.Scene()
-        scene.add(pyrender.Mesh([self._ground, self._sky, *(part.primitive for part in parts)]))
-        self._update_context(scene, 0)
-        self._programs["ground"].use({name: k for k, name in enumerate(("detail", "road", "looks", "holes", "lines"))})
+        self._ground = Geometry.of(plain_vertices(world.ground), self._blocks.faces)
+        dome = sky_dome()
+        self._sky, self._sky_size = Geometry.of(plain_vertices(dome), dome.faces), dome.faces.size
+        self._views = np.zeros((2, _VIEW), dtype=np.float32)
+        self._view_buffer = int(GL.glGenBuffers(1))
+        GL.glBindBuffer(GL.GL_UNIFORM_BUFFER, self._view_buffer)
+        GL.glBufferData(GL.GL_UNIFORM_BUFFER, self._views.nbytes, None, GL.GL_STREAM_DRAW)
         self.place(world.moving)
         self._make_framebuffer()
-        self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
 
     @property
     def name(self) -> str:
@@ -360,41 +288,49 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         return self._context.name
 
     def close(self) -> None:
-        """Free all objects in the context, and the context."""
-        self._context.platform.make_current()
-        GL.glDeleteTextures([*self._textures.values(), self._panorama, *self._ground_textures.values()])
-        GL.glDeleteRenderbuffers(2, self._buffers)
-        GL.glDeleteFramebuffers(1, [self._framebuffer])
-        self.delete()
+        """Free the context and all objects in it."""
         self._context.close()
-
-    def __del__(self) -> None:
-        """Free nothing: pyrender would free objects of the context that happens to be current."""
 
     def draw(self, X_WCl: FloatArray, X_WCr: FloatArray) -> None:
         """Draw the views of the left and the right camera at poses X_WC (4, 4)."""
         self._context.platform.make_current()
-        self._prepare()
-        views = [(X_WC, self._projection @ inverse(X_WC)) for X_WC in (X_WCl, X_WCr)]
-        self._draw_things(views)
-        self._draw_ground(views)
-        self._draw_sky(views)
-        GL.glBindVertexArray(0)
+        VPs = [self._projection @ inverse(X_WC) for X_WC in (X_WCl, X_WCr)]
+        for view, X_WC, VP in zip(self._views, (X_WCl, X_WCr), VPs, strict=True):
+            view[:16], view[16:32] = VP.ravel(), (self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))).ravel()
+            view[32:35], view[35] = X_WC[:3, 3], self._stretch(X_WC)
+        _fast.glBufferSubData(GL.GL_UNIFORM_BUFFER, _Size(0), _Size(self._views.nbytes), _address(self._views))
+        indices, numbers = self._things.seen(VPs, X_WCl[:3, 3])
+        _fast.glBindVertexArray(self._instanced.array)
+        _fast.glBufferData(GL.GL_ELEMENT_ARRAY_BUFFER, _Size(indices.nbytes), _address(indices), GL.GL_STREAM_DRAW)
+        runs = list(self._blocks.runs(in_views(VPs, self._blocks.spheres)))
+        _fast.glClear(GL.GL_DEPTH_BUFFER_BIT)  # the sky covers the rest
+        for index in (0, 1):
+            _fast.glViewport(0, index * self._height, self._width, self._height)
+            start, size = _Size(index * self._views[0].nbytes), _Size(self._views[0].nbytes)
+            _fast.glBindBufferRange(GL.GL_UNIFORM_BUFFER, 0, self._view_buffer, start, size)
+            self._draw_things(numbers)
+            self._draw_ground(runs)
+            self._draw_sky()
+        if error := _fast.glGetError():
+            raise RuntimeError(f"OpenGL answers {error:#x}")
 
     def place(self, moved: tuple[Instances, ...]) -> None:
         """Move the moving things and their shadows."""
+        if not moved:
+            return
         self._context.platform.make_current()
-        for instances, parts in zip(moved, self._moving, strict=True):
-            for part in parts:
-                part.place(instances)
+        vertices = self._things.place(moved)
+        before = self._things.vertices.nbytes - vertices.nbytes
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._instanced.vertices)
+        GL.glBufferSubData(GL.GL_ARRAY_BUFFER, before, vertices.nbytes, vertices.view(np.uint8))
         boxes = [_into_box(instances) for instances in moved] + [_NO_BOX] * (MAX_VEHICLES - len(moved))
         self._programs["ground"].use({f"into_box[{k}]": box for k, box in enumerate(boxes)})
 
     def read_colour(self) -> NDArray[np.uint8]:
-        """Both images (2, height, width, 3), RGB."""
-        GL.glReadPixels(0, 0, *self._pixels.shape[1::-1], GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, array=self._pixels)
-        colour = cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2RGB)  # reading RGB from OpenGL takes twice as long
-        return np.asarray(colour, dtype=np.uint8).reshape(2, self._height, self._width, 3)
+        """Both images (2, height, width, 4), RGBA: reading RGB from OpenGL takes twice as long."""
+        pixels = np.empty((2, self._height, self._width, 4), dtype=np.uint8)
+        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, pixels)
+        return pixels
 
     def read_nearness(self) -> NDArray[np.float32]:
         """Inverse depth of both views (2, height, width) along the optical axis [1/m]."""
@@ -407,73 +343,74 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def _stored_depth(self) -> NDArray[np.float32]:
         depth = np.empty((2, self._height, self._width), dtype=np.float32)
-        GL.glReadPixels(0, 0, self._width, 2 * self._height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        self._read(GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, depth)
         return depth
+
+    def _read(self, layout: int, number: int, pixels: NDArray[Any]) -> None:
+        _fast.glReadPixels(0, 0, self._width, 2 * self._height, layout, number, _address(pixels))
 
     def _make_framebuffer(self) -> None:
         """Create one framebuffer for both views, the right one above the left one; without costly multisampling."""
-        self._buffers = GL.glGenRenderbuffers(2)
-        self._framebuffer = int(GL.glGenFramebuffers(1))
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, int(GL.glGenFramebuffers(1)))
         formats = (GL.GL_RGBA8, GL.GL_DEPTH_COMPONENT32F)
         attachments = (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT)
-        for buffer, layout, attachment in zip(self._buffers, formats, attachments, strict=True):
+        for buffer, layout, attachment in zip(GL.glGenRenderbuffers(2), formats, attachments, strict=True):
             GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
             GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, layout, self._width, 2 * self._height)
             GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
 
-    def _prepare(self) -> None:
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
-        for capability in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE, GL.GL_SCISSOR_TEST):
+        for capability in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE):
             GL.glEnable(capability)
         GL.glFrontFace(GL.GL_CW)  # the projection flips the image
         GL.glDepthFunc(GL.GL_LEQUAL)  # the sky lies on the far plane
-        GL.glScissor(0, 0, self._width, 2 * self._height)
-        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)  # the sky covers the rest
-
-    def _view(self, index: int) -> None:
-        for select in (GL.glViewport, GL.glScissor):
-            select(0, index * self._height, self._width, self._height)
-
-    def _draw_things(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
-        """Draw the instances in either view."""
-        visible = self._culler.in_views([VP for _, VP in views], views[0][0][:3, 3])
         GL.glActiveTexture(GL.GL_TEXTURE0)
-        for index, (X_WC, VP) in enumerate(views):
-            self._view(index)
-            for name, transparent in (("thing", False), ("leaves", True)):
-                self._programs[name].use({"view_projection": VP, "camera": X_WC[:3, 3]})
-                (GL.glDisable if transparent else GL.glEnable)(GL.GL_CULL_FACE)  # leaves have two sides
-                for part, count in visible:
-                    if (part.part.texture in self._transparent) == transparent:
-                        GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[part.part.texture])
-                        draw(part.primitive, count)
-        GL.glEnable(GL.GL_CULL_FACE)
 
-    def _draw_ground(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
-        for unit, texture in sorted(self._ground_textures.items(), reverse=True):  # unit 0 last: it stays active
-            GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
-            GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
-        for index, (X_WC, VP) in enumerate(views):
-            self._view(index)
-            self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3], "stretch": self._stretch(X_WC)})
-            GL.glBindVertexArray(self._ground._vaid)
-            for first, count in self._blocks.runs(in_view(VP, self._blocks.spheres)):
-                GL_1_1.glDrawElements(GL.GL_TRIANGLES, 3 * count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(12 * first))
+    def _draw_things(self, numbers: list[int]) -> None:
+        """Draw a number of indices of each kind."""
+        _fast.glBindVertexArray(self._instanced.array)
+        first = 0
+        for kind, number in zip(self._things.kinds, numbers, strict=True):
+            if number:
+                (_fast.glEnable if kind.program == "thing" else _fast.glDisable)(
+                    GL.GL_CULL_FACE
+                )  # leaves have two sides
+                _fast.glUseProgram(self._programs[kind.program].identity)
+                _fast.glBindTexture(GL.GL_TEXTURE_2D, self._textures[kind.texture])
+                draw(first, number)
+            first += number
+        _fast.glEnable(GL.GL_CULL_FACE)
+
+    def _draw_ground(self, runs: list[tuple[int, int]]) -> None:
+        _fast.glUseProgram(self._programs["ground"].identity)
+        _fast.glBindVertexArray(self._ground.array)
+        for first, count in runs:
+            draw(3 * first, 3 * count)
 
     def _stretch(self, X_WC: FloatArray) -> float:
         """Length over width of the least elongated pixel on level ground, limited to ground.frag's samples."""
         steepest = float((self._rays @ -X_WC[2, :3]).max())
         return min(1.0 / max(steepest, 1e-3), _TAPS)
 
-    def _draw_sky(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
+    def _draw_sky(self) -> None:
         """Draw the sky where nothing else was drawn."""
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
-        for index, (X_WC, _) in enumerate(views):
-            self._view(index)
-            far_away = self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))
-            self._programs["sky"].use({"view_projection": far_away})
-            draw(self._sky, 1)
+        _fast.glUseProgram(self._programs["sky"].identity)
+        _fast.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
+        _fast.glBindVertexArray(self._sky.array)
+        draw(0, self._sky_size)
+
+
+def _programs(world: World, sheets: Uniforms) -> dict[str, Program]:
+    constants = {**_constants(world), **sheets}
+    files = {
+        "thing": ("thing", "thing"),
+        "leaves": ("thing", "leaves"),
+        "sky": ("sky", "sky"),
+        "ground": ("ground",) * 2,
+    }
+    programs = {name: Program.load(vertex, fragment, constants) for name, (vertex, fragment) in files.items()}
+    programs["crown"] = Program.load("thing", "leaves", constants | {"CROWN": 1})
+    programs["ground"].use({name: k for k, name in enumerate(_GROUND_SAMPLERS, start=1)})
+    return programs
 
 
 def _constants(world: World) -> dict[str, float | tuple[float, ...] | FloatArray]:
@@ -509,18 +446,35 @@ def _rays(calibration: StereoCalibration) -> FloatArray:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
 
 
-def _uploaded(condition: Condition, road: RoadMap) -> dict[int, int]:
-    """Textures of the ground's condition and of the lines between lanes, by texture unit."""
-    textures = {}
+_GROUND_SAMPLERS = ("detail", "road", "looks", "holes", "lines")  # at the texture units from 1 on
+
+
+def _bind_ground_textures(world: World) -> Uniforms:
+    """Upload the ground's textures and leave them bound; return the constants of the shaders that describe them."""
+    road, condition = world.road, world.condition
+    packed = _packed(road)
+    cell = road.cell * road.light.shape[1] / packed.shape[1]
+    textures: dict[str, int] = {}
+    textures["detail"], detail_sheet = upload_levels(world.detail, _DETAIL_LEVELS)
+    textures["road"], road_sheet = upload_levels(packed, _ROAD_LEVELS)
     if condition.looks is not None:
-        textures[2] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST, GL.GL_CLAMP_TO_EDGE)
+        clamp = GL.GL_CLAMP_TO_EDGE
+        textures["looks"] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST, clamp)
     if condition.holes is not None:
-        textures[3] = upload_table(condition.holes)
+        textures["holes"] = upload_table(condition.holes)
     if road.lines is not None:
         levels = 0.5 + 0.5 * road.lines / line_range(road)
         channels = to_bytes(np.concatenate([levels, levels[..., :1]], axis=-1))
-        textures[4] = upload_texture(channels, GL.GL_LINEAR, GL.GL_CLAMP_TO_EDGE)
-    return textures
+        textures["lines"] = upload_texture(channels, GL.GL_LINEAR, GL.GL_CLAMP_TO_EDGE)
+    for name, texture in textures.items():
+        GL.glActiveTexture(GL.GL_TEXTURE1 + _GROUND_SAMPLERS.index(name))
+        GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    return {
+        "DETAIL_SHEET": detail_sheet,
+        "ROAD_SHEET": road_sheet,
+        "DETAIL_TEXELS": 2.0 * len(world.detail) ** 2,
+        "ROAD_TEXELS": 2.0 * (world.detail_period / cell) ** 2,
+    }
 
 
 def _into_box(instances: Instances) -> FloatArray:

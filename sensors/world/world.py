@@ -164,7 +164,7 @@ class ReformedGround:
         return self._source.calibration
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right RGB image of cameras carried by a body at X_WB (4, 4)."""
+        """Left and right image, RGB or RGBA, of cameras carried by a body at X_WB (4, 4)."""
         self._bodies.append(X_WB.copy())
         X_WCl = X_WB @ self.calibration.X_SC
         poses = (X_WCl, X_WCl @ self.calibration.X_ClCr)

@@ -194,7 +194,7 @@ def places(bare_world: World, calibration: StereoCalibration) -> FloatArray:
 
 def seen(world: World, calibration: StereoCalibration) -> ColourImage:
     renderer = StereoRenderer(world, calibration)
-    image = renderer.render(POSE)[0]
+    image = renderer.render(POSE)[0][..., :3]
     renderer.close()
     return image
 

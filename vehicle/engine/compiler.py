@@ -1,4 +1,4 @@
-"""Shared libraries from C source, kept in the user's cache.
+"""Shared libraries from C source, kept in the user's cache, and kernels: functions of C files in a package.
 
 ``$OFFTRACK_COMPILER`` names the compiler, or is ``none``; without it the first of cc, gcc and clang that works is used.
 """
@@ -10,10 +10,13 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
+from importlib import resources
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
+
+import numpy as np
 
 from vehicle.foundation.user_cache import FORMAT, cached, store, warn_once
 
@@ -161,3 +164,24 @@ def _loaded_from_memory(content: bytes) -> ctypes.CDLL:
 
 def _run(command: list[str], source: str = "") -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, input=source, capture_output=True, text=True, check=False)
+
+
+def kernel(package: str, file: str, name: str, definitions: tuple[str, ...] = ()) -> Callable[..., Any] | None:
+    """Function of a C file with macros defined, of integers and contiguous arrays; None without a compiler."""
+    return _kernel(package, file, name, definitions, compiler())
+
+
+@cache
+def _kernel(
+    package: str, file: str, name: str, definitions: tuple[str, ...], using: Compiler | None
+) -> Callable[..., Any] | None:
+    source = (resources.files(package) / file).read_text(encoding="utf-8")
+    try:
+        function = using and library(source, definitions, using)[name]
+    except CompilerError:
+        return None
+    return function and (lambda *arguments: function(*map(_passed, arguments)))
+
+
+def _passed(argument: Any) -> Any:
+    return ctypes.c_void_p(argument.ctypes.data) if isinstance(argument, np.ndarray) else ctypes.c_long(argument)

@@ -168,8 +168,8 @@ class LinkedBench:
 
 
 @contextmanager
-def opened_bench(udp: str | None, can: str | None) -> Iterator[LinkedBench | None]:
-    """Open the links of ``--udp`` and ``--can``, and close them at the end; None without any.
+def opened_bench(udp: str | None, can: str | None) -> Iterator[LinkedBench]:
+    """Open the links of ``--udp`` and ``--can``, and close them at the end.
 
     Raises:
         ValueError: one line, if one can't be opened.
@@ -182,7 +182,7 @@ def opened_bench(udp: str | None, can: str | None) -> Iterator[LinkedBench | Non
         if can is not None:
             links.append(CanLink(can))
             cleanup.callback(links[-1].close)
-        yield LinkedBench(links) if links else None
+        yield LinkedBench(links)
 
 
 def signals_of(trailers: Sequence[Demands], n_units: int) -> list[Signal]:

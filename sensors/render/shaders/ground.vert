@@ -3,9 +3,12 @@ layout(location = 0) in vec3 position;  // W [m]
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 texcoord;  // position distorted by a smooth field [m]
 
-uniform mat4 view_projection;
-uniform vec3 camera;  // W [m]
-uniform float stretch;  // length over width of the least elongated footprint
+layout(std140, row_major) uniform View {
+    mat4 view_projection;  // of points in W
+    mat4 sky_projection;   // of directions in W
+    vec3 camera;           // W [m]
+    float stretch;         // length over width of the least elongated footprint of a pixel on the ground
+};
 
 const float detail_period = DETAIL_PERIOD;  // [m]
 const vec2 map_origin = MAP_ORIGIN;  // W of the map's first texel's edge [m]

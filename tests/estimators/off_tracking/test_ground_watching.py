@@ -11,7 +11,7 @@ import pytest
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.ground_view import Pairs, ground_motion, planar_motion
 from estimators.off_tracking.ground_watching import GroundWatching, SingleGroundWatching
-from estimators.off_tracking.pose_chain import Sample, closed, extended, first_sample, levelled, positions_along
+from estimators.off_tracking.pose_chain import Sample, closed, extended, first_sample, levelled
 from estimators.rigid_motion import UncertainMotion
 from sensors.camera.rig import StereoRig, ground_watching_pair
 from sensors.messages import GreyImage, StereoFrame
@@ -257,8 +257,8 @@ def test_closing_a_path_puts_the_recognised_place_right_and_bends_the_rest() -> 
     drifted = chain(bent)
     X_CK = inverse(poses[10]) @ poses[2]
     put_right = closed(drifted, 8, X_CK)
-    np.testing.assert_allclose(positions_along(put_right, levelled(put_right))[8], X_CK[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(levelled(put_right)[1][8], X_CK[:3, 3], atol=1e-12)
     # Shares of one rigid correction do not bend as the drift did: a quarter of its largest offset may be left.
-    np.testing.assert_allclose(positions_along(put_right, levelled(put_right))[:9, 1], 0.0, atol=0.25 * 0.04)
-    assert np.abs(positions_along(drifted, levelled(drifted))[:9, 1]).max() > 0.03
+    np.testing.assert_allclose(levelled(put_right)[1][:9, 1], 0.0, atol=0.25 * 0.04)
+    assert np.abs(levelled(drifted)[1][:9, 1]).max() > 0.03
     np.testing.assert_allclose(put_right[0].X_OS, drifted[0].X_OS, atol=1e-12)  # the newest stays where it is

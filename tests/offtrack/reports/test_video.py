@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.util
+import time
 from pathlib import Path
 
 import cv2
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
-from offtrack.reports.film import Film, camera_picture, write_film
+from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step, write_video
+from offtrack.reports.film import Film, camera_picture
 from offtrack.reports.player.playback import Picture as Shot
 from offtrack.reports.player.playback import trailer_playback
+from offtrack.reports.run_files import FilmAlong
+from scenarios.progress import no_progress
 from scenarios.results.log import Log
 from scenarios.results.trailer_result import RunResult
 
@@ -33,6 +36,18 @@ def colour_count(picture: Picture, colour: tuple[int, int, int]) -> int:
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
+def test_a_video_is_drawn_along_with_its_run(camera_run: RunResult, tmp_path: Path) -> None:
+    """The last 3 s of a snapshot wait for the next one; of an interrupted run they are not drawn."""
+    for outcome, pictures in (("completed", 61), ("interrupted", 20)):
+        film = FilmAlong(tmp_path, duration=10.0)
+        film.step(lambda: first_seconds(camera_run, 5.0))
+        while film.drawn < 20:
+            time.sleep(0.01)
+        film.end(dataclasses.replace(first_seconds(camera_run, 6.01), outcome=outcome))
+        assert (film.path(no_progress, 61), film.drawn) == (tmp_path / "video.mp4", pictures)
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
 def test_the_video_plays_in_real_time(camera_run: RunResult, tmp_path: Path) -> None:
     """10 pictures a second of simulated time, in a format that every player shows."""
     import av
@@ -43,7 +58,7 @@ def test_the_video_plays_in_real_time(camera_run: RunResult, tmp_path: Path) -> 
         told.append((done, total))
 
     run = first_seconds(camera_run, 2.0)
-    path = write_film(trailer_playback(run), tmp_path / "video", TIMES[:20], 10, progress=report)
+    path = write_video(Film(trailer_playback(run)).picture, TIMES[:20], 10, tmp_path / "video", report)
     assert path == tmp_path / "video.mp4"
     with av.open(path) as container:
         stream = container.streams.video[0]
@@ -62,7 +77,8 @@ def test_without_pyav_there_is_a_small_gif(
 ) -> None:
     """Half the size, at most 5 pictures a second, real time all the same."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    path = write_film(trailer_playback(first_seconds(camera_run, 3.0)), tmp_path / "video", TIMES[:30], 10)
+    film = Film(trailer_playback(first_seconds(camera_run, 3.0)))
+    path = write_video(film.picture, TIMES[:30], 10, tmp_path / "video", no_progress)
     assert path == tmp_path / "video.gif"
     with Image.open(path) as gif:
         assert gif.width == 640

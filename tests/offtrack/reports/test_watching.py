@@ -117,7 +117,7 @@ def test_a_watched_run_is_bitwise_the_same_and_a_page_that_goes_away_does_not_ma
 
         thread = threading.Thread(target=read_a_little)
         thread.start()
-        seen = run(scenario, 1, watch=watcher.step)
+        seen = run(scenario, 1, watch=[watcher.step])
         thread.join()
         watcher.finish(seen.outcome)
     assert shown
