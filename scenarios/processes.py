@@ -168,10 +168,8 @@ def _pool(together: int) -> "ProcessPoolExecutor":
     from loky import ProcessPoolExecutor
 
     warn_if_interpreted()
-    # Threads of renderer and OpenCV share the cores; matrices are too small for threads of BLAS, which wait in a loop.
-    share = str(max(1, default_jobs() // together))
-    threads = {"LP_NUM_THREADS": share, "OPENCV_FOR_THREADS_NUM": share, "OPENBLAS_NUM_THREADS": "1"}
-    environment = {name: os.environ.get(name, number) for name, number in threads.items()}
+    # Several processes use the cores better than the threads of the renderer in each of them.
+    environment = {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", "1")} if together > 1 else {}
     return ProcessPoolExecutor(1, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=environment)
 
 

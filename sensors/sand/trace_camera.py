@@ -10,7 +10,7 @@ relief within two pixels, some tenths of a millimetre.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, Final, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -20,14 +20,12 @@ from sensors.camera.image_formation import AutoExposure, ExposureControl, LightN
 from sensors.camera.rig import CameraModel
 from sensors.messages import ColourImage, GreyImage
 from sensors.sand.field import decoded
-from sensors.sand.grid import TEXEL, Bytes, Floats, Window, window_around
+from sensors.sand.grid import TEXEL, Floats, Window, window_around
 from sensors.sand.solids import Casters, Hits
 from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import LUGS, SandWorld
 from vehicle.frames import FloatArray
 from vehicle.rover.truth import RoverTruth
-
-LayerT = TypeVar("LayerT", Floats, Bytes)
 
 _STEPS: Final = 3  # of the fixed-point iteration; each reduces the error by slope times tangent of the view angle
 _AROUND: Final = 0.05  # margin around the ground that is visible by plane geometry [m]
@@ -186,8 +184,8 @@ def _turned(rays: Floats, X_WC: FloatArray) -> list[Floats]:
     return turned
 
 
-def _looked_up(layer: LayerT, u: Floats, v: Floats) -> LayerT:
-    return cast("LayerT", cv2.remap(layer, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+def _looked_up(layer: NDArray[Any], u: Floats, v: Floats) -> NDArray[Any]:
+    return np.asarray(cv2.remap(layer, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _plane(world: SandWorld, place: FloatArray) -> tuple[float, float, float]:

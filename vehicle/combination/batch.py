@@ -4,7 +4,6 @@ The vehicles share a topology. Their numbers are inputs of the compiled function
 load, length or lag without building anything anew.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -26,7 +25,7 @@ from vehicle.combination.functions import (
 from vehicle.combination.layout import GroundInputs, State, command_sizes, ground_input_sizes, slices, state_sizes
 from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
-from vehicle.engine.kernels import Engine, kernel_for_rows
+from vehicle.engine.kernels import Engine, kernel_for_one, kernel_for_rows
 from vehicle.foundation.plant_like import are_sane
 from vehicle.frames import FloatArray
 
@@ -225,7 +224,9 @@ class LaneObserver:
         """Of a batch of vehicles of this topology."""
         self._batch = batch
         of_vehicle = kinematics_function(vehicle), wheel_function(vehicle), body_function(vehicle)
-        self._kinematics, self._wheels, self._bodies = map(_evaluated, of_vehicle)
+        self._kinematics, self._wheels, self._bodies = (
+            kernel_for_one(_taking_numbers_as_input(function), _NOTHING, "interpreted") for function in of_vehicle
+        )
         self._assembly = TruthAssembly(vehicle)
         in_state = State(*slices(state_sizes(vehicle)))
         self._x, self._y, self._psi = in_state.x.start, in_state.y.start, in_state.psi.start
@@ -237,9 +238,9 @@ class LaneObserver:
             state = state.copy()
             state[self._x] -= back * np.cos(state[self._psi])
             state[self._y] -= back * np.sin(state[self._psi])
-        kinematics = self._kinematics(state, _NOTHING, own_numbers)
-        wheels = self._wheels(state, inputs, own_numbers)
-        bodies = self._bodies(state, surface.smooth_ground(kinematics), own_numbers)
+        kinematics = self._kinematics(state, own_numbers)
+        wheels = self._wheels(state, np.concatenate([inputs, own_numbers]))
+        bodies = self._bodies(state, np.concatenate([surface.smooth_ground(kinematics), own_numbers]))
         return self._assembly.truth(tick, kinematics, wheels, bodies)
 
 
@@ -286,20 +287,3 @@ def _motion_function(vehicle: Vehicle) -> Any:
 
 def _shifted(part: slice, by: int) -> slice:
     return slice(by + part.start, by + part.stop)
-
-
-def _evaluated(function: Any) -> Callable[..., FloatArray]:
-    """A function of CasADi on buffers of its own: a sixth of the time of a call with arrays."""
-    kept = function.buffer()  # the evaluator does not keep its buffer alive
-    given, result = [np.zeros(function.numel_in(k)) for k in range(function.n_in())], np.zeros(function.numel_out(0))
-    for k, memory in enumerate(given):
-        kept[0].set_arg(k, memory.data)
-    kept[0].set_res(0, result.data)
-
-    def call(*arguments: FloatArray) -> FloatArray:
-        for memory, argument in zip(given, arguments, strict=True):
-            memory[:] = argument
-        kept[1]()
-        return result.copy()
-
-    return call
