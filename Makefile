@@ -33,7 +33,9 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Processor times against the commit recorded last, and bars; with RECORD=1 the ratios are kept in tests/benchmarks/history.csv
 benchmarks: install
+	$(BIN)/python -m tests.benchmarks.history $(if $(RECORD),--record)
 	$(BIN)/pytest tests/benchmarks --override-ini addopts="--import-mode=importlib" --benchmark-only
 
 # Commands killed at random moments and started again: make kills MOMENTS=40

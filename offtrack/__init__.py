@@ -17,8 +17,7 @@ import gymnasium
 from offtrack.hidden import check_packages
 
 if TYPE_CHECKING:
-    from offtrack.runs import Run, load_run, run
-    from offtrack.session import Session
+    from offtrack.runs import Run, Session, load_run, run
     from offtrack.sweeps import Sweep, sweep
 
 __all__ = ["Run", "Session", "Sweep", "load_run", "run", "sweep"]
@@ -27,7 +26,7 @@ _MODULES: Final = {
     "Run": "runs",
     "load_run": "runs",
     "run": "runs",
-    "Session": "session",
+    "Session": "runs",
     "Sweep": "sweeps",
     "sweep": "sweeps",
 }

@@ -168,9 +168,8 @@ def _pool(together: int) -> "ProcessPoolExecutor":
     from loky import ProcessPoolExecutor
 
     warn_if_interpreted()
-    # Several processes use the cores better than the threads of renderer and OpenCV in each of them.
-    names = ("OPENBLAS_NUM_THREADS", *(("LP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM") if together > 1 else ()))
-    environment = {name: os.environ.get(name, "1") for name in names}
+    # Several processes use the cores better than the threads of the renderer in each of them.
+    environment = {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", "1")} if together > 1 else {}
     return ProcessPoolExecutor(1, timeout=_IDLE, initializer=_begin, initargs=(os.getpid(),), env=environment)
 
 
@@ -200,10 +199,11 @@ def is_alive(process: int) -> bool:
 def save_time() -> None:
     """Settings of a process of offtrack's own, which a user's program must not get: less waiting and searching.
 
-    Matrices are small, so that OpenBLAS's threads only wait for each other; the user's own number of them counts. A run
-    makes little that refers to itself in a circle: Python looks for it seldom.
+    Matrices and images are small, so that threads of OpenBLAS and OpenCV, imported later, mostly wait for each other; a
+    number of the user's own counts. A run makes little that refers to itself in a circle: Python looks for it seldom.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of SciPy, which is imported later
+    for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        os.environ.setdefault(variable, "1")
     gc.set_threshold(_ALLOCATIONS)
     atexit.register(gc.freeze)  # with the process everything goes, and need not be searched
 

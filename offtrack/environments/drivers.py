@@ -192,14 +192,15 @@ class Drivers:
         """
         self._u[:, :3], self._u[:, 3:6] = poses, velocities
         # The guided point is expected one period of travel further on; a driver who begins is at the start.
-        near, memory = self._inputs.near, DriverState(*self._memory.T)
+        near, memory = self._inputs.near, self.state
         travel = law.travel(ARRAYS, (self._inputs.x_ref, self._inputs.y_ref), law.Motion(*velocities.T))
         np.multiply(travel, PERIOD * memory.started, out=near)
         near += memory.station
         first, second = len(_Inputs._fields), len(_Inputs._fields) + len(PathPiece._fields)
         self._u[:, first:second] = self._tracks.pieces(self._course, near)
-        headings = self._tracks.headings(self._course, near[:, None] + travel[:, None] * _TIMES)
-        self._u[:, second:] = np.hstack([self._gains.at(velocities[:, 0], self._course), headings])
+        self._u[:, second:-_STRETCHES] = self._gains.at(velocities[:, 0], self._course)
+        ahead = near[:, None] + travel[:, None] * _TIMES
+        self._u[:, -_STRETCHES:] = self._tracks.headings(self._course, ahead)
         self._memory = self._step(self._memory, self._u)
         self.state = DriverState(*self._memory.T)
         return self.state.demand, self.state.acceleration

@@ -218,10 +218,9 @@ class TractorTrailerDriving:
             "rolled over": (np.abs(now.load_transfer) >= LIFTED).any(axis=1),
             "diverged": ~np.isfinite(distance),
         }
-        failed = np.zeros(self.n, dtype=bool)
-        for name, happened in mishaps.items():
+        failed = np.logical_or.reduce(tuple(mishaps.values()))
+        for name, happened in mishaps.items() if failed.any() else ():
             outcome[happened] = name
-            failed |= happened
         arrived &= ~failed
         outcome[arrived] = "completed"
         terminated = failed | arrived

@@ -1,7 +1,6 @@
 """The film of a playback: the camera's image above the plan, readings and the first chart."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import cv2
@@ -13,7 +12,6 @@ from offtrack.reports.canvas import INK, PAPER, SOFT, WIDTH, Colour
 from offtrack.reports.page import Photo, Stroke
 from offtrack.reports.player.playback import PALETTE, SERIES, Curve, Picture, Playback
 from scenarios.image_file import PictureSize
-from scenarios.progress import Progress, no_progress
 from scenarios.results.swept_path import placed
 from vehicle.frames import FloatArray, arc_length
 
@@ -256,16 +254,3 @@ class Film:
             value = f"{one.scale * known[-1]:z.{one.digits}f}{unit}" if known.size else "none"
             readings.append((one.label.replace("σ", "std. dev."), value, rgb(PALETTE[one.colour])))
         return readings
-
-
-def write_film(
-    playback: Playback,
-    path_without_suffix: Path,
-    times: FloatArray,
-    rate: int,
-    *,
-    frames: Frames | None = None,
-    progress: Progress = no_progress,
-) -> Path:
-    """Write the film with a picture for each of the run's times [s], ``rate`` a second, and return its path."""
-    return canvas.write_video(Film(playback, frames).picture, times, rate, path_without_suffix, progress)

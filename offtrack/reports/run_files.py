@@ -28,8 +28,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from offtrack.reports.canvas import Picture as Drawing
-from offtrack.reports.canvas import write_h264
-from offtrack.reports.film import Film, write_film
+from offtrack.reports.canvas import write_h264, write_video
+from offtrack.reports.film import Film
 from offtrack.reports.page import (
     Cell,
     Column,
@@ -244,7 +244,7 @@ def write_run(
             if isinstance(video, FilmAlong) and (path := video.path(progress, len(times))):
                 shutil.move(path, folder / path.name)
             elif video is True or result.outcome != "interrupted":
-                write_film(kind.playback(result), folder / "video", times, _RATE, progress=progress)
+                write_video(Film(kind.playback(result)).picture, times, _RATE, folder / "video", progress)
     if result.outcome != "interrupted":
         mark_complete(directory)
     if failures:

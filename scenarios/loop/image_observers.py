@@ -3,7 +3,7 @@
 import hashlib
 from array import array
 from bisect import bisect_right
-from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from scenarios.assembly.trailer_sensors import Cameras
 from scenarios.image_file import PictureSize
-from scenarios.loop.channel import Finished, Kept, Stopwatch
+from scenarios.loop.channel import Kept, Stopwatch
 from sensors.messages import GreyImage, RoverView, Stamped, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from vehicle.combination.truth import Truth
@@ -64,7 +64,7 @@ class Pictures(Generic[TruthT]):
         self._records = records
         self._size = PictureSize() if keep is True else keep or None  # None: none is kept
         self._digest = _Digest()
-        self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
+        self._newest: Future[None] | None = None  # of the picture that is compressed last
         self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
         self._truths: Kept[TruthT] = Kept(_TRUTHS, recent=_RECENT)
         self._ticks = array("q")  # of the truths
@@ -85,21 +85,13 @@ class Pictures(Generic[TruthT]):
     @property
     def frames(self) -> list[tuple[int, bytes]]:
         """Tick and JPEG of every kept picture; those that a user's own sensor made unfit for JPEG are left out."""
-        while self._coming:
-            self._take()
+        if self._newest is not None:
+            self._newest.exception()  # waits
         return list(self._kept)
 
-    def add(self, tick: int, jpeg: Future[bytes]) -> None:
-        """Keep a picture that is being compressed."""
-        self._coming.append((tick, jpeg))
-        while self._coming and self._coming[0][1].done():
-            self._take()
-
-    def _take(self) -> None:
-        """Keep the oldest picture that was being compressed; waits for it."""
-        tick, jpeg = self._coming.popleft()
-        if jpeg.exception() is None:
-            self._kept.append((tick, jpeg.result()))
+    def compress(self, worker: Executor, tick: int, jpeg: Callable[[], bytes]) -> None:
+        """Keep a picture that a worker compresses, one after the other."""
+        self._newest = worker.submit(lambda: self._kept.append((tick, jpeg())))
 
     @property
     def sha256(self) -> str:
@@ -149,7 +141,7 @@ class StereoPictures(Pictures[Truth]):
             self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
         if self._size and self._cameras:
             size, rectified = self._size, self._cameras.rectified
-            self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame), size)))
+            self.compress(self._worker, frame.tick, lambda: _stereo_jpeg(rectified(frame), size))
 
 
 class TracePictures(Pictures[RoverTruth]):
@@ -176,7 +168,7 @@ class TracePictures(Pictures[RoverTruth]):
             self._recorder.add(message, self._truth(message.tick))
         if self._size and self._camera is not None:
             with self._stopwatch.timed("render"):
-                self.add(truth.tick, Finished(self._size.jpeg(self._camera.colour(truth))))
+                self._kept.append((truth.tick, self._size.jpeg(self._camera.colour(truth))))
 
 
 def _stereo_jpeg(frame: StereoFrame, size: PictureSize) -> bytes:

@@ -38,8 +38,8 @@ class RigOptions(Frozen):
     """The stereo cameras on the trailer (de Saxe & Cebon 2018, section 3.1), without imperfections by default."""
 
     facing: Literal["rear", "left", "right", "down"] = option("Direction in which the cameras look.", "rear")
-    width: int = quantity(1344, "px", 320, 4096, "Image width.")
-    height: int = quantity(391, "px", 200, 4096, "Image height.")
+    width: int = quantity(1344, "px", 64, 4096, "Image width.")
+    height: int = quantity(391, "px", 64, 4096, "Image height.")
     hfov_deg: float = quantity(100.0, "deg", 30.0, 140.0, "Horizontal field of view.")
     camera_height: float = quantity(3.0, "m", 0.5, 6.0, "Height of the cameras above the ground.")
     baseline: float = quantity(0.5, "m", 0.1, 5.0, "Distance between the two cameras.")

@@ -176,16 +176,14 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
     length = max(float(np.hypot(*(corner - front[0]).T).max()) for corner in (c[0] for c in corners))
     stations = np.arange(0.0, along[-1], _STATION_SPACING)
     tangents = np.gradient(front, along, axis=0)
-    curvature = _curvature(tangents, along)
+    at = [np.interp(stations, along, part) for part in (*front.T, *tangents.T, _curvature(tangents, along))]
     widths = [0.0]
-    for s in stations:
-        point = np.array([np.interp(s, along, front[:, k]) for k in (0, 1)])
-        tangent = np.array([np.interp(s, along, tangents[:, k]) for k in (0, 1)])
+    for s, (*place, bend) in zip(stations, np.column_stack(at), strict=True):
+        point, tangent = np.array(place[:2]), np.array(place[2:])
         # On a path that crosses itself the section must not see the vehicle pass on another leg: it has passed when
         # the front has gone on by the combination's length, or on an arc of up to half a turn, pi / 2 times that.
         first, last = np.searchsorted(along, [s, s + _QUARTER_TURN * length])
         strips = np.concatenate([_strips(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
-        bend = float(np.interp(s, along, curvature))
         centre = 1.0 / bend if bend else math.inf
         widths.append(_width_round(0.0, np.minimum(strips, centre) if centre > 0.0 else np.maximum(strips, centre)))
     return max(widths)

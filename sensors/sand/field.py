@@ -208,15 +208,18 @@ def encoded(albedo: Bytes, packed: Bytes, sun: Floats, sky: Floats) -> Bytes:
     return roots
 
 
-def decoded(roots: Bytes | Floats) -> Floats:
+_SHARES: Final = np.square(np.arange(256.0), dtype=np.float32) * np.float32(2.0 / 255.0**2)
+
+
+def decoded(roots: Bytes) -> Floats:
     """Reflected share (h, w) of sun or sky from the output of ``encoded``."""
-    share: Floats = np.square(roots, dtype=np.float32)
-    share *= np.float32(2.0 / 255.0**2)
-    return share
+    return np.asarray(cv2.LUT(roots, _SHARES), dtype=np.float32)
 
 
 TILE: Final = 512  # texels a side
 _BLOCK: Final = 32  # texels a side of the blocks whose light is updated together
+_NEW, _CHANGED = 2, 1  # flags of blocks: never seen; shaped by a wheel since
+_AHEAD: Final = 5  # blocks beyond the view whose light is made with that of new ground in it: fewer and larger pieces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,7 +231,7 @@ class Tile:
     tint: Bytes
     packed: Bytes  # 255 where a wheel has compacted it
     light: Bytes  # (2, n, n) reflected light of sun and sky, see ``light.encoded``
-    stale: NDArray[np.uint8]  # (blocks, blocks) 1 where the light is out of date
+    stale: NDArray[np.uint8]  # (blocks, blocks) why the light is out of date: _NEW, _CHANGED; 0: it is not
     rock_light: Bytes | None  # share of the sun's light past the rocks; None: all
 
 
@@ -262,11 +265,12 @@ class Field:
         for tile, here, there in self._parts(window):
             tile.height[here] = sand.height[there]
             tile.packed[here] = sand.packed[there]
-        for tile, (rows, columns), _ in self._parts(around(window, self.reach.behind)):
+        # the light of tiles that do not exist yet is stale anyway
+        for tile, (rows, columns), _ in self._parts(around(window, self.reach.behind), only_existing=True):
             tile.stale[
                 rows.start // _BLOCK : (rows.stop - 1) // _BLOCK + 1,
                 columns.start // _BLOCK : (columns.stop - 1) // _BLOCK + 1,
-            ] = 1
+            ] |= _CHANGED
 
     def light(self, window: Window) -> Bytes:
         """Light of sun and sky that a window reflects (2, h, w), see ``light.encoded``."""
@@ -284,26 +288,22 @@ class Field:
         return out
 
     def _update_light(self, window: Window) -> None:
-        """Bring the light of a window up to date, one group of connected stale blocks after the other."""
-        top, left = window.top // _BLOCK, window.left // _BLOCK
-        blocks = Window(top, left, -(-window.bottom // _BLOCK), -(-window.right // _BLOCK))
-        whole = Window(*(side * _BLOCK for side in blocks))
-        stale = np.zeros(blocks.shape, np.uint8)
-        for i in range(window.top // TILE, (window.bottom - 1) // TILE + 1):
-            for j in range(window.left // TILE, (window.right - 1) // TILE + 1):
-                if self._tile(i, j).stale.all():  # never seen: the whole tile at once is fastest
-                    self._bake(_extent(i, j))
-        for tile, here, there in self._parts(whole):
-            stale[_in_blocks(there)] = tile.stale[_in_blocks(here)]
-        if not stale.any():
-            return
-        count, _, groups, _ = cv2.connectedComponentsWithStats(stale, connectivity=8)
-        for column, row, columns, rows, _ in groups[1:count].tolist():
-            self._bake(
-                Window(
-                    *(_BLOCK * side for side in (top + row, left + column, top + row + rows, left + column + columns))
-                )
-            )
+        """Bring light up to date: of new ground also some blocks beyond the window, of changed ground within it."""
+        first, last = (side // _BLOCK for side in window[:2]), (-(-side // _BLOCK) for side in window[2:])
+        in_view = Window(*first, *last)
+        for blocks, kind in ((in_view.grown(_AHEAD), _NEW), (in_view, _CHANGED)):
+            stale = np.full(blocks.shape, _NEW, np.uint8)
+            for tile, here, there in self._parts(_texels(blocks), only_existing=True):
+                stale[_in_blocks(there)] = tile.stale[_in_blocks(here)]
+            stale &= kind
+            if not stale[in_view.within(blocks)].any():
+                continue
+            count, _, groups, _ = cv2.connectedComponentsWithStats(stale, connectivity=8)
+            for column, row, columns, rows, _ in groups[1:count].tolist():
+                top, left = blocks.top + row, blocks.left + column
+                group = Window(top, left, top + rows, left + columns)
+                if not group.common(in_view).is_empty:
+                    self._bake(_texels(group))
 
     def _bake(self, window: Window) -> None:
         sun, sky = sunlit(self.height(around(window, self.reach.before)), self.reach, self.sun)
@@ -314,10 +314,14 @@ class Field:
             tile.light[:, *here] = encoded(tile.albedo[here], tile.packed[here], direct, sky[there])
             tile.stale[_in_blocks(here)] = 0
 
-    def _parts(self, window: Window) -> Iterator[tuple[Tile, tuple[slice, slice], tuple[slice, slice]]]:
+    def _parts(
+        self, window: Window, *, only_existing: bool = False
+    ) -> Iterator[tuple[Tile, tuple[slice, slice], tuple[slice, slice]]]:
         """Tiles under a window, each with the common part as slices of the tile and of the window."""
         for i in range(window.top // TILE, (window.bottom - 1) // TILE + 1):
             for j in range(window.left // TILE, (window.right - 1) // TILE + 1):
+                if only_existing and (i, j) not in self.tiles:
+                    continue
                 extent = _extent(i, j)
                 common = window.common(extent)
                 yield self._tile(i, j), common.within(extent), common.within(window)
@@ -338,7 +342,7 @@ class Field:
             tint=ground.tint,
             packed=sand.packed,
             light=np.zeros((2, *window.shape), np.uint8),
-            stale=np.ones((TILE // _BLOCK, TILE // _BLOCK), np.uint8),
+            stale=np.full((TILE // _BLOCK, TILE // _BLOCK), _NEW, np.uint8),
             rock_light=self._rock_light(window, sand.height),
         )
 
@@ -353,6 +357,11 @@ class Field:
 def _extent(i: int, j: int) -> Window:
     """Texels of a tile."""
     return Window(i * TILE, j * TILE, (i + 1) * TILE, (j + 1) * TILE)
+
+
+def _texels(blocks: Window) -> Window:
+    """Window of texels from one of blocks."""
+    return Window(*(side * _BLOCK for side in blocks))
 
 
 def _in_blocks(part: tuple[slice, slice]) -> tuple[slice, slice]:

@@ -10,7 +10,7 @@ relief within two pixels, some tenths of a millimetre.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -75,11 +75,13 @@ class GroundView:
         rays, between = (np.ascontiguousarray(np.moveaxis(camera.rays(at), -1, 0), dtype=np.float32) for at in pixels)
         return cls(camera, rays, between)
 
-    def full(self, half: Floats) -> Floats:
-        """Image for all pixels from values of the traced rays."""
-        rows, columns = self.rays.shape[1:]
-        wide = cv2.resize(half, (2 * half.shape[1], 2 * half.shape[0]), interpolation=cv2.INTER_LINEAR)
-        return np.asarray(wide[_BORDER : _BORDER + rows, _BORDER : _BORDER + columns], dtype=np.float32)
+    def full(self, half: Floats, *part: slice) -> Floats:
+        """Image for all pixels, or for a part (rows, columns), from values of the traced rays."""
+        spans = part or tuple(slice(0, size) for size in self.rays.shape[1:])
+        near = tuple(slice((span.start + _BORDER) // 2 - 1, (span.stop + _BORDER + 1) // 2 + 1) for span in spans)
+        wide = cv2.resize(half[near], None, fx=2.0, fy=2.0, interpolation=cv2.INTER_LINEAR)
+        inner = zip(spans, (_BORDER - 2 * rays.start for rays in near), strict=True)
+        return np.asarray(wide[tuple(slice(span.start + by, span.stop + by) for span, by in inner)], dtype=np.float32)
 
     def footprint(self, X_WC: FloatArray, world: SandWorld) -> FloatArray:
         """Outline (n, 2) of the visible ground, taken as a plane [m].
@@ -140,14 +142,15 @@ class GroundView:
         Returns:
             Mask of the pixels in which they hide the ground.
         """
-        z, hidden = self.full(ground.z), np.zeros(direct.shape, dtype=bool)
+        hidden = np.zeros(direct.shape, dtype=bool)
         for body in bodies:
             part = self._part(X_WC, body.corners)
             if part is None:
                 continue
             rays = np.stack(_turned(self.rays[:, *part], X_WC), axis=-1)
             hits = body.hit(X_WC[:3, 3], rays, sun)
-            to_ground = (z[part][hits.met] - np.float32(X_WC[2, 3])) / rays[..., 2][hits.met]
+            z = self.full(ground.z, *part)[hits.met]
+            to_ground = (z - np.float32(X_WC[2, 3])) / rays[..., 2][hits.met]
             first = hits.depth < to_ground
             shown = hits.met
             shown[hits.met] = first
@@ -181,9 +184,8 @@ def _turned(rays: Floats, X_WC: FloatArray) -> list[Floats]:
     return turned
 
 
-def _looked_up(layer: Floats | NDArray[np.uint8], u: Floats, v: Floats) -> Floats:
-    values = cv2.remap(layer, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(values, dtype=np.float32)
+def _looked_up(layer: NDArray[Any], u: Floats, v: Floats) -> NDArray[Any]:
+    return np.asarray(cv2.remap(layer, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _plane(world: SandWorld, place: FloatArray) -> tuple[float, float, float]:

@@ -1,7 +1,7 @@
 """Cost of a study's machinery, and its scaling: ``python -m tests.benchmarks.studies --runs 2000``, on a quiet machine.
 
 Overhead: processor time of the study over that of its runs alone (scenario resolved, loop, summary) in one process,
-less one. Scaling: wall time with one process over that with two.
+less one. Scaling: wall time with one process over that with two; ``--cameras`` measures it with cameras.
 """
 
 import argparse
@@ -17,8 +17,7 @@ from offtrack.studies.pool import RunOptions, run_cases
 from scenarios.loop.runner import run
 
 _FIXED: Final = (  # 11 s simulated: the shorter a run, the more the machinery counts
-    *(("off_tracking", "truth"), ("reference_unit", "false")),
-    *(("course.entry", "20"), ("course.turn_deg", "30"), ("course.exit", "5")),
+    *(("reference_unit", "false"), ("course.entry", "20"), ("course.turn_deg", "30"), ("course.exit", "5")),
 )
 _ALONE: Final = 60  # runs in this process
 
@@ -28,24 +27,27 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--of-one-process", type=int, default=200, help="runs with one process, for the scaling")
+    parser.add_argument("--cameras", action="store_true")
     options = parser.parse_args()
-    own = _own_seconds()
+    source = "viso_ot" if options.cameras else "truth"
+    own = _own_seconds(source)
     with tempfile.TemporaryDirectory(prefix="offtrack-studies-") as folder:
-        slow, _ = _study(options.of_one_process, 1, Path(folder) / "one")
-        fast, seconds = _study(options.runs, 2, Path(folder) / "two")
+        slow, _ = _study(_cases(options.of_one_process, source), 1, Path(folder) / "one")
+        fast, seconds = _study(_cases(options.runs, source), 2, Path(folder) / "two")
     print(f"a run alone: {own:.3f} s of processor time; in a study of {options.runs} with 2 processes: {seconds:.3f} s")
     print(f"overhead: {100.0 * (seconds / own - 1.0):.1f} % (bar 10 %)")
     print(f"wall time of a run: {slow:.3f} s with 1 process, {fast:.3f} s with 2: scaling {slow / fast:.2f} (bar 1.8)")
     return 0
 
 
-def _cases(count: int) -> list[Case]:
-    return [Case(scenario="roundabout", fixed=_FIXED, axes=(), seed=seed) for seed in range(1, count + 1)]
+def _cases(count: int, source: str) -> list[Case]:
+    fixed = (*_FIXED, ("off_tracking", source))
+    return [Case(scenario="roundabout", fixed=fixed, axes=(), seed=seed) for seed in range(1, count + 1)]
 
 
-def _own_seconds() -> float:
+def _own_seconds(source: str) -> float:
     """Processor time of a run alone [s]."""
-    first, *cases = _cases(_ALONE + 1)
+    first, *cases = _cases(_ALONE + 1 if source == "truth" else 3, source)
     run(first.resolved(), first.seed)  # imports, and the engine's compilation
     begin = time.process_time()
     for case in cases:
@@ -53,14 +55,14 @@ def _own_seconds() -> float:
     return (time.process_time() - begin) / len(cases)
 
 
-def _study(count: int, jobs: int, cells: Path) -> tuple[float, float]:
+def _study(cases: list[Case], jobs: int, cells: Path) -> tuple[float, float]:
     """Wall time and processor time of a run in a study [s]."""
     begin, before = time.monotonic(), _seconds()
-    outcomes = run_cases(_cases(count), cells, RunOptions(jobs=jobs))
+    outcomes = run_cases(cases, cells, RunOptions(jobs=jobs))
     wall = time.monotonic() - begin
     if not all(outcome.completed for outcome in outcomes):
         raise RuntimeError("a run is not completed")
-    return wall / count, (_seconds() - before) / count
+    return wall / len(cases), (_seconds() - before) / len(cases)
 
 
 def _seconds() -> float:

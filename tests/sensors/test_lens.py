@@ -215,10 +215,12 @@ def test_noise_of_any_two_images_is_uncorrelated() -> None:
 
 
 def test_noise_saturates_instead_of_wrapping() -> None:
-    rng = np.random.default_rng(5)
+    rng, fresh = np.random.default_rng(5), np.random.default_rng
     bank = NoiseBank.draw(rng, 5.0, PIXELS)
-    assert bank.added_to(np.full(SHAPE, 255, dtype=np.uint8), rng).min() > 200  # 255 - 11 deviations
-    assert bank.added_to(np.zeros(SHAPE, dtype=np.uint8), rng).max() < 55
+    assert bank.added_to(np.full((*SHAPE, 4), 255, dtype=np.uint8), rng).min() > 200  # 255 - 11 deviations
+    assert bank.added_to(np.zeros((*SHAPE, 4), dtype=np.uint8), rng).max() < 55
+    image = rng.integers(0, 256, (*SHAPE, 4), dtype=np.uint8)  # of which one compiled pass makes the same as OpenCV
+    assert (bank.added_to(image, fresh(1)) == bank.added_to(grey(image), fresh(1))).all()
 
 
 def test_green_is_the_brightest_primary() -> None:

@@ -25,7 +25,7 @@ from vehicle.combination.functions import (
 from vehicle.combination.layout import GroundInputs, State, command_sizes, ground_input_sizes, slices, state_sizes
 from vehicle.combination.plant import SurfaceLookup
 from vehicle.combination.truth import Truth
-from vehicle.engine.kernels import Engine, kernel_for_rows
+from vehicle.engine.kernels import Engine, kernel_for_one, kernel_for_rows
 from vehicle.foundation.plant_like import are_sane
 from vehicle.frames import FloatArray
 
@@ -223,8 +223,11 @@ class LaneObserver:
     def __init__(self, vehicle: Vehicle, batch: PlantBatch) -> None:
         """Of a batch of vehicles of this topology."""
         self._batch = batch
-        self._kinematics, self._wheels = kinematics_function(vehicle), wheel_function(vehicle)
-        self._bodies, self._assembly = body_function(vehicle), TruthAssembly(vehicle)
+        of_vehicle = kinematics_function(vehicle), wheel_function(vehicle), body_function(vehicle)
+        self._kinematics, self._wheels, self._bodies = (
+            kernel_for_one(_taking_numbers_as_input(function), _NOTHING, "interpreted") for function in of_vehicle
+        )
+        self._assembly = TruthAssembly(vehicle)
         in_state = State(*slices(state_sizes(vehicle)))
         self._x, self._y, self._psi = in_state.x.start, in_state.y.start, in_state.psi.start
 
@@ -235,9 +238,9 @@ class LaneObserver:
             state = state.copy()
             state[self._x] -= back * np.cos(state[self._psi])
             state[self._y] -= back * np.sin(state[self._psi])
-        kinematics = _evaluated(self._kinematics, state, _NOTHING, own_numbers)
-        wheels = _evaluated(self._wheels, state, inputs, own_numbers)
-        bodies = _evaluated(self._bodies, state, surface.smooth_ground(kinematics), own_numbers)
+        kinematics = self._kinematics(state, own_numbers)
+        wheels = self._wheels(state, np.concatenate([inputs, own_numbers]))
+        bodies = self._bodies(state, np.concatenate([surface.smooth_ground(kinematics), own_numbers]))
         return self._assembly.truth(tick, kinematics, wheels, bodies)
 
 
@@ -284,8 +287,3 @@ def _motion_function(vehicle: Vehicle) -> Any:
 
 def _shifted(part: slice, by: int) -> slice:
     return slice(by + part.start, by + part.stop)
-
-
-def _evaluated(function: Any, *arguments: FloatArray) -> FloatArray:
-    value: FloatArray = function(*arguments).full().ravel()
-    return value

@@ -13,8 +13,8 @@ from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health
 from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, summary
 from offtrack.exchange.recordings.stereo_reader import kitti_text, tum_text
-from offtrack.reports import plots
-from offtrack.reports.film import Frames, photo_of, write_film
+from offtrack.reports import canvas, plots
+from offtrack.reports.film import Film, Frames, photo_of
 from offtrack.reports.page import Items, Page, Photos, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import (
@@ -239,7 +239,7 @@ def write_video(
     rate = int(np.clip(round(1.0 / float(np.median(np.diff(times)))), 1, 60))
     used = [frame for frame in estimation.frames if not frame.dropped]
     frames = Frames(np.array([frame.files.tick * TICK for frame in used]), lambda k: _picture(estimation, used[k]))
-    return write_film(playback, path_without_suffix, times, rate, frames=frames, progress=progress)
+    return canvas.write_video(Film(playback, frames).picture, times, rate, path_without_suffix, progress)
 
 
 def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:

@@ -13,7 +13,8 @@ from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
 from offtrack.exchange.recordings.flow_check import flow_warnings
 from offtrack.exchange.recordings.writers import RoverRecording
-from offtrack.reports.film import Frames, write_film
+from offtrack.reports.canvas import write_video as write_film
+from offtrack.reports.film import Film, Frames
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Chart, Curve, Picture, Playback, PlayedRun, Reading, elapsed, health_spans
@@ -214,7 +215,7 @@ def write_video(estimation: SlipEstimation, path_without_suffix: Path, *, progre
     playback = slip_playback(estimation, estimation.recording.directory.resolve().name, pictures=False)
     times = playback.runs[0].log["time"]
     frames = Frames(times, lambda k: _picture(estimation, k))
-    return write_film(playback, path_without_suffix, times, _RATE, frames=frames, progress=progress)
+    return write_film(Film(playback, frames).picture, times, _RATE, path_without_suffix, progress)
 
 
 _RATE: Final = 10  # pictures of the video a second

@@ -344,22 +344,13 @@ def test_a_trace_is_believed_after_three_pictures_with_clear_marks() -> None:
 
 
 def test_a_trace_that_is_known_may_be_unseen_for_a_second() -> None:
-    """Four pictures without it may be a shadow; five running are the end of it, and one with it begins anew."""
+    """Four pictures without it may be a shadow; five running are the end of it, and one with it begins anew.
+
+    So is a line that leads into a shadow's edge: as like a rut as ever on the whole, but no lug was there.
+    """
     known = [(0.5, 0.7)] * 5
     assert not judged([*known, (0.2, 0.5)]).visible
     assert not judged(known + [(0.2, 0.5)] * 4).lost
     assert judged(known + [(0.2, 0.5)] * 5).lost
     assert judged(known + [(0.2, 0.5)] * 4 + known[:1]).visible
-
-
-def test_a_line_without_marks_is_given_up_however_dark_it_is() -> None:
-    """A trace that leads into a shadow's edge: as like a rut as ever on the whole, but no lug was there."""
-    assert judged([(0.5, 0.7)] * 5 + [(0.5, 0.1)] * 15).lost
-
-
-@pytest.mark.parametrize("rows", [3, 10])
-def test_the_way_between_two_images_is_found_from_a_guess(rows: int) -> None:
-    """A rut of random lug marks that has moved back by whole rows; the guess is a tenth too long."""
-    before = np.random.default_rng(1).normal(size=(150, 24)).astype(np.float32)
-    way = tracker.shift(before, np.roll(before, rows, axis=0), 1.1 * rows * STEP)
-    assert way == pytest.approx(rows * STEP, abs=0.1 * STEP)
+    assert judged(known + [(0.5, 0.1)] * 15).lost

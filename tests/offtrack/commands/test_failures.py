@@ -5,8 +5,9 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +143,7 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
     [
         ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
         (
-            "run_files.write_film",
+            "run_files.write_video",
             OSError(errno.ENOSPC, "No space left on device"),
             "OSError: .*No space left on device",
         ),
@@ -196,16 +197,11 @@ def test_an_estimate_that_is_none_ends_the_run_and_not_its_log(
 def test_a_picture_that_is_none_does_not_lose_the_others() -> None:
     """They are compressed while the run goes on, and asked for after its end."""
     pictures: StereoPictures = StereoPictures(0, 1, None, InLine(), keep=True, recorder=None)
-    good, bad = Future[bytes](), Future[bytes]()
-    good.set_result(b"jpeg")
-    bad.set_exception(ValueError("three channels expected"))
-    pictures.add(0, bad)
-    for tick in range(100, 3000, 100):
-        pictures.add(tick, good)
-    last = Future[bytes]()
-    pictures.add(3000, last)
-    last.set_result(b"last")
-    assert pictures.frames == [*((tick, b"jpeg") for tick in range(100, 3000, 100)), (3000, b"last")]
+    jpegs = dict.fromkeys(range(100, 3000, 100), b"jpeg")
+    with ThreadPoolExecutor(max_workers=1) as worker:
+        for tick in range(0, 3000, 100):
+            pictures.compress(worker, tick, partial(jpegs.__getitem__, tick))
+        assert pictures.frames == list(jpegs.items())
 
 
 OWN = """

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
-from offtrack.reports.film import Film, camera_picture, write_film
+from offtrack.reports.canvas import ESTIMATED, INK, TRUE, Picture, nice_step, write_video
+from offtrack.reports.film import Film, camera_picture
 from offtrack.reports.player.playback import Picture as Shot
 from offtrack.reports.player.playback import trailer_playback
 from offtrack.reports.run_files import FilmAlong
@@ -58,7 +58,7 @@ def test_the_video_plays_in_real_time(camera_run: RunResult, tmp_path: Path) -> 
         told.append((done, total))
 
     run = first_seconds(camera_run, 2.0)
-    path = write_film(trailer_playback(run), tmp_path / "video", TIMES[:20], 10, progress=report)
+    path = write_video(Film(trailer_playback(run)).picture, TIMES[:20], 10, tmp_path / "video", report)
     assert path == tmp_path / "video.mp4"
     with av.open(path) as container:
         stream = container.streams.video[0]
@@ -77,7 +77,8 @@ def test_without_pyav_there_is_a_small_gif(
 ) -> None:
     """Half the size, at most 5 pictures a second, real time all the same."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    path = write_film(trailer_playback(first_seconds(camera_run, 3.0)), tmp_path / "video", TIMES[:30], 10)
+    film = Film(trailer_playback(first_seconds(camera_run, 3.0)))
+    path = write_video(film.picture, TIMES[:30], 10, tmp_path / "video", no_progress)
     assert path == tmp_path / "video.gif"
     with Image.open(path) as gif:
         assert gif.width == 640

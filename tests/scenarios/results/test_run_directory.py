@@ -188,7 +188,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
     """Remains of a process that is killed then may be replaced; an interrupt keeps all that is finished."""
     run, seen = tmp_path / "run", list[str]()
 
-    def write_film(_: object, target: Path, *__: object, **___: object) -> None:
+    def write_video(_: object, __: object, ___: object, target: Path, ____: object) -> None:
         target.with_suffix(".mp4").write_bytes(b"half of it")
         shutil.copytree(run, tmp_path / "killed")
         for path in run.rglob("*"):
@@ -197,7 +197,7 @@ def test_the_run_is_written_before_its_video_is_drawn(
         seen.extend(path.name for path in run.iterdir() if not path.name.startswith("."))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("offtrack.reports.run_files.write_film", write_film)
+    monkeypatch.setattr("offtrack.reports.run_files.write_video", write_video)
     with pytest.raises(KeyboardInterrupt):
         write_run(camera_run, run)
     kept = ["manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"]
