@@ -5,7 +5,7 @@ Importing this module imports pyrender and loads EGL.
 
 import ctypes
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
 
-Uniforms = Mapping[str, float | tuple[float, ...] | FloatArray]
+Constants = Mapping[str, float | tuple[float, ...] | FloatArray]
 
 _SHADERS = Path(__file__).parent / "shaders"
 _fast: Any = PLATFORM.GL  # the library itself: PyOpenGL's wrappers take longer than the calls of a frame
@@ -91,28 +91,12 @@ def _new_texture(wrap: int, enlarge: int, shrink: int) -> int:
     return texture
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Program:
-    """A linked shader program with its uniforms."""
-
-    identity: int
-    locations: dict[str, int] = field(default_factory=dict)
-
-    @classmethod
-    def load(cls, vertex: str, fragment: str, constants: Uniforms) -> "Program":
-        """Program of two files in ``shaders``, in which the constants are defined."""
-        defines = {name: _literal(value) for name, value in constants.items()}
-        program = ShaderProgram(str(_SHADERS / f"{vertex}.vert"), str(_SHADERS / f"{fragment}.frag"), defines=defines)
-        program._add_to_context()
-        return cls(int(program._program_id))
-
-    def use(self, uniforms: Uniforms) -> None:
-        """Make this the current program and set uniforms: numbers, vectors, matrices, or ints for texture units."""
-        GL.glUseProgram(self.identity)
-        for name, value in uniforms.items():
-            if name not in self.locations:
-                self.locations[name] = int(GL.glGetUniformLocation(self.identity, name))
-            _set(self.locations[name], value)
+def linked(vertex: str, fragment: str, constants: Constants) -> int:
+    """Name of a new program of two files in ``shaders``, in which the constants are defined."""
+    defines = {name: _literal(value) for name, value in constants.items()}
+    program = ShaderProgram(str(_SHADERS / f"{vertex}.vert"), str(_SHADERS / f"{fragment}.frag"), defines=defines)
+    program._add_to_context()
+    return int(program._program_id)
 
 
 def _literal(value: float | tuple[float, ...] | FloatArray) -> str:
@@ -121,17 +105,6 @@ def _literal(value: float | tuple[float, ...] | FloatArray) -> str:
         return str(value)
     numbers = np.atleast_1d(value).tolist()
     return f"vec{len(numbers)}{tuple(numbers)}" if len(numbers) > 1 else repr(numbers[0])
-
-
-def _set(location: int, value: float | tuple[float, ...] | FloatArray) -> None:
-    if isinstance(value, int):
-        GL.glUniform1i(location, value)
-        return
-    array = np.ascontiguousarray(value, dtype=np.float32)
-    if array.ndim == 2:
-        GL.glUniformMatrix4fv(location, 1, GL.GL_TRUE, array)
-    else:
-        (GL.glUniform1fv, GL.glUniform2fv, GL.glUniform3fv, GL.glUniform4fv)[max(array.size, 1) - 1](location, 1, array)
 
 
 _BLOCK = 300  # most faces of a block; smaller ones cost more in calls than they save in vertices
@@ -324,7 +297,9 @@ class PairRenderer:
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._instanced.vertices)
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, before, vertices.nbytes, vertices.view(np.uint8))
         boxes = [_into_box(instances) for instances in moved] + [_NO_BOX] * (MAX_VEHICLES - len(moved))
-        self._programs["ground"].use({f"into_box[{k}]": box for k, box in enumerate(boxes)})
+        GL.glUseProgram(self._programs["ground"])
+        location = GL.glGetUniformLocation(self._programs["ground"], "into_box")
+        GL.glUniformMatrix4fv(location, len(boxes), GL.GL_TRUE, np.array(boxes, dtype=np.float32))
 
     def read_colour(self) -> NDArray[np.uint8]:
         """Both images (2, height, width, 4), RGBA: reading RGB from OpenGL takes twice as long."""
@@ -358,7 +333,6 @@ class PairRenderer:
             GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
             GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, layout, self._width, 2 * self._height)
             GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
-
         for capability in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE):
             GL.glEnable(capability)
         GL.glFrontFace(GL.GL_CW)  # the projection flips the image
@@ -371,17 +345,16 @@ class PairRenderer:
         first = 0
         for kind, number in zip(self._things.kinds, numbers, strict=True):
             if number:
-                (_fast.glEnable if kind.program == "thing" else _fast.glDisable)(
-                    GL.GL_CULL_FACE
-                )  # leaves have two sides
-                _fast.glUseProgram(self._programs[kind.program].identity)
+                culled = _fast.glEnable if kind.program == "thing" else _fast.glDisable  # leaves have two sides
+                culled(GL.GL_CULL_FACE)
+                _fast.glUseProgram(self._programs[kind.program])
                 _fast.glBindTexture(GL.GL_TEXTURE_2D, self._textures[kind.texture])
                 draw(first, number)
             first += number
         _fast.glEnable(GL.GL_CULL_FACE)
 
     def _draw_ground(self, runs: list[tuple[int, int]]) -> None:
-        _fast.glUseProgram(self._programs["ground"].identity)
+        _fast.glUseProgram(self._programs["ground"])
         _fast.glBindVertexArray(self._ground.array)
         for first, count in runs:
             draw(3 * first, 3 * count)
@@ -393,23 +366,24 @@ class PairRenderer:
 
     def _draw_sky(self) -> None:
         """Draw the sky where nothing else was drawn."""
-        _fast.glUseProgram(self._programs["sky"].identity)
+        _fast.glUseProgram(self._programs["sky"])
         _fast.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
         _fast.glBindVertexArray(self._sky.array)
         draw(0, self._sky_size)
 
 
-def _programs(world: World, sheets: Uniforms) -> dict[str, Program]:
+def _programs(world: World, sheets: Constants) -> dict[str, int]:
+    """Names of the programs that things and the parts of the ground are drawn with."""
     constants = {**_constants(world), **sheets}
-    files = {
-        "thing": ("thing", "thing"),
-        "leaves": ("thing", "leaves"),
-        "sky": ("sky", "sky"),
-        "ground": ("ground",) * 2,
+    programs = {
+        "thing": linked("thing", "thing", constants),
+        "leaves": linked("thing", "leaves", constants),
+        "sky": linked("sky", "sky", constants),
+        "ground": linked("ground", "ground", constants),
     }
-    programs = {name: Program.load(vertex, fragment, constants) for name, (vertex, fragment) in files.items()}
-    programs["crown"] = Program.load("thing", "leaves", constants | {"CROWN": 1})
-    programs["ground"].use({name: k for k, name in enumerate(_GROUND_SAMPLERS, start=1)})
+    GL.glUseProgram(programs["ground"])
+    for unit, sampler in enumerate(_GROUND_SAMPLERS, start=1):
+        GL.glUniform1i(GL.glGetUniformLocation(programs["ground"], sampler), unit)
     return programs
 
 
@@ -449,7 +423,7 @@ def _rays(calibration: StereoCalibration) -> FloatArray:
 _GROUND_SAMPLERS = ("detail", "road", "looks", "holes", "lines")  # at the texture units from 1 on
 
 
-def _bind_ground_textures(world: World) -> Uniforms:
+def _bind_ground_textures(world: World) -> Constants:
     """Upload the ground's textures and leave them bound; return the constants of the shaders that describe them."""
     road, condition = world.road, world.condition
     packed = _packed(road)

@@ -27,8 +27,8 @@ class Things:
 
     def __init__(self, fixed: Sequence[Instances], moving: Sequence[Instances], transparent: Set[str]) -> None:
         instanced = [(instances, part) for instances in (*fixed, *moving) for part in instances.thing.parts]
-        wanted = [Kind(_program(part, transparent), part.texture) for _, part in instanced]
-        self.kinds = sorted(set(wanted), key=lambda kind: (_PROGRAMS.index(kind.program), kind.texture))
+        wanted = [Kind("leaves" if part.texture in transparent else "thing", part.texture) for _, part in instanced]
+        self.kinds = sorted(set(wanted), reverse=True)  # things hide more than leaves
         sizes = [len(instances.poses) for instances, _ in instanced]
         self._moving = sum(len(instances.poses) * len(instances.thing.parts) for instances in fixed)  # first piece
         self._kind = np.repeat([self.kinds.index(kind) for kind in wanted], sizes).astype(int)
@@ -68,24 +68,12 @@ class Things:
         return self._indices[where], numbers.astype(int).tolist()
 
 
-_PROGRAMS = ("thing", "leaves", "crown")  # in the order of drawing: those that hide most first
-
-
-def _program(part: Part, transparent: Set[str]) -> str:
-    if part.faces_camera:
-        return "crown"
-    return "leaves" if part.texture in transparent else "thing"
-
-
 def vertices_of(instances: Instances, part: Part) -> VertexArray:
     """Vertices (n, v) of one part of n instances in W."""
     mesh, rotations = part.mesh, instances.poses[:, None, :3, :3]
     vertices = np.empty((len(instances.poses), len(mesh.vertices)), dtype=VERTEX)
     vertices["position"] = (rotations @ mesh.vertices[..., None])[..., 0] + instances.poses[:, None, :3, 3]
-    if part.faces_camera:
-        vertices["normal"] = mesh.normals * np.linalg.norm(rotations[..., 0], axis=-1)[..., None]
-    else:
-        vertices["normal"] = (rotations @ mesh.normals[..., None])[..., 0]
+    vertices["normal"] = (rotations @ mesh.normals[..., None])[..., 0]
     vertices["uv"] = mesh.uv
     vertices["tint"][..., :3] = instances.brightness[:, None, None] * np.array(part.colour)
     vertices["tint"][..., 3] = mesh.shade
@@ -96,8 +84,7 @@ def _spheres(instances: Instances, part: Part) -> FloatArray:
     """Bounding spheres (n, 4) of one part of n instances: centre in W and radius [m]."""
     vertices = part.mesh.vertices
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    beside = np.linalg.norm(part.mesh.normals, axis=1) if part.faces_camera else 0.0
-    reach = float((np.linalg.norm(vertices - middle, axis=1) + beside).max())
+    reach = float(np.linalg.norm(vertices - middle, axis=1).max())
     centres = instances.poses[:, :3, :3] @ middle + instances.poses[:, :3, 3]
     return np.column_stack([centres, reach * np.linalg.norm(instances.poses[:, :3, 0], axis=1)])
 

@@ -242,7 +242,6 @@ class Part:
     texture: str  # a key of World.textures
     colour: Colour = WHITE  # multiplies the texture
     distances: tuple[float, float] = (0.0, math.inf)  # nearest and farthest at which it is drawn [m]
-    faces_camera: bool = False  # True: a normal is the way from its vertex to the right, up and towards the camera [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

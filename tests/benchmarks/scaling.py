@@ -124,8 +124,8 @@ def _page(rows: dict[str, list[tuple[float, Cost]]]) -> str:
     parts = [
         "# Long and large runs\n\n`python -m tests.benchmarks.scaling` measures this and writes this page.\n\n"
         "Processor time of a run with its assembly, of its report, size of its files, largest memory of its process.\n"
-        "Of the hour: every five minutes of the loop alone. Two cores that other programs shared: times vary by a tenth or"
-        " two.\n\n![Time and memory](../.pictures/scaling.png)\n"
+        "Of the hour: every five minutes of the loop alone. Two cores that other programs shared: times vary by a"
+        " tenth or two.\n\n![Time and memory](../.pictures/scaling.png)\n"
     ]
     for title, series in rows.items():
         head = (

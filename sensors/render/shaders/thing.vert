@@ -1,8 +1,8 @@
 #version 330 core
 layout(location = 0) in vec3 position;  // W [m]
-layout(location = 1) in vec3 normal;    // of a crown: from the position to the right, upwards and towards the camera [m]
+layout(location = 1) in vec3 normal;    // times a scale
 layout(location = 2) in vec2 texcoord;
-layout(location = 3) in vec4 tint;      // colour and visible share of the sky
+layout(location = 3) in vec4 tint;  // colour and visible share of the sky
 
 layout(std140, row_major) uniform View {
     mat4 view_projection;  // of points in W
@@ -16,18 +16,10 @@ out vec4 light;  // last element: share of it transmitted by the haze
 
 void main()
 {
-#ifdef CROWN
-    vec2 ahead = normalize(position.xy - camera.xy);
-    vec3 beside = vec3(normal.x * ahead.y, -normal.x * ahead.x, normal.y);
-    vec3 world = position + beside;
-    vec3 n = normalize(beside - normal.z * vec3(ahead, 0.0));
-#else
-    vec3 world = position;
     vec3 n = normalize(normal);
-#endif
-    gl_Position = view_projection * vec4(world, 1.0);
+    gl_Position = view_projection * vec4(position, 1.0);
     uv = texcoord;
     float lit = max(0.85 * dot(n, SUN_DIRECTION) + 0.15, 0.0) * (0.35 + 0.65 * tint.a);
     light.rgb = tint.rgb * (SKY_COLOUR * (0.62 + 0.38 * n.z) * tint.a + SUN_COLOUR * lit);
-    light.a = exp(-length(camera - world) / HAZE_RANGE);
+    light.a = exp(-length(camera - position) / HAZE_RANGE);
 }
