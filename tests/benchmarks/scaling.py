@@ -124,7 +124,8 @@ def _page(rows: dict[str, list[tuple[float, Cost]]]) -> str:
     parts = [
         "# Long and large runs\n\n`python -m tests.benchmarks.scaling` measures this and writes this page.\n\n"
         "Processor time of a run with its assembly, of its report, size of its files, largest memory of its process.\n"
-        "Of the hour: every five minutes of the loop alone.\n\n![Time and memory](../.pictures/scaling.png)\n"
+        "Of the hour: every five minutes of the loop alone. Two cores that other programs shared: times vary by a"
+        " tenth or two.\n\n![Time and memory](../.pictures/scaling.png)\n"
     ]
     for title, series in rows.items():
         head = (
@@ -154,9 +155,11 @@ def _draw(rows: dict[str, list[tuple[float, Cost]]]) -> None:
         top.plot(values, [cost.run / cost.simulated for _, cost in series], "o-", label="run")
         top.plot(values, [cost.report / cost.simulated for _, cost in series], "o-", label="report")
         bottom.plot(values, [cost.memory for _, cost in series], "o-")
-        top.set(title=title, ylim=(0.0, None), ylabel="processor time of a simulated second [s]")
-        bottom.set(xlabel=_unit(title), ylim=(0.0, None), ylabel="memory [MB]")
+        top.set(title=title, ylim=(0.0, 1.1 * top.get_ylim()[1]))
+        bottom.set(xlabel=_unit(title), ylim=(0.0, 1.1 * bottom.get_ylim()[1]))
     axes[0, 0].legend()
+    axes[0, 0].set_ylabel("processor time of\na simulated second [s]")
+    axes[1, 0].set_ylabel("memory [MB]")
     figure.savefig(_ROOT / ".pictures" / "scaling.png", dpi=80)
 
 
