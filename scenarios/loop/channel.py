@@ -1,8 +1,8 @@
 """A sensor's channel with its estimator, rows kept on disk, and time in the loop: control schedule, pace, stopwatch.
 
 An estimate depends only on the messages before it. The estimator therefore runs in a worker thread between the capture
-of a message and its delivery, while the loop continues on another core. Cameras of a paced run are rendered between
-the two as well, by a thread of their own. The results are bitwise the same as in line.
+of a message and its delivery, while the loop continues on another core. A trailer's cameras are rendered between the
+two as well, by a thread of their own. The results are bitwise the same as in line.
 """
 
 import gc

@@ -33,7 +33,7 @@ class Kind:
 
     assemble: Callable[..., Any]  # of scenario, seed, keep_colour, record and progress; the parts of a run
     session: Callable[..., RunSession[Any, Any, Any]]  # of the parts, keep_frames and recorder
-    # A trailer's session also takes a renderer, the thread that renders the cameras of a paced run, bench and is_paced.
+    # A trailer's session also takes a renderer, the thread that renders its cameras, bench and is_paced.
     # A rover's camera sees the sand that the wheels have just shaped, so the loop renders it.
     is_trailer: bool
     images: Callable[[Any], type | None]  # class of the images that a scenario's sensor renders; None: no camera
@@ -95,7 +95,7 @@ def run(
         record: opens a recording of the camera's images.
         progress: receives the completed share of the course.
         calibration_progress: receives the number of finished pictures of calibration boards, and their total.
-        pacer: keeps the run to wall time; a trailer's cameras are rendered while the loop goes on.
+        pacer: keeps the run to wall time.
         bench: gets the signals and steers what ``outside.demands`` says.
         watch: are called between two steps with a function that makes the result so far.
 
@@ -109,11 +109,11 @@ def run(
     renderer: Executor | None = None
     with ExitStack() as cleanup:
         opened = partial(kind.assemble, scenario, seed, keep_colour=bool(keep_frames), record=record is not None)
-        if pacer is None or not kind.is_trailer:
+        if kind.images(scenario) is None:
             parts = cleanup.enter_context(closing(opened(progress=calibration_progress)))
         else:  # OpenGL's objects belong to the thread that made them
             renderer = cleanup.enter_context(ThreadPoolExecutor(max_workers=1, thread_name_prefix="renderer"))
-            parts = renderer.submit(opened).result()
+            parts = renderer.submit(opened, progress=calibration_progress).result()
             cleanup.callback(renderer.submit, parts.close)
         recorder = cleanup.enter_context(record(parts)) if record else None
         own = {"renderer": renderer, "bench": bench, "is_paced": pacer is not None} if kind.is_trailer else {}

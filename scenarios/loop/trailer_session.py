@@ -19,7 +19,7 @@ from scenarios.assembly.applied_faults import LoopFaults
 from scenarios.assembly.trailer_run import LOG_PERIOD, Assembly, WatchedTrailer, trailer_stream
 from scenarios.image_file import PictureSize
 from scenarios.loop.bench import DRIVER, RECORD_NAME, Bench, Exchange, Sensed, opened_exchange
-from scenarios.loop.channel import CONTROL, Channel, Pacer, Stateful, Stopwatch, estimator_thread
+from scenarios.loop.channel import CONTROL, Channel, Stateful, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import StereoPictures, StereoRecorder
 from scenarios.loop.referee import CourseJudge, lift_warnings
 from scenarios.loop.session import RunSession
@@ -281,9 +281,9 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         newest = self.trailers[-1].newest
         return None if newest is None else newest.off_tracking
 
-    def run_paced(self, pacer: Pacer, progress: Progress = no_progress) -> None:
-        """Run as ``run``, every step at its time on the clock, and wait for the pictures that are still rendered."""
-        super().run_paced(pacer, progress)
+    def run(self, progress: Progress = no_progress) -> None:
+        """Advance until there is an outcome, and wait for the pictures that are still rendered."""
+        super().run(progress)
         if self._renderer is not None:
             self._renderer.submit(lambda: None).result()
 
