@@ -42,7 +42,7 @@ from offtrack.exchange.recordings.camera_files import (
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
 from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
-from offtrack.exchange.recordings.stereo_reader import open_recording
+from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options, stream
@@ -79,9 +79,9 @@ def off_tracking(
         Path,
         typer.Argument(
             metavar="DIR",
-            help="Folder with image_0 and image_1 (or image_2 and image_3, image_left and image_right, left and "
-            "right), calib.txt and times.txt, as in KITTI or from `offtrack run --record`. If it contains poses.txt, "
-            "estimates are compared with these poses. Or a ROS bag: a folder, or a file .mcap, .db3 or .bag.",
+            help="Folder with two folders of images, a calibration and times, as from KITTI, EuRoC or `offtrack run "
+            "--record` (see --probe). If it contains poses.txt, estimates are compared with these poses. Or a ROS bag: "
+            "a folder, or a file .mcap, .db3 or .bag.",
         ),
     ],
     topics: Annotated[
@@ -95,8 +95,8 @@ def off_tracking(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="Calibration to use instead of the folder's: a calib.txt for rectified images, or a TOML file from "
-            "`offtrack calibrate` for raw images."
+            help="Calibration to use instead of the folder's: a calib.txt for rectified images; for raw ones a TOML file "
+            "from `offtrack calibrate`, or YAML or XML of Kalibr, EuRoC, ROS or OpenCV."
         ),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frame rate, used instead of times.txt [Hz].")] = None,
@@ -157,6 +157,14 @@ def off_tracking(
             "takes four times as long.",
         ),
     ] = False,
+    folders: Annotated[
+        str | None,
+        typer.Option(metavar="LEFT,RIGHT", help="Folders of left and right images in DIR.", show_default="(found)"),
+    ] = None,
+    probe: Annotated[
+        bool,
+        typer.Option("--probe", help="Say what was recognised and what would be assumed; estimate nothing."),
+    ] = False,
     exchange: Annotated[
         bool,
         typer.Option("--exchange", help="Take the right images for left ones: the folders or topics are exchanged."),
@@ -202,9 +210,17 @@ def off_tracking(
             raise ValueError(f"--topics {topics}: {directory} is no bag")
         exchanged = exchange and folder is directory  # those of a bag are exchanged already
         recording = open_recording(
-            folder, calibration_file=calibration, rate_hz=rate, options=options, exchange=exchanged
+            folder,
+            calibration_file=calibration,
+            rate_hz=rate,
+            options=options,
+            folders=_pair_of(folders),
+            exchange=exchanged,
         )
         recording = replace(recording, source=str(directory), notes=(*of_bag, *recording.notes))
+        if probe:
+            _show_probe(recording, as_json=as_json)
+            raise typer.Exit
         chosen = Chosen(
             estimator=estimator,
             self_calibration=self_calibration,
@@ -228,6 +244,27 @@ def off_tracking(
                 progress=checked(progress_bar(display, "video")),
             )
     _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
+
+
+def _pair_of(folders: str | None) -> tuple[str, str] | None:
+    """Names of the folders of left and right images."""
+    if folders is None:
+        return None
+    names = [name.strip() for name in folders.split(",")]
+    if len(names) != 2 or not all(names):
+        raise ValueError(f"--folders {folders}: expected LEFT,RIGHT, for example cam_a,cam_b")
+    return names[0], names[1]
+
+
+def _show_probe(recording: Recording, *, as_json: bool) -> None:
+    """Print what a recording was recognised as."""
+    found = recording.probe()
+    if as_json:
+        typer.echo(json.dumps(found, indent=2))
+        return
+    PlainConsole().print(summary_table(f"{recording.source}: recognised", found["recording"]))
+    for line in _remarks(found):
+        PlainConsole().print(line, soft_wrap=True)
 
 
 @app.command("slip", epilog=lines(SLIP_EXAMPLES))

@@ -102,6 +102,7 @@ def facing_named(name: str) -> Facing:
     Raises:
         ValueError: if there is no such direction.
     """
+    name = {"forward": "front", "forwards": "front", "backward": "rear", "back": "rear"}.get(name, name)
     for facing in get_args(Facing):
         if name == facing:
             return cast(Facing, facing)

@@ -3,10 +3,12 @@
 Poses are those of the left camera (x right, y down, z ahead) relative to its first frame.
 """
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
+from offtrack.exchange.recordings.calibration_files import SUFFIXES, foreign_files, foreign_rig
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_sequence import (
@@ -25,7 +28,7 @@ from offtrack.exchange.recordings.stereo_sequence import (
     image_size,
     stream,
 )
-from sensors.camera.rig import StereoCalibration, load_raw_rig
+from sensors.camera.rig import RawStereoRig, StereoCalibration, load_raw_rig
 from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
 from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform
@@ -33,6 +36,7 @@ from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, tr
 _FOCAL_TOLERANCE = 1e-3  # of the focal lengths of a rectified pair, relative: 0.1 px at 100 px from the middle
 _LARGEST = 1e9  # number of a projection matrix [px], [px m]
 _BASELINES = 0.005, 5.0  # [m]
+_OF_DAY = "calib_cam_to_cam.txt"
 _SAMPLES = 3  # places in a recording at which images are checked
 _LEVEL = 0.5  # largest sine of the angle between horizon and optical axis of cameras that see the ground below
 _OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
@@ -84,7 +88,7 @@ def _lines(path: Path) -> dict[str, str]:
     if not os.path.lexists(path):
         raise ValueError(
             f"{path} is missing: it contains the projection matrices P0 and P1 of rectified images; "
-            "for raw images use --calibration FILE.toml"
+            "for raw images use --calibration FILE (TOML, or YAML or XML of Kalibr, EuRoC, ROS or OpenCV)"
         )
     pairs = (line.partition(":") for line in read_text(path, FileKind.CALIBRATION).splitlines())
     return {name.strip(): values for name, _, values in pairs}
@@ -202,6 +206,40 @@ class Recording:
     notes: tuple[str, ...]  # on irregularities of the recording
     assumed: tuple[str, ...]  # assumptions on the mounting in words
 
+    def probe(self) -> dict[str, Any]:
+        """What was recognised, for JSON: images, calibration and mounting, and warnings, assumptions and notes."""
+        frames, calibration = self.sequence.frames, self.calibration
+        duration = frames[-1].time - frames[0].time
+        return {
+            "recording": {
+                "images": {
+                    "left": self.sequence.layout.left,
+                    "right": self.sequence.layout.right,
+                    "frames": len(frames),
+                    "width_px": self.size[0],
+                    "height_px": self.size[1],
+                    "duration_s": round(duration, 6),
+                    "rate_hz": round((len(frames) - 1) / duration, 3) if duration > 0.0 else None,
+                },
+                "calibration": {
+                    "rectified": self.rectification is None,
+                    "focal_length_px": round(calibration.focal_length, 3),
+                    "cx_px": round(calibration.cx, 3),
+                    "cy_px": round(calibration.cy, 3),
+                    "baseline_m": round(calibration.baseline, 6),
+                },
+                "mounting": {
+                    "X_SC": np.round(calibration.X_SC, 6).tolist(),
+                    "follow_distance_m": self.follow_distance,
+                    "direction_std_deg": round(math.degrees(self.direction_std), 4),
+                    "true_poses": self.poses is not None,
+                },
+            },
+            "warnings": list(self.warnings),
+            "assumed": list(self.assumed),
+            "notes": list(self.notes),
+        }
+
     def rectified(self, frame: StereoFrame) -> StereoFrame:
         """Rectified frame, as the calibration describes it."""
         return self.rectification.step(frame) if self.rectification else frame
@@ -223,6 +261,7 @@ def open_recording(
     calibration_file: Path | None = None,
     rate_hz: float | None = None,
     options: MountingOptions | None = None,
+    folders: tuple[str, str] | None = None,
     exchange: bool = False,
 ) -> Recording:
     """Open the recording in a folder; a few of its images are read to check them.
@@ -230,15 +269,16 @@ def open_recording(
     Args:
         directory: contains two folders of images, ``times.txt`` and ``calib.txt``. ``rig.toml`` has the pose of the
             cameras and, for raw images, their calibration in place of ``calib.txt``; ``poses.txt`` has true poses.
-        calibration_file: overrides the calibration in the folder; a TOML file describes raw images.
+        calibration_file: overrides the calibration in the folder; TOML, YAML and XML files describe raw images.
         rate_hz: replaces ``times.txt``.
         options: override ``rig.toml``.
+        folders: names of the folders of left and right images, instead of those of a known layout.
         exchange: takes the right images for left ones.
 
     Raises:
         ValueError: one line naming the wrong file and the remedy.
     """
-    sequence = find_sequence(directory, rate_hz, exchange=exchange)
+    sequence = find_sequence(directory, rate_hz, folders=folders, exchange=exchange)
     size = image_size(sequence)
     cameras = _cameras(sequence, size, calibration_file)
     calibration = cameras.calibration
@@ -275,7 +315,7 @@ def open_recording(
 
 
 def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None) -> _Cameras:
-    """Cameras from the option's file, from the ``rig.toml`` of raw images, or from ``calib.txt`` and ``rig.toml``."""
+    """Cameras from the option's file, else from the ``rig.toml`` of raw images, ``calib.txt``, or another program's."""
     own_rig = sequence.directory / "rig.toml"
     rig = read_rig(own_rig) if os.path.lexists(own_rig) else Rig()
     if file is None and rig.raw:
@@ -288,14 +328,27 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
             roll_axis_height=given.roll_axis_height or rig.roll_axis_height,
             direction_std=rig.direction_std if given.direction_std is None else given.direction_std,
         )
-        return _raw_cameras(file, size, rig)
-    calibration = read_projections(file or sequence.directory / "calib.txt", sequence.layout, size)
+        return _raw_cameras(file, size, load_raw_rig(file), rig)
+    projections = file or _projections(sequence)
+    foreign: tuple[Path, ...] = (projections,) if projections.suffix in SUFFIXES else ()
+    if file is None and not os.path.lexists(projections):
+        folders = sequence.directory / sequence.layout.left, sequence.directory / sequence.layout.right
+        foreign = foreign_files(folders)
+    if foreign:
+        return _raw_cameras(foreign[0], size, foreign_rig(foreign, size), rig)
+    calibration = read_projections(projections, sequence.layout, size)
     X_CP = inverse(calibration.X_SC)
     return _Cameras(calibration=replace(calibration, X_SC=np.eye(4)), rectification=None, rig=rig, X_CP=X_CP)
 
 
-def _raw_cameras(path: Path, size: tuple[int, int], rig: Rig) -> _Cameras:
-    raw = load_raw_rig(path)
+def _projections(sequence: StereoSequence) -> Path:
+    """The folder's ``calib.txt``, or that of KITTI's raw data, which lies beside the drives of a day."""
+    own = sequence.directory / "calib.txt"
+    places = own, sequence.directory / _OF_DAY, sequence.directory.resolve().parent / _OF_DAY
+    return next((path for path in places if os.path.lexists(path)), own)
+
+
+def _raw_cameras(path: Path, size: tuple[int, int], raw: RawStereoRig, rig: Rig) -> _Cameras:
     for side, camera in (("left", raw.left), ("right", raw.right)):
         if (camera.width, camera.height) != size:
             raise ValueError(

@@ -36,7 +36,13 @@ LAYOUTS: Final = (
     Layout("image_2", "image_3", "P2", "P3"),
     Layout("image_left", "image_right", "P0", "P1"),
     Layout("left", "right", "P0", "P1"),
+    Layout("image_00/data", "image_01/data", "P_rect_00", "P_rect_01"),  # KITTI raw
+    Layout("image_02/data", "image_03/data", "P_rect_02", "P_rect_03"),
+    Layout("mav0/cam0/data", "mav0/cam1/data", "P0", "P1"),  # EuRoC
+    Layout("cam0/data", "cam1/data", "P0", "P1"),
+    Layout("cam0", "cam1", "P0", "P1"),
 )
+_TABLES: Final = ("times.txt", "timestamps.txt", "data.csv")  # of the frames' times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,15 +68,23 @@ class StereoSequence:
     notes: tuple[str, ...] = ()  # on irregularities
 
 
-def find_sequence(directory: Path, rate_hz: float | None = None, *, exchange: bool = False) -> StereoSequence:
-    """Find the stereo sequence in a folder; ``rate_hz`` replaces its ``times.txt``, ``exchange`` left by right images.
+def find_sequence(
+    directory: Path, rate_hz: float | None = None, *, folders: tuple[str, str] | None = None, exchange: bool = False
+) -> StereoSequence:
+    """Find the stereo sequence in a folder.
 
     A gap in the numbers of the file names is a missing frame, so that times and poses stay with their images.
+
+    Args:
+        directory: contains two folders of images with the names of a layout.
+        rate_hz: replaces the times of the frames.
+        folders: names of the folders of the left and the right images, instead of a layout's.
+        exchange: takes the right images for left ones.
 
     Raises:
         ValueError: one line, if a folder of images is missing, or if times are missing or wrong.
     """
-    layout = _layout(directory)
+    layout = _layout(directory, folders)
     left, right, numbered, stamps, notes = file_pairs(
         images_in(directory / layout.left), images_in(directory / layout.right)
     )
@@ -78,7 +92,7 @@ def find_sequence(directory: Path, rate_hz: float | None = None, *, exchange: bo
         left, right = right, left
     keys = sorted(left.keys() | right.keys())
     every = range(keys[0], keys[-1] + 1)
-    table = directory / "times.txt"
+    table = _table(directory, layout)
     if rate_hz is not None:
         check_number("--rate", rate_hz, 0.0, 1.0 / TICK, "Hz", above=True)
         times: Sequence[float] = [k / rate_hz for k in range(len(every))]
@@ -111,10 +125,22 @@ def find_sequence(directory: Path, rate_hz: float | None = None, *, exchange: bo
     )
 
 
-def _layout(directory: Path) -> Layout:
-    """First layout whose two folders exist."""
+def _table(directory: Path, layout: Layout) -> Path:
+    """Table of the frames' times: in the folder, or beside the left images; ``times.txt`` if there is none."""
+    places = directory, (directory / layout.left).parent, directory / layout.left
+    found = (place / name for place in places for name in _TABLES if os.path.lexists(place / name))
+    return next(found, directory / _TABLES[0])
+
+
+def _layout(directory: Path, folders: tuple[str, str] | None = None) -> Layout:
+    """The layout with these folders, or the first one whose two folders exist."""
     if not directory.is_dir():
         raise ValueError(f"{directory} is not a folder; name the folder that contains image_0 and image_1")
+    if folders is not None:
+        for name in folders:
+            if not (directory / name).is_dir():
+                raise ValueError(f"--folders {','.join(folders)}: {directory / name} is no folder")
+        return Layout(*folders, "P0", "P1")
     for layout in LAYOUTS:
         exists = [(directory / name).is_dir() for name in layout[:2]]
         if all(exists):
@@ -123,9 +149,7 @@ def _layout(directory: Path) -> Layout:
             missing = layout.right if exists[0] else layout.left
             raise ValueError(f"{directory / missing} is missing: a stereo recording needs the images of both cameras")
     pairs = ", ".join(f"{layout.left} and {layout.right}" for layout in LAYOUTS)
-    raise ValueError(
-        f"{directory} contains no stereo images; it needs two folders: {pairs.replace(', left', ' or left')}"
-    )
+    raise ValueError(f"{directory} contains no stereo images; it needs two folders: {pairs}, or --folders LEFT,RIGHT")
 
 
 class _TimedFrames(NamedTuple):
