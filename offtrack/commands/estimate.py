@@ -95,8 +95,8 @@ def off_tracking(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="Calibration to use instead of the folder's: a calib.txt for rectified images; for raw ones a TOML file "
-            "from `offtrack calibrate`, or YAML or XML of Kalibr, EuRoC, ROS or OpenCV."
+            help="Calibration to use instead of the folder's: a calib.txt for rectified images; for raw ones a TOML "
+            "file from `offtrack calibrate`, or YAML or XML of Kalibr, EuRoC, ROS or OpenCV."
         ),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Frame rate, used instead of times.txt [Hz].")] = None,
