@@ -5,7 +5,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -42,7 +42,8 @@ from offtrack.exchange.recordings.camera_files import (
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
 from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
-from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
+from offtrack.exchange.recordings.stereo_reader import Recording, live_recording, open_recording
+from offtrack.exchange.recordings.videos import Streams, estimate_live, unpacked_videos, videos_in
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options, stream
@@ -76,14 +77,25 @@ def _estimate() -> None:
 @app.command("off-tracking", epilog=lines(EXAMPLES))
 def off_tracking(
     directory: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             metavar="DIR",
+            show_default=False,
             help="Folder with two folders of images, a calibration and times, as from KITTI, EuRoC or `offtrack run "
             "--record` (see --probe). If it contains poses.txt, estimates are compared with these poses. Or a ROS bag: "
-            "a folder, or a file .mcap, .db3 or .bag.",
+            "a folder, or a file .mcap, .db3 or .bag. Or a video with both images side by side, or a folder with "
+            "left.mp4 and right.mp4.",
         ),
-    ],
+    ] = None,
+    live: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="LEFT RIGHT",
+            help="Two cameras or streams (numbers of devices, or addresses) instead of DIR: a line of JSON for each "
+            "estimate, until interrupted. Needs --calibration.",
+            show_default=False,
+        ),
+    ] = None,
     topics: Annotated[
         str,
         typer.Option(
@@ -183,32 +195,48 @@ def off_tracking(
     summary.json. Missing and corrupt frames are dropped and reported. The pose of the cameras on the trailer comes from
     options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
+    check_number("--camera-x", camera_x, -100.0, 100.0, "m")
+    check_number("--camera-y", camera_y, -10.0, 10.0, "m")
+    check_number("--direction-std", direction_std, 0.0, 10.0, "deg")
+    options = MountingOptions(
+        follow_distance=follow_distance,
+        facing=facing_named(facing) if facing else None,
+        x=camera_x,
+        y=camera_y,
+        direction_std=None if direction_std is None else math.radians(direction_std),
+        z=camera_height,
+        upside_down=upside_down,
+    )
+    chosen = Chosen(
+        estimator=estimator,
+        self_calibration=self_calibration,
+        vehicle=vehicle,
+        options=estimator_options(settings or (), estimator),
+    )
+    if odometry is not None:
+        chosen = chosen._replace(odometry=odometry)
+    if live is not None:
+        _estimate_live(live, calibration, options, chosen, exchange=exchange)
+        return
+    if directory is None:
+        raise ValueError("DIR is missing: name the folder, bag or video of a recording, or --live LEFT RIGHT")
     with (
         results_directory(out, os.path.basename(os.path.realpath(directory))) as results,
         ExitStack() as cleanup,
     ):
         chosen_topics = parsed_topics(topics)
-        check_number("--camera-x", camera_x, -100.0, 100.0, "m")
-        check_number("--camera-y", camera_y, -10.0, 10.0, "m")
-        check_number("--direction-std", direction_std, 0.0, 10.0, "deg")
-        options = MountingOptions(
-            follow_distance=follow_distance,
-            facing=facing_named(facing) if facing else None,
-            x=camera_x,
-            y=camera_y,
-            direction_std=None if direction_std is None else math.radians(direction_std),
-            z=camera_height,
-            upside_down=upside_down,
-        )
         folder, of_bag = UnpackedBag(directory)
-        if is_bag(directory):
+        if is_bag(directory) or videos_in(directory):
             with progress_display(shown=not (quiet or as_json)) as display:
-                bar = progress_bar(display, "bag")
-                unpacked = unpacked_bag(directory, chosen_topics, bar, exchange=exchange)
+                bar = progress_bar(display, "unpacking")
+                if videos := videos_in(directory):
+                    unpacked = unpacked_videos(videos, bar)
+                else:
+                    unpacked = unpacked_bag(directory, chosen_topics, bar, exchange=exchange)
                 folder, of_bag = cleanup.enter_context(unpacked)
-        elif chosen_topics:
+        if chosen_topics and not is_bag(directory):
             raise ValueError(f"--topics {topics}: {directory} is no bag")
-        exchanged = exchange and folder is directory  # those of a bag are exchanged already
+        exchanged = exchange and not is_bag(directory)  # those of a bag are exchanged already
         recording = open_recording(
             folder,
             calibration_file=calibration,
@@ -221,14 +249,6 @@ def off_tracking(
         if probe:
             _show_probe(recording, as_json=as_json)
             raise typer.Exit
-        chosen = Chosen(
-            estimator=estimator,
-            self_calibration=self_calibration,
-            vehicle=vehicle,
-            options=estimator_options(settings or (), estimator),
-        )
-        if odometry is not None:
-            chosen = chosen._replace(odometry=odometry)
         source, recording = off_tracking_source(recording, chosen)
         name = chosen.odometry
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
@@ -244,6 +264,25 @@ def off_tracking(
                 progress=checked(progress_bar(display, "video")),
             )
     _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
+
+
+def _estimate_live(
+    live: tuple[str, str], calibration: Path | None, options: MountingOptions, chosen: Chosen, *, exchange: bool
+) -> None:
+    """Print a line per estimate, and a summary on standard error at the end."""
+    if calibration is None:
+        raise ValueError("--live: needs --calibration FILE, as there is no folder with one")
+    with closing(Streams(*(live[::-1] if exchange else live))) as streams:
+        first = streams.read()
+        if isinstance(first, str):
+            raise ValueError(f"--live {' '.join(live)}: {first}: are device and address right?")
+        height, width = first[0].shape
+        recording = live_recording(calibration, (width, height), options)
+        source, recording = off_tracking_source(recording, chosen)
+        for line in recording.assumed:
+            remark(f"assumed: {line}")
+        numbers = estimate_live(streams, recording, source, sys.stdout)
+    remark(", ".join(f"{name} {value}" for name, value in numbers.items()))
 
 
 def _pair_of(folders: str | None) -> tuple[str, str] | None:

@@ -20,6 +20,7 @@ from offtrack.exchange.recordings.calibration_files import SUFFIXES, foreign_fil
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_sequence import (
+    LAYOUTS,
     Dropped,
     FrameFiles,
     Layout,
@@ -280,14 +281,29 @@ def open_recording(
     """
     sequence = find_sequence(directory, rate_hz, folders=folders, exchange=exchange)
     size = image_size(sequence)
-    cameras = _cameras(sequence, size, calibration_file)
+    return _opened(sequence, size, str(directory), calibration_file, options or MountingOptions())
+
+
+def live_recording(calibration_file: Path, size: tuple[int, int], options: MountingOptions) -> Recording:
+    """Recording without frames, of cameras whose images come one after the other, of this width and height [px].
+
+    Raises:
+        ValueError: one line naming the wrong file and the remedy.
+    """
+    nothing = StereoSequence(directory=calibration_file.parent, layout=LAYOUTS[0], frames=(), lines=0)
+    return _opened(nothing, size, "live", calibration_file, options)
+
+
+def _opened(
+    sequence: StereoSequence, size: tuple[int, int], source: str, file: Path | None, options: MountingOptions
+) -> Recording:
+    cameras = _cameras(sequence, size, file)
     calibration = cameras.calibration
     if not _BASELINES[0] <= calibration.baseline <= _BASELINES[1]:
         raise ValueError(
-            f"{calibration_file or directory}: baseline {calibration.baseline:g} m must be {_BASELINES[0]:g} to "
-            f"{_BASELINES[1]:g} m: is the calibration in mm or cm? Positions must be in metres"
+            f"{file or source}: baseline {calibration.baseline:g} m must be {_BASELINES[0]:g} to {_BASELINES[1]:g} m: "
+            "is the calibration in mm or cm? Positions must be in metres"
         )
-    options = options or MountingOptions()
     mounted = mounting(
         options,
         cameras.rig,
@@ -300,14 +316,14 @@ def open_recording(
     samples = _samples(sequence, size, cameras.rectification)
     return Recording(
         sequence=sequence,
-        source=str(directory),
+        source=source,
         size=size,
         calibration=replace(calibration, X_SC=mounted.X_SC),
         rectification=cameras.rectification,
         follow_distance=mounted.follow_distance,
         roll_axis_height=mounted.roll_axis_height,
         direction_std=mounted.direction_std,
-        poses=_poses(sequence, cameras.X_CP),
+        poses=_poses(sequence, cameras.X_CP) if sequence.frames else None,
         warnings=(*projection_warnings(calibration), *image_warnings(samples, ground_below=ground_below)),
         notes=sequence.notes,
         assumed=mounted.assumed,
