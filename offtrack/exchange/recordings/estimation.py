@@ -345,18 +345,22 @@ def _rotation_warnings(estimation: Estimation) -> list[str]:
     ]
 
 
+def _mostly_lost(estimation: Estimation) -> bool:
+    """True if less than half of the frames after the first one gave a motion."""
+    return estimation.states_motions and 2 * len(motions_found(estimation)) < len(estimation.frames) - 1
+
+
 def _lost_warnings(estimation: Estimation) -> list[str]:
-    """A warning if less than half of the frames gave a motion; motions need the frame before."""
-    wanted = len(estimation.frames) - 1
-    found = len(motions_found(estimation))
-    if not estimation.states_motions or 2 * found >= wanted:
+    """A warning if most frames gave no motion."""
+    if not _mostly_lost(estimation):
         return []
+    wanted, found = len(estimation.frames) - 1, len(motions_found(estimation))
     cause = (
         "see the next lines"
         if estimation.recording.warnings
         else "the pairs are in order, so the calibration may be another one's, or the frames may be too far apart"
     )
-    return [f"{wanted - found} of {wanted} frames gave no motion, and distance and drift mean nothing: {cause}"]
+    return [f"{wanted - found} of {wanted} frames gave no motion, and the distance means nothing: {cause}"]
 
 
 def error_of_estimate(log: Log) -> FloatArray:
@@ -421,7 +425,11 @@ def _drift(
 ) -> dict[str, Any]:
     """Drift figures of the benchmark, and the lengths [m] of the subsequences that fit into the path."""
     true = estimation.recording.poses
-    result = None if true is None else drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
+    result = (
+        None
+        if true is None or _mostly_lost(estimation)
+        else drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
+    )
     if result is None:
         return {"drift_percent": None, "drift_deg_per_m": None, "lengths_m": [], "subsequences": 0}
     return {
