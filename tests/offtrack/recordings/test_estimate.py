@@ -472,3 +472,23 @@ def test_a_turned_camera_is_found_and_logged() -> None:
         last = np.flatnonzero(np.isfinite(found))[-1]
         assert abs(np.degrees(found[last]) - true) < 0.01
         assert 0.0 < np.degrees(std[last]) < 0.02
+
+
+@pytest.mark.parametrize("exchanged", [True, False])
+def test_a_lost_drive_leads_with_a_warning_and_claims_nothing(drawn_yard: Path, exchanged: bool) -> None:
+    """Of images whose sides are exchanged, and of frames that have nothing in common."""
+    for k in range(FRAMES):
+        left, right = (drawn_yard / f"image_{side}" / f"{k:06d}.png" for side in (0, 1))
+        if exchanged:
+            left.rename(drawn_yard / "left.png")
+            right.rename(left)
+            (drawn_yard / "left.png").rename(right)
+        else:
+            for path, side in ((left, 0), (right, 1)):
+                cv2.imwrite(str(path), textured(20 * k, side))
+    (drawn_yard / "rig.toml").unlink()
+    found = numbers(drawn_yard, "--no-video", odometry="keyframe")
+    assert found["warnings"][0].startswith(f"{FRAMES - 1} of {FRAMES - 1} frames gave no motion")
+    assert any("exchanged" in line for line in found["warnings"]) == exchanged
+    assert found["odometry"]["drift_percent"] is None
+    assert not any("found from their motion" in line for line in found["assumed"])
