@@ -29,7 +29,7 @@ from offtrack.commands.console import (
     summary_table,
     table_of,
 )
-from offtrack.exchange.recordings.bags import UnpackedBag, is_bag, parsed_topics, unpacked_bag
+from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.camera_files import (
     MountingOptions,
     board_of,
@@ -43,6 +43,7 @@ from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, e
 from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import Recording, live_recording, open_recording
+from offtrack.exchange.recordings.stereo_sequence import Unpacked
 from offtrack.exchange.recordings.videos import Streams, estimate_live, unpacked_videos, videos_in
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
@@ -225,15 +226,16 @@ def off_tracking(
         ExitStack() as cleanup,
     ):
         chosen_topics = parsed_topics(topics)
-        folder, of_bag = UnpackedBag(directory)
+        folder, noticed = Unpacked(directory)
         if is_bag(directory) or videos_in(directory):
             with progress_display(shown=not (quiet or as_json)) as display:
                 bar = progress_bar(display, "unpacking")
                 if videos := videos_in(directory):
                     unpacked = unpacked_videos(videos, bar)
                 else:
-                    unpacked = unpacked_bag(directory, chosen_topics, bar, exchange=exchange)
-                folder, of_bag = cleanup.enter_context(unpacked)
+                    given = calibration is not None
+                    unpacked = unpacked_bag(directory, chosen_topics, bar, exchange=exchange, calibrated=given)
+                folder, noticed = cleanup.enter_context(unpacked)
         if chosen_topics and not is_bag(directory):
             raise ValueError(f"--topics {topics}: {directory} is no bag")
         exchanged = exchange and not is_bag(directory)  # those of a bag are exchanged already
@@ -245,7 +247,7 @@ def off_tracking(
             folders=_pair_of(folders),
             exchange=exchanged,
         )
-        recording = replace(recording, source=str(directory), notes=(*of_bag, *recording.notes))
+        recording = replace(recording, source=str(directory), notes=(*noticed, *recording.notes))
         if probe:
             _show_probe(recording, as_json=as_json)
             raise typer.Exit

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from offtrack.exchange.recordings.bag_messages import CameraInfo, baseline, calibration_text, camera_info, grey_image
 from offtrack.exchange.recordings.file_pairs import nearest_pairs
 from offtrack.exchange.recordings.image_checks import rows_apart
+from offtrack.exchange.recordings.stereo_sequence import Unpacked
 from scenarios.extras import import_extra
 from scenarios.image_file import upper_bits, used_bits
 from scenarios.progress import Progress, no_progress
@@ -107,13 +108,6 @@ _PAIRS: Final = 3  # of the first images, that show whether they are rectified
 _CLEARLY: Final = 0.6  # times the difference of rows that shows which images are rectified
 
 
-class UnpackedBag(NamedTuple):
-    """Folder with the recording of a bag, and what was noticed."""
-
-    folder: Path
-    notes: tuple[str, ...] = ()
-
-
 def is_bag(path: Path) -> bool:
     """True for the folder or the file of a bag."""
     return (path / "metadata.yaml").is_file() or bool(_files(path))
@@ -127,8 +121,13 @@ def _files(path: Path) -> list[Path]:
 
 @contextmanager
 def unpacked_bag(
-    bag: Path, topics: Mapping[str, str], progress: Progress = no_progress, *, exchange: bool = False
-) -> Iterator[UnpackedBag]:
+    bag: Path,
+    topics: Mapping[str, str],
+    progress: Progress = no_progress,
+    *,
+    exchange: bool = False,
+    calibrated: bool = False,
+) -> Iterator[Unpacked]:
     """Unpack a bag into a folder as ``offtrack estimate`` reads it, and remove the folder at the end.
 
     Args:
@@ -136,6 +135,7 @@ def unpacked_bag(
         topics: topics by role (``left``, ``right``, ``left_info``, ``right_info``); others are found by their names.
         progress: receives the number of messages read.
         exchange: takes the topics of the right camera for those of the left one.
+        calibrated: the user gives the calibration: images stay as they are, and no CameraInfo is needed.
 
     Raises:
         ValueError: one line, if the package is missing, or the bag can not be read or used; errors that what is done
@@ -148,7 +148,7 @@ def unpacked_bag(
         paths = [bag] if (bag / "metadata.yaml").is_file() else _files(bag)
         try:
             with highlevel.AnyReader(paths, default_typestore=humble_types()) as reader:
-                unpacked = _unpacked(reader, bag, folder, topics, progress, exchange=exchange)
+                unpacked = _unpacked(reader, bag, folder, topics, progress, exchange=exchange, calibrated=calibrated)
         except (ValueError, KeyboardInterrupt, MemoryError):
             raise
         except Exception as error:  # of the reader, whatever the bag makes it stumble over
@@ -170,8 +170,15 @@ def humble_types() -> Any:
 
 
 def _unpacked(
-    reader: Any, bag: Path, folder: Path, chosen: Mapping[str, str], progress: Progress, *, exchange: bool
-) -> UnpackedBag:
+    reader: Any,
+    bag: Path,
+    folder: Path,
+    chosen: Mapping[str, str],
+    progress: Progress,
+    *,
+    exchange: bool,
+    calibrated: bool,
+) -> Unpacked:
     kinds = {connection.topic: connection.msgtype for connection in reader.connections}
     topics = stereo_topics(kinds, chosen, str(bag))
     if exchange:
@@ -181,7 +188,7 @@ def _unpacked(
     files = _recording_files(reader, kinds)
     maps: dict[str, tuple[Any, Any]] = {}
     notes: list[str] = []
-    if "calib.txt" not in files and "rig.toml" not in files:
+    if not calibrated and "calib.txt" not in files and "rig.toml" not in files:
         infos = _infos(reader, topics, bag)
         if exchange and baseline(*infos) < 0.0:  # the calibrations were right, the images were not
             infos = infos[::-1]
@@ -197,7 +204,7 @@ def _unpacked(
     for name, text in files.items():
         if name != "poses.txt" or len(text.splitlines()) == len(times):
             (folder / name).write_text(text, encoding="utf-8")
-    return UnpackedBag(folder, (*notes, *of_stamps))
+    return Unpacked(folder, (*notes, *of_stamps))
 
 
 class _Images(NamedTuple):

@@ -68,6 +68,13 @@ class StereoSequence:
     notes: tuple[str, ...] = ()  # on irregularities
 
 
+class Unpacked(NamedTuple):
+    """Folder with the recording of a bag or video, and what was noticed."""
+
+    folder: Path
+    notes: tuple[str, ...] = ()
+
+
 def find_sequence(
     directory: Path, rate_hz: float | None = None, *, folders: tuple[str, str] | None = None, exchange: bool = False
 ) -> StereoSequence:

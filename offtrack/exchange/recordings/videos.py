@@ -21,8 +21,8 @@ import numpy as np
 
 from estimators.context import OffTrackingSource
 from estimators.estimates import Health
-from offtrack.exchange.recordings.bags import UnpackedBag
 from offtrack.exchange.recordings.stereo_reader import Recording
+from offtrack.exchange.recordings.stereo_sequence import Unpacked
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
@@ -43,7 +43,7 @@ def videos_in(path: Path) -> tuple[Path, ...]:
 
 
 @contextmanager
-def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) -> Iterator[UnpackedBag]:
+def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) -> Iterator[Unpacked]:
     """Unpack one video or two into a folder as ``offtrack estimate`` reads it, and remove the folder at the end.
 
     Calibration and mounting beside the videos come along. Frames of two videos are paired by their number.
@@ -82,7 +82,7 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
             if file.suffix in _BESIDE and file.name != "times.txt" and file.is_file():
                 os.symlink(file.resolve(), folder / file.name)
         try:
-            yield UnpackedBag(folder, tuple(notes))
+            yield Unpacked(folder, tuple(notes))
         except ValueError as error:
             raise ValueError(str(error).replace(str(folder), str(place))) from error
 

@@ -339,6 +339,16 @@ def test_exchanged_topics_are_taken_with_their_calibrations_or_without(tmp_path:
             np.testing.assert_array_equal(first, scene(0, 0))
 
 
+def test_a_calibration_of_the_user_s_own_takes_the_place_of_camera_infos(tmp_path: Path) -> None:
+    """The images stay as they were sent."""
+    for name, messages in (("bare", [row for row in stereo() if row[1] != INFO]), ("raw", stereo())):
+        with unpacked_bag(bag(tmp_path / name, messages), {}, calibrated=True) as (folder, notes):
+            assert not (folder / "calib.txt").exists()
+            assert notes == ()
+            first = cv2.imread(str(folder / "image_1" / "frame000000.pgm"), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(first, picture(0, 1))
+
+
 def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     plain = stereo()
     both = {"left": 0, "right": 1}
