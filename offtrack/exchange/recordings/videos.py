@@ -108,6 +108,7 @@ class Streams:
 
     def __init__(self, left: str, right: str) -> None:
         """Open devices (numbers), files or addresses."""
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # a lost source is said here
         self._names = left, right
         self._captures = [self._opened(name) for name in self._names]
 
