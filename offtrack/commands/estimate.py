@@ -68,6 +68,7 @@ SLIP_EXAMPLES = (
 _OFF_TRACKING_GROUPS = ("frames", "off_tracking", "odometry", "agreement", "kitti", "self_calibration", "timing")
 _SLIP_GROUPS = ("frames", "slip", "timing")
 _SHOWN = 5  # dropped frames listed on the terminal; the summary lists all
+_OPENING = 10.0  # time until the first images of live sources [s]
 
 
 @app.callback()
@@ -275,7 +276,7 @@ def _estimate_live(
     if calibration is None:
         raise ValueError("--live: needs --calibration FILE, as there is no folder with one")
     with closing(Streams(*(live[::-1] if exchange else live))) as streams:
-        first = streams.read()
+        first = streams.read(_OPENING)
         if isinstance(first, str):
             raise ValueError(f"--live {' '.join(live)}: {first}: are device and address right?")
         height, width = first[0].shape

@@ -1,7 +1,7 @@
 """Stereo images of videos, cameras and network streams, read by OpenCV.
 
 A video shows both cameras side by side, or there are two, ``left.*`` and ``right.*``. Live, each source is a number of
-a device, a file or an address; both are asked for their next image at the same moment.
+a device, a file or an address; images that arrive together are a pair.
 """
 
 import contextlib
@@ -9,12 +9,13 @@ import json
 import math
 import os
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, Final, TextIO, cast
 
 import cv2
 import numpy as np
@@ -31,6 +32,9 @@ from vehicle.foundation.user_file import MAX_FRAMES
 _ENDINGS: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 _BESIDE: Final = (".txt", ".toml", ".yaml", ".yml", ".xml")  # calibration and mounting
 _AGAIN: Final = 0.5  # between two attempts to open a lost source [s]
+_PATIENCE: Final = 1.0  # without a pair, after which an estimate is lost [s]
+_TOGETHER: Final = 0.1  # longest time between the arrivals of a pair's images [s]
+_SHORTEST: Final = 0.01  # time between two images [s]
 
 
 def videos_in(path: Path) -> tuple[Path, ...]:
@@ -103,37 +107,71 @@ def _grey(image: Any) -> GreyImage:
     return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
+class _Source:
+    """The newest image of a live source, which a thread reads; what was buffered before is passed over."""
+
+    def __init__(self, name: str, news: threading.Condition) -> None:
+        self.name, self._news = name, news
+        self.image: GreyImage | None = None
+        self.time = 0.0  # of its arrival [s]
+        self.closed = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self.closed:
+            capture = cv2.VideoCapture(int(self.name) if self.name.isdecimal() else self.name)
+            is_file, begin = capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0, time.monotonic()
+            while not self.closed and (image := _next(capture)) is not None:
+                if is_file:  # at its own rate
+                    time.sleep(max(0.0, begin + 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC) - time.monotonic()))
+                with self._news:
+                    self.image, self.time = image, time.monotonic()
+                    self._news.notify()
+            capture.release()
+            time.sleep(_AGAIN)
+
+    def close(self) -> None:
+        """End the thread."""
+        self.closed = True
+        self._thread.join(2.0 * _PATIENCE)
+
+
 class Streams:
-    """Two live sources of images."""
+    """Two live sources of images, read at the same time."""
 
     def __init__(self, left: str, right: str) -> None:
         """Open devices (numbers), files or addresses."""
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # a lost source is said here
-        self._names = left, right
-        self._captures = [self._opened(name) for name in self._names]
+        self._news = threading.Condition()
+        self._sources = [_Source(name, self._news) for name in (left, right)]
+        self._used, self._period = [0.0, 0.0], math.inf
 
-    @staticmethod
-    def _opened(name: str) -> Any:
-        return cv2.VideoCapture(int(name) if name.isdecimal() else name)
+    def read(self, patience: float | None = None) -> tuple[GreyImage, GreyImage] | str:
+        """The next pair of images that arrived together, or why there is none after a second or the ``patience`` [s].
 
-    def read(self) -> tuple[GreyImage, GreyImage] | str:
-        """A pair of images taken together, or why there is none; a lost source is opened again at the next call."""
-        taken = [capture.grab() for capture in self._captures]  # decoding would take time between the two
-        images = [one.retrieve() if good else (False, None) for one, good in zip(self._captures, taken, strict=True)]
-        lost = [k for k, (good, _) in enumerate(images) if not good]
-        if not lost:
-            left, right = (_grey(image) for _, image in images)
-            return left, right
-        time.sleep(_AGAIN)
-        for k in lost:
-            self._captures[k].release()
-            self._captures[k] = self._opened(self._names[k])
-        return f"no image from {' and '.join(self._names[k] for k in lost)}"
+        Together means within half of the shortest time between two images so far. Sources that are lost are opened
+        again.
+        """
+        until = time.monotonic() + (_PATIENCE if patience is None else patience)
+        with self._news:
+            while (now := time.monotonic()) < until:
+                new = [source.time > used for source, used in zip(self._sources, self._used, strict=True)]
+                times = [source.time for source in self._sources]
+                if all(new) and abs(times[0] - times[1]) < min(_TOGETHER, 0.5 * self._period):
+                    if all(self._used):
+                        self._period = min(self._period, max(_SHORTEST, times[0] - self._used[0]))
+                    self._used = times
+                    images = [source.image for source in self._sources]
+                    return cast("tuple[GreyImage, GreyImage]", tuple(images))
+                self._news.wait(until - now)
+        lost = [source.name for source, is_new in zip(self._sources, new, strict=True) if not is_new]
+        return f"no image from {' and '.join(lost)}" if lost else "left and right images do not arrive together"
 
     def close(self) -> None:
         """Release both sources."""
-        for capture in self._captures:
-            capture.release()
+        for source in self._sources:
+            source.close()
 
 
 def estimate_live(streams: Streams, recording: Recording, source: OffTrackingSource, out: TextIO) -> dict[str, Any]:

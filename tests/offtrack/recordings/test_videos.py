@@ -2,6 +2,7 @@
 
 import io
 import json
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -108,11 +109,22 @@ def test_every_live_pair_is_a_line_and_a_lost_one_is_a_lost_estimate(tmp_path: P
     assert (numbers["pairs"], numbers["ok"], numbers["lost"]) == (4, 1, 3)
 
 
-def test_a_source_that_ends_is_lost_and_opened_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(videos, "_AGAIN", 0.0)
-    names = [str(video(tmp_path / f"{side}.avi", [picture(k, side) for k in range(2 + 2 * side)])) for side in (0, 1)]
-    streams = Streams(*names)
-    read = [streams.read() for _ in range(4)]
-    streams.close()
-    assert [isinstance(pair, str) for pair in read] == [False, False, True, False]
-    assert read[2] == f"no image from {names[0]}"
+def test_sources_are_paired_by_their_arrival_and_opened_again_at_their_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two videos of half a second, played at their rate again and again: every pair is one."""
+    monkeypatch.setattr(videos, "_AGAIN", 0.1)
+    images = [np.full((96, 160), 20 * k, np.uint8) for k in range(10)]
+    names = [str(video(tmp_path / f"{side}.avi", images)) for side in ("left", "right")]
+    with closing(Streams(*names)) as streams:
+        read = [streams.read(10.0) for _ in range(15)]
+    pairs = [pair for pair in read if not isinstance(pair, str)]
+    assert len(pairs) >= 12
+    together = sum(abs(int(left[0, 0]) - int(right[0, 0])) < 10 for left, right in pairs)
+    assert together >= 0.7 * len(pairs)
+
+
+def test_a_source_that_sends_nothing_is_named(tmp_path: Path) -> None:
+    name = str(video(tmp_path / "left.avi", [picture(k, 0) for k in range(40)]))
+    with closing(Streams(name, str(tmp_path / "none.avi"))) as streams:
+        assert streams.read(0.3) == f"no image from {tmp_path / 'none.avi'}"
