@@ -63,14 +63,16 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
         captures = [cv2.VideoCapture(str(path)) for path in videos]
         expected = int(min(capture.get(cv2.CAP_PROP_FRAME_COUNT) for capture in captures))
         times: list[float] = []
-        while (images := [_next(capture) for capture in captures]) and all(image is not None for image in images):
+        while len(images := [image for capture in captures if (image := _next(capture)) is not None]) == len(captures):
             if len(times) >= MAX_FRAMES:
                 raise ValueError(f"{videos[0]}: more than {MAX_FRAMES} frames: cut the video")
-            left, right = _halves(images[0]) if len(images) == 1 else images
+            half = images[0].shape[1] // 2
+            left, right = images if len(images) == 2 else (images[0][:, :half], images[0][:, half : 2 * half])
             for side, image in (("left", left), ("right", right)):
-                cv2.imwrite(str(folder / side / f"{len(times):06d}.pgm"), np.asarray(image))
+                cv2.imwrite(str(folder / side / f"{len(times):06d}.pgm"), image)
             times.append(1e-3 * captures[0].get(cv2.CAP_PROP_POS_MSEC))
             progress(len(times), max(expected, len(times)), "unpacking")
+        rate = captures[0].get(cv2.CAP_PROP_FPS) or 10.0
         for capture in captures:
             capture.release()
         if len(times) < 2:
@@ -78,7 +80,6 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
             raise ValueError(f"{names}: {len(times)} frames can be read; at least 2 are needed")
         notes = [] if len(videos) == 2 else ["the left half of the video is the left camera's image"]
         if min(np.diff(times)) < 0.999 * TICK:
-            rate = captures[0].get(cv2.CAP_PROP_FPS) or 10.0
             times = [k / rate for k in range(len(times))]
             notes.append(f"times are those of {rate:g} frames a second")
         (folder / "times.txt").write_text("".join(f"{one:.6f}\n" for one in times), encoding="utf-8")
@@ -89,12 +90,6 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
             yield Unpacked(folder, tuple(notes))
         except ValueError as error:
             raise ValueError(str(error).replace(str(folder), str(place))) from error
-
-
-def _halves(image: GreyImage | None) -> tuple[GreyImage, GreyImage]:
-    width = 0 if image is None else image.shape[1] // 2
-    whole = np.zeros((0, 0), np.uint8) if image is None else image
-    return whole[:, :width], whole[:, width : 2 * width]
 
 
 def _next(capture: Any) -> GreyImage | None:

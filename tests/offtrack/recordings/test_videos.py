@@ -58,6 +58,29 @@ def test_one_video_or_two_are_a_recording(tmp_path: Path, together: bool) -> Non
     assert not folder.exists()
 
 
+def test_a_video_without_times_of_its_own_has_those_of_its_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As containers that hold raw streams."""
+    path = video(tmp_path / "drive.avi", [np.hstack([picture(k, 0), picture(k, 1)]) for k in range(3)])
+    genuine = cv2.VideoCapture
+
+    class Untimed:
+        def __init__(self, name: str) -> None:
+            self._capture = genuine(name)
+
+        def get(self, number: int) -> float:
+            return 0.0 if number == cv2.CAP_PROP_POS_MSEC else self._capture.get(number)
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._capture, name)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Untimed)
+    with unpacked_videos((path,)) as (folder, notes):
+        assert np.loadtxt(folder / "times.txt").tolist() == [0.0, 0.05, 0.1]
+        assert "times are those of 20 frames a second" in notes
+
+
 def test_what_is_no_video_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.mp4").write_bytes(b"none")
     assert videos_in(tmp_path) == ()
