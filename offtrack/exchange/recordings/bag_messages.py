@@ -133,9 +133,9 @@ def _compressed(message: Any, where: str) -> NDArray[Any]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY))
 
 
-def baseline(left: CameraInfo, right: CameraInfo) -> float:
-    """Distance [m] of the right camera along the left one's x axis, by the difference of their projections."""
-    return float(left.P[0, 3] / left.P[0, 0] - right.P[0, 3] / right.P[0, 0])
+def baseline(P_l: FloatArray, P_r: FloatArray) -> float:
+    """Distance [m] of the right camera along the left one's x axis, by the difference of projections P (3, 4)."""
+    return float(P_l[0, 3] / P_l[0, 0] - P_r[0, 3] / P_r[0, 0])
 
 
 def calibration_text(infos: Sequence[CameraInfo]) -> str:

@@ -190,7 +190,7 @@ def _unpacked(
     notes: list[str] = []
     if not calibrated and "calib.txt" not in files and "rig.toml" not in files:
         infos = _infos(reader, topics, bag)
-        if exchange and baseline(*infos) < 0.0:  # the calibrations were right, the images were not
+        if exchange and baseline(infos[0].P, infos[1].P) < 0.0:  # the calibrations were right, the images were not
             infos = infos[::-1]
         files["calib.txt"] = _calibration(infos, bag)
         maps, notes = _rectifying(reader, topics, infos, bag)
@@ -249,7 +249,7 @@ def _infos(reader: Any, topics: StereoTopics, bag: Path) -> tuple[CameraInfo, ..
 
 def _calibration(infos: Sequence[CameraInfo], bag: Path) -> str:
     """Text of a ``calib.txt``."""
-    if baseline(*infos) <= 0.0:
+    if baseline(infos[0].P, infos[1].P) <= 0.0:
         raise ValueError(
             f"{bag}: {infos[1].topic}: P of the right camera has no baseline: P[3] is {infos[1].P[0, 3]:g} and must be "
             f"less than that of {infos[0].topic}, {infos[0].P[0, 3]:g}. It needs a stereo calibration; or are left and "

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
+from offtrack.exchange.recordings.bag_messages import baseline
 from scenarios.roads.path_file import read_xml
 from sensors.camera.rig import CameraModel, RawStereoRig
 from vehicle.foundation.user_file import FileKind, read_text, shown
@@ -25,10 +26,10 @@ from vehicle.frames import FloatArray, inverse, orthonormalised, transform
 SUFFIXES: Final = (".yaml", ".yml", ".xml")
 _LENSES: Final = ("plumb_bob", "radtan", "radial-tangential", "pinhole-radtan", "none", "")
 _MATRICES: Final = {  # names of OpenCV's samples and of other programs
-    "M1": ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "left_camera_matrix", "LEFT.K"),
-    "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "left_distortion", "LEFT.D"),
-    "M2": ("M2", "K2", "cameraMatrix2", "camera_matrix_2", "right_camera_matrix", "RIGHT.K"),
-    "D2": ("D2", "distCoeffs2", "dist_coeffs_2", "right_distortion", "RIGHT.D"),
+    "M1": ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "left_camera_matrix"),
+    "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "left_distortion"),
+    "M2": ("M2", "K2", "cameraMatrix2", "camera_matrix_2", "right_camera_matrix"),
+    "D2": ("D2", "distCoeffs2", "dist_coeffs_2", "right_distortion"),
     "R": ("R", "rotation", "stereo_R"),
     "T": ("T", "translation", "stereo_T"),
 }
@@ -53,8 +54,8 @@ def foreign_rig(files: tuple[Path, ...], size: tuple[int, int]) -> RawStereoRig:
     """Raw stereo pair from one file, or from those of the left and the right camera; its X_SC is the identity.
 
     Args:
-        files: a file, or that of the left and that of the right camera. Of ROS and EuRoC the left one will do, if the
-            other is found by its name.
+        files: a file, or that of the left and that of the right camera. Of ROS the left one will do, if the other is
+            found by its name.
         size: width and height [px] of the images, for files that do not say it.
 
     Raises:
@@ -62,7 +63,7 @@ def foreign_rig(files: tuple[Path, ...], size: tuple[int, int]) -> RawStereoRig:
     """
     first = files[0]
     tables = [_table(path) for path in files]
-    if len(tables) == 1 and "camera_matrix" in tables[0] | {"T_BS": None} and "left" in first.name:
+    if len(tables) == 1 and "camera_matrix" in tables[0] and "left" in first.name:
         other = first.with_name(first.name.replace("left", "right"))
         files, tables = (first, other), [*tables, _table(other)]
     try:
@@ -155,8 +156,7 @@ def _between(left: Mapping[str, Any], right: Mapping[str, Any]) -> FloatArray:
         return inverse(X_BCl) @ X_BCr
     R_l, R_r = (_numbers(table["rectification_matrix"]).reshape(3, 3) for table in (left, right))
     P_l, P_r = (_numbers(table["projection_matrix"]).reshape(3, 4) for table in (left, right))
-    baseline = P_l[0, 3] / P_l[0, 0] - P_r[0, 3] / P_r[0, 0]
-    return transform(R_l.T @ R_r, R_l.T @ np.array([baseline, 0.0, 0.0]))
+    return transform(R_l.T @ R_r, R_l.T @ np.array([baseline(P_l, P_r), 0.0, 0.0]))
 
 
 def _of_opencv(table: Mapping[str, Any], size: tuple[int, int]) -> tuple[CameraModel, CameraModel, FloatArray]:
