@@ -173,7 +173,9 @@ def off_tracking(
     ] = False,
     folders: Annotated[
         str | None,
-        typer.Option(metavar="LEFT,RIGHT", help="Folders of left and right images in DIR.", show_default="(found)"),
+        typer.Option(
+            metavar="LEFT,RIGHT", help="Folders of left and right images in DIR.", show_default="found by their names"
+        ),
     ] = None,
     probe: Annotated[
         bool,
