@@ -1,6 +1,7 @@
 """Imprint of a wheel in sand: depth, width, berms and lug marks follow from its motion."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from sensors.sand.grid import TEXEL, Floats, Tread, Window, slumped
 from sensors.sand.relief import ALBEDO, Relief, SandKind
 from sensors.sand.world import Stand, Wheel
 from sensors.world.sky import daylight
+from vehicle.engine.compiler import compiler, kernel
 from vehicle.rover.terrain import Terrain
 
 TREAD = Tread(radius=0.102, width=0.100, lugs=20, lug_height=0.005)
@@ -183,9 +185,9 @@ def test_reflected_light_is_albedo_times_light() -> None:
     """Bytes hold its square root, which is good to 1 %."""
     albedo, packed = np.full((1, 3), round(0.8 * ALBEDO), np.uint8), np.zeros((1, 3), np.uint8)
     sun, sky = np.array([[0.0, 0.4, 0.9]], np.float32), np.array([[1.0, 0.7, 0.5]], np.float32)
-    direct, ambient = map(decoded, encoded(albedo, packed, sun, sky))
-    np.testing.assert_allclose(direct, 0.8 * sun, atol=0.015)
-    np.testing.assert_allclose(ambient, 0.8 * sky, atol=0.015)
+    shares = decoded(encoded(albedo, packed, np.full((1, 3), 255, np.uint8), sun, sky))
+    np.testing.assert_allclose(shares[..., 0], 0.8 * sun, atol=0.015)
+    np.testing.assert_allclose(shares[..., 1], 0.8 * sky, atol=0.015)
 
 
 @pytest.mark.parametrize(("azimuth", "axis"), [(0.0, 1), (math.pi, 1), (0.5 * math.pi, 0), (-0.5 * math.pi, 0)])
@@ -213,6 +215,26 @@ def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
     assert (after != before).mean() > 0.1
     # Sums of single precision over different windows may round to another byte; a forgotten shadow is 20 and more.
     assert np.abs(after - once.light(AROUND)).max() <= 1
+
+
+def test_compiled_and_plain_code_light_the_same_sand(relief: Relief, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They differ by rounding, which moves few bytes."""
+    lights, compiled, has_compiler = [], [], compiler() is not None
+
+    def recorded(*name: Any) -> Any:
+        compiled.append(kernel(*name))
+        return compiled[-1]
+
+    monkeypatch.setattr("sensors.sand.field.kernel", recorded)
+    for _ in range(2):
+        field = field_of(relief)
+        roll(field)
+        lights.append(field.light(AROUND).astype(int))
+        monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    difference = np.abs(lights[0] - lights[1])
+    assert [found is not None for found in (compiled[0], compiled[-1])] == [has_compiler, False]
+    assert difference.max() <= 1
+    assert difference.mean() < 0.01
 
 
 def test_rays_towards_any_sun_stay_within_the_margins() -> None:
