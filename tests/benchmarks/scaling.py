@@ -122,9 +122,10 @@ _HEAD: Final = """# Long and large runs
 Processor time of a run with its assembly, of its report, size of its files, largest memory of its process.
 Of the hour: every five minutes of the loop alone. Two cores that other programs shared: times vary by a tenth or two.
 
-The rendered world is bounded. Its map of the road has cells of 0.25 m up to 2 km of straight road or 1 km square; beyond,
-an 8000th of the length (3.75 m at 30 km), or a 4096th of a square's side. The mesh of the ground has cells of 2.5 m near a
-course of up to 750 m, beyond a 300th of its length. A rover's sand keeps the tracks that it saw last ([rover](rover.md)).
+The rendered world is bounded. Its map of the road has cells of 0.25 m up to 2 km of straight road or 1 km square;
+beyond, an 8000th of the length (3.75 m at 30 km), or a 4096th of a square's side. The mesh of the ground has cells of
+2.5 m near a course of up to 750 m, beyond a 300th of its length. A rover's sand keeps the last ground that it saw
+([rover](rover.md)).
 
 ![Time and memory](../.pictures/scaling.png)
 """
@@ -183,11 +184,8 @@ def _of_costs(quantity: str, costs: Iterable[tuple[float, list[float]]]) -> str:
     rows = []
     for value, numbers in costs:
         c = Cost(*numbers)
-        per_second = f"{c.run / c.simulated:.3f}"
-        rows.append(
-            (f"{value:g}", f"{c.simulated:.0f}", f"{c.run:.1f}", per_second)
-            + (f"{c.report:.1f}", f"{c.size:.1f}", f"{c.memory:.0f}")
-        )
+        run = (f"{c.simulated:.0f}", f"{c.run:.1f}", f"{c.run / c.simulated:.3f}")
+        rows.append((f"{value:g}", *run, f"{c.report:.1f}", f"{c.size:.1f}", f"{c.memory:.0f}"))
     return _table((quantity, *_COLUMNS), rows)
 
 
