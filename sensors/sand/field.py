@@ -229,6 +229,7 @@ def decoded(roots: Bytes) -> Floats:
 
 
 TILE: Final = 512  # texels a side
+_MOST: Final = 256  # tiles in memory: 67 m2, of 2.3 MB each; a view takes 10
 _ALL_LIGHT: Final = np.broadcast_to(np.full(TILE, 255, np.uint8), (TILE, TILE))  # without memory for each tile
 _BLOCK: Final = 32  # texels a side of the blocks whose light is updated together
 _NEW, _CHANGED = 2, 1  # flags of blocks: never seen; shaped by a wheel since
@@ -250,7 +251,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """Tiles of sand that exist so far, with what new ones are made from."""
+    """Tiles of sand that were used last, with what new ones are made from; those left out lose their imprints."""
 
     relief: Relief
     sun: Sunlight
@@ -268,10 +269,10 @@ class Field:
 
     def sand(self, window: Window) -> Sand:
         """Copy of the sand in a window."""
-        packed = np.empty(window.shape, np.uint8)
+        sand = Sand(np.empty(window.shape, np.float32), np.empty(window.shape, np.uint8))
         for tile, here, there in self._parts(window):
-            packed[there] = tile.packed[here]
-        return Sand(self.height(window), packed)
+            sand.height[there], sand.packed[there] = tile.height[here], tile.packed[here]
+        return sand
 
     def write(self, window: Window, sand: Sand) -> None:
         """Write new sand to a window; its light is updated when it is next seen."""
@@ -352,9 +353,11 @@ class Field:
                 yield self._tile(i, j), common.within(extent), common.within(window)
 
     def _tile(self, i: int, j: int) -> Tile:
-        if (i, j) not in self.tiles:
-            self.tiles[i, j] = self._new_tile(_extent(i, j))
-        return self.tiles[i, j]
+        tile = self.tiles.pop((i, j), None) or self._new_tile(_extent(i, j))
+        self.tiles[i, j] = tile  # the last one of the dictionary is the one used last
+        if len(self.tiles) > _MOST:
+            del self.tiles[next(iter(self.tiles))]
+        return tile
 
     def _new_tile(self, window: Window) -> Tile:
         ground = self.relief.ground(window)
