@@ -13,14 +13,12 @@ from sensors.sand.grid import (
     TEXEL,
     Bytes,
     Floats,
+    Imprint,
     Roll,
     Sand,
-    Strip,
     Tread,
     Window,
-    imprinted,
-    slumped,
-    strip_of,
+    rolled_over,
     window_of,
 )
 from sensors.sand.relief import ALBEDO, Relief
@@ -30,7 +28,6 @@ from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray, arc_length
 
 _OFFSET: Final = (0.17, 0.33)  # of a track along the route from the rover's own left wheels [m]
-_SWEEPS: Final = 4  # of slumping after an imprint
 _SPACING: Final = 0.95  # of tracks across the route [m]
 
 
@@ -44,28 +41,24 @@ class Track(NamedTuple):
 def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand:
     """Sand of a window after a track was pressed into it."""
     roll, tread = track
-    reach = roll.reach(tread)
-    part = window.common(window_of(roll, reach))
+    part = window.common(window_of(roll, roll.reach(tread)))
     if part.is_empty:
-        return sand
-    strip = strip_of(roll, part, reach)
-    if not strip.inside.any():
         return sand
     at = part.within(window)
     before = Sand(sand.height[at], sand.packed[at])
     height, packed = sand.height.copy(), sand.packed.copy()
-    (height[at], packed[at]), _ = rolled_over(before, roll, tread, strip, part, relief, roll.sinkage * tread.width)
+    (height[at], packed[at]), _ = rolled(before, track, part, relief, roll.sinkage * tread.width)
     return Sand(height, packed)
 
 
-def rolled_over(
-    sand: Sand, roll: Roll, tread: Tread, strip: Strip, window: Window, relief: Relief, displaced: float
-) -> tuple[Sand, float]:
-    """Sand of a window after a wheel rolled along its strip, and what it removed; see ``grid.imprinted``."""
-    large, crumbs = relief.large(window)[strip.inside], relief.crumbs(window).texels(strip.inside)
-    after, removed = imprinted(roll, tread, strip, sand.texels(strip.inside), large, crumbs, displaced)
-    new = sand.with_texels(strip.inside, after)
-    return Sand(slumped(new.height, strip.inside, _SWEEPS), new.packed), removed
+def rolled(sand: Sand, track: Track, window: Window, relief: Relief, displaced: float) -> tuple[Sand, float]:
+    """Sand of a window after a wheel rolled through it, and what it removed per length [m2].
+
+    ``displaced`` is the sand per length that feeds the berms [m2].
+    """
+    numbers = Imprint.of(*track, window, displaced)
+    after, removed = rolled_over(sand, numbers, relief.large(window), relief.crumbs(window), window)
+    return after, removed / track.roll.length
 
 
 def foreign_tracks(rng: np.random.Generator, route: FloatArray, wheel_left: float) -> tuple[Track, ...]:

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.sand.field import Field, Reach, foreign_tracks, rolled_over
-from sensors.sand.grid import Roll, Tread, strip_of, window_of
+from sensors.sand.field import Field, Reach, Track, foreign_tracks, rolled
+from sensors.sand.grid import Roll, Tread, window_of
 from sensors.sand.relief import Relief, SandKind, kind_named
 from sensors.sand.solids import Rock, scattered
 from sensors.world.sky import daylight
@@ -81,10 +81,8 @@ class Wheel:
         roll = _roll(a, b)
         if roll.sinkage < _SHALLOWEST:
             return
-        reach = roll.reach(self.tread)
-        window = window_of(roll, reach)
-        strip, sand = strip_of(roll, window, reach), field.sand(window)
-        after, removed = rolled_over(sand, roll, self.tread, strip, window, field.relief, self.displaced)
+        window = window_of(roll, roll.reach(self.tread))
+        after, removed = rolled(field.sand(window), Track(roll, self.tread), window, field.relief, self.displaced)
         self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
         field.write(window, after)
 

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -217,24 +218,33 @@ def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
     assert np.abs(after - once.light(AROUND)).max() <= 1
 
 
-def test_compiled_and_plain_code_light_the_same_sand(relief: Relief, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They differ by rounding, which moves few bytes."""
-    lights, compiled, has_compiler = [], [], compiler() is not None
+@pytest.mark.parametrize("slip_angle", [-0.2, 0.0])
+def test_compiled_and_plain_code_shape_and_light_the_same_sand(
+    relief: Relief, monkeypatch: pytest.MonkeyPatch, slip_angle: float
+) -> None:
+    """Lugs press unequally by digits of a sine that rounding changes: 0.3 % of 3 mm."""
+    fields, compiled, has_compiler = [], [], compiler() is not None
 
     def recorded(*name: Any) -> Any:
         compiled.append(kernel(*name))
         return compiled[-1]
 
-    monkeypatch.setattr("sensors.sand.field.kernel", recorded)
+    for module in ("grid", "field"):
+        monkeypatch.setattr(f"sensors.sand.{module}.kernel", recorded)
     for _ in range(2):
-        field = field_of(relief)
-        roll(field)
-        lights.append(field.light(AROUND).astype(int))
+        fields.append(field_of(relief))
+        roll(fields[-1], slip_angle=slip_angle)
+        fields[-1].light(AROUND)
+        assert all((found is not None) == has_compiler for found in compiled)  # every source compiles
+        compiled.clear()
+        has_compiler = False
         monkeypatch.setenv("OFFTRACK_COMPILER", "none")
-    difference = np.abs(lights[0] - lights[1])
-    assert [found is not None for found in (compiled[0], compiled[-1])] == [has_compiler, False]
-    assert difference.max() <= 1
-    assert difference.mean() < 0.01
+    one, plain = (field.sand(AROUND) for field in fields)
+    assert np.abs(one.height - plain.height).max() < 2e-5  # [m]
+    assert np.abs(one.packed.astype(int) - plain.packed).max() <= 1
+    difference = cv2.absdiff(*(field.light(AROUND) for field in fields))
+    assert np.quantile(difference, 0.99) <= 1.0
+    assert difference.mean() < 0.05
 
 
 def test_rays_towards_any_sun_stay_within_the_margins() -> None:
