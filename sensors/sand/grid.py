@@ -144,14 +144,7 @@ class Roll(NamedTuple):
 class Imprint(NamedTuple):
     """Numbers of the imprint of a path, in the order of imprint.c; places from the window's first texel [m]."""
 
-    a_x: float  # ends of the path
-    a_y: float
-    b_x: float
-    b_y: float
-    towards_a_x: float  # unit vectors of travel there
-    towards_a_y: float
-    towards_b_x: float
-    towards_b_y: float
+    ends: FloatArray  # (4, 2) a and b of the path, and the unit vectors of travel there
     reach: float  # see ``Roll.reach`` [m]
     edge: float  # half the width of the floor [m]
     wall: float  # width of a wall before it slumps [m]
@@ -185,10 +178,7 @@ class Imprint(NamedTuple):
             for to_side in (slide, -slide)
         )
         return cls(
-            *(roll.a - window.corner).tolist(),
-            *(roll.b - window.corner).tolist(),
-            *roll.towards_a.tolist(),
-            *roll.towards_b.tolist(),
+            np.array([roll.a - window.corner, roll.b - window.corner, roll.towards_a, roll.towards_b]),
             reach=roll.reach(tread),
             edge=edge,
             wall=max(roll.sinkage / _REPOSE, 0.004) + 0.5 * flank,
@@ -231,7 +221,7 @@ def window_of(roll: Roll, reach: float) -> Window:
 def strip_of(p: Imprint, window: Window) -> Strip:
     """Strip of a path; successive paths cover every texel along them once, also in curves."""
     x, y = window.places()
-    a_x, a_y, b_x, b_y, ta_x, ta_y, tb_x, tb_y = np.float32(p[:8])
+    (a_x, a_y), (b_x, b_y), (ta_x, ta_y), (tb_x, tb_y) = p.ends.astype(np.float32)
     behind_a = (x - a_x) * ta_x + (y - a_y) * ta_y
     before_b = (b_x - x) * tb_x + (b_y - y) * tb_y
     between = (behind_a >= 0.0) & (before_b > 0.0)
@@ -338,6 +328,9 @@ def rolled_over(sand: Sand, p: Imprint, large: Floats, crumbs: Crumbs, window: W
         new = sand.with_texels(strip.inside, after)
         return Sand(slumped(new.height, strip.inside, _SWEEPS), new.packed), removed
     new, removed_here = Sand(*map(np.array, sand)), np.empty(1)
-    arrays = (np.float32(p), *(np.ascontiguousarray(part) for part in (large, *crumbs)))
+    arrays = (
+        np.array([*p.ends.ravel(), *p[1:]], np.float32),
+        *(np.ascontiguousarray(part) for part in (large, *crumbs)),
+    )
     compiled(*window.shape, _SWEEPS, *arrays, *new, np.empty(window.shape, np.uint8), removed_here)
     return new, float(removed_here[0])

@@ -44,7 +44,7 @@ def roll(
 ) -> None:
     """Roll a wheel 0.6 m along x; ``watched``: update the light after each step. Side slip turns its heading off x."""
     wheel = Wheel(TREAD)
-    for x in np.arange(0.0, 0.6, 0.016):
+    for x in np.arange(0.0003, 0.6, 0.016).tolist():  # no end of a path lies on a texel, which rounding would decide
         turned = x * math.cos(slip_angle) / (TREAD.radius * (1.0 - slip))
         wheel.roll_on(field, Stand(np.array([x, y]), 0.0, slip_angle, turned, sinkage))
         if watched:
