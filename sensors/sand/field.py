@@ -352,6 +352,14 @@ class Field:
             del self.tiles[next(iter(self.tiles))]
         return tile
 
+    def make_one(self, window: Window) -> None:
+        """Make one tile of a window, if one is missing."""
+        for i in range(window.top // TILE, (window.bottom - 1) // TILE + 1):
+            for j in range(window.left // TILE, (window.right - 1) // TILE + 1):
+                if (i, j) not in self.tiles:
+                    self._tile(i, j)
+                    return
+
     def _new_tile(self, window: Window) -> Tile:
         ground = self.relief.ground(window)
         sand = Sand(ground.height, np.zeros(window.shape, np.uint8))
