@@ -88,8 +88,10 @@ def test_both_back_ends_find_the_same(calibration: StereoCalibration, monkeypatc
         agreed = consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(0))
         found.append(refined(calibration, seen, agreed.X_PC, agreed.inliers, newest))
     compiled, plain = found
-    assert compiled.converged and plain.converged
-    assert np.array_equal(compiled.inliers, plain.inliers) and 120 < np.count_nonzero(plain.inliers) < 150
+    assert compiled.converged
+    assert plain.converged
+    assert np.array_equal(compiled.inliers, plain.inliers)
+    assert 120 < np.count_nonzero(plain.inliers) < 150
     scale = np.sqrt(np.diag(plain.covariance))
     # the normal matrix has a condition of 1e5: solutions differ by that times the rounding
     assert np.abs(error(compiled.X_PC) - error(plain.X_PC)) == pytest.approx(np.zeros(6), abs=1e-9 * scale.min())
