@@ -57,9 +57,7 @@ class CameraModel:
             if not 1.0 / _LARGEST < value < _LARGEST:
                 raise ValueError(f"{name} = {value} px must be positive, up to {_LARGEST:g}")
         expected = (4,) if self.fisheye else (5, 8)
-        if len(self.distortion) not in expected or not np.all(
-            np.abs([*self.distortion, self.cx, self.cy]) <= _LARGEST
-        ):
+        if len(self.distortion) not in expected or not np.all(np.abs([*self.distortion, self.cx, self.cy]) <= _LARGEST):
             raise ValueError(
                 f"distortion = {self.distortion} must be "
                 f"{'four numbers k1 to k4' if self.fisheye else 'five numbers k1, k2, p1, p2, k3 or eight'}, and "

@@ -15,7 +15,6 @@ from sensors.camera.image_formation import NoiseBank, grey
 from sensors.camera.rig import (
     UNDISTORTED,
     CameraModel,
-    Distortion,
     Facing,
     RawStereoRig,
     StereoCalibration,
