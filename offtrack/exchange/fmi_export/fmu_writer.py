@@ -230,7 +230,7 @@ def library(platform: str, sources: Path, files: Sequence[str], optimisation: in
             command = [sys.executable, "-m", "ziglang", "cc", "-target", of.target, "-fno-sanitize=undefined", "-s"]
         else:
             assert using is not None
-            command = [using.path]
+            command = list(using.command)
         math = [] if platform == "win64" else ["-lm"]
         arguments = [*command, *_FLAGS, f"-O{optimisation}", *files, "-o", str(built), *math]
         done = subprocess.run(arguments, cwd=sources, env=environment, capture_output=True, text=True, check=False)
