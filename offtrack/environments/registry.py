@@ -9,7 +9,7 @@ many = gymnasium.make_vec("offtrack/TrailerSteering-v0", num_envs=1024)
 
 import copyreg
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, Literal
 
@@ -392,7 +392,7 @@ class Limited(Repeated):
         super().__init__(core, 1)
         self._steps, self._elapsed = steps, np.zeros(core.n, dtype=np.intp)
 
-    def begin(self, lanes: Lanes, generators: Sequence[np.random.Generator], options: dict[str, Any]) -> None:
+    def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
         """Begin episodes in these lanes."""
         self._core.begin(lanes, generators, options)
         self._elapsed[lanes] = 0

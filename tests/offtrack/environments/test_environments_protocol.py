@@ -44,7 +44,7 @@ def test_a_vector_environment_cuts_episodes_as_gymnasium_does(mode: AutoresetMod
     single = gymnasium.make(TRAILER, max_episode_steps=5, action_repeat=repeat)
     env.reset(seed=4)
     single.reset(seed=4)
-    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    action = np.zeros((3, 2), dtype=np.float32)
     for k in range(1, 6):
         _, _, terminated, truncated, info = env.step(action)
         assert truncated.tolist() == [k == 5] * 3
@@ -55,7 +55,7 @@ def test_a_vector_environment_cuts_episodes_as_gymnasium_does(mode: AutoresetMod
         env.reset(options={"reset_mask": np.array([True, False, False])})
         assert env.step(action)[3].tolist() == [False, True, True]
     else:
-        lasts = [env.step(action)[3].all() for _ in range(6)]
+        lasts = [bool(env.step(action)[3].all()) for _ in range(6)]
         assert lasts.index(True) == (5 if mode is AutoresetMode.NEXT_STEP else 4)  # one starts it again
     single.close()
     env.close()

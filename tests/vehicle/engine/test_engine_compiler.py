@@ -227,8 +227,12 @@ def test_the_compiler_is_a_command_as_in_cc(
 
 @pytest.mark.parametrize(
     ("wanted", "reason"),
-    [("NONE", "OFFTRACK_COMPILER is none"), ("nobody-has-it", "OFFTRACK_COMPILER = nobody-has-it is no C compiler"),
-     ("gcc 'open", "OFFTRACK_COMPILER = gcc 'open is no C compiler"), (" ", "OFFTRACK_COMPILER =   is no C compiler")],
+    [
+        ("NONE", "OFFTRACK_COMPILER is none"),
+        ("nobody-has-it", "OFFTRACK_COMPILER = nobody-has-it is no C compiler"),
+        ("gcc 'open", "OFFTRACK_COMPILER = gcc 'open is no C compiler"),
+        (" ", "OFFTRACK_COMPILER =   is no C compiler"),
+    ],
 )
 def test_no_compiler_is_none(
     wanted: str, reason: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
