@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.metadata
+import logging
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, NamedTuple
@@ -130,6 +131,7 @@ def _offtrack(
 def main() -> None:
     """Entry point of the command."""
     save_time()
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it remarks on folders that it cannot write
     interrupt_on_termination()
     try:
         app()
