@@ -11,7 +11,7 @@ import typer
 
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, lines
 from scenarios.processes import save_time
-from scenarios.progress import TERMINATED, interrupt_on_termination, terminated
+from scenarios.progress import interrupt_on_termination, terminated
 
 
 class Entry(NamedTuple):
@@ -137,7 +137,7 @@ def main() -> None:
         app()
     except SystemExit as end:
         if end.code == INTERRUPTED and terminated():
-            sys.exit(TERMINATED)
+            sys.exit(terminated())
         raise
 
 

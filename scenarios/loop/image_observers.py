@@ -33,8 +33,8 @@ class Recorder(Protocol[MessageIn, CaptureIn]):
     def add(self, message: MessageIn, capture: CaptureIn, /) -> None:
         """Append a message, with the ground truth of its capture that the recording needs."""
 
-    def end(self, *, interrupted: bool) -> None:
-        """End the recording; that of an interrupted run may be replaced."""
+    def end(self) -> None:
+        """End the recording; it may be replaced until its run is written."""
 
 
 StereoRecorder = Recorder[StereoFrame, FloatArray]  # with the pose (4, 4) of the trailer's body
