@@ -330,6 +330,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             manifest={
                 "opengl_renderer": parts.views.renderer_name,
                 "frames_sha256": self.pictures.sha256 if parts.cameras else "none",
+                "recording_sha256": self.pictures.recording_sha256 if parts.cameras else "none",
             },
             warnings=(
                 *filter(None, (self.reason,)),

@@ -311,8 +311,8 @@ def test_stretches_say_what_can_be_driven_and_why_not(tmp_path: Path) -> None:
     straight_on, narrow, wide = stretches(read_opendrive(tmp_path / "road.xodr"), 2.6)
     assert straight_on == ("1", -1, 0.0, 300.0, None)
     assert narrow == ("1", -2, 100.0, wide.begin, "the lane is 0.00 m wide: must be at least 2.6 m")
-    assert wide == ("1", -2, wide.begin, 300.0, None)
     assert wide.begin == pytest.approx(133.0, abs=1.0)
+    assert wide == ("1", -2, narrow.end, 300.0, None)
 
 
 def test_borders_of_the_lane_and_edges_of_the_road_are_both_known(tmp_path: Path) -> None:
