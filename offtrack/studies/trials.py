@@ -29,9 +29,9 @@ from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from offtrack.studies.case import Outcome, identities, named_files, opened_files, watch_files
+from offtrack.studies.pool import made_run
 from offtrack.studies.tuning import Trial, Tuning, objective_means, with_parameters
 from scenarios.extras import check_extra
-from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
 from scenarios.results.run_directory import digest
@@ -224,7 +224,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         watch_files()
         scenario = case.resolved()
-        outcomes.append(Outcome(case=case, numbers=run(scenario, case.seed).summary()))
+        outcomes.append(Outcome(case=case, numbers=made_run(scenario, case.seed).summary()))
         files |= opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")

@@ -120,15 +120,18 @@ class PathPoints:
     banks: FloatArray | None = None  # (n,) rise of the road to the left [-]
     widths: FloatArray | None = None  # (n, 2) of the road to the left and right of the path [m]
     friction: FloatArray | None = None  # (n,) [-]
+    lanes: FloatArray | None = None  # (n, 2) from the path to the left and right border of the lane [m]
+    paved: FloatArray | None = None  # (n, 2) to the edges of the paved road that is seen, where it is wider [m]
     lines: FloatArray | None = None  # (n, k, 2) painted on the road: place to the left of the path [m], 1 if broken
+    remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
     rows: FloatArray | None = None  # (n,) of the points in the file; with a fraction where several were averaged
     where: Callable[[int], str] | None = None  # place of a row in the file and the coordinates there, for messages
 
     def changed(self, change: Callable[[FloatArray], FloatArray]) -> "PathPoints":
         """The points with each of their arrays that is known changed."""
-        arrays = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "where"}
-        known: dict[str, Any] = {name: change(values) for name, values in arrays.items() if values is not None}
-        return replace(self, **known)
+        known: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        changed: dict[str, Any] = {name: change(one) for name, one in known.items() if isinstance(one, np.ndarray)}
+        return replace(self, **changed)
 
     def named(self, k: int) -> str:
         """Point k in messages."""

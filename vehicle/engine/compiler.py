@@ -11,7 +11,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from importlib import resources
@@ -20,6 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_cache import FORMAT, cached, store, warn_once
 
 # Relaxations of IEEE arithmetic that change no relevant result. Not -ffast-math: in a shared library, it makes the
@@ -151,7 +151,7 @@ def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.
 
 def _compiled(source: str, flags: tuple[str, ...], using: Compiler) -> bytes:
     """Content of the library's file; compiled in a temporary folder that only this user can enter."""
-    with tempfile.TemporaryDirectory(prefix="offtrack-") as folder:
+    with temporary_folder() as folder:
         built = Path(folder, "built.so")
         result = _run([*using.command, *flags, "-x", "c", "-", "-o", str(built), "-lm"], source)
         if result.returncode != 0:
@@ -164,7 +164,7 @@ def _loaded(content: bytes) -> ctypes.CDLL:
     try:
         return _loaded_from_memory(content)
     except (AttributeError, OSError):  # not Linux, or forbidden
-        with tempfile.TemporaryDirectory(prefix="offtrack-") as folder:
+        with temporary_folder() as folder:
             path = Path(folder, "built.so")
             path.write_bytes(content)
             return ctypes.CDLL(str(path))
