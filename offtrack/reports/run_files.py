@@ -94,6 +94,7 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
         trailers=_judged(vehicle, log),
         road=course.centreline,
         road_half_width=course.road_half_width,
+        lanes=course.lanes,
         friction=friction_picture(surface, course.centreline),
         circle_centre=course.surface_centre,
         arcs=course.arcs,

@@ -311,8 +311,9 @@ def _thinned(points: PathPoints, spacing: float) -> PathPoints:
 
 def _with_each(points: PathPoints, change: Callable[[FloatArray], FloatArray]) -> PathPoints:
     """The points with each of their arrays that is known changed."""
-    known = {field.name: getattr(points, field.name) for field in fields(points)}
-    return replace(points, **{name: change(values) for name, values in known.items() if values is not None})
+    known: dict[str, Any] = {field.name: getattr(points, field.name) for field in fields(points)}
+    changed: dict[str, Any] = {name: change(one) for name, one in known.items() if isinstance(one, np.ndarray)}
+    return replace(points, **changed)
 
 
 def _check_legs(places: FloatArray, fit: Fit) -> None:

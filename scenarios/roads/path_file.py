@@ -163,7 +163,10 @@ class PathPoints:
     banks: FloatArray | None = None  # (n,) rise of the road to the left [-]
     widths: FloatArray | None = None  # (n, 2) of the road to the left and right of the path [m]
     friction: FloatArray | None = None  # (n,) [-]
+    lanes: FloatArray | None = None  # (n, 2) from the path to the left and right border of the lane [m]
+    paved: FloatArray | None = None  # (n, 2) to the edges of the paved road that is seen, where it is wider [m]
     lines: FloatArray | None = None  # (n, k, 2) painted on the road: place to the left of the path [m], 1 if broken
+    remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
 
 
 def read_path(path: Path) -> PathPoints:

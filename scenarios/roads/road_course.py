@@ -36,8 +36,9 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     _check_steer(path, tractor, reference, lambda s: located(_in_file(smooth, s, points.places[0])), fit)
     stations = np.arange(-_BEYOND, path.length + _BEYOND + _SPACING, _SPACING)
     poses = path.poses(stations)
-    given = np.full((len(points.places), 2), 0.5 * width) if points.widths is None else points.widths
-    widths = np.stack([np.interp(stations, smooth.stations, side) for side in given.T], axis=1)
+    known = _sides(points.widths, smooth, stations)
+    widths = np.full((len(stations), 2), 0.5 * width) if known is None else known
+    seen = widths if points.paved is None else points.paved
     narrowest = int(np.argmin(widths.sum(axis=1)))
     if widths[narrowest].sum() < tractor.width:
         raise ValueError(
@@ -51,10 +52,13 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
         surface_centre=None,
         centreline=poses[:, :2],
         road_half_width=0.5 * width if points.widths is None else widths,
-        relief=_relief(points, smooth, poses[:, :2], stations, float(widths.max()) + _ROADSIDE, fit),
+        relief=_relief(points, smooth, poses[:, :2], stations, float(seen.max()) + _ROADSIDE, fit),
         friction=_friction(points, smooth, poses[:, :2], stations),
         lane_lines=_lane_lines(points, smooth, stations),
+        lanes=_sides(points.lanes, smooth, stations),
+        paved=_sides(points.paved, smooth, stations),
         deviation=float(np.abs(smooth.deviations).max()),
+        remarks=points.remarks,
     )
 
 
@@ -153,6 +157,13 @@ def _friction(points: PathPoints, smooth: SmoothPath, line: FloatArray, stations
     if points.friction is None:
         return None
     return LineFriction(np.interp(stations, smooth.stations, points.friction), line)
+
+
+def _sides(widths: FloatArray | None, smooth: SmoothPath, stations: FloatArray) -> FloatArray | None:
+    """Distances (m, 2) to both sides of the path at stations [m]."""
+    if widths is None:
+        return None
+    return np.stack([np.interp(stations, smooth.stations, side) for side in widths.T], axis=1)
 
 
 def _lane_lines(points: PathPoints, smooth: SmoothPath, stations: FloatArray) -> FloatArray | None:
