@@ -45,8 +45,6 @@ def model_description(model: Exported, version: int, token: str, sources: Sequen
         files = SubElement(simulation, "SourceFiles")
         for name in sources:
             SubElement(files, "File", name=name)
-    elif model.internal_step is not None:
-        simulation.set("fixedInternalStepSize", _number(model.internal_step))
     _units(root, variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call was refused")
