@@ -417,7 +417,7 @@ def _assembled(
         recording=recording,
         brake_faults=brakes,
         schedule=schedule,
-        remarks=remarks,
+        remarks=(*course.remarks, *remarks),
     )
 
 

@@ -315,6 +315,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             ),
             road=parts.course.centreline,
             road_half_width=parts.course.road_half_width,
+            lanes=parts.course.lanes,
             friction=friction_picture(parts.surface, parts.course.centreline),
             road_known=parts.trace is None,
             circle_centre=parts.course.surface_centre,
@@ -330,6 +331,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             manifest={
                 "opengl_renderer": parts.views.renderer_name,
                 "frames_sha256": self.pictures.sha256 if parts.cameras else "none",
+                "recording_sha256": self.pictures.recording_sha256 if parts.cameras else "none",
             },
             warnings=(
                 *filter(None, (self.reason,)),
