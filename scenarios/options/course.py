@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 from pydantic import BeforeValidator, Field
 
 from scenarios import courses
-from scenarios.options.base import FullPath
+from scenarios.options.base import FullPath, Word, one_word
 from scenarios.roads.fitted_path import Fit, stretch
 from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.opendrive.links import Edges, Request
 from scenarios.roads.opendrive.route import lane_points
-from scenarios.roads.path_file import PathPoints, read_path
+from scenarios.roads.path_file import TRACK, PathPoints, read_path
 from scenarios.roads.road_course import Guided, road_course
 from vehicle.combination.unit import Unit
 from vehicle.foundation.quantity import Frozen, option, quantity
@@ -228,32 +228,29 @@ class _FileOptions(CourseOptions):
 
 
 class PathOptions(_FileOptions):
-    """Along the points of a file: CSV with x, y (and z, bank, left_width, right_width, friction), GPX or GeoJSON."""
+    """Along the points of a file: CSV with x, y or lat, lon (and z, bank, left_width, …), GPX, GeoJSON or OpenCRG."""
 
     kind: Literal["path"] = option("Kind of the course.")
+    track: Word = option(TRACK, None)
 
     def points(self, tractor: Unit) -> PathPoints:
         """Read the points of the file that are driven."""
-        return stretch(read_path(Path(self.file)), self.begin, self.length, self.source)
-
-
-def _one_word(value: object) -> object:
-    """An id as a text, where TOML or ``--set`` gave a number."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        points = read_path(Path(self.file), self.track, heights=self.heights, smoothing=self.smoothing)
+        return stretch(points, self.begin, self.length, self.source)
 
 
 def _words(value: object) -> object:
     """Words as a tuple of texts: a list, one word, or words with commas between them."""
     if isinstance(value, str):
         return tuple(word.strip() for word in value.split(",") if word.strip())
-    return tuple(map(_one_word, value)) if isinstance(value, tuple | list) else (_one_word(value),)
+    return tuple(map(one_word, value)) if isinstance(value, tuple | list) else (one_word(value),)
 
 
 class OpenDriveOptions(_FileOptions):
     """Along the lanes of roads in an OpenDRIVE file."""
 
     kind: Literal["opendrive"] = option("Kind of the course.")
-    road: Annotated[str | None, BeforeValidator(_one_word)] = option(
+    road: Word = option(
         "Id of the road to start on; not given: the first of the route, or that of the longest drive.", None
     )
     lane: int | None = option(

@@ -45,8 +45,6 @@ def model_description(model: Exported, version: int, token: str, sources: Sequen
         files = SubElement(simulation, "SourceFiles")
         for name in sources:
             SubElement(files, "File", name=name)
-    elif model.internal_step is not None:
-        simulation.set("fixedInternalStepSize", _number(model.internal_step))
     _units(root, variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call was refused")
@@ -230,7 +228,7 @@ def library(platform: str, sources: Path, files: Sequence[str], optimisation: in
             command = [sys.executable, "-m", "ziglang", "cc", "-target", of.target, "-fno-sanitize=undefined", "-s"]
         else:
             assert using is not None
-            command = [using.path]
+            command = list(using.command)
         math = [] if platform == "win64" else ["-lm"]
         arguments = [*command, *_FLAGS, f"-O{optimisation}", *files, "-o", str(built), *math]
         done = subprocess.run(arguments, cwd=sources, env=environment, capture_output=True, text=True, check=False)

@@ -308,8 +308,8 @@ def test_lanes_are_listed_by_section(tmp_path: Path) -> None:
 
 def test_stretches_say_what_can_be_driven_and_why_not(tmp_path: Path) -> None:
     (tmp_path / "road.xodr").write_text(exit_lane(), encoding="utf-8")
-    straight_on, narrow, wide = map(tuple, stretches(read_opendrive(tmp_path / "road.xodr"), 2.6))
-    begin = wide[2]
+    straight_on, narrow, wide = stretches(read_opendrive(tmp_path / "road.xodr"), 2.6)
+    begin = wide.begin
     assert begin == pytest.approx(133.0, abs=1.0)
     assert straight_on == ("1", -1, 0.0, 300.0, None)
     assert narrow == ("1", -2, 100.0, begin, "the lane is 0.00 m wide: must be at least 2.6 m")
