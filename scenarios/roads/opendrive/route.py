@@ -4,6 +4,7 @@ Each place along the lane has a row of ``LINES`` lines, from right to left. The 
 ``LINES // 2 - 1``, the one on its left comes next, wherever the road gets or loses lanes beside them.
 """
 
+import bisect
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -211,7 +212,14 @@ class _Drive:
             paved=road,
             lines=None if np.isnan(lines).all() else lines,
             remarks=(*remarks, *self._remarks),
+            rows=np.arange(len(table), dtype=np.float64),
+            where=lambda row: self._named(*table[row, [_U, _S, _X, _Y]].tolist()),
         )
+
+    def _named(self, along: float, s: float, x: float, y: float) -> str:
+        """A place on the route, for messages."""
+        leg = self._legs[max(0, bisect.bisect_right(self._rows, along, key=lambda rows: float(rows[0, _U])) - 1)]
+        return f"road {shown(leg.road.id, 40)}, lane {leg.lane}, s = {s:.1f} m, ({x:.2f}, {y:.2f})"
 
     def _cut(self, table: FloatArray) -> FloatArray:
         """The rows between the begin and the end of the drive, with a row at each of them."""
