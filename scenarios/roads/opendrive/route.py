@@ -109,6 +109,7 @@ class _Drive:
         self._rows: list[FloatArray] = []  # of each leg, with the distance along the route as first column
         self._shifts: list[_Shift] = []
         self._along = 0.0  # [m]
+        self._moved = 0  # changes of lane to the right
         self._seen: dict[str, None] = {}  # faults beside the drive, in the order of driving
         route = Route(network, request, first, source)
         try:
@@ -136,7 +137,13 @@ class _Drive:
         steps = np.hypot(*np.diff(table[:, [_X, _Y]], axis=0).T)
         table[:, _U] = self._along + np.concatenate([[0.0], np.cumsum(steps)])
         if self._legs:
-            table[:, _U] += self._join(self._legs[-1], leg)
+            last = self._legs[-1]
+            table[:, _U] += self._join(last, leg)
+            if leg.change is not None:
+                outwards = 1 if leg.lane * leg.direction < 0 else -1  # to the right where traffic drives on the right
+                self._moved += outwards * (abs(leg.lane) - abs(last.lane))
+        if self._moved:  # each line keeps its number
+            table[:, _ROAD_RIGHT + 1 :] = np.roll(table[:, _ROAD_RIGHT + 1 :], -2 * self._moved, axis=1)
         ends = np.interp((self._request.begin, self._wanted), table[:, _U], table[:, _S])
         span = Span(float(ends.min()), float(ends.max()))
         if span.begin < span.end:

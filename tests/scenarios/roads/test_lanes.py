@@ -334,3 +334,5 @@ def test_lines_stay_where_they_are_while_the_lane_is_changed(tmp_path: Path) -> 
     points = driven(tmp_path, straight(lanes([], [lane(-1), lane(-2)])), words=("1", "lane -2 from 20"), lane=-1)
     for row in range(len(points.places)):
         assert points.places[row, 1] + lines_at(points, row) == pytest.approx([-4.0], abs=0.01)
+    assert points.lines is not None
+    assert np.flatnonzero(np.isfinite(points.lines[:, :, 0]).all(axis=0)).size == 1  # with one number throughout
