@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.metadata
+import logging
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, NamedTuple
@@ -10,7 +11,7 @@ import typer
 
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, lines
 from scenarios.processes import save_time
-from scenarios.progress import TERMINATED, interrupt_on_termination, terminated
+from scenarios.progress import interrupt_on_termination, terminated
 
 
 class Entry(NamedTuple):
@@ -130,12 +131,13 @@ def _offtrack(
 def main() -> None:
     """Entry point of the command."""
     save_time()
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it remarks on folders that it cannot write
     interrupt_on_termination()
     try:
         app()
     except SystemExit as end:
         if end.code == INTERRUPTED and terminated():
-            sys.exit(TERMINATED)
+            sys.exit(terminated())
         raise
 
 
