@@ -51,7 +51,10 @@ class Course:
     relief: RoadRelief | None = None  # heights and banks of the road; None: level
     friction: FrictionMap | None = None  # of the road, in place of the scenario's
     lane_lines: FloatArray | None = None  # (n, k, 2) painted at the centre line's points: to the left [m], 1 if broken
+    lanes: FloatArray | None = None  # (n, 2) from the centre line to the lane's left and right border [m]
+    paved: FloatArray | None = None  # (n, 2) to the edges of the road that cameras see, where it is wider [m]
     deviation: float | None = None  # largest distance of the points of a file from the path [m]
+    remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
 
     @property
     def length(self) -> float:

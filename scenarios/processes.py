@@ -228,7 +228,7 @@ def _tidied(work: Callable[..., OutputT], *arguments: object) -> OutputT:
 
 
 def _begin(parent: int) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):  # the parent decides what is kept
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the parent decides what is kept
         signal.signal(number, signal.SIG_IGN)
     if sys.platform == "linux":  # also while a library's function holds the interpreter and no thread can look
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

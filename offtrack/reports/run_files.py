@@ -11,6 +11,7 @@ import dataclasses
 import html
 import json
 import math
+import os
 import re
 import shutil
 import tomllib
@@ -18,8 +19,9 @@ import traceback
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from time import monotonic
@@ -51,7 +53,7 @@ from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenari
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
+from scenarios.results.run_directory import added_as_a_whole, mark_complete, mark_interrupted, write_or_rescue
 from scenarios.results.run_inputs import write_inputs
 from scenarios.results.run_summary import Result, Timing, manifest, number_at, versions
 from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
@@ -92,6 +94,7 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
         trailers=_judged(vehicle, log),
         road=course.centreline,
         road_half_width=course.road_half_width,
+        lanes=course.lanes,
         friction=friction_picture(surface, course.centreline),
         circle_centre=course.surface_centre,
         arcs=course.arcs,
@@ -210,34 +213,64 @@ def film_times(result: Result) -> FloatArray:
 
 
 def write_run(
-    result: Result, directory: Path, *, video: bool | FilmAlong = True, progress: Progress = no_progress
+    result: Result,
+    directory: Path,
+    *,
+    video: bool | FilmAlong = True,
+    progress: Progress = no_progress,
+    recording: Path | None = None,
 ) -> Path:
     """Write the run directory and return it; ``progress`` counts the frames of the video.
 
-    Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
+    Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails. A
+    ``recording`` of the run counts as interrupted until all is drawn.
 
     Raises:
-        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or if the report or
-            the video can not be drawn: all other files are written then.
+        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or, when all that
+            can be written is, if the report or the video can not be drawn, or the results had to go elsewhere.
         KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
     """
-    numbers, kind = result.summary(), KINDS[result.kind]
     if isinstance(video, FilmAlong):
         video.end(result if len(result.log) > 1 else None)  # the rest is drawn beside the report
-    with appearing_at_once(directory) as folder:
-        scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
-        (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
-        write_log(result.log, folder / "signals.parquet")
-        write_json(folder / "manifest.json", manifest(result))
-        write_json(folder / "summary.json", numbers)
-        if result.traceback:
-            (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
-        mark_interrupted(folder)  # until all is drawn
-    failures = list[str]()
+    with ExitStack() as claims:
+        directory, lost = write_or_rescue(directory, partial(_write_data, result), claims)
+        failures = list[str]()
+        _draw(result, directory, video, progress, failures)
+        if result.outcome != "interrupted":
+            for folder in (recording, directory):
+                if folder is not None:
+                    mark_complete(folder)
+        if failures:
+            tracebacks = "\n".join([result.traceback, *failures]).strip() + "\n"
+            with suppress(OSError), added_as_a_whole(directory) as folder:
+                (folder / "traceback.txt").write_text(tracebacks, encoding="utf-8", errors="replace")
+            lost = " and ".join(filter(None, [lost, *(failure.partition("\n")[0] for failure in failures)]))
+        if lost:
+            more = ", and traceback.txt tells more" if (directory / "traceback.txt").exists() else ""
+            raise ValueError(f"{lost}; all else is in {directory}{more}")
+    return directory
+
+
+def _write_data(result: Result, folder: Path) -> None:
+    """Write all but the drawings, the signals first."""
+    write_log(result.log, folder / "signals.parquet")
+    write_json(folder / "summary.json", result.summary())
+    scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
+    (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
+    write_json(folder / "manifest.json", manifest(result))
+    if result.traceback:
+        (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
+    mark_interrupted(folder)  # until all is drawn
+
+
+def _draw(result: Result, directory: Path, video: bool | FilmAlong, progress: Progress, failures: list[str]) -> None:
+    """Add report and video to a run directory; ``failures`` receives what could not be drawn."""
+    kind = KINDS[result.kind]
     with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
         from offtrack.reports import run_page
 
-        (folder / "report.html").write_text(getattr(run_page, kind.page)(result, numbers), encoding="utf-8")
+        page = getattr(run_page, kind.page)(result, result.summary())
+        (folder / "report.html").write_text(page, encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
             times = film_times(result)
@@ -245,15 +278,6 @@ def write_run(
                 shutil.move(path, folder / path.name)
             elif video is True or result.outcome != "interrupted":
                 write_video(Film(kind.playback(result)).picture, times, _RATE, folder / "video", progress)
-    if result.outcome != "interrupted":
-        mark_complete(directory)
-    if failures:
-        what = " and ".join(failure.partition("\n")[0] for failure in failures)
-        tracebacks = "\n".join([result.traceback, *failures]).strip() + "\n"
-        with added_as_a_whole(directory) as folder:
-            (folder / "traceback.txt").write_text(tracebacks, encoding="utf-8", errors="replace")
-        raise ValueError(f"{what}; all else is in {directory}, and traceback.txt tells more")
-    return directory
 
 
 @contextmanager
@@ -262,7 +286,9 @@ def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        line = " ".join(f"the {what} could not be drawn: {type(error).__name__}: {error}".split())
+        system = isinstance(error, OSError) and error.errno
+        why = os.strerror(system) if system else f"{type(error).__name__}: {error}"
+        line = " ".join(f"the {what} could not be drawn: {why}".split())
         failures.append(f"{line}\n{traceback.format_exc()}")
 
 
@@ -279,20 +305,27 @@ def write_results(
     An interrupt while the video is drawn keeps all other results and the part of the video that is finished.
 
     Raises:
-        ValueError: if the directory exists and is not empty.
+        ValueError: if the directory exists and is not empty, or the results had to go elsewhere.
     """
-    with appearing_at_once(directory) as folder:
+
+    def write(folder: Path) -> None:
         write_log(log, folder / f"{name}.parquet")
         for file, text in texts.items():
             (folder / file).write_text(text, encoding="utf-8")
+        write_json(folder / "summary.json", numbers)
         if film is not None:
             try:
                 film(folder / "video")
             except KeyboardInterrupt:
                 numbers["outcome"] = "interrupted"
-        write_json(folder / "summary.json", numbers)
+                write_json(folder / "summary.json", numbers)
         if numbers["outcome"] == "interrupted":
             mark_interrupted(folder)
+
+    with ExitStack() as claims:
+        place, lost = write_or_rescue(directory, write, claims)
+        if lost:
+            raise ValueError(f"{lost}; the results are in {place}")
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:

@@ -124,7 +124,7 @@ def run(
         else:
             session.run_paced(pacer, progress)
         if recorder:
-            recorder.end(interrupted=session.outcome == "interrupted")
+            recorder.end()
         result = session.result(inputs)
         return result if pacer is None else replace(result, paced=pacer.report())
 

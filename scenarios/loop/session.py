@@ -15,7 +15,7 @@ from scenarios.results.run_summary import Result
 from sensors.messages import Stamped
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
-from vehicle.foundation.plant_like import EndedError, PlantLike
+from vehicle.foundation.plant_like import EndedError, KilledError, PlantLike
 from vehicle.frames import FloatArray
 
 TruthT = TypeVar("TruthT", bound=Stamped)
@@ -163,7 +163,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
     def _advance_or_fail(self) -> None:
         try:
             self.advance()
-        except LawError as error:
+        except (LawError, KilledError) as error:
             self._fail(error)
         except EndedError as error:
             self.outcome, self.reason = "diverged", str(error)
@@ -173,7 +173,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
             event = f"raised {type(error).__name__}: {error}"
             self._fail(misbehaviour(f"{kind} {type(part).__name__}", self.tick, event, part, error))
 
-    def _fail(self, line: LawError) -> None:
+    def _fail(self, line: Exception) -> None:
         self.outcome, self.traceback = f"{FAILED}: {line}", traceback.format_exc()
 
     def _integrate(self, command: CommandT) -> None:

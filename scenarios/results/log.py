@@ -4,6 +4,7 @@ On disk a log is a Parquet file in SI units; its schema holds the unit and meani
 """
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -206,12 +207,17 @@ def _bits(values: FloatArray) -> NDArray[np.uint64]:
 
 
 def write_log(log: Log, path: Path) -> None:
-    """Write a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata."""
+    """Write a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata.
+
+    They are also a JSON text under the key ``signals`` of the file's metadata, and in ``attrs`` where pandas reads it.
+    """
     fields = [
         pa.field(s.name, pa.float64(), metadata={"unit": s.unit, "description": s.description}) for s in log.signals
     ]
     columns = [_with_nulls(np.ascontiguousarray(log[name])) for name in log.names]
-    pq.write_table(pa.table(columns, schema=pa.schema(fields)), path, compression="zstd")
+    signals = {s.name: {"unit": s.unit, "meaning": s.description} for s in log.signals}
+    metadata = {"signals": json.dumps(signals), "PANDAS_ATTRS": json.dumps({"signals": signals})}
+    pq.write_table(pa.table(columns, schema=pa.schema(fields, metadata)), path, compression="zstd")
 
 
 def _with_nulls(values: FloatArray) -> Any:

@@ -331,7 +331,7 @@ class RoadEdges:
 
 
 class Clearance(NamedTuple):
-    """Least distance of a wheel's middle inside the edges of the road; negative: beyond it."""
+    """Least distance of a wheel's middle, or of a body, inside edges; negative: beyond it."""
 
     left: float  # [m]
     right: float  # [m]
@@ -342,17 +342,29 @@ def wheel_clearance(edges: RoadEdges, outlines: Sequence[UnitOutline], poses: Se
 
     A wheel on the left of the road's centre line counts for the left edge, one on the right for the right edge.
     """
+    wheels = [
+        np.array([(x, side * track) for x, track in zip(one.axles, one.tracks, strict=True) for side in (0.5, -0.5)])
+        for one in outlines
+    ]
+    return _clearance(edges, wheels, poses)
+
+
+def body_clearance(edges: RoadEdges, outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> Clearance:
+    """Clearance of the swept path: of the corners of all bodies, and of their sides beside the axles.
+
+    A body that follows without steered axles reaches farthest to the inside of a turn beside its axles.
+    """
+    sides = [np.array([(x, side * one.width) for x in one.axles for side in (0.5, -0.5)]) for one in outlines]
+    bodies = [np.concatenate([one.corners, side]) for one, side in zip(outlines, sides, strict=True)]
+    return _clearance(edges, bodies, poses)
+
+
+def _clearance(edges: RoadEdges, points: Sequence[FloatArray], poses: Sequence[FloatArray]) -> Clearance:
+    """Clearance of points (m, 2) of each unit."""
     least = {True: math.inf, False: math.inf}
-    for outline, driven in zip(outlines, poses, strict=True):
-        wheels = np.array(
-            [
-                (x, side * 0.5 * track)
-                for x, track in zip(outline.axles, outline.tracks, strict=True)
-                for side in (1.0, -1.0)
-            ]
-        )
+    for own, driven in zip(points, poses, strict=True):
         known = driven[np.isfinite(driven).all(axis=1)]  # a run that diverged ends with rows that are not
-        inside, on_left = edges.distance(placed(wheels, known[rows_every(known[:, :2], _SPACING)]).reshape(-1, 2))
+        inside, on_left = edges.distance(placed(own, known[rows_every(known[:, :2], _SPACING)]).reshape(-1, 2))
         for side in least:
             least[side] = min(least[side], float(inside[on_left == side].min(initial=math.inf)))
     return Clearance(*(value if math.isfinite(value) else math.nan for value in (least[True], least[False])))

@@ -4,16 +4,15 @@ import io
 import math
 import platform
 import re
-import shutil
 import stat
 import sys
-import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
 
 from scenarios.extras import import_extra
+from vehicle.foundation.temporary import new_folder, remove_folder
 from vehicle.foundation.user_file import MAX_MEMBERS, FileKind, read_bytes, shown
 from vehicle.option import Option
 
@@ -67,12 +66,12 @@ class FmuFile:
         Raises:
             ValueError: one line, for members that leave the folder, or are too many or too large.
         """
-        folder = Path(tempfile.mkdtemp(prefix="offtrack-fmu-"))
+        folder = new_folder()
         try:
             with zipfile.ZipFile(self.path) as archive:
                 archive.extractall(folder, members=_safe_members(self.path, archive))
         except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
+            remove_folder(folder)
             raise
         return folder
 

@@ -6,7 +6,6 @@ their topic says. Read by rosbags (extra ``export``), which needs no ROS.
 """
 
 import json
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -24,6 +23,7 @@ from offtrack.exchange.recordings.stereo_sequence import Unpacked
 from scenarios.extras import import_extra
 from scenarios.image_file import upper_bits, used_bits
 from scenarios.progress import Progress, no_progress
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_file import MAX_FRAMES, nearest, shown
 
 SIDES: Final = ("left", "right")
@@ -142,8 +142,8 @@ def unpacked_bag(
             with the folder raises name the bag.
     """
     highlevel = import_extra("export", f"{bag}: bags need", "rosbags.highlevel")
-    with tempfile.TemporaryDirectory(prefix="offtrack-bag-") as temporary:
-        folder = Path(temporary) / (bag.stem if bag.is_file() else bag.resolve().name)
+    with temporary_folder() as temporary:
+        folder = temporary / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()
         paths = [bag] if (bag / "metadata.yaml").is_file() else _files(bag)
         try:

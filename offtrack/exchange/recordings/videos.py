@@ -8,7 +8,6 @@ import contextlib
 import json
 import math
 import os
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -27,6 +26,7 @@ from offtrack.exchange.recordings.stereo_sequence import Unpacked
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_file import MAX_FRAMES
 
 _ENDINGS: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
@@ -56,8 +56,8 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
         ValueError: one line, if a video can not be read or is too long.
     """
     place = videos[0].parent
-    with tempfile.TemporaryDirectory(prefix="offtrack-video-") as temporary:
-        folder = Path(temporary) / (place.resolve().name if len(videos) == 2 else videos[0].stem)
+    with temporary_folder() as temporary:
+        folder = temporary / (place.resolve().name if len(videos) == 2 else videos[0].stem)
         for side in ("left", "right"):
             (folder / side).mkdir(parents=True)
         captures = [cv2.VideoCapture(str(path)) for path in videos]

@@ -1,5 +1,6 @@
 """ROS 2 bags and MCAP: runs read by other packages, and bags by ``offtrack estimate``; bags of others."""
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -98,6 +99,10 @@ def finished_run(folder: Path) -> Path:
     (images / "times.txt").write_text("0.0\n0.123456789\n0.2\n", encoding="utf-8")
     calibration = "".join(f"P{k}: 60 0 31.5 {-30.0 * k} 0 60 23.5 0 0 0 1 0\n" for k in (0, 1))
     (images / "calib.txt").write_text(calibration, encoding="utf-8")
+    pose = "X_SC = [[0.0, 0.0, -1.0, -14.0], [1.0, 0.0, 0.0, -0.25], [0.0, -1.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0]]\n"
+    (images / "rig.toml").write_text(pose, encoding="utf-8")
+    digest = hashlib.sha256(b"".join(picture(k, side).tobytes() for k in range(3) for side in (0, 1)))
+    (folder / "manifest.json").write_text(json.dumps({"frames_sha256": digest.hexdigest()}), encoding="utf-8")
     return folder
 
 

@@ -261,12 +261,18 @@ BAD: Final[dict[str, tuple[Callable[[Path], object], str]]] = {
     "cut binary": (lambda path: _cut(path, "KRBI", -4000), "not a readable OpenCRG file"),
     "nothing": (lambda path: crg_written(path, np.full_like(BUMP, np.nan)), "not a readable OpenCRG file"),
     "missing": (lambda path: crg_written(path, np.where(V > -1.5, np.nan, BUMP)), "share of missing heights = 0.8"),
-    "short": (lambda path: crg_written(path, BUMP[:10]), r"length = 0.45 m must be between 1 and 30000 m"),
+    "short": (lambda path: crg_written(path, BUMP[:10]), r"length = 0.45 m must be between 1 and 50000 m"),
     "narrow": (lambda path: crg_written(path, v=0.001 * V), "increment"),
-    "coarse": (lambda path: pyopencrg.CrgRoad(BUMP, u_inc=5.0, v=V).save(path), "spacing along the road = 5.0 m"),
+    "coarse": (
+        lambda path: pyopencrg.CrgRoad(BUMP[:50], u_inc=500.0, v=V).save(path),
+        "spacing along the road = 500.0 m",
+    ),
     "millimetres": (lambda path: crg_written(path, 1000.0 * BUMP), "m higher or lower than its mean profile"),
     "wall": (lambda path: crg_written(path, slope=0.4), "slope = 0.28"),  # of the profile, which ends 20 m on
-    "elsewhere": (lambda path: path.write_bytes(b"$ROAD_CRG_FILE\nother.crg\n$$$$\n"), "refers to another file"),
+    "elsewhere": (
+        lambda path: path.write_bytes(b"$ROAD_CRG_FILE\nother.crg\n$$$$\n"),
+        r"refers to another file \(\$ROAD_CRG_FILE\): .*other.crg: cannot be read",
+    ),
 }
 
 
