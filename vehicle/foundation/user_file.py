@@ -78,11 +78,14 @@ def read_bytes(path: Path, kind: FileType) -> bytes:
         _check(path, os.stat(path), kind)
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as file:
-            _check(path, os.fstat(descriptor), kind)  # the name may stand for another file by now
-            content = file.read(kind.limit + 1) or b""  # None: a file of the system that has nothing yet
+            status = os.fstat(descriptor)
+            _check(path, status, kind)  # the name may stand for another file by now
+            content = file.read(status.st_size + 1) or b""  # None: a file of the system that has nothing yet
+            if len(content) > status.st_size:  # it grows, or it is a file of the system that states no size
+                content += file.read(kind.limit + 1 - len(content)) or b""
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {reason(error)}") from None
-    if len(content) > kind.limit:  # it grows, or it is a file of the system that states no size
+    if len(content) > kind.limit:
         raise _too_large(path, f"more than {_size(kind.limit)}", kind)
     return content
 
