@@ -8,6 +8,7 @@ A number is written plain or as ``{ value = 8000.0, source = "weighed" }``; mode
 
 import difflib
 import errno
+import json
 import os
 import re
 import stat
@@ -101,6 +102,28 @@ def read_text(path: Path, kind: FileType) -> str:
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
         raise ValueError(f"{path}: not a text in UTF-8: byte 0x{byte:02x} at {error.start}; save it as UTF-8") from None
+
+
+def read_json(path: Path, kind: FileType) -> dict[str, Any]:
+    """Object in a JSON file.
+
+    Raises:
+        ValueError: one line, as ``read_text``, or if it holds no object, is nested too deeply, or has a NaN.
+    """
+    text = read_text(path, kind)
+    try:
+        found = json.loads(text, parse_constant=_no_constant)
+        if not isinstance(found, dict):
+            raise ValueError("it has no object {…}")
+        return found
+    except RecursionError:
+        raise ValueError(f"{path}: not JSON: {_TOO_DEEP}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not JSON: {shown(str(error))}") from None
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"it has no {name}")
 
 
 def full_path(path: str | Path) -> str:
