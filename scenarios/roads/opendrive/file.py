@@ -78,26 +78,28 @@ class _Reader:
 
     def __init__(self) -> None:
         self._faults: list[Fault] = []  # of the road that is read
+        self._of = ""  # the road or junction that is read, for messages
 
     def road(self, element: Element) -> Road:
         """A road with its lanes."""
         self._faults = []
-        name = shown(self.text(element, "id"), 40)
-        lanes, reference = self._child(element, "lanes"), self._reference(element, name)
+        self._begin(element)
+        lanes, reference = self._child(element, "lanes"), self._reference(element)
         link = element.first("link")
         drives_left = element.attributes.get("rule", "RHT") == "LHT"
-        heights, across = element.first("elevationProfile"), element.first("lateralProfile")
-        whole = Span(0.0, reference.length)
+        level, across = (element.first(name) for name in ("elevationProfile", "lateralProfile"))
+        whole = Fault(0.0, reference.length, "")
+        heights = whole._replace(of_heights=True)
         junction = element.attributes.get("junction", "-1")
         return Road(
             id=self.text(element, "id"),
             junction=None if junction in ("-1", "") else junction,
             reference=reference,
-            elevation=self._cubics(heights, "elevation", "s", whole, of_heights=True),
-            superelevation=self._cubics(across, "superelevation", "s", whole, of_heights=True),
-            cross_sections=self._cross_sections(across, whole),
-            lane_offset=self._cubics(lanes, "laneOffset", "s", whole),
-            sections=self._sections(lanes, name, reference.length, drives_left=drives_left),
+            elevation=self._cubics(level.all("elevation") if level else (), "s", heights),
+            superelevation=self._cubics(across.all("superelevation") if across else (), "s", heights),
+            cross_sections=self._cross_sections(across, heights),
+            lane_offset=self._cubics(lanes.all("laneOffset"), "s", whole),
+            sections=self._sections(lanes, reference.length, drives_left=drives_left),
             predecessor=self._link(link, "predecessor"),
             successor=self._link(link, "successor"),
             faults=tuple(self._faults),
@@ -105,7 +107,7 @@ class _Reader:
 
     def connections(self, element: Element) -> tuple[Connection, ...]:
         """Ways through a junction."""
-        self.text(element, "id")
+        self._begin(element)
         connections = []
         for one in element.all("connection"):
             road = one.attributes.get("connectingRoad") or one.attributes.get("linkedRoad")
@@ -113,14 +115,18 @@ class _Reader:
             if road is None or incoming is None:  # of a virtual junction
                 continue
             lanes = {self._whole(link, "from"): self._whole(link, "to") for link in one.all("laneLink")}
-            is_direct = "connectingRoad" not in one.attributes
-            connections.append(Connection(incoming, road, self._contact(one), lanes, is_direct))
+            connections.append(Connection(incoming, road, self._contact(one), lanes))
         return tuple(connections)
+
+    def _begin(self, element: Element) -> None:
+        """Name a road or a junction in messages from now on."""
+        self._of = ""
+        self._of = f"{element.name} {shown(self.text(element, 'id'), 40)}: "
 
     def text(self, element: Element, name: str) -> str:
         """An attribute that must be there."""
         if name not in element.attributes:
-            raise self._error(element, f"<{element.name}> has no attribute '{name}'")
+            raise self._error(element, f"{_tag(element)} has no attribute '{name}'")
         return element.attributes[name]
 
     def _geometry(self, element: Element) -> Geometry:
@@ -157,12 +163,12 @@ class _Reader:
             raise self._error(shape, f"pRange = '{shown(kind, 40)}' must be arcLength or normalized")
         return length if kind == "arcLength" else 1.0
 
-    def _reference(self, road: Element, name: str) -> ReferenceLine:
+    def _reference(self, road: Element) -> ReferenceLine:
         """The pieces of a road; those of length 0 are left out."""
         plan = self._child(road, "planView")
         elements = sorted(((self._number(one, "s"), one) for one in plan.all("geometry")), key=lambda row: row[0])
         if not elements:
-            raise self._error(plan, f"road {name} has no <geometry>")
+            raise self._error(plan, "has no <geometry>")
         pieces: list[Geometry] = []
         for (s, element), end in zip(elements, [*(s for s, _ in elements[1:]), math.inf], strict=True):
             try:
@@ -171,37 +177,38 @@ class _Reader:
             except ValueError as error:
                 self._faults.append(Fault(s, end, str(error)))
         if not pieces:
-            raise ValueError(self._faults[0].text) if self._faults else self._error(plan, f"road {name} has no length")
+            raise ValueError(self._faults[0].text) if self._faults else self._error(plan, "has no length")
         length, begin = pieces[-1].s + pieces[-1].length, elements[0][0]
         if self._faults:  # the last piece may be one of those that cannot be read
             length = max(length, *(one.begin + _GAP for one in self._faults), self._number_or(road, "length", 0.0))
         reference = ReferenceLine(tuple(pieces), length)
         if abs(begin) > _GAP:
-            raise self._error(elements[0][1], f"road {name}: its first geometry is at s = {begin:g} m: must be 0")
+            raise self._error(elements[0][1], f"its first geometry is at s = {begin:g} m: must be 0")
         for before, after, gap in zip(pieces[:-1], pieces[1:], reference.gaps().tolist(), strict=True):
-            at, place = after.s, f"line {after.line}: road {name}"
+            at, place = after.s, f"line {after.line}: {self._of}"
             end = before.s + before.length
             if abs(end - at) > _GAP:
                 text = f"the geometry before ends at s = {end:.3f} m, this one begins at {at:.3f} m"
-                self._faults.append(Fault(min(end, at), max(end, at), f"{place}: {text}"))
+                self._faults.append(Fault(min(end, at), max(end, at), place + text))
             elif not gap <= _GAP:
-                text = f"a gap of {gap:.3g} m in the reference line at s = {at:.1f} m: must be at most {_GAP:g} m"
-                self._faults.append(Fault(at, at, f"{place}: {text}"))
+                text = f"a gap of {gap:.3g} m in the reference line at s = {at:.1f} m, "
+                text += f"({after.start.x:.2f}, {after.start.y:.2f}): must be at most {_GAP:g} m"
+                self._faults.append(Fault(at, at, place + text))
         return reference
 
-    def _sections(self, lanes: Element, road: str, length: float, *, drives_left: bool) -> tuple[Section, ...]:
+    def _sections(self, lanes: Element, length: float, *, drives_left: bool) -> tuple[Section, ...]:
         starts = sorted(((self._number(one, "s"), one) for one in lanes.all("laneSection")), key=lambda row: row[0])
         if not starts:
-            raise self._error(lanes, f"road {road} has no <laneSection>")
+            raise self._error(lanes, "has no <laneSection>")
         if not 0.0 <= starts[0][0] < length:
             raise self._error(
                 lanes,
-                f"road {road} has lane sections from s = {starts[0][0]:g} to {starts[-1][0]:g} m: must be within its "
+                f"has lane sections from s = {starts[0][0]:g} to {starts[-1][0]:g} m: must be within its "
                 f"length of {length:g} m",
             )
         starts = [(s, one) for s, one in starts if s < length]
         if starts[0][0] > _GAP:
-            text = f"road {road} has no lanes before s = {starts[0][0]:g} m"
+            text = f"has no lanes before s = {starts[0][0]:g} m"
             self._faults.append(Fault(0.0, starts[0][0], str(self._error(starts[0][1], text))))
         starts[0] = (0.0, starts[0][1])
         ends = [*(s for s, _ in starts[1:]), length]
@@ -246,13 +253,12 @@ class _Reader:
         if abs(number) > 100:
             raise self._error(element, f"lane id = {number} must be within -100 to 100")
         is_border = element.first("width") is None and element.first("border") is not None
-        name = "border" if is_border else "width"
         usual = 1 if (number < 0) != drives_left else -1
         stated = self._travel(element, usual)
         return Lane(
             id=number,
             kind=kind,
-            width=self._cubics(element, name, "sOffset", span, lane=number),
+            width=self._cubics(element.all("border" if is_border else "width"), "sOffset", Fault(*span, "", number)),
             is_border=is_border,
             travel=stated or usual,
             both_ways=stated == 0 or kind == "bidirectional",
@@ -288,51 +294,29 @@ class _Reader:
         contact = element.attributes.get("contactPoint")
         return "start" if contact == "start" else "end" if contact == "end" else None
 
-    def _cross_sections(self, profile: Element | None, whole: Span) -> CrossSections:
+    def _cross_sections(self, profile: Element | None, scope: Fault) -> CrossSections:
         """Shapes, and the crossfall of files before OpenDRIVE 1.6."""
         shapes: dict[float, list[Element]] = {}
         for one in profile.all("shape") if profile else ():
             try:
                 shapes.setdefault(self._number(one, "s"), []).append(one)
             except ValueError as error:
-                self._faults.append(Fault(*whole, str(error), of_heights=True))
+                self._faults.append(scope._replace(text=str(error)))
         falls = profile.all("crossfall") if profile else []
         left, right = ([one for one in falls if one.attributes.get("side") != other] for other in ("right", "left"))
-        stations = sorted(shapes)
+        places = [scope.begin, *sorted(shapes), scope.end]  # a shape holds from the one before to the one after
         return CrossSections(
-            stations=np.array(stations, dtype=np.float64),
+            stations=np.array(places[1:-1]),
             shapes=[
-                self._cubics_of(shapes[s], "t", Span(before, after), across=True, of_heights=True)
-                for before, s, after in zip([0.0, *stations], stations, [*stations[1:], whole.end], strict=False)
+                self._cubics(shapes[s], "t", scope._replace(begin=before, end=after))
+                for before, s, after in zip(places[:-2], places[1:-1], places[2:], strict=True)
             ],
-            left=self._cubics_of(left, "s", whole, of_heights=True),
-            right=self._cubics_of(right, "s", whole, of_heights=True),
+            left=self._cubics(left, "s", scope),
+            right=self._cubics(right, "s", scope),
         )
 
-    def _cubics(
-        self,
-        parent: Element | None,
-        name: str,
-        begin: str,
-        span: Span,
-        *,
-        lane: int | None = None,
-        of_heights: bool = False,
-    ) -> Cubics:
-        return self._cubics_of(parent.all(name) if parent else (), begin, span, lane=lane, of_heights=of_heights)
-
-    def _cubics_of(
-        self,
-        elements: Sequence[Element],
-        begin: str,
-        span: Span,
-        *,
-        across: bool = False,
-        lane: int | None = None,
-        of_heights: bool = False,
-    ) -> Cubics:
-        """Records along a span of the road; one that is wrong is a fault up to the next, or ``across`` of the span."""
-        first = span.begin if begin == "sOffset" else 0.0
+    def _cubics(self, elements: Sequence[Element], begin: str, scope: Fault) -> Cubics:
+        """Records along a road, a section or across; one that is wrong is a fault up to the next, or of the scope."""
         rows: list[list[float]] = []
         wrong: list[tuple[float, str]] = []
         for one in elements:
@@ -342,10 +326,11 @@ class _Reader:
                 wrong.append((self._number_or(one, begin, 0.0), str(error)))
         table = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
         for s, text in wrong:
-            place = span
-            if not across:
-                place = Span(first + s, min((first + row[0] for row in rows if row[0] > s), default=span.end))
-            self._faults.append(Fault(*place, text, lane, of_heights))
+            fault = scope._replace(text=text)
+            if begin != "t":
+                after = min((row[0] for row in rows if row[0] > s), default=math.inf)
+                fault = fault._replace(begin=scope.begin + s, end=min(scope.begin + after, scope.end))
+            self._faults.append(fault)
         return Cubics(table[:, 0], table[:, 1:])
 
     def _number_or(self, element: Element, name: str, otherwise: float) -> float:
@@ -357,11 +342,11 @@ class _Reader:
     def _child(self, element: Element, name: str) -> Element:
         child = element.first(name)
         if child is None:
-            raise self._error(element, f"<{element.name}> has no <{name}>")
+            raise self._error(element, f"{_tag(element)} has no <{name}>")
         return child
 
     def _number(self, element: Element, name: str, column: Column | None = None) -> float:
-        place = f"line {element.line}: <{element.name}>"
+        place = f"line {element.line}: {self._of}{_tag(element)}"
         return (column or Column(name, _LARGEST, ""))._replace(name=name).number(self.text(element, name), place)
 
     def _whole(self, element: Element, name: str) -> int:
@@ -371,7 +356,14 @@ class _Reader:
         return round(number)
 
     def _error(self, element: Element, message: str) -> ValueError:
-        return ValueError(f"line {element.line}: {message}")
+        return ValueError(f"line {element.line}: {self._of}{message}")
+
+
+def _tag(element: Element) -> str:
+    """An element with its place along the road, or its id, for messages."""
+    names = ("s", "sOffset", "id") if element.name != "road" else ()
+    name = next((name for name in names if name in element.attributes), None)
+    return f'<{element.name} {name}="{shown(element.attributes[name], 40)}">' if name else f"<{element.name}>"
 
 
 def _line_kind(mark: str) -> LineKind:
