@@ -67,11 +67,12 @@ def road_map(path: Path, vehicle: str | None) -> RoadMap:
     """What a file of a road or path holds; ``vehicle`` is the one that drives, None: that of the scenario.
 
     Raises:
-        ValueError: one line, if the file cannot be read.
+        ValueError: one line, if the file cannot be read, or there is no such vehicle.
     """
     path, chosen = Path(full_path(path)), [] if vehicle is None else [f"vehicle={vehicle}"]
+    tractor = vehicle_of(load_scenario(_SCENARIO, ["off_tracking=truth", *chosen])).units[0]
     if path.suffix.lower() == ".xodr":
-        return _of_opendrive(path, chosen)
+        return _of_opendrive(path, chosen, tractor)
     if path.suffix.lower() not in READABLE.replace(",", "").split():
         raise ValueError(f"{path}: the name of a file of a road or path must end with .xodr, {READABLE}")
     return _of_tracks(path, chosen)
@@ -219,12 +220,10 @@ def _label(ax: Axes, place: FloatArray, text: str, colour: str) -> None:
 # OpenDRIVE
 
 
-def _of_opendrive(path: Path, chosen: list[str]) -> RoadMap:
+def _of_opendrive(path: Path, chosen: list[str], tractor: Unit) -> RoadMap:
     network = read_opendrive(path)
     drive = _tried([*chosen, "course.kind=opendrive", f"course.file={path}"])
-    scenario = load_scenario(_SCENARIO, ["off_tracking=truth", *drive.settings])
-    options, tractor = scenario.course, vehicle_of(scenario).units[0]
-    assert isinstance(options, OpenDriveOptions)
+    options = OpenDriveOptions(kind="opendrive", file=str(path))
     lanes = list(stretches(network, tractor.width))
     tried = len(lanes) <= _MOST_TRIED
     if tried:
