@@ -22,7 +22,7 @@ from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, una
 from offtrack.studies.campaigns.run_campaign import Results, default_campaign, results_json, run_campaign
 from offtrack.studies.case import listed, seeds_of
 from offtrack.studies.study import settings_of
-from scenarios.options.scenario import scenario_names
+from scenarios.options.shipped import scenario_names
 from vehicle.foundation.user_file import nearest, shown
 
 EXAMPLES = (

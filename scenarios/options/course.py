@@ -216,7 +216,10 @@ class _FileOptions(CourseOptions):
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
         """Build the course for a tractor at a set speed [m/s]."""
-        points = self.points(tractor)
+        return self.course_along(self.points(tractor), tractor)
+
+    def course_along(self, points: PathPoints, tractor: Unit) -> courses.Course:
+        """Build the course along points of the file for a tractor."""
         if not self.heights:
             points = replace(points, heights=None, banks=None)
         fit = Fit(source=self.source, smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST)

@@ -145,7 +145,7 @@ class PathPoints:
 TRACK: Final = "Track of a GPX file or line of a GeoJSON file, by name or number; not given: the only one."
 _STANDING: Final = 0.375  # reach of a standstill per smoothing length
 _FARTHEST: Final = 6.0  # reach of a standstill [m]: trucks turn back in 12 m
-_READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
+READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
 _CRG_SPACING: Final = 1.0  # of the points of a measured surface's reference line [m]
 _METRES: Final = "line {} ({:.2f}, {:.2f})"
 
@@ -166,7 +166,7 @@ def read_path(path: Path, track: str | None = None, *, heights: bool = True, smo
     if suffix in (".gpx", ".geojson", ".json"):
         points = _on_earth(path, _chosen(path, tracks_in(path), track), heights=heights)
     elif suffix not in (".csv", ".crg"):
-        raise ValueError(f"{path}: the name of a file of a path must end with {_READABLE}")
+        raise ValueError(f"{path}: the name of a file of a path must end with {READABLE}")
     elif track not in (None, "1"):
         raise ValueError(f"{path}: course.track = {shown(track, 40)}: a file {suffix} has one path only")
     else:
@@ -258,6 +258,17 @@ def _distance(a: Point, b: Point, system: Utm | None) -> float:
         return math.hypot(b.x - a.x, b.y - a.y)
     east = math.cos(math.radians(a.y)) * math.remainder(b.x - a.x, 360.0)
     return _RADIUS * math.radians(math.hypot(east, b.y - a.y))
+
+
+def on_one_plane(tracks: Sequence[Track]) -> list[FloatArray]:
+    """Places (n, 2) [m] of the points of each track, on the plane that touches the earth in the middle of all."""
+    degrees = []
+    for track in tracks:
+        x, y = np.array([point[1:3] for point in track.points], dtype=np.float64).T
+        degrees.append(np.stack((y, x) if track.system is None else from_utm(track.system, x, y), axis=1))
+    latitude, longitude = np.concatenate(degrees).T
+    places = _plane(latitude, longitude, None)
+    return np.split(places, np.cumsum([len(track.points) for track in tracks])[:-1])
 
 
 def tracks_in(path: Path) -> list[Track]:

@@ -89,12 +89,13 @@ class _Reader:
 
     def __init__(self) -> None:
         self._faults: list[Fault] = []  # of the road that is read
+        self._of = ""  # the road or junction that is read, for messages
 
     def road(self, element: Element) -> Road:
         """A road with its lanes."""
         self._faults = []
-        name = shown(self.text(element, "id"), 40)
-        lanes, reference = self._child(element, "lanes"), self._reference(element, name)
+        self._begin(element)
+        lanes, reference = self._child(element, "lanes"), self._reference(element)
         link = element.first("link")
         drives_left = element.attributes.get("rule", "RHT") == "LHT"
         heights, across = element.first("elevationProfile"), element.first("lateralProfile")
@@ -108,7 +109,7 @@ class _Reader:
             superelevation=self._cubics(across, "superelevation", "s", whole, of_heights=True),
             cross_sections=self._cross_sections(across, whole),
             lane_offset=self._cubics(lanes, "laneOffset", "s", whole),
-            sections=self._sections(lanes, name, reference.length, drives_left=drives_left),
+            sections=self._sections(lanes, reference.length, drives_left=drives_left),
             predecessor=self._link(link, "predecessor"),
             successor=self._link(link, "successor"),
             faults=tuple(self._faults),
@@ -116,7 +117,7 @@ class _Reader:
 
     def connections(self, element: Element) -> tuple[Connection, ...]:
         """Ways through a junction."""
-        self.text(element, "id")
+        self._begin(element)
         connections = []
         for one in element.all("connection"):
             road = one.attributes.get("connectingRoad") or one.attributes.get("linkedRoad")
@@ -128,10 +129,15 @@ class _Reader:
             connections.append(Connection(incoming, road, self._contact(one), lanes, is_direct))
         return tuple(connections)
 
+    def _begin(self, element: Element) -> None:
+        """Name a road or a junction in messages from now on."""
+        self._of = ""
+        self._of = f"{element.name} {shown(self.text(element, 'id'), 40)}: "
+
     def text(self, element: Element, name: str) -> str:
         """An attribute that must be there."""
         if name not in element.attributes:
-            raise self._error(element, f"<{element.name}> has no attribute '{name}'")
+            raise self._error(element, f"{_tag(element)} has no attribute '{name}'")
         return element.attributes[name]
 
     def _geometry(self, element: Element) -> Geometry:
@@ -168,12 +174,12 @@ class _Reader:
             raise self._error(shape, f"pRange = '{shown(kind, 40)}' must be arcLength or normalized")
         return length if kind == "arcLength" else 1.0
 
-    def _reference(self, road: Element, name: str) -> ReferenceLine:
+    def _reference(self, road: Element) -> ReferenceLine:
         """The pieces of a road; those of length 0 are left out."""
         plan = self._child(road, "planView")
         elements = sorted(((self._number(one, "s"), one) for one in plan.all("geometry")), key=lambda row: row[0])
         if not elements:
-            raise self._error(plan, f"road {name} has no <geometry>")
+            raise self._error(plan, "has no <geometry>")
         pieces: list[Geometry] = []
         for (s, element), end in zip(elements, [*(s for s, _ in elements[1:]), math.inf], strict=True):
             try:
@@ -182,37 +188,38 @@ class _Reader:
             except ValueError as error:
                 self._faults.append(Fault(s, end, str(error)))
         if not pieces:
-            raise ValueError(self._faults[0].text) if self._faults else self._error(plan, f"road {name} has no length")
+            raise ValueError(self._faults[0].text) if self._faults else self._error(plan, "has no length")
         length, begin = pieces[-1].s + pieces[-1].length, elements[0][0]
         if self._faults:  # the last piece may be one of those that cannot be read
             length = max(length, *(one.begin + _GAP for one in self._faults), self.number_or(road, "length", 0.0))
         reference = ReferenceLine(tuple(pieces), length)
         if abs(begin) > _GAP:
-            raise self._error(elements[0][1], f"road {name}: its first geometry is at s = {begin:g} m: must be 0")
+            raise self._error(elements[0][1], f"its first geometry is at s = {begin:g} m: must be 0")
         for before, after, gap in zip(pieces[:-1], pieces[1:], reference.gaps().tolist(), strict=True):
-            at, place = after.s, f"line {after.line}: road {name}"
+            at, place = after.s, f"line {after.line}: {self._of}"
             end = before.s + before.length
             if abs(end - at) > _GAP:
                 text = f"the geometry before ends at s = {end:.3f} m, this one begins at {at:.3f} m"
-                self._faults.append(Fault(min(end, at), max(end, at), f"{place}: {text}"))
+                self._faults.append(Fault(min(end, at), max(end, at), place + text))
             elif not gap <= _GAP:
-                text = f"a gap of {gap:.3g} m in the reference line at s = {at:.1f} m: must be at most {_GAP:g} m"
-                self._faults.append(Fault(at, at, f"{place}: {text}"))
+                text = f"a gap of {gap:.3g} m in the reference line at s = {at:.1f} m, "
+                text += f"({after.start.x:.2f}, {after.start.y:.2f}): must be at most {_GAP:g} m"
+                self._faults.append(Fault(at, at, place + text))
         return reference
 
-    def _sections(self, lanes: Element, road: str, length: float, *, drives_left: bool) -> tuple[Section, ...]:
+    def _sections(self, lanes: Element, length: float, *, drives_left: bool) -> tuple[Section, ...]:
         starts = sorted(((self._number(one, "s"), one) for one in lanes.all("laneSection")), key=lambda row: row[0])
         if not starts:
-            raise self._error(lanes, f"road {road} has no <laneSection>")
+            raise self._error(lanes, "has no <laneSection>")
         if not 0.0 <= starts[0][0] < length:
             raise self._error(
                 lanes,
-                f"road {road} has lane sections from s = {starts[0][0]:g} to {starts[-1][0]:g} m: must be within its "
+                f"has lane sections from s = {starts[0][0]:g} to {starts[-1][0]:g} m: must be within its "
                 f"length of {length:g} m",
             )
         starts = [(s, one) for s, one in starts if s < length]
         if starts[0][0] > _GAP:
-            text = f"road {road} has no lanes before s = {starts[0][0]:g} m"
+            text = f"has no lanes before s = {starts[0][0]:g} m"
             self._faults.append(Fault(0.0, starts[0][0], str(self._error(starts[0][1], text))))
         starts[0] = (0.0, starts[0][1])
         ends = [*(s for s, _ in starts[1:]), length]
@@ -369,11 +376,11 @@ class _Reader:
     def _child(self, element: Element, name: str) -> Element:
         child = element.first(name)
         if child is None:
-            raise self._error(element, f"<{element.name}> has no <{name}>")
+            raise self._error(element, f"{_tag(element)} has no <{name}>")
         return child
 
     def _number(self, element: Element, name: str, column: Column | None = None) -> float:
-        place = f"line {element.line}: <{element.name}>"
+        place = f"line {element.line}: {self._of}{_tag(element)}"
         return (column or Column(name, _LARGEST, ""))._replace(name=name).number(self.text(element, name), place)
 
     def _whole(self, element: Element, name: str) -> int:
@@ -383,7 +390,15 @@ class _Reader:
         return round(number)
 
     def _error(self, element: Element, message: str) -> ValueError:
-        return ValueError(f"line {element.line}: {message}")
+        return ValueError(f"line {element.line}: {self._of}{message}")
+
+
+def _tag(element: Element) -> str:
+    """An element with its place along the road, or its id, for messages."""
+    name = next(
+        (name for name in ("s", "sOffset", "id") if name in element.attributes and element.name != "road"), None
+    )
+    return f'<{element.name} {name}="{shown(element.attributes[name], 40)}">' if name else f"<{element.name}>"
 
 
 def _line_kind(mark: str) -> LineKind:

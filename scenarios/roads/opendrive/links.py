@@ -503,6 +503,12 @@ def _turning(found: list[Way], word: str) -> list[Way]:
     return sorted(fits, key=lambda way: -abs(way.turn))
 
 
+def turn_word(found: list[Way], way: Way) -> str:
+    """The word of a route that chooses one of the ways through a junction; the id of its road where no turn does."""
+    turns = (word for word in TURNS if (chosen := _turning(found, word)) and chosen[0] is way)
+    return next(turns, way.lead.road.id)
+
+
 def _word(turn: float) -> str:
     return "straight" if abs(turn) <= _TURNING else "left" if turn > 0.0 else "right"
 

@@ -4,6 +4,7 @@ Each place along the lane has a row of ``LINES`` lines, from right to left. The 
 ``LINES // 2 - 1``, the one on its left comes next, wherever the road gets or loses lanes beside them.
 """
 
+import bisect
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -63,6 +64,7 @@ _CHANGE: Final = (
     50.0  # length of a change by a lane of 3.5 m [m]: 1.3 m/s2 at 50 km/h; others by the root of the distance
 )
 _LANE: Final = 3.5  # [m]
+_SHORTEST: Final = 10.0  # drive of a combination [m]
 _SHORT: Final = 1.0  # a drive is so much shorter than it is asked for before that is said [m]
 _SEEN: Final = 40.0  # ahead and behind [m]
 _INSTANT: Final = 1e-6  # on either side of a jump [m]
@@ -107,6 +109,7 @@ class _Drive:
         self._rows: list[FloatArray] = []  # of each leg, with the distance along the route as first column
         self._shifts: list[_Shift] = []
         self._along = 0.0  # [m]
+        self._moved = 0  # changes of lane to the right
         self._seen: dict[str, None] = {}  # faults beside the drive, in the order of driving
         route = Route(network, request, first, source)
         try:
@@ -134,7 +137,13 @@ class _Drive:
         steps = np.hypot(*np.diff(table[:, [_X, _Y]], axis=0).T)
         table[:, _U] = self._along + np.concatenate([[0.0], np.cumsum(steps)])
         if self._legs:
-            self._join(self._legs[-1], leg)
+            last = self._legs[-1]
+            table[:, _U] += self._join(last, leg)
+            if leg.change is not None:
+                outwards = 1 if leg.lane * leg.direction < 0 else -1  # to the right where traffic drives on the right
+                self._moved += outwards * (abs(leg.lane) - abs(last.lane))
+        if self._moved:  # each line keeps its number
+            table[:, _ROAD_RIGHT + 1 :] = np.roll(table[:, _ROAD_RIGHT + 1 :], -2 * self._moved, axis=1)
         ends = np.interp((self._request.begin, self._wanted), table[:, _U], table[:, _S])
         span = Span(float(ends.min()), float(ends.max()))
         if span.begin < span.end:
@@ -147,8 +156,8 @@ class _Drive:
         self._legs.append(leg)
         self._rows.append(table)
 
-    def _join(self, leg: Leg, lead: Leg) -> None:
-        """Refuse a lane that does not begin where the one before ends, or at another height."""
+    def _join(self, leg: Leg, lead: Leg) -> float:
+        """How far ahead of the end of a lane the next one begins [m]; refuses one that begins elsewhere, or higher."""
         found, place = joint(leg, lead), f"the begin of road {shown(lead.road.id, 40)}, at {lead.at(lead.start)}"
         if lead.road is leg.road:
             place = f"road {shown(lead.road.id, 40)}, at {lead.at(lead.start)}"
@@ -171,11 +180,17 @@ class _Drive:
             self._shifts.append(
                 _Shift(self._along, found.aside, min(over, self._along) if before else over, before, half[0])
             )
+        return found.ahead
 
     def _ending(self, route: Route, network: Network) -> Iterator[str]:
         """What a user should know of the drive."""
-        length = min(self._along, self._wanted) - self._request.begin
-        asked = self._request.length
+        length, asked = min(self._along, self._wanted) - self._request.begin, self._request.length
+        first = self._legs[0]
+        if 0.0 < length < _SHORTEST - _ASIDE:
+            raise self._error(
+                f"the drive from lane {first.lane} of road {shown(first.road.id, 40)}, {first.at(first.start)}, is "
+                f"{length:.2f} m long: must be at least {_SHORTEST:g} m; {route.end}"
+            )
         if route.is_cut or (asked is not None and length < asked - _SHORT):
             wanted = "" if asked is None else f", not course.length = {asked:g} m"
             yield f"course.file: the drive is {max(length, 0.0):.1f} m long{wanted}: {route.end}"
@@ -204,7 +219,14 @@ class _Drive:
             paved=road,
             lines=None if np.isnan(lines).all() else lines,
             remarks=(*remarks, *self._remarks),
+            rows=np.arange(len(table), dtype=np.float64),
+            where=lambda row: self._named(*table[row, [_U, _S, _X, _Y]].tolist()),
         )
+
+    def _named(self, along: float, s: float, x: float, y: float) -> str:
+        """A place on the route, for messages."""
+        leg = self._legs[max(0, bisect.bisect_right(self._rows, along, key=lambda rows: float(rows[0, _U])) - 1)]
+        return f"road {shown(leg.road.id, 40)}, lane {leg.lane}, s = {s:.1f} m, ({x:.2f}, {y:.2f})"
 
     def _cut(self, table: FloatArray) -> FloatArray:
         """The rows between the begin and the end of the drive, with a row at each of them."""

@@ -264,7 +264,7 @@ REFUSED: Final = {
     "empty": ("", "not XML"),
     "no road": ("<OpenDRIVE/>", "has no <road>"),
     "other XML": ("<gpx/>", "must be <OpenDRIVE>"),
-    "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "line 2: <geometry>: hdg = 'nan' is not a finite number"),
+    "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "hdg = 'nan' is not a finite number"),
     "backwards": (changed('length="30.0">', 'length="-30">'), "must be positive"),
     "a gap": (changed('x="30.0"', 'x="35"'), "a gap of 5 m in the reference line at s = 30.0 m"),
     "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "m from the point"),
