@@ -267,7 +267,7 @@ def on_one_plane(tracks: Sequence[Track]) -> list[FloatArray]:
         x, y = np.array([point[1:3] for point in track.points], dtype=np.float64).T
         degrees.append(np.stack((y, x) if track.system is None else from_utm(track.system, x, y), axis=1))
     latitude, longitude = np.concatenate(degrees).T
-    places = _plane(latitude, longitude, None)
+    places, _ = _plane(latitude, longitude, None, DEGREES)
     return np.split(places, np.cumsum([len(track.points) for track in tracks])[:-1])
 
 
