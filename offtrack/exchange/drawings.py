@@ -22,7 +22,7 @@ from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import replacing
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from scenarios.roads.placement import DEGREES, WORLD, Coordinates, Placement
-from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.foundation.user_file import FileKind, read_json, shown
 from vehicle.frames import FloatArray, arc_length, rows_every, sides
 
 SWEPT, ROAD, ROAD_CENTRE, COURSE, FRONT_AXLE, LAST_AXLE, WHEELS, NOTES = (
@@ -278,8 +278,8 @@ def axle_steer(log: Log, unit: UnitOutline) -> FloatArray:
 def _told(path: Path, key: str) -> Any:
     """An entry of a run's summary; a dash if there is none."""
     try:
-        return json.loads(read_text(path, FileKind.RECORD)).get(key, "–")
-    except (ValueError, AttributeError):
+        return read_json(path, FileKind.RECORD).get(key, "–")
+    except ValueError:
         return "–"
 
 

@@ -48,11 +48,11 @@ def number(value: float) -> float | None:
 
 
 def number_at(summary: Mapping[str, Any], path: str) -> float | None:
-    """The number ``group.name`` of a summary; None if there is none."""
+    """The number ``group.name`` of a summary; None if there is none, or something else."""
     value: Any = summary
     for part in path.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
-    return None if value is None else float(value)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def timing_numbers(timing: Timing) -> Numbers:

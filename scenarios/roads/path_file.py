@@ -138,12 +138,12 @@ class PathPoints:
     def named(self, k: int) -> str:
         """Point k in messages."""
         if self.where is None or self.rows is None:
-            return "({:.2f}, {:.2f})".format(*self.places[k])
+            return "the point ({:.2f}, {:.2f})".format(*self.places[k])
         return self.where(round(float(self.rows[k])))
 
 
 TRACK: Final = "Track of a GPX file or line of a GeoJSON file, by name or number; not given: the only one."
-_STANDING: Final = 0.375  # reach of a standstill per smoothing length
+_STANDING: Final = 0.5  # reach of a standstill per smoothing length
 _FARTHEST: Final = 6.0  # reach of a standstill [m]: trucks turn back in 12 m
 READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
 _CRG_SPACING: Final = 1.0  # of the points of a measured surface's reference line [m]
@@ -176,7 +176,11 @@ def read_path(path: Path, track: str | None = None, *, heights: bool = True, smo
         raise ValueError(f"{path}: has {count} points: a path must have 2 to {MAX_POINTS}")
     if smoothing:
         groups = standstills(points.places, min(_STANDING * smoothing, _FARTHEST))
-        points = points.changed(lambda values: means(groups, values)) if groups[-1] + 1 < count else points
+        joined = count - int(groups[-1]) - 1
+        if joined:
+            place = points.named(int(np.flatnonzero(np.diff(groups) == 0)[0]))
+            remark = f"course.file: {joined} points that make no headway were joined with others, the first at {place}"
+            points = replace(points.changed(lambda values: means(groups, values)), remarks=(remark,))
     return points
 
 
@@ -291,9 +295,13 @@ def _chosen(path: Path, tracks: Sequence[Track], wanted: str | None) -> Track:
     names = [f" '{shown(one.name, 40)}'" if one.name else "" for one in tracks[:_LISTED]]
     rows = [f"{k + 1}{name} ({tracks[k].length:.0f} m)" for k, name in enumerate(names)]
     there = f"{', '.join(rows)}{', ...' * (len(tracks) > _LISTED)}"
+    if not tracks:
+        raise ValueError(f"{path}: has no track or line of two points or more")
     if wanted is not None:
         raise ValueError(f"{path}: course.track = {shown(wanted, 40)} is none of its {len(tracks)} tracks: {there}")
-    raise ValueError(f"{path}: has {len(tracks)} tracks or lines: choose one by course.track: {there}")
+    raise ValueError(
+        f"{path}: has {len(tracks)} tracks, lines or segments far apart: choose one by course.track: {there}"
+    )
 
 
 def _joined(parts: Iterable[list[Point]], like: Track, gap: float) -> Iterator[Track]:
@@ -396,9 +404,9 @@ def _system(path: Path, crs: Any) -> Utm | None:
     stated = crs.get("properties") if isinstance(crs, dict) else {"name": crs} if isinstance(crs, str) else crs
     if stated is None:
         return None
-    name = stated.get("name", f"EPSG:{stated.get('code')}") if isinstance(stated, dict) else repr(stated)
+    code = stated.get("code") if isinstance(stated, dict) else None
     try:
-        return coordinate_system(str(name))
+        return coordinate_system(str(stated.get("name", crs)) if code is None else f"EPSG:{code}")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -42,11 +42,12 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     known = _sides(points.widths, smooth, stations)
     widths = np.full((len(stations), 2), 0.5 * width) if known is None else known
     seen = widths if points.paved is None else points.paved
-    narrowest = int(np.argmin(widths.sum(axis=1)))
-    if widths[narrowest].sum() < tractor.width:
+    narrow = np.flatnonzero(widths.sum(axis=1) < tractor.width)
+    if len(narrow):
+        first, least = max(0.0, stations[narrow[0]]), widths.sum(axis=1).min()
         raise ValueError(
-            f"{fit.source}: the road is {widths[narrowest].sum():.2f} m wide at {max(0.0, stations[narrowest]):.1f} m, "
-            f"{near(points, smooth, stations[narrowest])}: the tractor is {tractor.width:.2f} m wide"
+            f"{fit.source}: the road is {least:.2f} m wide in places, and too narrow from {first:.1f} m on, "
+            f"{near(points, smooth, first)}: the tractor is {tractor.width:.2f} m wide"
         )
     return Course(
         path=path,

@@ -306,7 +306,6 @@ class Connection(NamedTuple):
     connecting: str  # road
     contact: Contact | None  # end of the connecting road that is touched; None: the file does not say
     lanes: Mapping[int, int]  # from the incoming to the connecting road; empty: not stated
-    is_direct: bool  # straight onto the road behind the junction
 
 
 JUNCTION: Final = "junction "  # before the ids of junctions that cannot be read
