@@ -18,6 +18,7 @@ import numpy as np
 
 from scenarios.roads.crg_file import read_crg_line
 from scenarios.roads.earth import Utm, coordinate_system, from_utm, tangent_plane
+from scenarios.roads.placement import DEGREES, UNPLACED, Placement
 from scenarios.roads.point_table import EAST, HEIGHT, LATITUDE, LONGITUDE, NORTH, read_points
 from scenarios.roads.standstill import means, standstills
 from vehicle.foundation.user_file import (
@@ -126,6 +127,7 @@ class PathPoints:
     remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
     rows: FloatArray | None = None  # (n,) of the points in the file; with a fraction where several were averaged
     where: Callable[[int], str] | None = None  # place of a row in the file and the coordinates there, for messages
+    placement: Placement = UNPLACED  # of the plane in the coordinates of the file
 
     def changed(self, change: Callable[[FloatArray], FloatArray]) -> "PathPoints":
         """The points with each of their arrays that is known changed."""
@@ -188,8 +190,12 @@ def _read_csv(path: Path, *, heights: bool) -> PathPoints:
     height, bank, left, right, friction = known.values()
     on_earth = "lat" in columns
     first, second = (columns[name] for name in (("lat", "lon") if on_earth else ("x", "y")))
+    places, placement = np.column_stack([first, second]), UNPLACED
+    if on_earth:
+        places, placement = _plane(first, second, height, DEGREES)
     return PathPoints(
-        places=_plane(first, second, height) if on_earth else np.column_stack([first, second]),
+        places=places,
+        placement=placement,
         heights=height,
         banks=bank,
         widths=None if left is None or right is None else np.column_stack([left, right]),
@@ -199,11 +205,14 @@ def _read_csv(path: Path, *, heights: bool) -> PathPoints:
     )
 
 
-def _plane(latitude: FloatArray, longitude: FloatArray, height: FloatArray | None) -> FloatArray:
+def _plane(
+    latitude: FloatArray, longitude: FloatArray, height: FloatArray | None, crs: str
+) -> tuple[FloatArray, Placement]:
     if not len(latitude):
-        return np.empty((0, 2))
+        return np.empty((0, 2)), UNPLACED
     middle = 0.0 if height is None else float(height.mean())
-    return tangent_plane(latitude, longitude, np.full(len(latitude), middle))
+    places, plane = tangent_plane(latitude, longitude, np.full(len(latitude), middle))
+    return places, Placement(crs=crs, plane=plane)
 
 
 def _read_reference_line(path: Path) -> PathPoints:
@@ -262,7 +271,7 @@ def on_one_plane(tracks: Sequence[Track]) -> list[FloatArray]:
         x, y = np.array([point[1:3] for point in track.points], dtype=np.float64).T
         degrees.append(np.stack((y, x) if track.system is None else from_utm(track.system, x, y), axis=1))
     latitude, longitude = np.concatenate(degrees).T
-    places = _plane(latitude, longitude, None)
+    places, _ = _plane(latitude, longitude, None, DEGREES)
     return np.split(places, np.cumsum([len(track.points) for track in tracks])[:-1])
 
 
@@ -436,6 +445,6 @@ def _on_earth(path: Path, track: Track, *, heights: bool) -> PathPoints:
             )
         height = np.array([HEIGHT.number(str(point.height), f"{path}: {where(k)}") for k, point in enumerate(points)])
     latitude, longitude = (y, x) if track.system is None else from_utm(track.system, x, y)
-    return PathPoints(
-        places=_plane(latitude, longitude, height), heights=height, rows=np.arange(float(len(points))), where=where
-    )
+    places, placement = _plane(latitude, longitude, height, track.system.code if track.system else DEGREES)
+    rows = np.arange(float(len(points)))
+    return PathPoints(places=places, heights=height, rows=rows, where=where, placement=placement)
