@@ -20,6 +20,7 @@ from vehicle.frames import FloatArray
 Edges = Literal["lane", "road"]
 TURNS: Final = ("left", "right", "straight")
 _TURNING: Final = math.radians(30.0)  # least change of heading of a turn through a junction
+_STRAIGHT: Final = math.radians(10.0)  # largest one of a way straight on where another turns to the other side
 _AHEAD: Final = 50.0  # of the roads behind a direct junction, or of two that part slowly [m]
 _APART: Final = 0.5  # least distance there of ways that are left and right of each other [m]
 _NARROW: Final = 2.5  # least width of a lane to drive on, where no vehicle is known: Directive 96/53/EC is 2.55 [m]
@@ -181,14 +182,19 @@ class Way(NamedTuple):
     turn: float  # change of heading, + left [rad]
     aside: float  # where it leads to, to the left of straight on [m]
     exit: str | None  # road behind the connecting road
+    word: str  # left, right or straight, among the ways from all lanes of the road that comes in
 
 
 def ways(network: Network, leg: Leg) -> list[Way]:
     """Ways through the junction at the end of a lane; none if there is no junction."""
     link = leg.road.linked(leg.direction)
     at_end = not 0 <= leg.section + leg.direction < len(leg.road.sections)
-    is_junction = link is not None and link.is_junction and at_end
-    return [_way(network, leg, lead) for lead in _leads(network, leg)] if is_junction else []
+    if link is None or not link.is_junction or not at_end:
+        return []
+    beside = [leg._replace(lane=lane.id) for lane in leg.part.lanes.values() if lane.kind in DRIVABLE]
+    found = [_way(network, one, lead) for one in (leg, *beside) for lead in _leads(network, one)]
+    others = list({way.lead.road.id: way for way in found}.values())
+    return [way._replace(word=_word(way, others)) for way in found[: len(_leads(network, leg))]]
 
 
 def _way(network: Network, leg: Leg, lead: Leg) -> Way:
@@ -203,7 +209,20 @@ def _way(network: Network, leg: Leg, lead: Leg) -> Way:
     link = road.linked(lead.direction)
     is_road = link is not None and not link.is_junction and link.id in network.roads and not is_direct
     aside = dy * math.cos(travel) - dx * math.sin(travel)
-    return Way(lead, float(psi[-1] - psi[0]), float(aside), link.id if link and is_road else None)
+    return Way(lead, float(psi[-1] - psi[0]), float(aside), link.id if link and is_road else None, "")
+
+
+def _word(way: Way, ways_on: list[Way]) -> str:
+    """The turn of a way: by its angle; of those that hardly turn the one that turns least is straight on."""
+    ahead = [one for one in ways_on if abs(one.turn) <= _TURNING]
+    if abs(way.turn) > _TURNING:
+        return "left" if way.turn > 0.0 else "right"
+    straightest = min(ahead, key=lambda one: abs(one.turn))
+    apart = way.aside - straightest.aside
+    if abs(apart) > _APART:
+        return "left" if apart > 0.0 else "right"
+    forks = any(one.turn * way.turn < 0.0 for one in ahead)
+    return "straight" if abs(way.turn) <= _STRAIGHT or not forks else "left" if way.turn > 0.0 else "right"
 
 
 def _leads(network: Network, leg: Leg) -> list[Leg]:
@@ -442,12 +461,13 @@ class Route:
         word = self._words[0] if self._words else None
         if len(leads) == 1 and word not in TURNS:
             return leads[0]  # what the word names comes later
-        found = [_way(self._network, leg, lead) for lead in leads]
+        found = ways(self._network, leg)
         named = [way for way in found if word in (way.lead.road.id, way.exit)]
         if word in TURNS:
             named = _turning(found, str(word))
         listed = ", ".join(
-            f"{way.lead.road.id} ({math.degrees(way.turn):+.0f} deg{f' to road {way.exit}' if way.exit else ''})"
+            f"{way.lead.road.id} ({way.word}, {math.degrees(way.turn):+.0f} deg"
+            f"{f' to road {way.exit}' if way.exit else ''})"
             for way in found
         )
         if named and word in TURNS:
@@ -472,33 +492,15 @@ def _linked(leg: Leg) -> int | None:
     return leg.data.successor if leg.direction > 0 else leg.data.predecessor
 
 
-def _turning(found: list[Way], word: str) -> list[Way]:
-    """Ways that are named by a turn, the sharpest first.
-
-    Where none turns by the angle of a turn, as where a motorway parts, those are left and right that end beside others.
-    """
-    fits = [way for way in found if _word(way.turn) == word]
-    straightest = min(found, key=lambda way: abs(way.turn))
-    if word == "straight":
-        return [straightest] if straightest in fits else []
-    side = 1.0 if word == "left" else -1.0
-    if not fits:
-        outermost = max(found, key=lambda way: side * way.aside)
-        apart = side * (outermost.aside - min(side * way.aside for way in found) * side)
-        away = side * (outermost.aside - straightest.aside) > _APART
-        turns = side * outermost.turn > _APART / _AHEAD and apart > _APART
-        return [outermost] if away or turns else []
-    return sorted(fits, key=lambda way: -abs(way.turn))
-
-
 def turn_word(found: list[Way], way: Way) -> str:
     """The word of a route that chooses one of the ways through a junction; the id of its road where no turn does."""
-    turns = (word for word in TURNS if (chosen := _turning(found, word)) and chosen[0] is way)
-    return next(turns, way.lead.road.id)
+    return way.word if _turning(found, way.word)[0] is way else way.lead.road.id
 
 
-def _word(turn: float) -> str:
-    return "straight" if abs(turn) <= _TURNING else "left" if turn > 0.0 else "right"
+def _turning(found: list[Way], word: str) -> list[Way]:
+    """Ways that are named by a turn, the sharpest first, the straightest of those straight on."""
+    sign = 1.0 if word == "straight" else -1.0
+    return sorted((way for way in found if way.word == word), key=lambda way: sign * abs(way.turn))
 
 
 def lanes_of(road: Road) -> str:
