@@ -308,7 +308,7 @@ def _words(network: Network, request: Request, source: str) -> list[str | Change
         elif word in TURNS or word in network.roads or word in network.broken:
             words.append(word)
         else:
-            known = nearest(word, [*network.roads, *TURNS])
+            known = nearest(word, [*(shown(name, 40) for name in network.roads), *TURNS])
             raise ValueError(
                 f"{source}: course.route = {shown(word, 40)} is not reached: the file has no such road{known}"
                 " (or lane ID, lane ID from S, lane ID from S over LENGTH)"
@@ -528,41 +528,42 @@ def starts(network: Network, request: Request, source: str) -> list[Leg]:
         ValueError: one line, if there is none.
     """
     word = request.words[0] if request.words and request.words[0] in {*network.roads, *network.broken} else None
-    name = request.road if request.road is not None else word
+    name, unread = word if request.road is None else request.road, next(iter(network.broken.values()), "")
     if name is not None and name in network.broken:
         raise ValueError(f"{source}: road {shown(name, 40)} cannot be read: {network.broken[name]}")
     if name is not None and name not in network.roads:
-        unread = f"; not read: {next(iter(network.broken.values()))}" if network.broken else ""
-        raise ValueError(f"{source}: course.road = {shown(name, 40)}{nearest(name, network.roads)}{unread}")
-    roads = [network.roads[name]] if name is not None else list(network.roads.values())
+        like = nearest(name, [shown(one, 40) for one in network.roads])
+        raise ValueError(f"{source}: course.road = {shown(name, 40)}{like}{f'; not read: {unread}' if unread else ''}")
+    roads = list(network.roads.values()) if name is None else [network.roads[name]]
     roads = [road for road in roads if road.junction is None] or roads
     if not roads:
-        raise ValueError(f"{source}: no road can be read: {next(iter(network.broken.values()))}")
+        raise ValueError(f"{source}: no road can be read: {unread}")
     begins = [leg for road in roads for leg in _begins(road, request.lane)]
-    faults = [fault.text for road in roads for fault in road.faults]
-    if not begins and faults:
-        raise ValueError(f"{source}: no lane can be driven: {faults[0]}")
-    if not begins:
-        which = lanes_of(roads[0]) if name is not None or len(roads) == 1 else "no road has such a lane"
-        wanted = (
-            "no lane of the type driving: name one in course.lane"
-            if request.lane is None
-            else f"course.lane = {request.lane}: {which}"
-        )
-        raise ValueError(f"{source}: {f'road {shown(roads[0].id, 40)} has ' if request.lane is None else ''}{wanted}")
     fitting = [leg._replace(start=s) for leg in begins if (s := _wide_from(leg, request.narrowest)) is not None]
     if not fitting:
-        leg = begins[0]
-        widest = float(leg.width(np.linspace(leg.start, leg.end, 65)).max())
-        raise ValueError(
-            f"{source}: lane {leg.lane} of road {shown(leg.road.id, 40)}: the road is {widest:.2f} m wide at most, at "
-            f"{leg.at(leg.start)}: must be at least {request.narrowest:g} m"
-        )
+        raise ValueError(f"{source}: {_no_start(roads, begins, request)}")
     if len(fitting) == 1:
         return fitting
     known: dict[tuple[str, int, int], float] = {}
     reach = {leg: round(_reach(network, leg, request.narrowest, known)) for leg in fitting}
     return sorted(fitting, key=lambda leg: (-reach[leg], -leg.direction, -abs(leg.lane)))
+
+
+def _no_start(roads: Sequence[Road], begins: Sequence[Leg], request: Request) -> str:
+    """Why no drive can begin on some roads."""
+    if begins:
+        leg = begins[0]
+        widest = float(leg.width(np.linspace(leg.start, leg.end, 65)).max())
+        return (
+            f"lane {leg.lane} of road {shown(leg.road.id, 40)}: the road is {widest:.2f} m wide at most, at "
+            f"{leg.at(leg.start)}: must be at least {request.narrowest:g} m"
+        )
+    faults = [fault.text for road in roads for fault in road.faults]
+    if faults:
+        return f"no lane can be driven: {faults[0]}"
+    if request.lane is None:
+        return f"road {shown(roads[0].id, 40)} has no lane of the type driving: name one in course.lane"
+    return f"course.lane = {request.lane}: {lanes_of(roads[0]) if len(roads) == 1 else 'no road has such a lane'}"
 
 
 def _reach(network: Network, first: Leg, narrowest: float, known: dict[tuple[str, int, int], float]) -> float:
