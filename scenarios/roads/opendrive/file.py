@@ -29,6 +29,7 @@ from scenarios.roads.opendrive.network import (
     polynomial,
 )
 from scenarios.roads.path_file import Element, read_xml
+from scenarios.roads.placement import UNPLACED, Placement
 from vehicle.foundation.data_file import Column
 from vehicle.foundation.user_file import shown
 from vehicle.frames import Pose2
@@ -54,7 +55,17 @@ def read_opendrive(path: Path) -> Network:
     reader, broken = _Reader(), dict[str, str]()
     roads = _by_id(elements, reader.road, "", broken)
     junctions = _by_id(root.all("junction"), reader.connections, JUNCTION, broken)
-    return Network(roads, junctions, broken)
+    return Network(roads, junctions, broken, _placement(root.first("header")))
+
+
+def _placement(header: Element | None) -> Placement:
+    """The projection of the header, whose coordinates are those of the file moved and turned by its offset."""
+    reference = header.first("geoReference") if header else None
+    if header is None or reference is None or not reference.text.strip():
+        return UNPLACED
+    offset, reader = header.first("offset"), _Reader()
+    moved = [reader.number_or(offset, name, 0.0) if offset else 0.0 for name in ("x", "y", "hdg")]
+    return Placement(X_FW=Pose2(*moved), crs=reference.text.strip())
 
 
 def _by_id(elements: list[Element], read: Callable[[Element], T], kind: str, broken: dict[str, str]) -> dict[str, T]:
@@ -180,7 +191,7 @@ class _Reader:
             raise ValueError(self._faults[0].text) if self._faults else self._error(plan, "has no length")
         length, begin = pieces[-1].s + pieces[-1].length, elements[0][0]
         if self._faults:  # the last piece may be one of those that cannot be read
-            length = max(length, *(one.begin + _GAP for one in self._faults), self._number_or(road, "length", 0.0))
+            length = max(length, *(one.begin + _GAP for one in self._faults), self.number_or(road, "length", 0.0))
         reference = ReferenceLine(tuple(pieces), length)
         if abs(begin) > _GAP:
             raise self._error(elements[0][1], f"its first geometry is at s = {begin:g} m: must be 0")
@@ -324,7 +335,7 @@ class _Reader:
             try:
                 rows.append([self._number(one, key) for key in (begin, *_CUBIC)])
             except ValueError as error:
-                wrong.append((self._number_or(one, begin, 0.0), str(error)))
+                wrong.append((self.number_or(one, begin, 0.0), str(error)))
         table = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
         for s, text in wrong:
             fault = scope._replace(text=text)
@@ -334,7 +345,8 @@ class _Reader:
             self._faults.append(fault)
         return Cubics(table[:, 0], table[:, 1:])
 
-    def _number_or(self, element: Element, name: str, otherwise: float) -> float:
+    def number_or(self, element: Element, name: str, otherwise: float) -> float:
+        """The number of an attribute, or another one where it has none."""
         try:
             return self._number(element, name)
         except ValueError:

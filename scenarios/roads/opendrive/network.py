@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.path import Path, Segment
+from scenarios.roads.placement import UNPLACED, Placement
 from vehicle.frames import FloatArray, Pose2, quadrature
 
 _INTERVALS: Final = 64  # of a cubic polynomial, whose length is summed up
@@ -317,3 +318,4 @@ class Network:
     roads: Mapping[str, Road]
     junctions: Mapping[str, tuple[Connection, ...]]
     broken: Mapping[str, str]  # roads and junctions that cannot be read, and why, with file and line
+    placement: Placement = UNPLACED  # of the file's coordinates, by its header
