@@ -65,6 +65,8 @@ _GROUPED: Final = {
     sign: re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:\{group}\d{{3}})+(?:\{sign}\d*)?(?:[eE][-+]?\d+)?")
     for sign, group in (",.", ".,")
 }
+_LEVEL, _DECIMAL = "; course.heights = false drives it level", " (decimal degrees)"
+_HINTS: Final = {"z": _LEVEL, "bank": _LEVEL, "lat": _DECIMAL, "lon": _DECIMAL}
 _SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
 _LOOKED_AT: Final = 20  # lines that decide about the separator
 
@@ -95,7 +97,7 @@ def read_points(path: Path, *, heights: bool) -> PointTable:
     table: dict[str, FloatArray] = {}
     for name, k in wanted.items():
         column, numbers = _COLUMNS[name]._replace(name=name), array("d")
-        hint = "; course.heights = false drives it level" if name in ("z", "bank") else ""
+        hint = _HINTS.get(name, "")
         for row in rows:
             place = f"{path}: line {row.line}"
             try:
@@ -140,9 +142,7 @@ def _rows(path: Path) -> tuple[list[_Row], str]:
     try:
         for line in reader:
             cells = [cell.strip() for cell in line if cell or separator != " "]
-            while cells and not cells[-1]:  # trailing separators, and lines that a spreadsheet leaves empty
-                cells.pop()
-            if not cells or (stated and reader.line_num == 1):
+            if not any(cells) or (stated and reader.line_num == 1):  # spreadsheets leave lines empty
                 continue
             if not cells[0].startswith("#"):
                 rows.append(_Row(reader.line_num, cells))
@@ -163,25 +163,31 @@ def _is_numbers(cells: Sequence[str]) -> bool:
 def _names(path: Path, rows: list[_Row], separator: str) -> dict[str, int]:
     """Numbers of the columns by their names here; the line with the names is taken from the rows."""
     if rows and not _is_numbers(rows[0].cells):
-        width = len(rows[0].cells)
-        names = _named(path, rows.pop(0).cells, separator)
+        heading = rows.pop(0).cells
+        width, names = _used(heading), _named(path, heading, separator)
     else:
-        width = max((len(row.cells) for row in rows), default=0)
+        width = max((_used(row.cells) for row in rows), default=0)
         counts = width == 3 and len(rows) > 2 and all(_counts(*pair) for pair in pairwise(rows))
         if rows and (width not in (2, 3) or counts):
             reason = "its first column counts the lines" if counts else f"it has {width} columns"
             raise ValueError(f"{path}: line {rows[0].line} names no columns and {reason}: name them, such as x,y,z")
         names = dict(zip(("x", "y", "z"), range(width), strict=False))
     for row in rows:
-        if not max(names.values(), default=-1) < len(row.cells) <= width:
+        if max(names.values(), default=-1) >= len(row.cells) or _used(row.cells) > width:
             hint = " (with a comma as decimal sign, separate the columns by semicolons)" if separator == "," else ""
             raise ValueError(f"{path}: line {row.line} has {len(row.cells)} values for {width} columns{hint}")
     return names
 
 
+def _used(cells: Sequence[str]) -> int:
+    """Number of cells without the empty ones at the end."""
+    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)
+
+
 def _counts(row: _Row, after: _Row) -> bool:
-    first, second = row.cells[0], after.cells[0]
-    return first.isdecimal() and second.isdecimal() and int(second) == int(first) + 1
+    """True if the second line begins with the next whole number."""
+    first, second = (re.fullmatch(r"(\d{1,9})(?:[.,]0*)?", one.cells[0]) for one in (row, after))
+    return first is not None and second is not None and int(second[1]) == int(first[1]) + 1
 
 
 def _named(path: Path, cells: Sequence[str], separator: str) -> dict[str, int]:
