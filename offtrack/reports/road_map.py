@@ -324,7 +324,7 @@ def _ways(network: Network) -> Iterator[dict[str, Any]]:
                         "from_lane": lane.id,
                         "by_road": way.lead.road.id,
                         "to_road": way.exit or "",
-                        "turn_deg": round(math.degrees(way.turn) * way.lead.direction),
+                        "turn_deg": round(math.degrees(way.turn)),
                         "word": turn_word(found, way),
                     }
 
