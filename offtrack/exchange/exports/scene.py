@@ -6,7 +6,6 @@ in the log and left out.
 """
 
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +28,7 @@ from scenarios.image_file import read_grey
 from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
 from scenarios.results.log import Log
 from sensors.camera.rig import CameraModel, StereoCalibration, load_raw_rig
-from vehicle.foundation.user_file import FileKind, read_text
+from vehicle.foundation.user_file import FileKind, read_json
 from vehicle.frames import FloatArray
 from vehicle.rover.description import load_rover
 
@@ -144,7 +143,7 @@ def run_recording(folder: Path | None, scenario_file: Path) -> RunRecording:
     digest = hashlib.sha256()
     for _, file, _ in recording.images():
         digest.update(np.ascontiguousarray(read_grey(file)).data if file.is_file() else b"missing")
-    manifest = json.loads(read_text(scenario_file.parent / "manifest.json", FileKind.RECORD))
+    manifest = read_json(scenario_file.parent / "manifest.json", FileKind.RECORD)
     if digest.hexdigest() != manifest.get("recording_sha256", manifest.get("frames_sha256")):
         raise ValueError(
             f"--images {folder}: its images are not those of the run {scenario_file.parent}, by their hash in its "

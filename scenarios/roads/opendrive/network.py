@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.path import Path, Segment
+from scenarios.roads.placement import UNPLACED, Placement
 from vehicle.frames import FloatArray, Pose2, quadrature
 
 _INTERVALS: Final = 64  # of a cubic polynomial, whose length is summed up
@@ -305,7 +306,6 @@ class Connection(NamedTuple):
     connecting: str  # road
     contact: Contact | None  # end of the connecting road that is touched; None: the file does not say
     lanes: Mapping[int, int]  # from the incoming to the connecting road; empty: not stated
-    is_direct: bool  # straight onto the road behind the junction
 
 
 JUNCTION: Final = "junction "  # before the ids of junctions that cannot be read
@@ -318,3 +318,4 @@ class Network:
     roads: Mapping[str, Road]
     junctions: Mapping[str, tuple[Connection, ...]]
     broken: Mapping[str, str]  # roads and junctions that cannot be read, and why, with file and line
+    placement: Placement = UNPLACED  # of the file's coordinates, by its header
