@@ -8,7 +8,7 @@ DEMO_STAMP := $(VENV)/.installed-for-the-demo
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 TEST_PACKAGES := build-essential chromium cmake postgresql
-EXTRAS := video,tune,cad,fmi,roads,hil,cluster,sensitivity,dev
+EXTRAS := video,tune,cad,gis,fmi,roads,hil,cluster,sensitivity,dev
 TEST_EXTRAS := $(EXTRAS),export,rl,zig,oracles
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 

@@ -1,15 +1,19 @@
 """Interface of trailer steering laws: data sheets in, commands out."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
+from vehicle.option import PartParameters, quantity
+
+KMH: Final = 1.0 / 3.6  # [m/s]
 
 
 class Linkage(NamedTuple):
@@ -103,6 +107,40 @@ class Actuation:
     at_grip: NDArray[np.bool_] | None = None  # (n_steered,) True for those that have no more side force to give
 
 
+class SpeedRange(NamedTuple):
+    """Speeds that a law is for: full authority up to one, none from a higher one on."""
+
+    full_up_to: float  # [m/s]
+    none_from: float  # [m/s]
+
+    def share(self, speed: float) -> float:
+        """Authority of the law at a speed [m/s], 1 to 0."""
+        return min(1.0, max(0.0, (self.none_from - abs(speed)) / (self.none_from - self.full_up_to)))
+
+
+class LowSpeedParameters(PartParameters):
+    """Parameters of a law that is not for all speeds.
+
+    Defaults, for loops on the measured path: measured with estimates 0.1 s old. With the actuators of the vehicles here
+    they are well damped at 30 km/h and oscillate at 40 to 50 km/h; with a lag of 0.5 s `mpc` does at 40 km/h.
+    """
+
+    full_up_to_kmh: float = quantity(25.0, "km/h", 1.0, 129.0, "speed up to which the law steers alone")
+    none_from_kmh: float = quantity(40.0, "km/h", 2.0, 130.0, "speed from which on lqr steers, or none")
+
+    @model_validator(mode="after")
+    def _fades(self) -> Self:
+        low, high = self.full_up_to_kmh, self.none_from_kmh
+        if not low < high:
+            raise ValueError(f"none_from_kmh = {high:g} km/h must exceed full_up_to_kmh = {low:g}")
+        return self
+
+    @property
+    def speeds(self) -> SpeedRange:
+        """The same in m/s."""
+        return SpeedRange(KMH * self.full_up_to_kmh, KMH * self.none_from_kmh)
+
+
 Memory = TypeVar("Memory")
 
 
@@ -132,6 +170,9 @@ class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
     """
 
     uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
+    speeds: SpeedRange | None = None  # None: for all speeds; else another law takes over above (`lqr.AllSpeeds`)
+    above: "TrailerSteering[Any] | None" = None  # that law; None: the LQR
+    outside: str | None = None  # why the law is for no speed here, in words; None: it is for its ``speeds``
 
 
 class ActuationAware(Protocol[Memory]):

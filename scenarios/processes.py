@@ -8,6 +8,7 @@ import ctypes
 import gc
 import os
 import re
+import resource
 import signal
 import sys
 import threading
@@ -31,6 +32,7 @@ _TRIES: Final = 2  # of a task whose process dies
 _LOOK: Final = 0.5  # between two calls meanwhile [s]
 _PERIOD: Final = 0.5  # of looking for the parent [s]
 _ALLOCATIONS: Final = 50_000  # of containers, between two searches for garbage
+_LEAST_MEMORY: Final = 1.2e9  # of addresses, most of them those of libraries [bytes]
 _IDLE: Final = 60.0  # after which a spare worker ends [s]
 _PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h
 
@@ -196,6 +198,19 @@ def is_alive(process: int) -> bool:
     return True
 
 
+def check_memory() -> None:
+    """Refuse to begin with too little memory, in which libraries crash or wait forever.
+
+    Raises:
+        ValueError: one line.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_MEMORY:
+        raise ValueError(
+            f"memory is limited to {limit / 1e9:.2g} GB (ulimit -v): a run needs {_LEAST_MEMORY / 1e9:g} GB"
+        )
+
+
 def save_time() -> None:
     """Settings of a process of offtrack's own, which a user's program must not get: less waiting and searching.
 
@@ -228,7 +243,7 @@ def _tidied(work: Callable[..., OutputT], *arguments: object) -> OutputT:
 
 
 def _begin(parent: int) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):  # the parent decides what is kept
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the parent decides what is kept
         signal.signal(number, signal.SIG_IGN)
     if sys.platform == "linux":  # also while a library's function holds the interpreter and no thread can look
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -1,9 +1,11 @@
-"""Progress of long work, and the interrupts (SIGINT, SIGTERM) that end it between two steps."""
+"""Progress of long work, and the interrupts (SIGINT, SIGTERM, SIGHUP) that end it between two steps."""
 
+import os
 import signal
+import stat
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Final, Protocol
 
@@ -40,24 +42,37 @@ def part_of(progress: Progress, part: int, parts: int, note: str = "") -> Progre
     return report
 
 
-TERMINATED: Final = 128 + signal.SIGTERM  # exit code, as shells count
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+_ENDING: Final = (signal.SIGTERM, signal.SIGHUP)  # a request to end; the terminal has gone
+_SIGNALS: Final = (signal.SIGINT, *_ENDING)
 _received: list[int] = []
 
 
 def interrupt_on_termination() -> None:
-    """Let SIGTERM raise KeyboardInterrupt in this process, as Ctrl-C does."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in this process, as Ctrl-C does; not if ``nohup`` ignores them."""
+    for number in _ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
 
 
-def terminated() -> bool:
-    """True if SIGTERM has interrupted this process."""
-    return signal.SIGTERM in _received
+def terminated() -> int:
+    """Exit code, as shells count, if SIGTERM or SIGHUP has interrupted this process; otherwise 0."""
+    return 128 + _received[0] if _received else 0
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
     _received.append(number)
+    _leave_terminal()
     raise KeyboardInterrupt
+
+
+def _leave_terminal() -> None:
+    """Let output go nowhere if its terminal has gone: an error of it would be in the way of the results."""
+    for descriptor in (1, 2):
+        with suppress(OSError):  # it is closed
+            if not os.isatty(descriptor) and stat.S_ISCHR(os.fstat(descriptor).st_mode):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, descriptor)
+                os.close(nowhere)
 
 
 @contextmanager
@@ -79,6 +94,7 @@ def postponed_interrupts() -> Iterator[Callable[[Progress], Progress]]:
     def hold(number: int, _: FrameType | None) -> None:
         if held:
             raise KeyboardInterrupt
+        _leave_terminal()
         held.append(signal.Signals(number))
         pending.append(signal.Signals(number))
 
@@ -98,7 +114,8 @@ def postponed_interrupts() -> Iterator[Callable[[Progress], Progress]]:
 
         return report
 
-    handlers = {number: signal.signal(number, hold) for number in _SIGNALS}
+    heeded = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    handlers = {number: signal.signal(number, hold) for number in heeded}
     try:
         yield checked
     finally:

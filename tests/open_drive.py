@@ -52,6 +52,14 @@ def lanes(left: Sequence[str], right: Sequence[str], offset: str = "") -> str:
     return f'<lanes>{offset}<laneSection s="0">{sides}</laneSection></lanes>'
 
 
+def sections(*parts: tuple[float, Sequence[str], Sequence[str]], offset: str = "") -> str:
+    """The lanes of a road: where each section begins, its left and its right lanes."""
+    inside = "".join(
+        lanes(left, right).replace('laneSection s="0"', f'laneSection s="{s}"') for s, left, right in parts
+    )
+    return f"<lanes>{offset}{inside.replace('<lanes>', '').replace('</lanes>', '')}</lanes>"
+
+
 def road(
     name: str, pieces: Sequence[Piece], inside: str, *, start: Start = ORIGIN, link: str = "", junction: str = "-1"
 ) -> str:

@@ -19,12 +19,13 @@ of all its steered axles; only the ratios of the weights matter. Derived here, s
 
 Longitudinal speed, load and friction are nominal; the ground is level.
 
-`Combined` is one law for all speeds: a low-speed law for towns and yards, the LQR for the open road. The low-speed law
-fades out over one band of speeds and the LQR fades in over another; the command is their sum. Between
-the bands little steering is needed: a low-speed law would oscillate there, and the trailer itself is well damped.
+`AllSpeeds` makes a law for all speeds of one for towns and yards and the LQR for the open road. The former fades out
+over its range of speeds and the LQR fades in over its own; the command is their sum. Between them little steering is
+needed: a low-speed law would oscillate there, and the trailer itself is well damped.
 """
 
 import math
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple, Self
@@ -34,7 +35,17 @@ import scipy
 from pydantic import model_validator
 
 from controllers.driver import PERIOD
-from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import (
+    KMH,
+    Actuation,
+    Combination,
+    LowSpeedParameters,
+    SpeedRange,
+    SteerCommand,
+    SteeringLaw,
+    TrailerGeometry,
+    TrailerSteering,
+)
 from controllers.trailer_steering.kinematics import (
     ReckonedPath,
     check_steered,
@@ -46,15 +57,15 @@ from controllers.trailer_steering.kinematics import (
     straight_behind,
 )
 from controllers.trailer_steering.path_laws import PathPreview, VirtualDriver
-from controllers.trailer_steering.signal_laws import CommandSteer, CtAt
+from controllers.trailer_steering.signal_laws import CommandSteer, CtAt, Unsteered
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import elapsed_since
 from vehicle.combination.linear import LateralModel, lateral_model
+from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray
 from vehicle.option import PartParameters, option, quantity
 
-KMH: Final = 1.0 / 3.6  # [m/s]
 SPEEDS: Final = tuple(KMH * kmh for kmh in range(20, 131, 10))  # of the designs; gains are linear in between [m/s]
 
 _NODES = 8  # of the path: a wave of the trailer's length is represented to 1e-3
@@ -293,6 +304,106 @@ class Lqr(SteeringLaw[LqrMemory]):
         return max(-limit, min(limit, max(last - reach, min(last + reach, wanted))))
 
 
+class AllSpeedsMemory(NamedTuple):
+    """State of the law between two steps."""
+
+    tick: int | None  # of the last step; None before the first
+    low: Any  # memory of the law that is for low speed
+    above: Any  # memory of the other law; None while it is not needed
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class AllSpeeds(SteeringLaw[AllSpeedsMemory]):
+    """A law that is for low speed, and another above its range: the LQR, or straight axles where nothing is towed.
+
+    Over the range the command changes from one to the other.
+    """
+
+    def __init__(
+        self,
+        law: TrailerSteering[Any],
+        speeds: SpeedRange,
+        trailer: TrailerGeometry,
+        combination: Combination,
+        above: TrailerSteering[Any] | None = None,
+    ) -> None:
+        """Extend a ``law`` that is for these ``speeds``; ``above`` is the other, by default with its own parameters."""
+        self.law, self._range, self._trailer, self._combination = law, speeds, trailer, combination
+        self._above: Any = above
+
+    def prepare(self, speed: float) -> None:
+        """Design the law above now if a drive is meant to reach a speed [m/s] that needs it."""
+        if self._range.share(speed) < 1.0:
+            self._other()
+
+    def _other(self) -> TrailerSteering[Any]:
+        """The law above; designed at the first use, which takes a second."""
+        if self._above is None:
+            try:
+                self._above = Lqr(self._trailer, combination=self._combination)
+            except ValueError:  # nothing is towed
+                self._above = Unsteered(self._trailer)
+        other: TrailerSteering[Any] = self._above
+        return other
+
+    def gave_way(self, fastest: float) -> list[str]:
+        """Lines on a drive with this largest speed [m/s]: which law steered instead, and why."""
+        if self._range.share(fastest) == 1.0:
+            return []
+        other = self._other()
+        own = f"{_words(other.law if isinstance(other, AllSpeeds) else other)} steered"
+        further = other.gave_way(fastest) if isinstance(other, AllSpeeds) else []
+        outside = getattr(self.law, "outside", None)
+        if outside is not None:
+            return [f"{_words(self.law)} is for {outside}: {own}", *further]
+        low, high = (speed / KMH for speed in self._range)
+        return [
+            f"{_words(self.law)} is for up to {low:.0f} km/h and fades out up to {high:.0f} km/h, the drive reached "
+            f"{fastest / KMH:.0f} km/h: {own} there",
+            *further,
+        ]
+
+    def init(self) -> AllSpeedsMemory:
+        """Wheels straight."""
+        return AllSpeedsMemory(None, self.law.init(), None, self._trailer.straight)
+
+    def actuated(self, memory: AllSpeedsMemory, actuation: Actuation) -> AllSpeedsMemory:
+        """Memory with the state of the actuators, for laws that ask for it."""
+        if hasattr(self.law, "actuated"):
+            memory = memory._replace(low=self.law.actuated(memory.low, actuation))
+        if memory.above is not None and hasattr(self._above, "actuated"):
+            memory = memory._replace(above=self._above.actuated(memory.above, actuation))
+        return memory
+
+    def step(
+        self, memory: AllSpeedsMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[AllSpeedsMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        share = self._range.share(signals.speed)  # of the law for low speed
+        if share == 1.0:
+            low, command = self.law.step(memory.low, tick, off_tracking, signals)
+            return AllSpeedsMemory(tick, low, None, tuple(command.angles.tolist())), command
+        other = self._other()
+        above = other.init() if memory.above is None else memory.above
+        above, command = other.step(above, tick, off_tracking, signals)
+        wanted, low = (1.0 - share) * command.angles, self.law.init()  # it must not adapt while another law steers
+        if share > 0.0:
+            low, command = self.law.step(memory.low, tick, off_tracking, signals)
+            wanted = wanted + share * command.angles
+        elapsed = elapsed_since(memory.tick, tick)
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
+        return AllSpeedsMemory(tick, low, above, tuple(demand.tolist())), SteerCommand(angles=demand)
+
+    def close(self) -> None:
+        """Close the law for low speed."""
+        close_part(self.law)
+
+
+def _words(law: object) -> str:
+    """Name of a law for the reader."""
+    return "no law" if isinstance(law, Unsteered) else re.sub(r"(?<!^)(?=[A-Z])", "_", type(law).__name__).lower()
+
+
 LowSpeed = Literal["command_steer", "ct_at", "path_preview", "virtual_driver"]
 _LOW_SPEED: Final[dict[LowSpeed, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
     "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
@@ -301,23 +412,11 @@ _LOW_SPEED: Final[dict[LowSpeed, Callable[[TrailerGeometry, Combination], Steeri
     "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
 }
 
-# assumed, between the speed of a tight turn and that of a road; the low-speed laws oscillate at 50 km/h [m/s].
-_FULL_UP_TO, _NONE_FROM = 25.0 * KMH, 45.0 * KMH
 
+class Combined(AllSpeeds):
+    """A low-speed law by its name and the LQR, each with its range of speeds."""
 
-class CombinedMemory(NamedTuple):
-    """State of the law between two steps."""
-
-    tick: int | None  # of the last step; None before the first
-    low: Any  # memory of the low-speed law
-    high: LqrMemory
-    demand: tuple[float, ...]  # last command [rad]
-
-
-class Combined(SteeringLaw[CombinedMemory]):
-    """Sum of a low-speed law and the LQR, each in its range of speeds."""
-
-    class Parameters(Lqr.Parameters):
+    class Parameters(LowSpeedParameters, Lqr.Parameters):
         """Name of the law at low speed, and the parameters of the LQR."""
 
         low_speed: LowSpeed = option("name of the law at low speed", "path_preview")
@@ -326,26 +425,11 @@ class Combined(SteeringLaw[CombinedMemory]):
         self, trailer: TrailerGeometry, *, combination: Combination, parameters: Parameters | None = None
     ) -> None:
         given = parameters or self.Parameters()
-        self._trailer = trailer
-        self._high = Lqr(trailer, combination=combination, parameters=given)
-        self._low = _LOW_SPEED[given.low_speed](trailer, combination)
+        low = _LOW_SPEED[given.low_speed](trailer, combination)
+        super().__init__(
+            low, given.speeds, trailer, combination, Lqr(trailer, combination=combination, parameters=given)
+        )
 
-    def init(self) -> CombinedMemory:
-        """Wheels straight."""
-        return CombinedMemory(None, self._low.init(), self._high.init(), self._trailer.straight)
-
-    def step(
-        self, memory: CombinedMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[CombinedMemory, SteerCommand]:
-        """New memory and command at ``tick``."""
-        elapsed = elapsed_since(memory.tick, tick)
-        share = min(1.0, max(0.0, (_NONE_FROM - signals.speed) / (_NONE_FROM - _FULL_UP_TO)))  # of the low-speed law
-        high, command = self._high.step(memory.high, tick, off_tracking, signals)
-        wanted = command.angles
-        if share > 0.0:
-            low, command = self._low.step(memory.low, tick, off_tracking, signals)
-            wanted = wanted + share * command.angles
-        else:
-            low = self._low.init()  # it must not adapt while another law steers
-        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
-        return CombinedMemory(tick, low, high, tuple(demand.tolist())), SteerCommand(angles=demand)
+    def out_of_range(self, fastest: float) -> str | None:
+        """None: this law is for all speeds."""
+        return None

@@ -8,8 +8,7 @@ estimated and compensated, and an integral over the distance removes the rest.
 
 Path preview. The inertial part of the slip is known by feedforward. Until the buffer reaches back to the follow point
 there is no path to follow, but the slip is already measured: the axles compensate it, so that the trailer starts on its
-path. At speed the trailer's dynamics, which are not part of rolling kinematics, are as slow as the age of the estimate:
-the law fades to straight wheels.
+path.
 
 Virtual driver. Cheng, Roebuck, Odhams and Cebon's scheme as de Saxe & Cebon 2018 describe it: a virtual driver at the
 follow point steers it onto the path of the hitch by preview and by proportional, integral and derivative action on the
@@ -34,6 +33,9 @@ The kinematic estimate does not include the slip of a sliding tractor. With the 
 uphill on a cross-fall of 5 %) the hitch slides downhill, that estimate is wrong by more than a metre before the trailer
 is steered at all, and the rear is steered off its path. Path preview does the same with it; neither does with a
 measured one.
+
+Both are for low speed (`controllers.trailer.SpeedRange`): the loop with its delay of 0.3 s is well damped at 30 km/h
+and oscillates at 40 km/h.
 """
 
 import math
@@ -41,7 +43,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Actuation, SteerCommand, SteeringLaw, TrailerGeometry, no_axle_answers
+from controllers.trailer import (
+    Actuation,
+    LowSpeedParameters,
+    SpeedRange,
+    SteerCommand,
+    SteeringLaw,
+    TrailerGeometry,
+    no_axle_answers,
+)
 from controllers.trailer_steering.kinematics import (
     MEASURABLE,
     Ahead,
@@ -59,7 +69,7 @@ from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, elapsed_since
 from vehicle.frames import FloatArray, arc_length
-from vehicle.option import PartParameters, quantity
+from vehicle.option import quantity
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
@@ -85,14 +95,16 @@ class PathLawMemory(NamedTuple):
 class PathLaw(SteeringLaw[PathLawMemory]):
     """Common part of both laws: the prediction of an estimate to the time when the axles have answered."""
 
-    def __init__(self, name: str, trailer: TrailerGeometry) -> None:
+    speeds: SpeedRange
+
+    def __init__(self, name: str, trailer: TrailerGeometry, speeds: SpeedRange) -> None:
         """For a trailer with steered axles, by the name of the law.
 
         Raises:
             ValueError: if the trailer has no steered axle.
         """
         check_steered(name, trailer)
-        self._trailer, self._axles = trailer, AxleGroup.of(trailer)
+        self._trailer, self._axles, self.speeds = trailer, AxleGroup.of(trailer), speeds
         self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> PathLawMemory:
@@ -163,9 +175,6 @@ _MOST_SLIP_BIAS = 0.1  # of the integral; the remaining slip is never larger [ra
 # direction of the hitch feeds that. Centre-axle trailers with full gains weave at 3 m and are damped from 5 m on.
 _LONG = 6.0
 _UNDAMPED = 2.0  # the slip is filtered over that many times the distance where no axle is fixed, which would damp
-# The loop with its delay of 0.3 s is well damped at 30 km/h and oscillates at 40 km/h: full authority up to about the
-# first speed, none from about the second on [m/s].
-_FULL_UP_TO, _NONE_FROM = 7.0, 11.0
 # Slip beyond what the path's curvature explains from which the loop slows down. Tyres near their limit of friction
 # turn the trailer more slowly: leaving a bend on friction 0.3 with 5 % cross-fall, full gains swing by 0.05 m at 1 Hz.
 _GRIPPING = 0.03  # [-]
@@ -174,7 +183,7 @@ _GRIPPING = 0.03  # [-]
 class PathPreview(PathLaw):
     """Axle angles that bring the follow point onto the path of the hitch and keep it there."""
 
-    class Parameters(PartParameters):
+    class Parameters(LowSpeedParameters):
         """Parameters; the defaults come from `offtrack tune`, whose study is in scenarios/data/tuning/path_preview."""
 
         gain: float = quantity(0.77, "rad/m", 0.0, 2.0, "turn of the follow point per offset", tune=(0.15, 1.5))
@@ -186,8 +195,8 @@ class PathPreview(PathLaw):
         slip_distance: float = quantity(0.6, "m", 0.1, 100.0, "low-pass of the remaining slip", tune=(0.4, 6.0))
 
     def __init__(self, trailer: TrailerGeometry, *, parameters: Parameters | None = None) -> None:
-        super().__init__("path_preview", trailer)
         given = parameters or self.Parameters()
+        super().__init__("path_preview", trailer, given.speeds)
         pace = min(1.0, self._axles.centre / _LONG) ** 2
         self._gain, self._crossover, self._integral = given.gain, pace * _CROSSOVER, pace * given.integral
         calm = 1.0 if len(self._axles.fixed) else _UNDAMPED
@@ -214,18 +223,18 @@ class PathPreview(PathLaw):
         self, memory: PathLawMemory, estimate: OffTracking, ahead: Ahead, target: Target | None, elapsed: float
     ) -> tuple[PathLawMemory, FloatArray]:
         """Memory and wanted angles [rad], not yet limited in rate."""
-        share = min(1.0, max(0.0, (_NONE_FROM - estimate.v_x) / (_NONE_FROM - _FULL_UP_TO)))
         if target is None:
-            return memory, share * self._axles.slip_angles(memory.slip)
+            return memory, self._axles.slip_angles(memory.slip)
         slip = memory.other_slip + self._inertial_slip(estimate, target)
         bias = memory.bias
         if not self._integral_waits(memory):
+            share = self.speeds.share(estimate.v_x)  # the integral of a loop with less gain is slower
             bias += self._integral * (share * target.offset * estimate.v_x * elapsed)
             bias = max(-_MOST_SLIP_BIAS, min(_MOST_SLIP_BIAS, bias))
         gain = min(self._gain, self._crossover / estimate.v_x) / max(1.0, abs(memory.other_slip) / _GRIPPING)
         follow_direction = target.direction + math.atan(gain * target.offset + bias)
         angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
-        return memory._replace(bias=bias), share * angles
+        return memory._replace(bias=bias), angles
 
     def _inertial_slip(self, estimate: OffTracking, target: Target | None) -> float:
         """Mean slip [-] due to lateral acceleration, with the follow point at the target; 0 without one.
@@ -256,7 +265,7 @@ _YAW_LAG = 0.022  # over the speed: 1/(4.6 g) [s2/m]
 class VirtualDriver(PathLaw):
     """PID with preview on the off-tracking, as by a driver at the rear."""
 
-    class Parameters(PartParameters):
+    class Parameters(LowSpeedParameters):
         """Gains of the driver."""
 
         preview: float = quantity(1.5, "m", 0.2, 6.0, "distance at which the driver aims for the path", tune=(0.8, 4.0))
@@ -265,8 +274,8 @@ class VirtualDriver(PathLaw):
         derivative: float = quantity(1.0, "-", 0.0, 1.0, "share of the axles' drift that is steered against")
 
     def __init__(self, trailer: TrailerGeometry, *, parameters: Parameters | None = None) -> None:
-        super().__init__("virtual_driver", trailer)
         given = parameters or self.Parameters()
+        super().__init__("virtual_driver", trailer, given.speeds)
         self._gain, self._integral, self._derivative = given.gain / given.preview, given.integral, given.derivative
         self._x_c = self._axles.second_moment / self._axles.first_moment
 

@@ -7,10 +7,14 @@ estimate, constant until the next one, and the combination's own sensors. A ``.n
     mean, scale          (n_features,) subtracted from every feature, and divisor of the difference
     features             (n_features,) their names, in order
     functions            (2,) between the layers: tanh or relu; of the output: clip or tanh. Not given: tanh and clip
+    domain               (3, 2) least and largest speed [m/s], follow distance [m] and lag of the actuators [s] of the
+                         training. Not given: that of the environment, for any trailer
 
-The output, within -1 .. 1, is the demanded angle over the actuators' limit.
+The output, within -1 .. 1, is the demanded angle over the actuators' limit. Outside its domain the network does not
+steer: there path preview does.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -19,8 +23,9 @@ from typing import Any, BinaryIO, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import Combination, SpeedRange, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import check_steered, reachable
+from controllers.trailer_steering.path_laws import PathPreview
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
@@ -32,6 +37,7 @@ from vehicle.option import PartParameters, option
 
 NETWORK_FILE: Final = FileType("a trained network", 16_000_000)
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
+_ROUNDING: Final = 1e-6  # of limits in files [m, s]
 _LARGEST: Final = 1e9  # number of a network: its outputs cannot overflow then
 _HIDDEN: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
     "tanh": np.tanh,
@@ -44,8 +50,26 @@ _OUTPUT: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
 AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: points on the path from the follow point to the hitch
 
 
+class TrainedFor(NamedTuple):
+    """Domain of a training, each from the least to the largest."""
+
+    speed: tuple[float, float] = (0.0, 5.6)  # [m/s]; default: of the environment, 20 km/h
+    follow_distance: tuple[float, float] = (0.0, math.inf)  # [m]
+    actuator_lag: tuple[float, float] = (0.0, math.inf)  # [s]
+
+    def lacks(self, trailer: TrailerGeometry) -> str | None:
+        """What a trailer has that the training had not, in words; None if it had all."""
+        for words, value, unit, (low, high) in (
+            ("follow distance", trailer.follow_distance, "m", self.follow_distance),
+            ("lag of the actuators", trailer.actuator_lag, "s", self.actuator_lag),
+        ):
+            if not low - _ROUNDING <= value <= high + _ROUNDING:
+                return f"a {words} of {low:.3g} to {high:.3g} {unit}, not of {value:.3g} {unit}"
+        return None
+
+
 class Network(NamedTuple):
-    """A multilayer perceptron and the scaling of its inputs."""
+    """A multilayer perceptron, the scaling of its inputs, and what it was trained for."""
 
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
@@ -54,6 +78,7 @@ class Network(NamedTuple):
     features: tuple[str, ...]
     hidden: str = "tanh"  # function between the layers: tanh or relu
     output: str = "clip"  # function of the output: clip to -1 .. 1, or tanh
+    trained_for: TrainedFor = TrainedFor()
 
     def __call__(self, features: FloatArray) -> FloatArray:
         """The action, within -1 .. 1, for features (n_features,), or the actions for rows of them."""
@@ -101,6 +126,7 @@ def load_network(path: Path) -> Network:
         arrays["scale"].astype(np.float64),
         tuple(str(name) for name in arrays["features"]),
         *_functions(path, arrays),
+        _trained_for(path, arrays),
     )
     _check(network, path)
     return network
@@ -110,7 +136,7 @@ def save_network(network: Network, path: Path | BinaryIO) -> None:
     """Write a file for ``load_network``."""
     layers = {f"W{k}": weights for k, weights in enumerate(network.weights)}
     layers |= {f"b{k}": biases for k, biases in enumerate(network.biases)}
-    words = {"features": np.array(network.features)}
+    words = {"features": np.array(network.features), "domain": np.array(network.trained_for)}
     if (network.hidden, network.output) != ("tanh", "clip"):
         words["functions"] = np.array([network.hidden, network.output])
     np.savez(path, mean=network.mean, scale=network.scale, **words, **layers)  # type: ignore[arg-type]  # its stubs take the layers for allow_pickle
@@ -126,7 +152,7 @@ class PolicyMemory(NamedTuple):
 
 
 class Policy(SteeringLaw[PolicyMemory]):
-    """Angles from a trained network."""
+    """Angles from a trained network, for the speeds and trailers of its training; else path preview steers."""
 
     class Parameters(PartParameters):
         """The network."""
@@ -144,11 +170,22 @@ class Policy(SteeringLaw[PolicyMemory]):
         self._trailer, self._network = trailer, load_network(network_file(path))
         names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
         if self._network.features != names:
+            own, this = set(self._network.features), set(names)
+            differences = [
+                f"{words} {shown(', '.join(sorted(left)))}"
+                for words, left in (("its network reads", own - this), ("its network does not read", this - own))
+                if left
+            ]
             raise ValueError(
-                f"policy {path}: is for {shown(', '.join(self._network.features))}, not for {', '.join(names)}"
+                f"policy {path}: was trained for another combination than {combination.vehicle.name}: "
+                f"{', and '.join(differences) or 'its order differs'}; train one: offtrack train --vehicle FILE"
             )
         if len(self._network.biases[-1]) != len(trailer.steered_distances):
             raise ValueError(f"policy {path}: steers {len(self._network.biases[-1])} axles")
+        trained_for = self._network.trained_for
+        self.outside = trained_for.lacks(trailer)
+        fastest = -1.0 if self.outside else trained_for.speed[1]
+        self.speeds, self.above = SpeedRange(fastest, fastest + max(1.0, 0.2 * fastest)), PathPreview(trailer)
 
     def init(self) -> PolicyMemory:
         """Memory without any estimate, wheels straight."""
@@ -206,6 +243,16 @@ def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:
         *(f"yaw_rate_{name}" for name in units),
         "follow_distance",
     )
+
+
+def _trained_for(path: Path, arrays: Mapping[str, NDArray[Any]]) -> TrainedFor:
+    """Domain of the training."""
+    if "domain" not in arrays:
+        return TrainedFor()
+    limits = arrays["domain"]
+    if limits.dtype.kind not in "biuf" or limits.shape != (3, 2) or not np.all(limits[:, 0] <= limits[:, 1]):
+        raise ValueError(f"policy {path}: domain must be three rows of a least and a largest number")
+    return TrainedFor(*((float(low), float(high)) for low, high in limits))
 
 
 def _functions(path: Path, arrays: Mapping[str, NDArray[Any]]) -> tuple[str, str]:

@@ -80,7 +80,7 @@ class Degradation(PartParameters):
     max_jump: float = quantity(0.25, "m", 0.01, 10.0, "Largest accepted difference of an estimate from the prediction.")
     recovery: float = quantity(0.5, "s", 0.0, 10.0, "Duration of good estimates after which they are used again.")
     fallback: FallbackName = option(
-        "Law without usable estimates; all but straight fade out between 30 and 50 km/h.", "dead_reckoning"
+        "Law without usable estimates; all but straight fade out between 25 and 40 km/h.", "dead_reckoning"
     )
 
 

@@ -1,7 +1,7 @@
 """The `offtrack` command with its subcommands, whose modules are imported when they are called."""
 
 import importlib
-import importlib.metadata
+import logging
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, NamedTuple
@@ -10,7 +10,7 @@ import typer
 
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, lines
 from scenarios.processes import save_time
-from scenarios.progress import TERMINATED, interrupt_on_termination, terminated
+from scenarios.progress import interrupt_on_termination, terminated
 
 
 class Entry(NamedTuple):
@@ -27,6 +27,7 @@ _COMMANDS: Final = {
     "parts": Entry("listings", "List the replaceable parts with their parameters and ranges.", "PARTS_EXAMPLES"),
     "keys": Entry("listings", "List every key of a scenario with its value and meaning.", "KEYS_EXAMPLES"),
     "run": Entry("run", "Run a scenario in the closed loop and write its report.", "RUN_EXAMPLES"),
+    "road": Entry("road", "Show what a map or track holds, and how to drive it.", "EXAMPLES"),
     "vehicle": Entry("assess", "Check a vehicle or rover file, and draw its data sheet.", "VEHICLE_EXAMPLES"),
     "assess": Entry("assess", "Drive a vehicle through standard manoeuvres.", "ASSESS_EXAMPLES"),
     "view": Entry("exchange", "Lay finished runs over each other in one page.", "VIEW_EXAMPLES"),
@@ -111,6 +112,8 @@ app = typer.Typer(
 
 def _show_version(asked: bool) -> None:
     if asked:
+        import importlib.metadata  # takes longer than the list of commands
+
         typer.echo(f"offtrack {importlib.metadata.version('offtrack')}")
         raise typer.Exit
 
@@ -130,12 +133,13 @@ def _offtrack(
 def main() -> None:
     """Entry point of the command."""
     save_time()
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it remarks on folders that it cannot write
     interrupt_on_termination()
     try:
         app()
     except SystemExit as end:
         if end.code == INTERRUPTED and terminated():
-            sys.exit(TERMINATED)
+            sys.exit(terminated())
         raise
 
 

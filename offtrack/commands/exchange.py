@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import OneLineGroup, Quiet, lines, progress_bar, progress_display
+from offtrack.commands.console import OneLineGroup, PlainConsole, Quiet, lines, listing, progress_bar, progress_display
 from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
-from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat
+from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat, chosen_signals
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
 from offtrack.exchange.fmi_export.plant_kinds import plant_model
 from offtrack.exchange.fmi_import.fmu_file import open_fmu
@@ -29,6 +29,8 @@ from vehicle.foundation.quantity import check_number
 EXPORT_EXAMPLES = (
     "Examples: offtrack export runs/roundabout-1 --to csv   offtrack export runs/roundabout-1 --to mat   "
     "offtrack export runs/roundabout-1 --to mf4 --out roundabout.mf4   "
+    "offtrack export runs/roundabout-1 --list   "
+    "offtrack export runs/roundabout-1 --signals 'off_tracking*,steer*' --decimal ,   "
     "offtrack run roundabout --record images, then offtrack export runs/roundabout-1 --to mcap --images images   "
     "offtrack export runs/roundabout-1 --to rosbag2 --images images, then offtrack estimate off-tracking "
     "runs/roundabout-1/rosbag2"
@@ -42,11 +44,24 @@ def export(
     to: Annotated[
         str,
         typer.Option(
-            help=f"Format: {', '.join(EXPORT)} or package.module:Name. MAT is for MATLAB, MF4 (ASAM MDF) for "
-            "measurement tools, MCAP for Foxglove and Lichtblick; a ROS 2 bag is a folder. MF4, MCAP and bags need the "
-            "extra 'export'."
+            help=f"Format: {', '.join(EXPORT)} or package.module:Name. XLSX is for spreadsheets, MAT for MATLAB, MF4 "
+            "(ASAM MDF) for measurement tools, MCAP for Foxglove and Lichtblick; a ROS 2 bag is a folder. XLSX, MF4, "
+            "MCAP and bags need the extra 'export'."
         ),
     ] = "csv",
+    signals: Annotated[
+        str | None,
+        typer.Option(
+            help="Write only the time and the signals of these names, with commas between; * stands for any letters.",
+            show_default="all",
+        ),
+    ] = None,
+    listed: Annotated[
+        bool, typer.Option("--list", help="List the signals with their units and meanings, and write nothing.")
+    ] = False,
+    decimal: Annotated[
+        Literal[".", ","], typer.Option(help="Decimal mark of csv; with a comma its cells are separated by semicolons.")
+    ] = ".",
     images: Annotated[
         Path | None,
         typer.Option(help="Folder that the same run recorded (--record): its images go into the MCAP file or the bag."),
@@ -63,14 +78,22 @@ def export(
     """
     if not (run / _SIGNALS).is_file():
         raise ValueError(f"{run}: is no directory of a finished run: it has no {_SIGNALS}")
+    whole = read_log(run / _SIGNALS)
+    log = whole if signals is None else chosen_signals(whole, signals)
+    if listed:
+        PlainConsole().print(listing((one.name, one.unit, one.description) for one in log.signals))
+        return
     chosen: type[ExportFormat] = resolve("--to", to, EXPORT)
     if images is not None and not chosen.takes_images:
         with_images = [name for name in EXPORT if resolve("--to", name, EXPORT).takes_images]
         raise ValueError(f"--images {images}: {to} takes no images: choose --to {' or '.join(with_images)}")
-    log = read_log(run / _SIGNALS)
+    if decimal != "." and to != "csv":
+        raise ValueError(f"--decimal {decimal}: {to} holds numbers, not text; only csv has a decimal mark")
     with progress_display(shown=chosen.takes_images and not quiet) as display:
         bar = progress_bar(display, "export")
-        exported = ExportedRun(log=log, scenario=run / _SCENARIO, images=images, progress=bar)
+        exported = ExportedRun(
+            log=log, whole=whole, scenario=run / _SCENARIO, images=images, decimal=decimal, progress=bar
+        )
         files = chosen.write(exported, out or run / chosen.file)
     if not quiet:
         for path in files:
@@ -79,7 +102,7 @@ def export(
 
 DRAW_EXAMPLES = (
     "Examples: offtrack draw runs/roundabout-1   offtrack draw runs/roundabout-1 --to geojson   "
-    "offtrack draw runs/roundabout-1 --to both --every 2"
+    "offtrack draw runs/roundabout-1 --to both --every 2   offtrack draw runs/survey-1 --to geojson --crs EPSG:25832"
 )
 DrawingFormat = Literal["dxf", "geojson", "both"]
 _EVERY = (0.1, 1000.0)  # [m]
@@ -95,11 +118,20 @@ def draw(
         ),
     ] = None,
     every: Annotated[float, typer.Option(help="Distance between the drawn places of the vehicle [m].")] = 5.0,
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            help="Coordinate system of the drawing, such as EPSG:25832; a table of metres is taken to be in it. Needs "
+            "the extra 'gis'.",
+            show_default="that of the course's file",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Draw the swept path, the vehicle and the road of a finished run for CAD (DXF) or GIS (GeoJSON).
 
-    Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
+    Coordinates are those of the course's file: its metres, or degrees (in DXF metres on the plane that touches the
+    earth there). A course without a file has metres along the first heading. Needs the extra 'cad'.
     """
     check_number("--every", every, *_EVERY, "m")
 
@@ -110,7 +142,7 @@ def draw(
     for path in files.values():
         check_new_file(path)
     for kind, path in files.items():
-        write_drawing(drawn, path, kind)
+        write_drawing(drawn, path, kind, crs)
         if not quiet:
             typer.echo(f"Drawing: {path}")
 

@@ -4,7 +4,6 @@ import json
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -31,9 +30,12 @@ from scenarios.loop import runner
 from scenarios.loop.channel import Pacer
 from scenarios.options.scenario import load_any_scenario
 from scenarios.progress import postponed_interrupts
-from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
+from scenarios.results.run_directory import check_apart, claimed, results_directory
 from scenarios.results.run_inputs import changed_modules
 from vehicle.foundation.quantity import check_number
+from vehicle.foundation.temporary import temporary_folder
+
+_FILES, _SIGNALS = 5e6, 1e5  # space that a run may take [bytes], and for each second of it [bytes/s]
 
 RUN_EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -118,20 +120,22 @@ def run(
             from offtrack.exchange.bench.links import opened_bench
 
             bench = cleanup.enter_context(opened_bench(udp, can))
-        directory = cleanup.enter_context(results_directory(out, chosen.name))
+        duration = runner.KINDS[chosen.vehicle_kind].duration(chosen)
+        space = results_directory(out, chosen.name, space=_FILES + _SIGNALS * duration)
+        directory = cleanup.enter_context(space)
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
         if record:
-            check_run_directory(record)
             check_apart(directory, record)
+            cleanup.enter_context(claimed(record))
         watcher = None
         if watch:
             watcher = Watcher(f"{chosen.name}, seed {seed}")
             remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         film = None
         if video and not paced and find_spec("av"):  # a paced run has no time for it
-            folder = Path(cleanup.enter_context(TemporaryDirectory(prefix="offtrack-")))
-            film = FilmAlong(folder, runner.KINDS[chosen.vehicle_kind].duration(chosen))
+            folder = cleanup.enter_context(temporary_folder())
+            film = FilmAlong(folder, duration)
             cleanup.callback(film.end)
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = runner.run(
@@ -149,7 +153,8 @@ def run(
                 watcher.show(result)
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
             drawn = film or (video and result.outcome != "interrupted")
-            write_run(result, directory, video=drawn, progress=checked(progress_bar(display, "video")))
+            bar = checked(progress_bar(display, "video"))
+            write_run(result, directory, video=drawn, progress=bar, recording=record)
         numbers = result.summary()
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))

@@ -4,6 +4,7 @@ import json
 import os
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +25,7 @@ from offtrack.commands.console import (
 from offtrack.environments import registry
 from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
+    DEFAULT_DOMAIN,
     ENVIRONMENT,
     NETWORK,
     Plan,
@@ -33,6 +35,7 @@ from offtrack.environments.training.training_directory import (
     keep_summary,
     opened_directory,
     summary,
+    trained_for,
 )
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.run_study import CELLS, check_study_directory, opened_study
@@ -141,6 +144,13 @@ def convert_policy(
     vehicle: Annotated[
         str, typer.Option(help="Name of the vehicle, or its TOML file, that the model was trained with.")
     ] = "uk_longer_semitrailer",
+    speed_kmh: Annotated[
+        str,
+        typer.Option(
+            metavar="LOW,HIGH",
+            help="Speeds that the model was trained for [km/h]; at others path_preview steers.",
+        ),
+    ] = "5,20",
     out: Annotated[
         Path | None, typer.Option(help="File to write; it must not exist yet.", show_default="MODEL with .npz")
     ] = None,
@@ -156,10 +166,22 @@ def convert_policy(
 
     written = out or model.with_suffix(".npz")
     check_new_file(written)
-    network = saved_network(model, load_vehicle(vehicle))
+    trained = load_vehicle(vehicle)
+    network = saved_network(model, trained, trained_for(trained, replace(DEFAULT_DOMAIN, speed=_speeds(speed_kmh))))
     keep_network(network, written)
     layers = " x ".join(str(len(biases)) for biases in network.biases)
     typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
+
+
+def _speeds(text: str) -> tuple[float, float]:
+    """Least and largest speed [m/s] of a text in km/h."""
+    try:
+        low, high = (float(part) / 3.6 for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--speed-kmh {text}: expected two numbers LOW,HIGH in km/h, such as 5,20") from None
+    if not 0.0 <= low < high <= 40.0:
+        raise ValueError(f"--speed-kmh {text}: must be LOW,HIGH with 0 <= LOW < HIGH <= 144 km/h")
+    return low, high
 
 
 def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:

@@ -9,7 +9,7 @@ many = gymnasium.make_vec("offtrack/TrailerSteering-v0", num_envs=1024)
 
 import copyreg
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, Literal
 
@@ -25,6 +25,7 @@ from offtrack.environments.core import (
     Core,
     EnvironmentOptions,
     Info,
+    Lanes,
     Observation,
     Result,
     call_error,
@@ -383,6 +384,28 @@ class Repeated:
         return total
 
 
+class Limited(Repeated):
+    """A core of n episodes that are cut after a number of actions, as gymnasium's ``TimeLimit`` cuts a single one."""
+
+    def __init__(self, core: Core, steps: int) -> None:
+        """Cut the episodes of ``core`` after this number of ``steps``, at least 1."""
+        super().__init__(core, 1)
+        self._steps, self._elapsed = steps, np.zeros(core.n, dtype=np.intp)
+
+    def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
+        """Begin episodes in these lanes."""
+        self._core.begin(lanes, generators, options)
+        self._elapsed[lanes] = 0
+
+    def step(self, actions: NDArray[np.float32]) -> Result:
+        """Advance all episodes by a step."""
+        result = self._core.step(actions)
+        self._elapsed += 1
+        cut = (self._elapsed >= self._steps) & ~result.terminated
+        outcome = np.where(cut & ~result.truncated, "timed out", result.outcome)
+        return result._replace(truncated=result.truncated | cut, outcome=outcome)
+
+
 CORES: Final[dict[str, tuple[Callable[[int, Any], Core], type[EnvironmentOptions]]]] = {  # core and its options
     "TrailerSteering-v0": (TrailerSteering, TrailerSteeringOptions),
     "TractorTrailerDriving-v0": (TractorTrailerDriving, TractorTrailerDrivingOptions),
@@ -391,6 +414,8 @@ CORES: Final[dict[str, tuple[Callable[[int, Any], Core], type[EnvironmentOptions
 
 _REPEAT: Final = "action_repeat"
 _MAX_REPEAT: Final = 1000  # control steps
+_LIMIT: Final = "max_episode_steps"
+_MAX_STEPS: Final = 10**9
 
 
 def single(name: str, render_mode: RenderMode | None = None, **options: Any) -> SingleEnv:
@@ -403,9 +428,16 @@ def single(name: str, render_mode: RenderMode | None = None, **options: Any) -> 
 
 
 def vector(name: str, num_envs: int = 1, **options: Any) -> CoreVectorEnv:
-    """Vector environment of this name; options also include ``autoreset_mode``, ``render_mode``, ``action_repeat``."""
+    """Vector environment of this name; options also include ``autoreset_mode``, ``render_mode``, ``action_repeat``.
+
+    ``max_episode_steps`` cuts every episode after that many steps, as ``gymnasium.make`` does for a single one.
+    """
     own = {key: options.pop(key) for key in ("autoreset_mode", "render_mode") if key in options}
-    return CoreVectorEnv(_builder(name, options), num_envs, **own)
+    steps = options.pop(_LIMIT, None)
+    build = _builder(name, options)
+    if steps not in (None, -1):  # gymnasium: -1 is no limit
+        build = partial(_limited, build, checked_count(_LIMIT, steps, _MAX_STEPS))
+    return CoreVectorEnv(build, num_envs, **own)
 
 
 def _builder(name: str, options: dict[str, Any]) -> Callable[[int], Core]:
@@ -414,6 +446,10 @@ def _builder(name: str, options: dict[str, Any]) -> Callable[[int], Core]:
         raise ValueError(f"unknown environment {name!r:.80}{nearest(str(name), CORES)}")
     repeat = checked_count(_REPEAT, options.pop(_REPEAT, 1), _MAX_REPEAT)
     return partial(_core, name, repeat, options)
+
+
+def _limited(build: Callable[[int], Core], steps: int, n: int) -> Core:
+    return Limited(build(n), steps)
 
 
 def _core(name: str, repeat: int, options: dict[str, Any], n: int) -> Core:

@@ -11,15 +11,16 @@ import dataclasses
 import html
 import json
 import math
-import re
+import os
 import shutil
 import tomllib
 import traceback
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from time import monotonic
@@ -47,22 +48,23 @@ from offtrack.reports.player.playback import Picture, Playback, rover_playback, 
 from offtrack.reports.sections import changes, groups, number_table, scenario_facts
 from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
 from scenarios.assembly.rover_run import rover_path
-from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
+from scenarios.options.scenario import AnyScenario, RoverScenario, Scenario, load_any_scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
+from scenarios.results.run_directory import added_as_a_whole, mark_complete, mark_interrupted, write_or_rescue
 from scenarios.results.run_inputs import write_inputs
 from scenarios.results.run_summary import Result, Timing, manifest, number_at, versions
 from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle
-from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.foundation.user_file import FileKind, read_json, read_text, shown
 from vehicle.frames import FloatArray
 from vehicle.rover.description import load_rover
 from vehicle.surface import Surface
 
 _SPACING: Final = 0.02  # of points on a rover's path [m]
+_FARTHEST: Final = 1e9  # position [m], yaw [rad] and time [s] of a run that is shown
 _RATE: Final = 10  # pictures of a video a second
 
 
@@ -92,10 +94,12 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
         trailers=_judged(vehicle, log),
         road=course.centreline,
         road_half_width=course.road_half_width,
+        lanes=course.lanes,
         friction=friction_picture(surface, course.centreline),
         circle_centre=course.surface_centre,
         arcs=course.arcs,
         path_deviation=course.deviation,
+        placement=course.placement.record() if course.placement else {},
         timing=_timing(summary),
         frames=(),
         manifest={},
@@ -116,24 +120,29 @@ def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
     return tuple(trailers)
 
 
-def _check(log: Log, needed: list[str]) -> None:
-    missing = [name for name in needed if name not in log]
-    if missing or not len(log) or not np.isfinite(log["time"]).all():
+def _check(log: Log, poses: list[str], others: Sequence[str] = ()) -> None:
+    """Refuse a log that lacks one of these signals, or in which a pose is no place on Earth."""
+    missing = [name for name in (*poses, *others) if name not in log]
+    if missing or not len(log):
         what = f"has no signal {shown(missing[0])}" if missing else "has no rows"
-        raise ValueError(f"signals.parquet: {what}, so it is not of this scenario")
+        raise ValueError(f"{what}, so it is not of this scenario")
+    for name in poses:
+        wrong = np.flatnonzero(~(np.abs(log[name]) <= _FARTHEST))  # also NaN
+        if wrong.size:
+            value = f"{log[name][wrong[0]]:g}, must be from -{_FARTHEST:g} to {_FARTHEST:g}"
+            raise ValueError(f"row {wrong[0] + 1}: {name} = {value}")
 
 
 def _timing(summary: Mapping[str, Any]) -> Timing:
-    numbers = summary.get("timing")
-    known = numbers if isinstance(numbers, Mapping) else {}
     names = ("simulated_s", "wall_s", "physics_s", "render_s", "odometry_s")
-    return Timing(**{name: float(value) if (value := known.get(name)) is not None else math.nan for name in names})
+    numbers = {name: number_at(summary, f"timing.{name}") for name in names}
+    return Timing(**{name: math.nan if value is None else value for name, value in numbers.items()})
 
 
 def _rover_rebuilt(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
     """The result of a rover's run from its scenario, signals and summary."""
     rover = load_rover(scenario.vehicle)
-    _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
+    _check(log, ["time", "x", "y", "psi"], ["slip_angle_true", "x_wheels", "x_corrected"])
     return RoverResult(
         scenario=scenario.name,
         scenario_toml=scenario.to_toml(),
@@ -210,34 +219,64 @@ def film_times(result: Result) -> FloatArray:
 
 
 def write_run(
-    result: Result, directory: Path, *, video: bool | FilmAlong = True, progress: Progress = no_progress
+    result: Result,
+    directory: Path,
+    *,
+    video: bool | FilmAlong = True,
+    progress: Progress = no_progress,
+    recording: Path | None = None,
 ) -> Path:
     """Write the run directory and return it; ``progress`` counts the frames of the video.
 
-    Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
+    Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails. A
+    ``recording`` of the run counts as interrupted until all is drawn.
 
     Raises:
-        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or if the report or
-            the video can not be drawn: all other files are written then.
+        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or, when all that
+            can be written is, if the report or the video can not be drawn, or the results had to go elsewhere.
         KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
     """
-    numbers, kind = result.summary(), KINDS[result.kind]
     if isinstance(video, FilmAlong):
         video.end(result if len(result.log) > 1 else None)  # the rest is drawn beside the report
-    with appearing_at_once(directory) as folder:
-        scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
-        (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
-        write_log(result.log, folder / "signals.parquet")
-        write_json(folder / "manifest.json", manifest(result))
-        write_json(folder / "summary.json", numbers)
-        if result.traceback:
-            (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
-        mark_interrupted(folder)  # until all is drawn
-    failures = list[str]()
+    with ExitStack() as claims:
+        directory, lost = write_or_rescue(directory, partial(_write_data, result), claims)
+        failures = list[str]()
+        _draw(result, directory, video, progress, failures)
+        if result.outcome != "interrupted":
+            for folder in (recording, directory):
+                if folder is not None:
+                    mark_complete(folder)
+        if failures:
+            tracebacks = "\n".join([result.traceback, *failures]).strip() + "\n"
+            with suppress(OSError), added_as_a_whole(directory) as folder:
+                (folder / "traceback.txt").write_text(tracebacks, encoding="utf-8", errors="replace")
+            lost = " and ".join(filter(None, [lost, *(failure.partition("\n")[0] for failure in failures)]))
+        if lost:
+            more = ", and traceback.txt tells more" if (directory / "traceback.txt").exists() else ""
+            raise ValueError(f"{lost}; all else is in {directory}{more}")
+    return directory
+
+
+def _write_data(result: Result, folder: Path) -> None:
+    """Write all but the drawings, the signals first."""
+    write_log(result.log, folder / "signals.parquet")
+    write_json(folder / "summary.json", result.summary())
+    scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
+    (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
+    write_json(folder / "manifest.json", manifest(result))
+    if result.traceback:
+        (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
+    mark_interrupted(folder)  # until all is drawn
+
+
+def _draw(result: Result, directory: Path, video: bool | FilmAlong, progress: Progress, failures: list[str]) -> None:
+    """Add report and video to a run directory; ``failures`` receives what could not be drawn."""
+    kind = KINDS[result.kind]
     with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
         from offtrack.reports import run_page
 
-        (folder / "report.html").write_text(getattr(run_page, kind.page)(result, numbers), encoding="utf-8")
+        page = getattr(run_page, kind.page)(result, result.summary())
+        (folder / "report.html").write_text(page, encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
             times = film_times(result)
@@ -245,15 +284,6 @@ def write_run(
                 shutil.move(path, folder / path.name)
             elif video is True or result.outcome != "interrupted":
                 write_video(Film(kind.playback(result)).picture, times, _RATE, folder / "video", progress)
-    if result.outcome != "interrupted":
-        mark_complete(directory)
-    if failures:
-        what = " and ".join(failure.partition("\n")[0] for failure in failures)
-        tracebacks = "\n".join([result.traceback, *failures]).strip() + "\n"
-        with added_as_a_whole(directory) as folder:
-            (folder / "traceback.txt").write_text(tracebacks, encoding="utf-8", errors="replace")
-        raise ValueError(f"{what}; all else is in {directory}, and traceback.txt tells more")
-    return directory
 
 
 @contextmanager
@@ -262,7 +292,9 @@ def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        line = " ".join(f"the {what} could not be drawn: {type(error).__name__}: {error}".split())
+        system = isinstance(error, OSError) and error.errno
+        why = os.strerror(system) if system else f"{type(error).__name__}: {error}"
+        line = " ".join(f"the {what} could not be drawn: {why}".split())
         failures.append(f"{line}\n{traceback.format_exc()}")
 
 
@@ -279,20 +311,27 @@ def write_results(
     An interrupt while the video is drawn keeps all other results and the part of the video that is finished.
 
     Raises:
-        ValueError: if the directory exists and is not empty.
+        ValueError: if the directory exists and is not empty, or the results had to go elsewhere.
     """
-    with appearing_at_once(directory) as folder:
+
+    def write(folder: Path) -> None:
         write_log(log, folder / f"{name}.parquet")
         for file, text in texts.items():
             (folder / file).write_text(text, encoding="utf-8")
+        write_json(folder / "summary.json", numbers)
         if film is not None:
             try:
                 film(folder / "video")
             except KeyboardInterrupt:
                 numbers["outcome"] = "interrupted"
-        write_json(folder / "summary.json", numbers)
+                write_json(folder / "summary.json", numbers)
         if numbers["outcome"] == "interrupted":
             mark_interrupted(folder)
+
+    with ExitStack() as claims:
+        place, lost = write_or_rescue(directory, write, claims)
+        if lost:
+            raise ValueError(f"{lost}; the results are in {place}")
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
@@ -316,21 +355,24 @@ def csv_text(log: Log, words: Mapping[float, str], formats: Mapping[str, str], o
     return "".join(",".join(row) + "\n" for row in (names, *rows))
 
 
-_ELEMENT: Final = re.compile(r'<(\w+)[^>]* id="playback-(table|numbers|pictures)">(.*?)</\1>', re.DOTALL)
-_MOST: Final = 200_000_000  # bytes of a page, or of its numbers, that are read
+_MOST: Final = 200_000_000  # bytes of the numbers of a page
 
 
 def pictures_of_page(path: Path) -> tuple[Picture, ...]:
     """The pictures with their strokes; none if the page is missing, or is not of this version."""
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MOST)
-        parts = {match[2]: match[3] for match in _ELEMENT.finditer(text)}
-        table = json.loads(html.unescape(parts["table"]))["runs"][0]["pictures"]
-        data = zlib.decompressobj(wbits=31).decompress(base64.b64decode(parts["numbers"]), _MOST)
-        return _pictures(table, data, parts["pictures"].split("\n"))
-    except (OSError, KeyError, IndexError, TypeError, ValueError, binascii.Error, zlib.error):
+        text = read_text(path, FileKind.IMAGE)
+        table = json.loads(html.unescape(_element(text, "table")))["runs"][0]["pictures"]
+        data = zlib.decompressobj(wbits=31).decompress(base64.b64decode(_element(text, "numbers")), _MOST)
+        return _pictures(table, data, _element(text, "pictures").split("\n"))
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, binascii.Error, zlib.error):
         return ()
+
+
+def _element(text: str, name: str) -> str:
+    """Content of an element of the playback, which has no other inside."""
+    begin = text.index(mark := f' id="playback-{name}">') + len(mark)
+    return text[begin : text.index("<", begin)]
 
 
 def _pictures(table: dict[str, Any], data: bytes, lines: list[str]) -> tuple[Picture, ...]:
@@ -369,13 +411,10 @@ def read_summary(directory: Path) -> dict[str, Any]:
     for file in _NEEDED:
         if not (directory / file).is_file():
             raise ValueError(f"{shown(str(directory))}: is no finished run: it has no {file}")
-    text = read_text(directory / "summary.json", FileKind.RECORD)
-    try:
-        summary = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
-    if not isinstance(summary, dict) or not {"outcome", "scenario", "seed"} <= summary.keys():
-        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
+    summary = read_json(directory / "summary.json", FileKind.RECORD)
+    texts = all(isinstance(summary.get(name), str) for name in ("outcome", "scenario"))
+    if not texts or not isinstance(seed := summary.get("seed"), int) or seed < 0:
+        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run: it needs outcome, scenario and seed")
     return summary
 
 
@@ -392,9 +431,21 @@ def finished_run(directory: Path, name: str) -> FinishedRun:
         name=name,
         directory=directory,
         summary=summary,
-        result=KINDS[scenario.vehicle_kind].rebuilt(scenario, log, summary),
+        result=rebuilt(scenario, log, summary, directory / "signals.parquet"),
         pictures=pictures_of_page(directory / "report.html"),
     )
+
+
+def rebuilt(scenario: AnyScenario, log: Log, summary: Mapping[str, Any], signals: Path) -> Result:
+    """The result of a run whose log was read from the file ``signals``.
+
+    Raises:
+        ValueError: one line, if the signals are not those of the scenario.
+    """
+    try:
+        return KINDS[scenario.vehicle_kind].rebuilt(scenario, log, summary)
+    except ValueError as error:
+        raise ValueError(f"{signals}: {error}") from error
 
 
 MOST_RUNS = 6  # as many as there are colours

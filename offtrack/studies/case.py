@@ -27,7 +27,7 @@ from typing import Any, Final, NamedTuple
 from offtrack.hidden import package_folders
 from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
 from scenarios.results.run_directory import digest
-from scenarios.results.run_inputs import is_file, is_import_path, named_modules, texts
+from scenarios.results.run_inputs import is_file, is_import_path, named_modules, texts, tyre_files
 from scenarios.results.run_summary import number_at
 from vehicle.engine.compiler import compiler, engine_name
 from vehicle.foundation.own_parts import is_library
@@ -148,7 +148,8 @@ def _files_of(text: str) -> dict[str, Path]:
     """Files that a value stands for: own modules by their names, or a file of data as "data"."""
     if is_import_path(text):
         return named_modules(text)
-    return {"data": Path(text).resolve()} if is_file(text) else {}
+    tyres = {name: Path(path).resolve() for name, path in tyre_files(text).items() if is_file(path)}
+    return {"data": Path(text).resolve(), **tyres} if is_file(text) else {}
 
 
 def software() -> tuple[str, ...]:

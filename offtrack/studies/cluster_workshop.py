@@ -31,7 +31,15 @@ from offtrack.studies.pool import is_saved, run_case
 from scenarios.loop.runner import KINDS
 from scenarios.processes import SpareWorkers
 from scenarios.results.run_directory import digest
-from scenarios.results.run_inputs import MAP_SUFFIX, is_file, named_modules, texts, with_texts
+from scenarios.results.run_inputs import (
+    MAP_SUFFIX,
+    is_file,
+    named_modules,
+    renamed_tyres,
+    texts,
+    tyre_files,
+    with_texts,
+)
 from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import shown
 
@@ -115,6 +123,7 @@ def shipment(named: Sequence[str]) -> Shipment:
         ValueError: one line, if the files are too large to be sent.
     """
     files = [text for text in named if os.path.isabs(text) and is_file(text)]
+    files += sorted({tyre for path in files for tyre in tyre_files(path).values() if is_file(tyre)})
     names: dict[str, str] = {}
     for path in files:
         names[path] = f"{digest(Path(path))[:16]}/{Path(path).name}"
@@ -131,7 +140,7 @@ def shipment(named: Sequence[str]) -> Shipment:
             f"the study's files have {size / 1e6:.0f} MB, the largest is {largest}: at most {_LARGEST / 1e6:.0f} MB "
             "are sent to workers"
         )
-    contents = {name: Path(path).read_bytes() for path, name in names.items()}
+    contents = {name: renamed_tyres(path, Path(path).read_bytes(), names) for path, name in names.items()}
     return Shipment(cwd=os.getcwd(), search_path=_own_folders(), names=names, contents=contents)
 
 

@@ -24,10 +24,13 @@ from offtrack.studies.case import (
     watch_files,
 )
 from scenarios.loop.runner import run
+from scenarios.options.scenario import AnyScenario
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import write_log
 from scenarios.results.run_directory import digest, replacing
+from scenarios.results.run_summary import Result
+from vehicle.foundation.plant_like import KilledError
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _PROVENANCE = "made"  # key of the provenance
@@ -96,7 +99,7 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     watch_files()
     begin = time.monotonic()
     scenario = case.resolved()
-    result = run(scenario, case.seed)
+    result = made_run(scenario, case.seed)
     if result.traceback:
         return result.outcome
     if case.identity() != identity:
@@ -109,6 +112,12 @@ def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
     with replacing(summary_file(cells, name)) as path:  # the last: a run with a summary is complete
         path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
     return ""
+
+
+def made_run(scenario: AnyScenario, seed: int) -> Result:
+    """Result of a run; if the process of a part was killed, as for lack of memory, that of a second try."""
+    result = run(scenario, seed)
+    return run(scenario, seed) if KilledError.__name__ in result.traceback else result
 
 
 def summary_file(cells: Path, identity: str) -> Path:

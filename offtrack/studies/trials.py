@@ -29,9 +29,9 @@ from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from offtrack.studies.case import Outcome, identities, named_files, opened_files, watch_files
+from offtrack.studies.pool import made_run
 from offtrack.studies.tuning import Trial, Tuning, objective_means, with_parameters
 from scenarios.extras import check_extra
-from scenarios.loop.runner import run
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
 from scenarios.results.run_directory import digest
@@ -199,7 +199,7 @@ def former(tuning: Tuning, directory: Path) -> int:
         names = optuna.get_all_study_names(storage)
         studies = {name: optuna.load_study(study_name=name, storage=storage) for name in names}
         trials = {name: study.get_trials(states=(TrialState.COMPLETE,)) for name, study in studies.items()}
-        own = trials.pop(_name(tuning), [])
+        own = trials.pop(study_name(tuning), [])
         return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
     except Exception as error:  # whatever a damaged line leads to in Optuna
         raise ValueError(
@@ -224,7 +224,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         watch_files()
         scenario = case.resolved()
-        outcomes.append(Outcome(case=case, numbers=run(scenario, case.seed).summary()))
+        outcomes.append(Outcome(case=case, numbers=made_run(scenario, case.seed).summary()))
         files |= opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")
@@ -232,9 +232,9 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     return objective_means(tuning.objectives, outcomes)
 
 
-def _name(tuning: Tuning) -> str:
-    """Name of a tuning's study in Optuna."""
-    return f"tuning-{tuning.shared_name or tuning.identity}"
+def study_name(tuning: Tuning) -> str:
+    """Name of a tuning's study in Optuna: scenario, law, and what tells it from other tunings of both."""
+    return f"{Path(tuning.tuned_on.scenario).stem}-{tuning.law}-{(tuning.shared_name or tuning.identity)[:12]}"
 
 
 def _is_outdated(trial: FrozenTrial) -> bool:
@@ -257,7 +257,7 @@ def _check_files(study: optuna.Study, tuning: Tuning) -> None:
         for file, known in trial.user_attrs.get(_FILES, {}).items():
             if digest(Path(file)) not in ("", known):  # another machine may not have it
                 raise ValueError(
-                    f"--storage: trials of {_name(tuning)} rest on another content of {file}: use the same "
+                    f"--storage: trials of {study_name(tuning)} rest on another content of {file}: use the same "
                     "everywhere, or remove them with 'optuna delete-study'"
                 )
 
@@ -278,7 +278,7 @@ def resume(tuning: Tuning, directory: Path) -> None:
             optuna.storages.fail_stale_trials(study)
     else:
         if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
-            optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
+            optuna.delete_study(study_name=study_name(tuning), storage=journal(directory))
             study = _study(tuning, directory, 0)
         for trial in study.get_trials(states=(TrialState.RUNNING,)):
             study.tell(trial.number, state=TrialState.FAIL)
@@ -289,10 +289,14 @@ def resume(tuning: Tuning, directory: Path) -> None:
 
 def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
 
-    return optuna.create_study(
-        study_name=_name(tuning),
+    study = optuna.create_study(
+        study_name=study_name(tuning),
         storage=journal(directory) if tuning.storage is None else database(tuning.storage),
         sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True),
         directions=["minimize"] * len(tuning.objectives),
         load_if_exists=True,
     )
+    if study.metric_names is None:
+        with without_warnings():
+            study.set_metric_names(list(tuning.objectives))
+    return study

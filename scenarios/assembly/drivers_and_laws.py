@@ -12,6 +12,8 @@ from controllers.driver import DriverLike, DriverTrace, PreviewDriver, ShuntingD
 from controllers.reversing_law import RollingChain
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.lqr import AllSpeeds
+from controllers.trailer_steering.policy import shipped_networks
 from controllers.trailer_steering.safeguarded import Degradation, Safeguarded
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
@@ -171,7 +173,10 @@ def steering_parameters(scenario: Scenario) -> dict[str, Parameter]:
     parameters = dict(scenario.steering)
     if scenario.trailer_steering == "policy":
         if scenario.policy.path is None:
-            raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
+            raise ValueError(
+                "trailer_steering = policy: policy.path is missing: the file of the network, or the name of a shipped "
+                f"one: --set policy.path={shipped_networks()[0]}"
+            )
         parameters["path"] = scenario.policy.path
     return parameters
 
@@ -186,13 +191,14 @@ def trailer_law(
     """Construct a trailer's law, with all safeguards, by its name in the catalogue or as ``package.module:Name``.
 
     It is guarded against bad estimates, by default as `Degradation` says, unless its class has
-    ``uses_off_tracking = False``.
+    ``uses_off_tracking = False``. Above the ``speeds`` that it is for, the LQR steers.
 
     Raises:
         ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
             be constructed.
     """
     law = _constructed_law(name, trailer, combination, parameters)
+    law = _for_all_speeds(law, trailer, combination)
     guard = (degradation or Degradation()) if law_uses_off_tracking(name) else None
     return Safeguarded(law, f"trailer_steering = {name}", trailer, combination, guard)
 
@@ -207,6 +213,17 @@ def bare_law(
     """
     law = _constructed_law(name, trailer, combination, parameters)
     return Safeguarded(law, f"trailer_steering = {name}", trailer, combination, checks_only=True)
+
+
+def _for_all_speeds(
+    law: TrailerSteering[Any], trailer: TrailerGeometry, combination: Combination
+) -> TrailerSteering[Any]:
+    """The law, with the one above if it is not for all speeds."""
+    speeds, above = getattr(law, "speeds", None), getattr(law, "above", None)
+    if speeds is None or not trailer.steered_distances:
+        return law
+    other = None if above is None else _for_all_speeds(above, trailer, combination)
+    return AllSpeeds(law, speeds, trailer, combination, other)
 
 
 def _constructed_law(

@@ -11,6 +11,7 @@ import numpy as np
 
 from controllers.driver import DriverTrace
 from controllers.trailer import Combination, TrailerGeometry
+from controllers.trailer_steering.lqr import AllSpeeds
 from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
@@ -416,7 +417,7 @@ def _assembled(
         recording=recording,
         brake_faults=brakes,
         schedule=schedule,
-        remarks=remarks,
+        remarks=(*course.remarks, *remarks),
     )
 
 
@@ -433,4 +434,7 @@ def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeomet
     if steered_ahead and not any(trailer.steered):
         return trailer_law("none", trailer, combination, {})
     parameters = steering_parameters(scenario)
-    return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)
+    law = trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)
+    if isinstance(law.law, AllSpeeds):
+        law.law.prepare(scenario.speed)
+    return law

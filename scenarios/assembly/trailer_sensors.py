@@ -122,7 +122,9 @@ def traffic_around(
 def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np.random.Generator) -> World:
     """The world around a course, from the user's cache if it has been there before."""
     azimuth, elevation = options.sun_azimuth_deg, options.sun_elevation_deg
-    half_width = course.road_half_width if options.tarmac_width is None else 0.5 * options.tarmac_width
+    half_width = course.road_half_width if course.paved is None else course.paved
+    if options.tarmac_width is not None:
+        half_width = 0.5 * options.tarmac_width
     return made_once(
         build_world,
         _SOURCES,

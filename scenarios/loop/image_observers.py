@@ -33,8 +33,8 @@ class Recorder(Protocol[MessageIn, CaptureIn]):
     def add(self, message: MessageIn, capture: CaptureIn, /) -> None:
         """Append a message, with the ground truth of its capture that the recording needs."""
 
-    def end(self, *, interrupted: bool) -> None:
-        """End the recording; that of an interrupted run may be replaced."""
+    def end(self) -> None:
+        """End the recording; it may be replaced until its run is written."""
 
 
 StereoRecorder = Recorder[StereoFrame, FloatArray]  # with the pose (4, 4) of the trailer's body
@@ -125,8 +125,14 @@ class StereoPictures(Pictures[Truth]):
         super().__init__(records=recorder is not None, keep=keep)
         self._recorder = recorder
         self._channel, self._unit, self._cameras, self._worker = channel, unit, cameras, worker
+        self._recorded = _Digest() if channel else None  # of that channel, if it is one of several
         width = cameras.calibration.width if cameras else 1
         self.scale = min(1.0, self._size.width / width) if self._size else 1.0  # of kept pictures to the camera's [-]
+
+    @property
+    def recording_sha256(self) -> str:
+        """Hash of the images of the channel that is recorded."""
+        return self._recorded.hexdigest() if self._recorded else self.sha256
 
     def see(self, channel: int, message: object, truth: Truth) -> None:
         """Hash every frame; record and keep those of the chosen channel."""
@@ -137,6 +143,9 @@ class StereoPictures(Pictures[Truth]):
         self._digest.update(frame.right)
         if channel != self._channel:
             return
+        if self._recorded:
+            self._recorded.update(frame.left)
+            self._recorded.update(frame.right)
         if self._recorder:
             self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
         if self._size and self._cameras:

@@ -16,7 +16,7 @@ from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 
-Outcome = Literal["jackknifed", "rolled over", "left the road"]
+Outcome = Literal["jackknifed", "rolled over", "left the road", "left the lane"]
 
 # At a right angle the pull at the hitch has no component along the unit behind. Beyond it, driving forward rolls that
 # unit's axles backwards, and no driver can pull the combination straight any more.
@@ -49,16 +49,22 @@ class Referee:
     """
 
     def __init__(
-        self, vehicle: Vehicle, road: FloatArray | None = None, road_half_width: float | FloatArray = math.inf
+        self,
+        vehicle: Vehicle,
+        road: FloatArray | None = None,
+        road_half_width: float | FloatArray = math.inf,
+        paved: FloatArray | None = None,
     ) -> None:
         """Create a referee; ``road`` is a centre line (n, 2) [m] with points no farther apart than the road is wide.
 
-        Its half width is one number, or (n, 2) to the left and right of the points of the line [m].
+        Its half width is one number, or (n, 2) to the left and right of the points of the line [m]. Where it is that of
+        a lane, ``paved`` (n, 2) is that of the road.
         """
         tractor = vehicle.units[0]
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
         self._reach = float(np.max(np.hypot(*self._wheels.T)))  # of the wheels from the tractor's origin [m]
         self._edges = None if road is None else RoadEdges(road, road_half_width)
+        self._paved = None if road is None or paved is None else RoadEdges(road, paved)
         reach = [0.5 * max(axle.track for axle in unit.axles) for unit in vehicle.units]
         tipping = np.arctan2(reach, [unit.cg_height for unit in vehicle.units])
         self._tipping: FloatArray = tipping if vehicle.has_springs else np.zeros(len(tipping))  # lean of a body [rad]
@@ -95,8 +101,11 @@ class Referee:
             return memory, None
         c, s = math.cos(psi), math.sin(psi)
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
-        off = bool(np.any(edges.distance(wheels)[0] < 0.0))
-        return memory._replace(x=x, y=y, psi=psi, room=edges.room(wheels)), "left the road" if off else None
+        outcome: Outcome | None = None
+        if np.any(edges.distance(wheels)[0] < 0.0):
+            on_road = self._paved is not None and bool(np.all(self._paved.distance(wheels)[0] >= 0.0))
+            outcome = "left the lane" if on_road else "left the road"
+        return memory._replace(x=x, y=y, psi=psi, room=edges.room(wheels)), outcome
 
 
 def lift_warnings(vehicle: Vehicle, log: Log) -> tuple[str, ...]:
@@ -173,7 +182,7 @@ class CourseJudge:
 
     def __init__(self, parts: Assembly) -> None:
         road = None if parts.trace else parts.course.centreline  # the road of a recorded drive is unknown
-        self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
+        self._referee = Referee(parts.vehicle, road, parts.course.road_half_width, parts.course.paved)
         self._memory = self._referee.init()
         tractor = parts.vehicle.units[0]
         # A tractor on another part of the road, after a crossing or the wrong exit, is not on its course any more. On

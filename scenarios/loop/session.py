@@ -1,5 +1,6 @@
 """The closed loop of every run: sample, deliver, control, log, integrate, judge, always in this order."""
 
+import mmap
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from scenarios.results.run_summary import Result
 from sensors.messages import Stamped
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
-from vehicle.foundation.plant_like import EndedError, PlantLike
+from vehicle.foundation.plant_like import EndedError, KilledError, PlantLike
 from vehicle.frames import FloatArray
 
 TruthT = TypeVar("TruthT", bound=Stamped)
@@ -27,6 +28,7 @@ RecordOut = TypeVar("RecordOut", covariant=True)
 
 _ROWS = 50  # are written at once: 1000 would make a paced step late
 _IN_MEMORY = 5000  # rows: 50 s of some kilobytes each; writing and reading them takes as long as the judge
+_RESERVE = 64_000_000  # for the results of a run that ends for lack of memory [bytes]
 _SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
 
@@ -153,17 +155,21 @@ class Session(Generic[TruthT, CommandT, RecordT]):
 
     def run(self, progress: Progress = no_progress) -> None:
         """Advance until there is an outcome; an interrupt is one, and so is an exception of any part."""
+        reserve = mmap.mmap(-1, _RESERVE)  # pages that nobody touches take no memory
         try:
             while self.outcome is None:
                 self._advance_or_fail()
                 progress(self.progress, 1.0, f"{self.tick * TICK:.1f} s simulated")
         except KeyboardInterrupt:
             self.outcome = "interrupted"
+        except MemoryError:
+            reserve.close()
+            self._fail(MemoryError(f"not enough memory after {self.tick * TICK:.1f} s"))
 
     def _advance_or_fail(self) -> None:
         try:
             self.advance()
-        except LawError as error:
+        except (LawError, KilledError) as error:
             self._fail(error)
         except EndedError as error:
             self.outcome, self.reason = "diverged", str(error)
@@ -173,7 +179,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
             event = f"raised {type(error).__name__}: {error}"
             self._fail(misbehaviour(f"{kind} {type(part).__name__}", self.tick, event, part, error))
 
-    def _fail(self, line: LawError) -> None:
+    def _fail(self, line: Exception) -> None:
         self.outcome, self.traceback = f"{FAILED}: {line}", traceback.format_exc()
 
     def _integrate(self, command: CommandT) -> None:

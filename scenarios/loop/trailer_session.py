@@ -11,6 +11,7 @@ import numpy as np
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from controllers.trailer_steering.actuators import ActuatorFinding
+from controllers.trailer_steering.lqr import AllSpeeds
 from controllers.trailer_steering.safeguarded import SafeguardedCommand
 from estimators.estimates import CameraOffTracking, OffTracking, lost_motion
 from estimators.off_tracking.signal_monitor import Finding
@@ -314,11 +315,13 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             ),
             road=parts.course.centreline,
             road_half_width=parts.course.road_half_width,
+            lanes=parts.course.lanes,
             friction=friction_picture(parts.surface, parts.course.centreline),
             road_known=parts.trace is None,
             circle_centre=parts.course.surface_centre,
             arcs=parts.course.arcs,
             path_deviation=parts.course.deviation,
+            placement=parts.course.placement.record() if parts.course.placement else {},
             timing=self.stopwatch.timing(self.tick * TICK),
             frames=_camera_frames(self),
             cameras=tuple(
@@ -329,6 +332,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             manifest={
                 "opengl_renderer": parts.views.renderer_name,
                 "frames_sha256": self.pictures.sha256 if parts.cameras else "none",
+                "recording_sha256": self.pictures.recording_sha256 if parts.cameras else "none",
             },
             warnings=(
                 *filter(None, (self.reason,)),
@@ -337,6 +341,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
                 *_steer_warnings(parts, log),
                 *_camera_warnings(self),
                 *_signal_warnings(self),
+                *_speed_warnings(parts, log),
                 *lift_warnings(vehicle, log),
             ),
             traceback=self.traceback,
@@ -459,6 +464,17 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
             *(f": {line}" for line in _doubts(trailer)),
             *(f", {line}" for line in actuator_warnings(trailer.actuator_findings)),
         )
+    )
+
+
+def _speed_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:
+    """A line for every trailer whose law gave way above the speeds that it is for."""
+    fastest = float(np.nanmax(log[f"v_x_{parts.vehicle.units[0].name}"], initial=0.0))
+    return tuple(
+        f"{trailer.name}: {line}"
+        for trailer in parts.trailers
+        if isinstance(trailer.law.law, AllSpeeds)
+        for line in trailer.law.law.gave_way(fastest)
     )
 
 

@@ -3,14 +3,22 @@
 from typing import Annotated
 
 import tomli_w
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from vehicle.foundation.quantity import Frozen, option, quantity
 from vehicle.foundation.user_file import full_path
 
-__all__ = ["FullPath", "PartName", "ScenarioTable", "option", "quantity"]
+__all__ = ["FullPath", "PartName", "ScenarioTable", "Word", "one_word", "option", "quantity"]
 
 FullPath = Annotated[str, AfterValidator(full_path)]  # a saved scenario runs anywhere
+
+
+def one_word(value: object) -> object:
+    """An id or a name as a text, where TOML or ``--set`` gave a number."""
+    return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+Word = Annotated[str | None, BeforeValidator(one_word)]
 
 
 def _with_full_path(name: str) -> str:

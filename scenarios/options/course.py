@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 from pydantic import BeforeValidator, Field
 
 from scenarios import courses
-from scenarios.options.base import FullPath
+from scenarios.options.base import FullPath, Word, one_word
 from scenarios.roads.fitted_path import Fit, stretch
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.route import Edges, Request, lane_points
-from scenarios.roads.path_file import PathPoints, read_path
+from scenarios.roads.opendrive.links import Edges, Request
+from scenarios.roads.opendrive.route import lane_points
+from scenarios.roads.path_file import TRACK, PathPoints, read_path
 from scenarios.roads.road_course import Guided, road_course
 from vehicle.combination.unit import Unit
 from vehicle.foundation.quantity import Frozen, option, quantity
@@ -215,60 +216,70 @@ class _FileOptions(CourseOptions):
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
         """Build the course for a tractor at a set speed [m/s]."""
-        points = stretch(self.points(), self.begin, self.length, self.source)
+        return self.course_along(self.points(tractor), tractor)
+
+    def course_along(self, points: PathPoints, tractor: Unit) -> courses.Course:
+        """Build the course along points of the file for a tractor."""
         if not self.heights:
             points = replace(points, heights=None, banks=None)
         fit = Fit(source=self.source, smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST)
         return road_course(points, fit, tractor, self.guided, self.width)
 
-    def points(self) -> PathPoints:
-        """Read the points of the file."""
+    def points(self, tractor: Unit) -> PathPoints:
+        """Read the points of the file that are driven."""
         raise NotImplementedError
 
 
 class PathOptions(_FileOptions):
-    """Along the points of a file: CSV with x, y (and z, bank, left_width, right_width, friction), GPX or GeoJSON."""
+    """Along the points of a file: CSV with x, y or lat, lon (and z, bank, left_width, …), GPX, GeoJSON or OpenCRG."""
 
     kind: Literal["path"] = option("Kind of the course.")
+    track: Word = option(TRACK, None)
 
-    def points(self) -> PathPoints:
-        """Read the points of the file."""
-        return read_path(Path(self.file))
-
-
-def _one_word(value: object) -> object:
-    """An id as a text, where TOML or ``--set`` gave a number."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    def points(self, tractor: Unit) -> PathPoints:
+        """Read the points of the file that are driven."""
+        points = read_path(Path(self.file), self.track, heights=self.heights, smoothing=self.smoothing)
+        return stretch(points, self.begin, self.length, self.source)
 
 
 def _words(value: object) -> object:
     """Words as a tuple of texts: a list, one word, or words with commas between them."""
     if isinstance(value, str):
         return tuple(word.strip() for word in value.split(",") if word.strip())
-    return tuple(map(_one_word, value)) if isinstance(value, tuple | list) else (_one_word(value),)
+    return tuple(map(one_word, value)) if isinstance(value, tuple | list) else (one_word(value),)
 
 
 class OpenDriveOptions(_FileOptions):
     """Along the lanes of roads in an OpenDRIVE file."""
 
     kind: Literal["opendrive"] = option("Kind of the course.")
-    road: Annotated[str | None, BeforeValidator(_one_word)] = option(
-        "Id of the road to start on; not given: the first of the route, or the first one with a lane to drive on.", None
+    road: Word = option(
+        "Id of the road to start on; not given: the first of the route, or that of the longest drive.", None
     )
     lane: int | None = option(
-        "Id of the lane to start on; not given: the outermost lane to drive on. Its side decides the direction.", None
+        "Id of the lane to start on, where it begins; not given: that of the longest drive, or the outermost.", None
     )
     route: Annotated[tuple[str, ...], BeforeValidator(_words)] = option(
-        "Ids of roads in the order of driving, and left, right or straight at junctions; the drive ends where the "
-        "route does not say how to go on.",
+        "Ids of roads in the order of driving; left, right or straight at junctions; changes of lane: lane ID, "
+        "lane ID from S, lane ID from S over LENGTH [m]. The drive ends where the route does not say how to go on.",
         (),
     )
     edges: Edges = option("Edges of the road: those of the lane, or of all paved lanes beside it (road).", "lane")
 
-    def points(self) -> PathPoints:
-        """Read the points of the file."""
-        request = Request(road=self.road, lane=self.lane, words=self.route, heights=self.heights, edges=self.edges)
-        return lane_points(read_opendrive(Path(self.file)), request, self.source)
+    def points(self, tractor: Unit) -> PathPoints:
+        """Read the points of the file that are driven."""
+        request = Request(
+            road=self.road,
+            lane=self.lane,
+            words=self.route,
+            heights=self.heights,
+            edges=self.edges,
+            begin=self.begin,
+            length=self.length,
+            narrowest=tractor.width if self.edges == "lane" else 0.5 * tractor.width,
+        )
+        network = read_opendrive(Path(self.file))
+        return replace(lane_points(network, request, self.source), placement=network.placement)
 
 
 def outer_wall(tractor: Unit) -> float:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 from pydantic import Field
 
 from controllers.path import Path, Segment, arc, line
-from scenarios.options.base import FullPath
-from scenarios.roads.fitted_path import Fit, fitted_path
-from scenarios.roads.path_file import read_path
+from scenarios.options.base import FullPath, Word
+from scenarios.roads.fitted_path import Fit, fitted_path, near
+from scenarios.roads.path_file import TRACK, read_path
 from vehicle.foundation.quantity import Frozen, option, quantity
 from vehicle.frames import Pose2
 
@@ -68,10 +68,11 @@ class RoverArcOptions(RoverCourseOptions):
 
 
 class RoverPathOptions(RoverCourseOptions):
-    """Along the points of a file: CSV with x and y, GPX or GeoJSON; heights are those of ``surface``."""
+    """Along the points of a file: CSV with x, y or lat, lon, GPX or GeoJSON; heights are those of ``surface``."""
 
     kind: Literal["path"] = option("Kind of the path.")
     file: FullPath = option("File of the path.")
+    track: Word = option(TRACK, None)
     smoothing: float = quantity(0.5, "m", 0.05, 20.0, "Length of bends that are smoothed out as noise of the points.")
     tolerance: float = quantity(0.02, "m", 0.001, 1.0, "Largest distance of a point from the smooth path.")
 
@@ -79,15 +80,18 @@ class RoverPathOptions(RoverCourseOptions):
         """Build the path of R's origin; it starts at W's origin along x."""
         source = f"course.file = {self.file}"
         fit = Fit(source=source, smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST)
-        fitted = fitted_path(read_path(FilePath(self.file)), fit)[0].path
+        points = read_path(FilePath(self.file), self.track, heights=False, smoothing=self.smoothing)
+        smooth, points = fitted_path(points, fit)
+        fitted = smooth.path
         if fitted.length > _LONGEST:
             raise ValueError(f"{source}: the path is {fitted.length:.4g} m long: must be at most {_LONGEST:g} m")
         bends = [abs(segment.start_curvature) for segment in fitted.segments]
         tightest = bends.index(max(bends))
         if bends[tightest] > 1.0 / _TIGHTEST:
+            place = near(points, smooth, fitted.stations[tightest])
             raise ValueError(
-                f"{source}: at {fitted.stations[tightest]:.2f} m the path has a radius of {1.0 / bends[tightest]:.2f} "
-                f"m: must be at least {_TIGHTEST:g} m"
+                f"{source}: at {fitted.stations[tightest]:.2f} m, {place}, the path has a radius of "
+                f"{1.0 / bends[tightest]:.2f} m: must be at least {_TIGHTEST:g} m"
             )
         return Path(_START, fitted.segments)
 

@@ -4,6 +4,7 @@ On disk a log is a Parquet file in SI units; its schema holds the unit and meani
 """
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -73,8 +74,8 @@ OK: Final = HEALTH[Health.OK]
 LOST: Final = HEALTH[Health.LOST]
 
 MOTION: Final = (  # of a unit or a rover: name, unit and meaning
-    ("x", "m", "position east"),
-    ("y", "m", "position north"),
+    ("x", "m", "position along the first heading"),
+    ("y", "m", "position to the left of the first heading"),
     ("psi", "rad", "yaw, continuous"),
     ("v_x", "m/s", "forward speed"),
     ("v_y", "m/s", "lateral speed, + left"),
@@ -206,12 +207,17 @@ def _bits(values: FloatArray) -> NDArray[np.uint64]:
 
 
 def write_log(log: Log, path: Path) -> None:
-    """Write a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata."""
+    """Write a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata.
+
+    They are also a JSON text under the key ``signals`` of the file's metadata, and in ``attrs`` where pandas reads it.
+    """
     fields = [
         pa.field(s.name, pa.float64(), metadata={"unit": s.unit, "description": s.description}) for s in log.signals
     ]
     columns = [_with_nulls(np.ascontiguousarray(log[name])) for name in log.names]
-    pq.write_table(pa.table(columns, schema=pa.schema(fields)), path, compression="zstd")
+    signals = {s.name: {"unit": s.unit, "meaning": s.description} for s in log.signals}
+    metadata = {"signals": json.dumps(signals), "PANDAS_ATTRS": json.dumps({"signals": signals})}
+    pq.write_table(pa.table(columns, schema=pa.schema(fields, metadata)), path, compression="zstd")
 
 
 def _with_nulls(values: FloatArray) -> Any:
@@ -229,6 +235,10 @@ def read_log(path: Path) -> Log:
     table = read_table(path)
     signals = tuple(_signal(path, field.name, field.metadata or {}) for field in table.schema)
     columns = [column.to_numpy() for column in table.columns]
+    for name, values in zip(table.column_names, columns, strict=True):
+        if name == "time" and not (np.diff(values) >= 0.0).all():
+            row = int(np.flatnonzero(~(np.diff(values) >= 0.0))[0]) + 2
+            raise ValueError(f"{path}: row {row}: time = {values[row - 1]:g} s must not be less than in the row before")
     return Log(signals, np.column_stack(columns) if columns else np.empty((len(table), 0)))
 
 

@@ -4,22 +4,25 @@ Results of an interrupted command carry a hidden list of their files. As long as
 may replace the directory.
 """
 
-import fcntl
+import errno
 import hashlib
 import json
 import os
 import re
 import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Final
 
 from scenarios.processes import is_alive
 from scenarios.progress import postponed_interrupts
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.temporary import locked
+from vehicle.foundation.user_file import reason, shown
 
 _UNFINISHED_FILE: Final = re.compile(r"\..+\.\d+\.unfinished")
 
@@ -41,10 +44,22 @@ def replacing(path: Path) -> Iterator[Path]:
     """Yield the name of an unfinished file, which on success takes the place of ``path`` and otherwise is removed."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:
-        yield unfinished
-        unfinished.replace(path)
+        with _naming(path):
+            yield unfinished
+            unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Let an error of the system name the path that the user knows; a library that writes names none."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno and (error.filename is None or error.errno in _FULL):
+            raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+        raise
 
 
 def replaced(path: Path, text: str) -> None:
@@ -65,22 +80,19 @@ def user_of(folder: Path) -> Iterator[None]:
     Raises:
         ValueError: one line, if another process has locked it.
     """
-    descriptor = os.open(folder, os.O_RDONLY)
+    descriptor = _locked_folder(folder)
     try:
-        if not locked(descriptor):
-            raise ValueError(f"directory {folder}: another process works in it; wait, or choose another")
         yield
     finally:
         os.close(descriptor)
 
 
-def locked(descriptor: int) -> bool:
-    """Lock an open file or folder until it is closed; False if another process has locked it."""
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+def _locked_folder(folder: Path) -> int:
+    descriptor = os.open(folder, os.O_RDONLY)
+    if locked(descriptor) is False:
+        os.close(descriptor)
+        raise ValueError(f"directory {folder}: another process works in it; wait, or choose another")
+    return descriptor
 
 
 def digest(file: Path) -> str:
@@ -102,6 +114,9 @@ def _digest(file: Path, *_: int) -> str:
 _LONGEST_NAME: Final = 200
 _INTERRUPTED: Final = ".interrupted"  # list of the files of interrupted results
 _UNFINISHED: Final = ".unfinished"  # end of the names of hidden folders and files that are being written
+_LEAST: Final = 1_000_000  # free space that the smallest results need [bytes]
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
+_claims = threading.local()  # ``held``: descriptors of the locked directories of this thread, by their real paths
 
 
 def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
@@ -111,7 +126,9 @@ def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
 
 
 @contextmanager
-def results_directory(out: Path | None, name: str, root: Path = Path("runs")) -> Iterator[Path]:
+def results_directory(
+    out: Path | None, name: str, root: Path = Path("runs"), *, space: float = _LEAST
+) -> Iterator[Path]:
     """Yield the directory that a command's results go to: ``out``, or else the next ``root/<name>-<n>``.
 
     The number is taken at once, so that commands that run at the same time have directories of their own. If nothing
@@ -121,18 +138,17 @@ def results_directory(out: Path | None, name: str, root: Path = Path("runs")) ->
         ValueError: if the directory can not receive results, see `check_run_directory`.
     """
     if out is not None:
-        check_run_directory(out)
-        yield out
+        with claimed(out, space):
+            yield out
         return
     check_run_directory(next_run_directory(name, root))
-    root.mkdir(parents=True, exist_ok=True)
+    made = _made(root)
     directory = _taken(name, root)
     try:
-        yield directory
+        with claimed(directory, space):
+            yield directory
     finally:
-        for folder in (directory, root):
-            with suppress(OSError):  # it is in use
-                folder.rmdir()
+        _remove_empty([directory, *made])
 
 
 def _taken(name: str, root: Path) -> Path:
@@ -142,6 +158,54 @@ def _taken(name: str, root: Path) -> Path:
         with suppress(FileExistsError):
             directory.mkdir()
             return directory
+
+
+@contextmanager
+def claimed(directory: Path, space: float = _LEAST) -> Iterator[None]:
+    """Make a directory for results, and lock it, so that no other process writes there or replaces it meanwhile.
+
+    Inside a block of the same directory it does nothing. At the end an empty directory is removed again. The results
+    are expected to take ``space`` [bytes].
+
+    Raises:
+        ValueError: if it can not receive results, see `check_run_directory`, another process works in it, or there
+            is not enough space.
+    """
+    real, held = _real(directory), _held()
+    if real in held:
+        yield
+        return
+    check_run_directory(directory)
+    made = _made(real)
+    try:
+        held[real] = _locked_folder(directory)
+        check_run_directory(directory)  # another process may have ended just now
+        if (free := shutil.disk_usage(real).free) < space:
+            needed = f"{free / 1e6:.3g} MB are free, and the results may take {space / 1e6:.3g} MB"
+            raise ValueError(f"directory {directory}: {needed}: make room, or name a folder on another disk")
+        yield
+    finally:
+        if real in held:
+            os.close(held.pop(real))
+        _remove_empty(made)
+
+
+def _held() -> dict[Path, int]:
+    held: dict[Path, int] = _claims.__dict__.setdefault("held", {})
+    return held
+
+
+def _made(folder: Path) -> list[Path]:
+    """Make a folder; return those that were missing, the folder itself first."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    return missing
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):  # it is in use
+            folder.rmdir()
 
 
 def check_run_directory(directory: Path) -> None:
@@ -201,7 +265,8 @@ def added_as_a_whole(directory: Path) -> Iterator[Path]:
     unfinished = directory / f".{os.getpid()}{_UNFINISHED}"
     unfinished.mkdir()
     try:
-        yield unfinished
+        with _naming(directory):
+            yield unfinished
         with postponed_interrupts():
             if (directory / _INTERRUPTED).exists():
                 _mark(directory, _files(directory) | _files(unfinished))
@@ -221,21 +286,46 @@ def appearing_at_once(directory: Path) -> Iterator[Path]:
     Raises:
         ValueError: if the directory has been filled meanwhile; the results then are in one of a similar name.
     """
-    check_run_directory(directory)
-    directory = _real(directory)
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    _remove_left(directory)
-    unfinished = directory.with_name(f".{directory.name}.{os.getpid()}{_UNFINISHED}")
-    unfinished.mkdir()
-    descriptor = os.open(unfinished, os.O_RDONLY)
-    locked(descriptor)  # others see that it is in use
+    with claimed(directory), _naming(directory):
+        directory, held = _real(directory), _held()
+        _remove_left(directory)
+        unfinished = directory.with_name(f".{directory.name}.{os.getpid()}{_UNFINISHED}")
+        unfinished.mkdir()
+        descriptor = os.open(unfinished, os.O_RDONLY)
+        locked(descriptor)  # others see that it is in use
+        try:
+            yield unfinished
+            with postponed_interrupts():
+                _rename(unfinished, directory)
+                held[directory], descriptor = descriptor, held[directory]  # the claim is on the new folder
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+            os.close(descriptor)
+
+
+def write_or_rescue(directory: Path, write: Callable[[Path], None], claims: ExitStack) -> tuple[Path, str]:
+    """Let ``write`` fill a directory as a whole; return it, and an empty text.
+
+    If the system refuses, as the disk is full or gone, the results go to a new directory in the working directory, the
+    folder for temporary files or the home; it is returned with the reason. ``claims`` keeps it locked.
+
+    Raises:
+        OSError: if no place takes them; it names the first.
+        ValueError: as `appearing_at_once`.
+    """
+    claims.enter_context(claimed(directory))
     try:
-        yield unfinished
-        with postponed_interrupts():
-            _rename(unfinished, directory)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        os.close(descriptor)
+        with appearing_at_once(directory) as folder:
+            write(folder)
+    except OSError as error:
+        for root in (Path.cwd(), Path(gettempdir()), Path.home()):
+            with suppress(OSError, ValueError):
+                rescued = claims.enter_context(results_directory(None, f"offtrack-{_real(directory).name}", root))
+                with appearing_at_once(rescued) as folder:
+                    write(folder)
+                return rescued, f"{error.filename or directory}: {reason(error)}"
+        raise
+    return directory, ""
 
 
 def _real(path: Path) -> Path:

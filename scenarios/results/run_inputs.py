@@ -6,7 +6,6 @@ copied, as they belong to a program: their hashes are kept, and a later run on o
 
 import ast
 import importlib.util
-import json
 import os
 import re
 import sys
@@ -21,7 +20,7 @@ import tomli_w
 
 from scenarios.results.run_directory import digest
 from vehicle.foundation.own_parts import is_library
-from vehicle.foundation.user_file import FileKind, read_text
+from vehicle.foundation.user_file import FileKind, read_json
 
 
 def own_modules(name: str) -> dict[str, Path]:
@@ -133,6 +132,27 @@ def is_file(path: str | Path) -> bool:
         return False
 
 
+def tyre_files(path: str, content: bytes | None = None) -> dict[str, str]:
+    """Absolute paths of the tyre files that a vehicle's TOML file names, by the texts that name them."""
+    if not path.endswith(".toml") or (content is None and not is_file(path)):
+        return {}
+    try:
+        table = tomllib.loads((Path(path).read_bytes() if content is None else content).decode())
+    except (OSError, ValueError):  # the run says what is wrong with it
+        return {}
+    named = sorted({text for text in texts(table) if text.lower().endswith(".tir")})
+    return {text: os.path.abspath(Path(path).parent / text) for text in named}
+
+
+def renamed_tyres(path: str, content: bytes, names: Mapping[str, str]) -> bytes:
+    """Content of a vehicle's file that goes to ``names[path]``, with the tyre files where they go by ``names``."""
+    there = {text: names[full] for text, full in tyre_files(path, content).items() if full in names}
+    if not there:
+        return content
+    new = {text: os.path.relpath(name, os.path.dirname(names[path])) for text, name in there.items()}
+    return tomli_w.dumps(with_texts(tomllib.loads(content.decode()), lambda text: new.get(text, text))).encode()
+
+
 _FOLDER: Final = "inputs"
 _LARGEST: Final = 64_000_000  # file that is copied; a larger one is still named by its path [bytes]
 _IMPORT_PATH: Final = re.compile(r"([A-Za-z_][\w.]*):[A-Za-z_]\w*")
@@ -151,6 +171,7 @@ def run_inputs(scenario: Mapping[str, Any]) -> RunInputs:
     """Inputs of a resolved scenario, whose values name files by absolute paths and classes as ``module:Name``."""
     names = sorted(set(texts(scenario)))
     names += [text + MAP_SUFFIX for text in names if text.endswith(".fmu")]
+    names += sorted({tyre for text in names if os.path.isabs(text) for tyre in tyre_files(text).values()})
     paths = [text for text in names if os.path.isabs(text) and is_file(text) and os.path.getsize(text) <= _LARGEST]
     return RunInputs({path: Path(path).read_bytes() for path in paths}, _module_hashes(names))
 
@@ -161,20 +182,21 @@ def write_inputs(scenario_toml: str, inputs: RunInputs, folder: Path) -> str:
         return scenario_toml
     (folder / _FOLDER).mkdir()
     names: dict[str, str] = {}
-    for path, content in inputs.files.items():
+    for path in inputs.files:
         fmu = path.removesuffix(MAP_SUFFIX)
         name = f"{_FOLDER}/{Path(path).name}" if fmu not in names else names[fmu] + MAP_SUFFIX
         while name in names.values():
             name = f"{_FOLDER}/{len(names)}-{Path(path).name}"
-        (folder / name).write_bytes(content)
         names[path] = name
+    for path, content in inputs.files.items():
+        (folder / names[path]).write_bytes(renamed_tyres(path, content, names))
     return tomli_w.dumps(with_texts(tomllib.loads(scenario_toml), lambda text: names.get(text, text)))
 
 
 def changed_modules(file: Path, scenario: Mapping[str, Any]) -> tuple[str, ...]:
     """Own modules of a scenario that are not as they were when the run was made that its file belongs to."""
     try:
-        kept = json.loads(read_text(file.parent / "manifest.json", FileKind.RECORD))[_MODULES]
+        kept = read_json(file.parent / "manifest.json", FileKind.RECORD)[_MODULES]
         now = _module_hashes(texts(scenario))
         return tuple(sorted(name for name, sha in now.items() if kept.get(name, sha) != sha))
     except (OSError, ValueError, LookupError, TypeError, AttributeError):  # the scenario is not that of a run

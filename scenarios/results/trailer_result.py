@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from scenarios.results import metrics
 from scenarios.results.log import LOST, OK
 from scenarios.results.run_summary import Numbers, Outside, Result, Summary, number, timing_numbers
-from scenarios.results.swept_path import RoadEdges, SweptPath, TurnArc, UnitOutline, swept_path, wheel_clearance
+from scenarios.results.swept_path import (
+    RoadEdges,
+    SweptPath,
+    TurnArc,
+    UnitOutline,
+    body_clearance,
+    swept_path,
+    wheel_clearance,
+)
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -80,6 +88,7 @@ class RunResult(Result):
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
     road: FloatArray  # (n, 2) centre line [m]
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right of its points [m]
+    lanes: FloatArray | None = None  # (n, 2) from its points to the left and right border of the lane [m]
     friction: FrictionPicture | None = None  # around the road; None: one friction everywhere
     road_known: bool = True  # False for a recorded drive: the road above is only drawn
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
@@ -116,7 +125,8 @@ class RunResult(Result):
         if self.outside is not None:
             numbers["outside"] = self.outside.numbers()
         if self.path_deviation is not None:
-            numbers["course"] = {"path_deviation_m": number(self.path_deviation)}
+            place = {name: value for name, value in self.placement.items() if not isinstance(value, str)}
+            numbers["course"] = {"path_deviation_m": number(self.path_deviation), **place}
         return numbers | ({"trailers": trailer_summaries(self)} if len(self.trailers) > 1 else {})
 
     @property
@@ -239,8 +249,13 @@ def _swept_path(path: SweptPath) -> Numbers:
 
 def _road(result: RunResult) -> Numbers:
     edges = RoadEdges(result.road, result.road_half_width if result.road_known else math.inf)
-    clearance = wheel_clearance(edges, result.units, [result.poses(unit) for unit in result.units])
-    return {f"wheel_clearance_{side}_m": number(value) for side, value in clearance._asdict().items()}
+    poses = [result.poses(unit) for unit in result.units]
+    clearance = wheel_clearance(edges, result.units, poses)
+    numbers = {f"wheel_clearance_{side}_m": number(value) for side, value in clearance._asdict().items()}
+    if result.lanes is not None and result.road_known:
+        of_lane = body_clearance(RoadEdges(result.road, result.lanes), result.units, poses)
+        numbers |= {f"lane_clearance_{side}_m": number(value) for side, value in of_lane._asdict().items()}
+    return numbers
 
 
 def _steer(result: RunResult, trailer: str) -> Numbers:

@@ -1,5 +1,8 @@
 """Read the measured surface of a road from an OpenCRG file, by the package pyopencrg."""
 
+import math
+import os
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +18,10 @@ from vehicle.foundation.user_file import FileKind, read_bytes, shown
 from vehicle.frames import FloatArray
 
 _MOST_MISSING: Final = 0.5  # share of heights that a file may lack
-_LENGTH: Final = (1.0, 30e3)  # of the grid [m]
+_LENGTH: Final = (1.0, 50e3)  # of the grid [m]
 _WIDTH: Final = (0.2, 100.0)  # [m]
-_STEP: Final = (1e-3, 1.0)  # between heights along the road [m]
+_STEP: Final = (1e-3, 100.0)  # between heights along the road [m]
+_COARSEST: Final = 1.0  # between those whose straight connections take the place of wider ones [m]
 _MOST_HEIGHTS: Final = 32_000_000
 _FINEST: Final = 0.04  # of heights, whose means take the place of finer ones: tyres average over 0.2 m [m]
 _FINEST_ACROSS: Final = 0.01  # of grids that are brought to an even spacing [m]
@@ -51,9 +55,6 @@ def read_crg(path: Path) -> CrgSurface:
     Raises:
         ValueError: one line naming file, value and limit.
     """
-    check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
-    if b"$ROAD_CRG_FILE" in read_bytes(path, FileKind.SURFACE)[:65_536].upper():
-        raise ValueError(f"{path}: refers to another file ($ROAD_CRG_FILE): save header and heights as one file")
     road = _opened(path)
     v, u_step = np.asarray(road.v, dtype=np.float64), float(road.u_inc)
     missing = float(np.mean(~np.isfinite(np.asarray(road.z))))
@@ -75,26 +76,51 @@ def read_crg(path: Path) -> CrgSurface:
         raise ValueError(f"{path}: the slope or banking of its reference line is not a number everywhere")
     if not is_even:
         heights, v = np.asarray(scipy.interpolate.make_interp_spline(v, heights, k=1, axis=1)(even)), even
+    finer = math.ceil(u_step / _COARSEST - 1e-9)
     return CrgSurface(
-        heights=heights,
+        heights=_finer(heights, finer),
         u_start=0.5 * (along - 1) * u_step,
-        u_step=along * u_step,
+        u_step=along * u_step / finer,
         v=v,
-        line=np.column_stack([road.x, road.y]),
-        line_step=u_step,
+        line=_finer(np.column_stack([road.x, road.y]), finer),
+        line_step=u_step / finer,
         missing=missing,
     )
 
 
-def _opened(path: Path) -> Any:
-    """The package's road."""
+def _finer(values: FloatArray, pieces: int) -> FloatArray:
+    """Rows (n, m) with rows on the straight connections between them, so that each step has so many pieces."""
+    if pieces == 1:
+        return values
+    at = np.arange((len(values) - 1) * pieces + 1) / pieces
+    rows = np.minimum(at.astype(np.intp), len(values) - 2)
+    return np.asarray(values[rows] + (at - rows)[:, None] * (values[rows + 1] - values[rows]))
+
+
+def read_crg_line(path: Path) -> tuple[FloatArray, float]:
+    """Reference line (n, 2) of an OpenCRG file, with its modifiers, and the spacing of its points [m].
+
+    Raises:
+        ValueError: one line, if the file cannot be read.
+    """
+    road = _opened(path, line_only=True)
+    return np.column_stack([road.x, road.y]), float(road.u_inc)
+
+
+def _opened(path: Path, *, line_only: bool = False) -> Any:
+    """The package's road; with ``line_only`` flat, with its modifiers, and whatever its heights are."""
+    _check_files(path)
     import pyopencrg
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the package's remarks on headers, many lines
             with pyopencrg.open(str(path)) as file:
-                count = int(file.nu * file.nv)
+                count = int(file.nu * (2 if line_only else file.nv))
+                if line_only and count <= _MOST_HEIGHTS:
+                    road = file.read(step=(1, max(1, file.nv - 1)), dtype="float32", check=False)
+                    road.z[:] = 0.0
+                    return road.apply_mods()
             if count <= _MOST_HEIGHTS:
                 return pyopencrg.read(str(path), dtype="float32")
     except Exception as error:  # of any class: the package meets any bytes
@@ -102,6 +128,18 @@ def _opened(path: Path) -> Any:
         said, *_ = said.split(" To open it anyway")  # by the package's functions
         raise ValueError(f"{path}: not a readable OpenCRG file: {shown(said, 200)}") from None
     raise ValueError(f"{path}: has {count} heights: must be at most {_MOST_HEIGHTS}")
+
+
+def _check_files(path: Path) -> None:
+    """Refuse a file that is not a regular one, also the one that it refers to."""
+    check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
+    head = read_bytes(path, FileKind.SURFACE)[:65_536].decode("latin-1")
+    if block := re.search(r"^\$ROAD_CRG_FILE[^\n]*\n(.*?)^\$(?!\$\w)", head, re.IGNORECASE | re.MULTILINE | re.DOTALL):
+        parts = (line.partition("!")[0].strip().replace("$$", "$") for line in block[1].splitlines() if line[:1] != "*")
+        try:
+            read_bytes(path.parent / os.path.expandvars("".join(parts)), FileKind.SURFACE)
+        except ValueError as error:
+            raise ValueError(f"{path}: refers to another file ($ROAD_CRG_FILE): {error}") from None
 
 
 def _means(values: NDArray[Any], rows: int, columns: int) -> FloatArray:

@@ -10,8 +10,7 @@ curvature by eta'' + kappa^2 eta; the normal equations have seven diagonals, so 
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -256,10 +255,10 @@ def fitted_path(points: PathPoints, fit: Fit) -> tuple[SmoothPath, PathPoints]:
     if not fit.shortest <= length <= _LONGEST:
         raise ValueError(
             f"{fit.source}: the path is {length:.4g} m long: must be {fit.shortest:g} m to {1e-3 * _LONGEST:g} km "
-            "(x and y are metres, a GPX or GeoJSON file has degrees)"
+            "(x and y are metres; columns lat and lon, GPX and GeoJSON have degrees)"
         )
     thin = _thinned(points, _THIN * fit.smoothing)
-    _check_legs(thin.places, fit)
+    _check_legs(thin, fit)
     try:
         smooth = smooth_path(thin.places - places[0], fit.smoothing)
     except ValueError as error:
@@ -267,11 +266,11 @@ def fitted_path(points: PathPoints, fit: Fit) -> tuple[SmoothPath, PathPoints]:
     worst = int(np.argmax(np.abs(smooth.deviations)))
     if not abs(smooth.deviations[worst]) <= fit.tolerance:
         raise ValueError(
-            f"{fit.source}: the smooth path is {abs(smooth.deviations[worst]):.3g} m from the point "
-            f"{located(thin.places[worst])}: must be within course.tolerance = {fit.tolerance:g} m; a shorter "
-            f"course.smoothing than {fit.smoothing:g} m keeps sharper bends"
+            f"{fit.source}: the smooth path is {abs(smooth.deviations[worst]):.3g} m from "
+            f"{thin.named(worst)}: must be within course.tolerance = {fit.tolerance:g} m; a shorter "
+            f"course.smoothing than {fit.smoothing:g} m keeps sharper bends, a larger tolerance allows for noisy points"
         )
-    _check_bows(smooth, thin.places, fit)
+    _check_bows(smooth, thin, fit)
     return smooth, thin
 
 
@@ -288,7 +287,7 @@ def stretch(points: PathPoints, begin: float, length: float | None, source: str)
         raise ValueError(
             f"{source}: the path is {along[-1]:.4g} m long: course.begin = {begin:g} m leaves nothing of it"
         )
-    return _with_each(points, lambda values: values[rows])
+    return points.changed(lambda values: values[rows])
 
 
 def _thinned(points: PathPoints, spacing: float) -> PathPoints:
@@ -306,37 +305,32 @@ def _thinned(points: PathPoints, spacing: float) -> PathPoints:
         columns = [np.bincount(rows, column) / np.bincount(rows) for column in values[kept].reshape(len(rows), -1).T]
         return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
 
-    return _with_each(points, averaged)
+    return points.changed(averaged)
 
 
-def _with_each(points: PathPoints, change: Callable[[FloatArray], FloatArray]) -> PathPoints:
-    """The points with each of their arrays that is known changed."""
-    known = {field.name: getattr(points, field.name) for field in fields(points)}
-    return replace(points, **{name: change(values) for name, values in known.items() if values is not None})
-
-
-def _check_legs(places: FloatArray, fit: Fit) -> None:
+def _check_legs(points: PathPoints, fit: Fit) -> None:
     """Refuse gaps and ways back."""
-    legs = np.diff(places, axis=0)
+    legs = np.diff(points.places, axis=0)
     lengths = np.hypot(*legs.T)
     longest = int(np.argmax(lengths))
     if lengths[longest] > _LONGEST_LEG:
         raise ValueError(
-            f"{fit.source}: a gap of {lengths[longest]:.4g} m between the points {located(places[longest])} and "
-            f"{located(places[longest + 1])}: must be at most {_LONGEST_LEG:g} m; add the missing points"
+            f"{fit.source}: a gap of {lengths[longest]:.4g} m between {points.named(longest)} and "
+            f"{points.named(longest + 1)}: must be at most {_LONGEST_LEG:g} m; add the missing points"
         )
     heading = np.arctan2(legs[:, 1], legs[:, 0])
     turns = np.abs(np.remainder(np.diff(heading) + math.pi, math.tau) - math.pi)
     if len(turns) and turns.max() > _BACK:
-        place = located(places[int(np.argmax(turns)) + 1])
+        place = points.named(int(np.argmax(turns)) + 1)
         raise ValueError(
-            f"{fit.source}: the path turns back by {math.degrees(turns.max()):.0f} deg at the point {place}: give the "
+            f"{fit.source}: the path turns back by {math.degrees(turns.max()):.0f} deg at {place}: give the "
             "points in the order of driving, or a longer course.smoothing"
         )
 
 
-def _check_bows(smooth: SmoothPath, places: FloatArray, fit: Fit) -> None:
+def _check_bows(smooth: SmoothPath, points: PathPoints, fit: Fit) -> None:
     """Refuse points too far apart to know the path between them."""
+    places = points.places
     stations = np.array(smooth.path.stations)
     knots = np.array(smooth.path.knots)[:, :2] + places[0]
     leg = np.clip(np.searchsorted(smooth.stations, stations, side="right") - 1, 0, len(places) - 2)
@@ -348,11 +342,11 @@ def _check_bows(smooth: SmoothPath, places: FloatArray, fit: Fit) -> None:
     if not bows[worst] <= max(_BOW * fit.smoothing, fit.tolerance):
         k = int(leg[worst])
         raise ValueError(
-            f"{fit.source}: the path bows {bows[worst]:.3g} m aside between the points {located(places[k])} and "
-            f"{located(places[k + 1])}: they are too far apart to know it; add points between them"
+            f"{fit.source}: the path bows {bows[worst]:.3g} m aside between {points.named(k)} and "
+            f"{points.named(k + 1)}: they are too far apart to know it; add points between them"
         )
 
 
-def located(point: FloatArray) -> str:
-    """A position in the file, for messages."""
-    return f"({point[0]:.2f}, {point[1]:.2f})"
+def near(points: PathPoints, smooth: SmoothPath, station: float) -> str:
+    """The point of the file that is nearest to a station [m], for messages."""
+    return f"near {points.named(int(np.argmin(np.abs(smooth.stations - station))))}"

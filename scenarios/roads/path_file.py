@@ -1,26 +1,31 @@
-"""Read the points of a path from a file: CSV of x and y, a GPX track or route, a GeoJSON line; and XML files.
+"""Read the points of a path from a file: a table, a GPX track or route, a GeoJSON line; and XML files.
 
 A document type is what lets an XML file define entities that grow without bound, or name other files and addresses. No
 file of roads or tracks needs one, so it is refused.
 """
 
+import itertools
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from xml.parsers import expat
 
 import numpy as np
 
-from scenarios.roads.crg_file import read_crg
-from vehicle.foundation.data_file import Column, open_table
+from scenarios.roads.crg_file import read_crg_line
+from scenarios.roads.earth import Utm, coordinate_system, from_utm, tangent_plane
+from scenarios.roads.placement import DEGREES, UNPLACED, Placement
+from scenarios.roads.point_table import EAST, HEIGHT, LATITUDE, LONGITUDE, NORTH, read_points
+from scenarios.roads.standstill import means, standstills
 from vehicle.foundation.user_file import (
     MAX_ELEMENTS,
     MAX_NESTING,
     MAX_POINTS,
     FileKind,
-    nearest,
     read_bytes,
     read_text,
     shown,
@@ -107,53 +112,6 @@ class _Builder:
             element.text += text[:_TEXT]
 
 
-_A: Final = 6_378_137.0  # semi-major axis of WGS 84 [m]
-_F: Final = 1.0 / 298.257223563  # its flattening
-_E2: Final = _F * (2.0 - _F)  # square of its eccentricity
-
-
-def tangent_plane(latitude: FloatArray, longitude: FloatArray, height: FloatArray) -> FloatArray:
-    """Positions east and north (n, 2) [m] of points (n,) in degrees at heights above the ellipsoid [m].
-
-    At 10 km from the middle distances are 12 mm too short by the curvature of the earth.
-    """
-    places = _geocentric(np.radians(latitude), np.radians(longitude), height)
-    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    lon = np.arctan2(middle[1], middle[0])
-    # Bowring's first approximation of the geodetic latitude; near the ellipsoid it is right to 1e-9 rad.
-    across = np.hypot(middle[0], middle[1])
-    beta = np.arctan2(middle[2], (1.0 - _F) * across)
-    lat = np.arctan2(
-        middle[2] + _E2 / (1.0 - _E2) * (1.0 - _F) * _A * np.sin(beta) ** 3, across - _E2 * _A * np.cos(beta) ** 3
-    )
-    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
-    plane: FloatArray = (places - middle) @ np.stack([east, north], axis=1)
-    return plane
-
-
-def _geocentric(lat: FloatArray, lon: FloatArray, height: FloatArray) -> FloatArray:
-    """Earth-centred positions (n, 3) [m]."""
-    n = _A / np.sqrt(1.0 - _E2 * np.sin(lat) ** 2)
-    across = (n + height) * np.cos(lat)
-    return np.stack([across * np.cos(lon), across * np.sin(lon), ((1.0 - _E2) * n + height) * np.sin(lat)], axis=1)
-
-
-_COLUMNS: Final = {
-    "x": Column("x", 1e8, "m"),  # any projected coordinates of the earth
-    "y": Column("y", 1e8, "m"),
-    "z": Column("z", 1e4, "m"),
-    "bank": Column("bank", 0.2, "m/m"),  # a plane's limit, surface.cross_fall
-    "left_width": Column("left_width", 100.0, "m"),
-    "right_width": Column("right_width", 100.0, "m"),
-    "friction": Column("friction", 1.5, "-"),
-}
-_LATITUDE, _LONGITUDE = Column("latitude", 90.0, "deg"), Column("longitude", 180.0, "deg")
-_HEIGHT: Final = Column("elevation", 1e4, "m")
-_READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
-_CRG_SPACING: Final = 1.0  # of the points of a measured surface's reference line [m]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathPoints:
     """Points of a path in a plane, and what is known of the road there; None where the file does not say."""
@@ -163,88 +121,230 @@ class PathPoints:
     banks: FloatArray | None = None  # (n,) rise of the road to the left [-]
     widths: FloatArray | None = None  # (n, 2) of the road to the left and right of the path [m]
     friction: FloatArray | None = None  # (n,) [-]
+    lanes: FloatArray | None = None  # (n, 2) from the path to the left and right border of the lane [m]
+    paved: FloatArray | None = None  # (n, 2) to the edges of the paved road that is seen, where it is wider [m]
     lines: FloatArray | None = None  # (n, k, 2) painted on the road: place to the left of the path [m], 1 if broken
+    remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
+    rows: FloatArray | None = None  # (n,) of the points in the file; with a fraction where several were averaged
+    where: Callable[[int], str] | None = None  # place of a row in the file and the coordinates there, for messages
+    placement: Placement = UNPLACED  # of the plane in the coordinates of the file
+
+    def changed(self, change: Callable[[FloatArray], FloatArray]) -> "PathPoints":
+        """The points with each of their arrays that is known changed."""
+        known: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        changed: dict[str, Any] = {name: change(one) for name, one in known.items() if isinstance(one, np.ndarray)}
+        return replace(self, **changed)
+
+    def named(self, k: int) -> str:
+        """Point k in messages."""
+        if self.where is None or self.rows is None:
+            return "the point ({:.2f}, {:.2f})".format(*self.places[k])
+        return self.where(round(float(self.rows[k])))
 
 
-def read_path(path: Path) -> PathPoints:
+TRACK: Final = "Track of a GPX file or line of a GeoJSON file, by name or number; not given: the only one."
+_STANDING: Final = 0.5  # reach of a standstill per smoothing length
+_FARTHEST: Final = 6.0  # reach of a standstill [m]: trucks turn back in 12 m
+READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
+_CRG_SPACING: Final = 1.0  # of the points of a measured surface's reference line [m]
+_METRES: Final = "line {} ({:.2f}, {:.2f})"
+
+
+def read_path(path: Path, track: str | None = None, *, heights: bool = True, smoothing: float = 0.0) -> PathPoints:
     """Points of a path; the ending of the file's name decides its format.
+
+    Args:
+        path: of the file.
+        track: name or number of a track, route or line; None: the only one.
+        heights: False: heights and banks are not read.
+        smoothing: of the path [m], which says how far apart the points of a standstill may be; 0: all are kept.
 
     Raises:
         ValueError: one line naming file, place, value and limit.
     """
-    reader = {
-        ".csv": _read_csv,
-        ".gpx": _read_gpx,
-        ".geojson": _read_geojson,
-        ".json": _read_geojson,
-        ".crg": _read_reference_line,
-    }.get(path.suffix.lower())
-    if reader is None:
-        raise ValueError(f"{path}: the name of a file of a path must end with {_READABLE}")
-    points = reader(path)
+    suffix = path.suffix.lower()
+    if suffix in (".gpx", ".geojson", ".json"):
+        points = _on_earth(path, _chosen(path, tracks_in(path), track), heights=heights)
+    elif suffix not in (".csv", ".crg"):
+        raise ValueError(f"{path}: the name of a file of a path must end with {READABLE}")
+    elif track not in (None, "1"):
+        raise ValueError(f"{path}: course.track = {shown(track, 40)}: a file {suffix} has one path only")
+    else:
+        points = _read_csv(path, heights=heights) if suffix == ".csv" else _read_reference_line(path)
     count = len(points.places)
     if not 2 <= count <= MAX_POINTS:
         raise ValueError(f"{path}: has {count} points: a path must have 2 to {MAX_POINTS}")
+    if smoothing:
+        groups = standstills(points.places, min(_STANDING * smoothing, _FARTHEST))
+        joined = count - int(groups[-1]) - 1
+        if joined:
+            place = points.named(int(np.flatnonzero(np.diff(groups) == 0)[0]))
+            remark = f"course.file: {joined} points that make no headway were joined with others, the first at {place}"
+            points = replace(points.changed(lambda values: means(groups, values)), remarks=(remark,))
     return points
 
 
-def _read_csv(path: Path) -> PathPoints:
-    table = open_table(path)
-    for name in table.names:
-        if name not in _COLUMNS:
-            raise ValueError(
-                f"{path}: unknown column '{name}'{nearest(name, _COLUMNS)} (the first line names the columns, with "
-                "commas between them)"
-            )
-    wanted = tuple(dict.fromkeys(("x", "y", *table.names)))
-    numbers = table.numbers([_COLUMNS[name] for name in wanted])
-    columns = dict(zip(wanted, numbers.T, strict=True))
-    sides = [name for name in ("left_width", "right_width") if name in columns]
-    if len(sides) == 1:
-        raise ValueError(f"{path}: has a column '{sides[0]}' only: give left_width and right_width, or neither")
-    for name, low in (("left_width", 0.0), ("right_width", 0.0), ("friction", 0.05)):
-        if name in columns and len(numbers) and columns[name].min() < low:
-            line = int(np.argmin(columns[name])) + 2
-            raise ValueError(f"{path}: line {line}: {name} = {columns[name].min():g} must be at least {low:g}")
+def _read_csv(path: Path, *, heights: bool) -> PathPoints:
+    columns, lines = read_points(path, heights=heights)
+    known = {name: columns.get(name) for name in ("z", "bank", "left_width", "right_width", "friction")}
+    height, bank, left, right, friction = known.values()
+    on_earth = "lat" in columns
+    first, second = (columns[name] for name in (("lat", "lon") if on_earth else ("x", "y")))
+    places, placement = np.column_stack([first, second]), UNPLACED
+    if on_earth:
+        places, placement = _plane(first, second, height, DEGREES)
     return PathPoints(
-        places=np.column_stack([columns["x"], columns["y"]]),
-        heights=columns.get("z"),
-        banks=columns.get("bank"),
-        widths=np.column_stack([columns[side] for side in sides]) if sides else None,
-        friction=columns.get("friction"),
+        places=places,
+        placement=placement,
+        heights=height,
+        banks=bank,
+        widths=None if left is None or right is None else np.column_stack([left, right]),
+        friction=friction,
+        rows=np.arange(float(len(lines))),
+        where=lambda row: (_DEGREES if on_earth else _METRES).format(int(lines[row]), first[row], second[row]),
     )
+
+
+def _plane(
+    latitude: FloatArray, longitude: FloatArray, height: FloatArray | None, crs: str
+) -> tuple[FloatArray, Placement]:
+    if not len(latitude):
+        return np.empty((0, 2)), UNPLACED
+    middle = 0.0 if height is None else float(height.mean())
+    places, plane = tangent_plane(latitude, longitude, np.full(len(latitude), middle))
+    return places, Placement(crs=crs, plane=plane)
 
 
 def _read_reference_line(path: Path) -> PathPoints:
     """The reference line of an OpenCRG file; its heights are those of ``surface.crg``."""
-    surface = read_crg(path)
-    return PathPoints(places=surface.line[:: max(1, round(_CRG_SPACING / surface.line_step))])
+    line, step = read_crg_line(path)
+    every = max(1, round(_CRG_SPACING / step))
+    line = line[::every]
+    return PathPoints(
+        places=line,
+        rows=np.arange(float(len(line))),
+        where=lambda row: "u = {:.2f} m ({:.2f}, {:.2f})".format(row * every * step, *line[row]),
+    )
 
 
-def _read_gpx(path: Path) -> PathPoints:
+_DEGREES: Final = "line {} (lat {:.7f}, lon {:.7f})"
+_JOINED: Final = 250.0  # between segments of one track [m], as between the points of a path
+_TOUCHING: Final = 1.0  # between parts of one line [m]
+_RADIUS: Final = 6_371e3  # of the earth [m]
+_LISTED: Final = 20  # tracks in a message
+
+
+class Point(NamedTuple):
+    """A point as it is in a file."""
+
+    number: int  # line of the file, or number in its track
+    x: float  # longitude [deg] or easting [m]
+    y: float  # latitude [deg] or northing [m]
+    height: object  # as it is written, None: not at all
+
+
+class Track(NamedTuple):
+    """A track, route or line of a file."""
+
+    name: str  # empty: it has none
+    points: list[Point]
+    system: Utm | None  # None: degrees
+    wording: str  # of a point in messages
+
+    @property
+    def length(self) -> float:
+        """Length within some per cent [m]."""
+        return sum(_distance(*pair, self.system) for pair in pairwise(self.points))
+
+
+def _distance(a: Point, b: Point, system: Utm | None) -> float:
+    if system is not None:
+        return math.hypot(b.x - a.x, b.y - a.y)
+    east = math.cos(math.radians(a.y)) * math.remainder(b.x - a.x, 360.0)
+    return _RADIUS * math.radians(math.hypot(east, b.y - a.y))
+
+
+def on_one_plane(tracks: Sequence[Track]) -> list[FloatArray]:
+    """Places (n, 2) [m] of the points of each track, on the plane that touches the earth in the middle of all."""
+    degrees = []
+    for track in tracks:
+        x, y = np.array([point[1:3] for point in track.points], dtype=np.float64).T
+        degrees.append(np.stack((y, x) if track.system is None else from_utm(track.system, x, y), axis=1))
+    latitude, longitude = np.concatenate(degrees).T
+    places, _ = _plane(latitude, longitude, None, DEGREES)
+    return np.split(places, np.cumsum([len(track.points) for track in tracks])[:-1])
+
+
+def tracks_in(path: Path) -> list[Track]:
+    """Tracks, routes or lines of two points or more in a GPX or GeoJSON file, in its order.
+
+    Raises:
+        ValueError: one line naming file, place and value.
+    """
+    tracks = _read_gpx(path) if path.suffix.lower() == ".gpx" else _read_geojson(path)
+    return [track for track in tracks if len(track.points) > 1]
+
+
+def _chosen(path: Path, tracks: Sequence[Track], wanted: str | None) -> Track:
+    """The track of a name or number, or the only one."""
+    named = [track for track in tracks if track.name == wanted]
+    if wanted is not None and len(named) != 1 and wanted.isdecimal():
+        named = list(tracks[int(wanted) - 1 : int(wanted)]) if 0 < int(wanted[:9]) <= len(tracks) else []
+    if (wanted is None and len(tracks) == 1) or len(named) == 1:
+        return named[0] if named else tracks[0]
+    names = [f" '{shown(one.name, 40)}'" if one.name else "" for one in tracks[:_LISTED]]
+    rows = [f"{k + 1}{name} ({tracks[k].length:.0f} m)" for k, name in enumerate(names)]
+    there = f"{', '.join(rows)}{', ...' * (len(tracks) > _LISTED)}"
+    if not tracks:
+        raise ValueError(f"{path}: has no track or line of two points or more")
+    if wanted is not None:
+        raise ValueError(f"{path}: course.track = {shown(wanted, 40)} is none of its {len(tracks)} tracks: {there}")
+    raise ValueError(
+        f"{path}: has {len(tracks)} tracks, lines or segments far apart: choose one by course.track: {there}"
+    )
+
+
+def _joined(parts: Iterable[list[Point]], like: Track, gap: float) -> Iterator[Track]:
+    """Parts of one track whose ends are within a ``gap`` [m] as one, others as tracks of their own."""
+    whole = list(like.points)
+    for part in (part for part in parts if part):
+        if whole and _distance(whole[-1], part[0], like.system) > gap:
+            yield like._replace(points=whole)
+            whole = []
+        whole.extend(part[bool(whole) and whole[-1][1:3] == part[0][1:3] :])
+    yield like._replace(points=whole)
+
+
+def _read_gpx(path: Path) -> Iterator[Track]:
     root = read_xml(path, "gpx")
-    tracks, routes = root.all("trk"), root.all("rte")
-    if len(tracks) + len(routes) != 1:
-        raise ValueError(f"{path}: has {len(tracks)} tracks and {len(routes)} routes: must be one of them")
-    segments = [*routes, *(segment for track in tracks for segment in track.all("trkseg"))]
-    points = [point for segment in segments for point in segment.children if point.name in ("trkpt", "rtept")]
-    return _on_earth(path, [_gpx_point(path, point) for point in points])
+    whole = [*root.all("trk"), *root.all("rte")]
+    if not any(part.first("trkpt") or part.first("rtept") for one in whole for part in (one, *one.all("trkseg"))):
+        raise ValueError(
+            f"{path}: has {len(root.all('trk'))} tracks, {len(root.all('rte'))} routes and {len(root.all('wpt'))} "
+            "waypoints: a path needs a track or route with points, waypoints have no order"
+        )
+    for one in whole:
+        name = one.first("name")
+        parts = one.all("trkseg") if one.name == "trk" else [one]
+        points = ([_gpx_point(path, p) for p in part.children if p.name in ("trkpt", "rtept")] for part in parts)
+        yield from _joined(points, Track(name.text.strip() if name else "", [], None, _DEGREES), _JOINED)
 
 
-def _gpx_point(path: Path, point: Element) -> tuple[float, float, float | None]:
+def _gpx_point(path: Path, point: Element) -> Point:
     place = f"{path}: line {point.line}"
     missing = next((name for name in ("lat", "lon") if name not in point.attributes), None)
     if missing:
         raise ValueError(f"{place}: a point has no attribute '{missing}'")
     height = point.first("ele")
-    return (
-        _LONGITUDE.number(point.attributes["lon"], place),
-        _LATITUDE.number(point.attributes["lat"], place),
-        None if height is None else _HEIGHT.number(height.text, place),
+    return Point(
+        point.line,
+        LONGITUDE.number(point.attributes["lon"], place),
+        LATITUDE.number(point.attributes["lat"], place),
+        height.text.strip() or None if height else None,
     )
 
 
-def _read_geojson(path: Path) -> PathPoints:
+def _read_geojson(path: Path) -> Iterator[Track]:
     text = read_text(path, FileKind.ROAD)
     try:
         table = json.loads(text)
@@ -252,44 +352,99 @@ def _read_geojson(path: Path) -> PathPoints:
         raise ValueError(f"{path}: tables and lists must be nested at most {MAX_NESTING} deep") from None
     except ValueError as error:  # also an integer of thousands of digits
         raise ValueError(f"{path}: not JSON: {shown(str(error))}") from None
-    lines = list(_lines(table))
-    if len(lines) != 1:
-        raise ValueError(f"{path}: has {len(lines)} lines (geometries of type LineString): must be one")
-    positions = lines[0].get("coordinates")
-    if not isinstance(positions, list):
-        raise ValueError(f"{path}: the line has no list of coordinates")
-    return _on_earth(path, [_position(path, k, position) for k, position in enumerate(positions, start=1)])
+    geometries = list(_geometries(path, table, _Above()))
+    kinds = [str(geometry.get("type")) for geometry, _ in geometries]
+    lines = [one for one, kind in zip(geometries, kinds, strict=True) if kind in _LINES]
+    if not lines and kinds.count("Point") > 1:  # a feature each, in the order of driving
+        corners = [geometry.get("coordinates") for geometry, _ in geometries if geometry.get("type") == "Point"]
+        lines = [({"type": "MultiPoint", "coordinates": corners}, geometries[0][1])]
+    if not lines:
+        there = ", ".join(f"{kinds.count(kind)} {shown(kind, 40)}" for kind in dict.fromkeys(kinds)) or "no geometry"
+        raise ValueError(f"{path}: has no line (LineString, MultiLineString or MultiPoint); it has {there}")
+    for geometry, above in lines:
+        system, parts = _system(path, above.crs), geometry.get("coordinates")
+        parts = parts if geometry["type"] == "MultiLineString" else [parts]
+        if not isinstance(parts, list) or not all(isinstance(part, list) for part in parts):
+            raise ValueError(f"{path}: the line has no list of coordinates")
+        number = itertools.count(1)
+        points = [[_position(path, next(number), one, system) for one in part] for part in parts]
+        like = Track(above.name, [], system, "point {} ([{:.2f}, {:.2f}])" if system else "point {} ([{:.7f}, {:.7f}])")
+        yield from _joined(points, like, _TOUCHING)
 
 
-def _lines(node: Any) -> Iterator[dict[str, Any]]:
-    """All lines of a GeoJSON object: itself, or those in its features."""
-    features = node.get("features", [node]) if isinstance(node, dict) else []
-    for feature in features if isinstance(features, list) else []:
-        geometry = feature.get("geometry", feature) if isinstance(feature, dict) else None
-        if isinstance(geometry, dict) and geometry.get("type") == "LineString":
-            yield geometry
+_LINES: Final = ("LineString", "MultiLineString", "MultiPoint")
 
 
-def _position(path: Path, number: int, position: Any) -> tuple[float, float, float | None]:
+class _Above(NamedTuple):
+    """What the objects around a geometry say of it."""
+
+    name: str = ""
+    crs: Any = None
+
+
+def _geometries(path: Path, node: Any, above: _Above, depth: int = 0) -> Iterator[tuple[dict[str, Any], _Above]]:
+    """All geometries of a GeoJSON object: itself, or those of its features and collections."""
+    if not isinstance(node, dict):
+        return
+    if depth > MAX_NESTING:
+        raise ValueError(f"{path}: tables and lists must be nested at most {MAX_NESTING} deep")
+    own = node.get("properties")
+    own = {str(key).lower(): value for key, value in own.items()} if isinstance(own, dict) else {}
+    name = own.get("name", node.get("id", above.name))
+    above = _Above("" if name is None else str(name).strip(), node.get("crs", above.crs))
+    inner = [node.get(key) for key in ("features", "geometry", "geometries") if key in node]
+    if not inner and "type" in node:
+        yield node, above
+    for child in (one for part in inner for one in (part if isinstance(part, list) else [part])):
+        yield from _geometries(path, child, above, depth + 1)
+
+
+def _system(path: Path, crs: Any) -> Utm | None:
+    """Coordinate system that a GeoJSON file names; None: degrees."""
+    stated = crs.get("properties") if isinstance(crs, dict) else {"name": crs} if isinstance(crs, str) else crs
+    if stated is None:
+        return None
+    code = stated.get("code") if isinstance(stated, dict) else None
+    try:
+        return coordinate_system(str(stated.get("name", crs)) if code is None else f"EPSG:{code}")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _position(path: Path, number: int, position: Any, system: Utm | None) -> Point:
     place = f"{path}: point {number}"
     if not isinstance(position, list) or len(position) < 2:
         raise ValueError(f"{place}: {shown(repr(position), 40)} must be a list of longitude, latitude and height")
-    longitude, latitude, *height = (repr(value) for value in position[:3])
-    return (
-        _LONGITUDE.number(longitude, place),
-        _LATITUDE.number(latitude, place),
-        _HEIGHT.number(height[0], place) if height else None,
-    )
+    columns = (LONGITUDE, LATITUDE) if system is None else (EAST, NORTH)
+    try:
+        x, y = (column.number(repr(value), place) for column, value in zip(columns, position[:2], strict=True))
+    except ValueError as error:
+        metres = system is None and "must be within" in str(error)
+        hint = "; metres need a crs that names the zone of UTM, such as EPSG:25832; or save it with EPSG:4326"
+        raise ValueError(f"{error}{hint * metres}") from None
+    return Point(number, x, y, position[2] if len(position) > 2 else None)
 
 
-def _on_earth(path: Path, points: Sequence[tuple[float, float, float | None]]) -> PathPoints:
-    """Points by longitude, latitude [deg] and height [m], which all of them or none must have."""
-    if not points:
-        return PathPoints(places=np.empty((0, 2)))
-    known = [height for *_, height in points if height is not None]
-    if known and len(known) < len(points):
-        raise ValueError(f"{path}: {len(known)} of {len(points)} points have a height: give it for all or none")
-    heights = np.array(known) if known else np.zeros(len(points))
-    plan = np.array([point[:2] for point in points])
-    places = tangent_plane(plan[:, 1], plan[:, 0], np.full(len(points), heights.mean()))
-    return PathPoints(places=places, heights=heights if known else None)
+def _on_earth(path: Path, track: Track, *, heights: bool) -> PathPoints:
+    """Points of a track, with heights if they are wanted and all points have one."""
+    points = track.points
+    x, y = (np.array([point[k] for point in points]) for k in (1, 2))
+    height: FloatArray | None = None
+
+    def where(row: int) -> str:
+        number, *coordinates, _ = points[row]
+        return track.wording.format(number, *(coordinates[::-1] if track.wording == _DEGREES else coordinates))
+
+    missing = next((k for k, point in enumerate(points) if point.height is None), None)
+    if heights and not all(point.height is None for point in points):
+        if missing is not None:
+            known = sum(point.height is not None for point in points)
+            raise ValueError(
+                f"{path}: {known} of {len(points)} points have a height, {where(missing)} has none: give all of them "
+                "one, or drive it level by course.heights = false"
+            )
+        height = np.array([HEIGHT.number(str(point.height), f"{path}: {where(k)}") for k, point in enumerate(points)])
+    latitude, longitude = (y, x) if track.system is None else from_utm(track.system, x, y)
+    places, placement = _plane(latitude, longitude, height, track.system.code if track.system else DEGREES)
+    rows = np.arange(float(len(points)))
+    return PathPoints(places=places, heights=height, rows=rows, where=where, placement=placement)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.path import Path
 from scenarios.courses import Course
-from scenarios.roads.fitted_path import Fit, SmoothPath, fitted_path, located, smooth_values
+from scenarios.roads.fitted_path import Fit, SmoothPath, fitted_path, near, smooth_values
 from scenarios.roads.path_file import PathPoints
 from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray, Pose2
@@ -33,16 +34,20 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     bends = np.array([segment.start_curvature for segment in smooth.path.segments])
     reference = _guided_point(tractor, guided, float(np.sum(bends * np.abs(bends))))
     path = Path(Pose2(*reference, 0.0), smooth.path.segments)
-    _check_steer(path, tractor, reference, lambda s: located(_in_file(smooth, s, points.places[0])), fit)
+    x, y = points.places[0].tolist()
+    X_PW = Pose2(x, y, 0.0) @ smooth.path.start @ path.start.inverse()  # in the plane of the points
+    _check_steer(path, tractor, reference, lambda s: near(points, smooth, s), fit)
     stations = np.arange(-_BEYOND, path.length + _BEYOND + _SPACING, _SPACING)
     poses = path.poses(stations)
-    given = np.full((len(points.places), 2), 0.5 * width) if points.widths is None else points.widths
-    widths = np.stack([np.interp(stations, smooth.stations, side) for side in given.T], axis=1)
-    narrowest = int(np.argmin(widths.sum(axis=1)))
-    if widths[narrowest].sum() < tractor.width:
+    known = _sides(points.widths, smooth, stations)
+    widths = np.full((len(stations), 2), 0.5 * width) if known is None else known
+    seen = widths if points.paved is None else points.paved
+    narrow = np.flatnonzero(widths.sum(axis=1) < tractor.width)
+    if len(narrow):
+        first, least = max(0.0, stations[narrow[0]]), widths.sum(axis=1).min()
         raise ValueError(
-            f"{fit.source}: the road is {widths[narrowest].sum():.2f} m wide at {max(0.0, stations[narrowest]):.1f} m: "
-            f"the tractor is {tractor.width:.2f} m wide"
+            f"{fit.source}: the road is {least:.2f} m wide in places, and too narrow from {first:.1f} m on, "
+            f"{near(points, smooth, first)}: the tractor is {tractor.width:.2f} m wide"
         )
     return Course(
         path=path,
@@ -51,10 +56,14 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
         surface_centre=None,
         centreline=poses[:, :2],
         road_half_width=0.5 * width if points.widths is None else widths,
-        relief=_relief(points, smooth, poses[:, :2], stations, float(widths.max()) + _ROADSIDE, fit),
+        relief=_relief(points, smooth, poses[:, :2], stations, float(seen.max()) + _ROADSIDE, fit),
         friction=_friction(points, smooth, poses[:, :2], stations),
         lane_lines=_lane_lines(points, smooth, stations),
+        lanes=_sides(points.lanes, smooth, stations),
+        paved=_sides(points.paved, smooth, stations),
         deviation=float(np.abs(smooth.deviations).max()),
+        remarks=points.remarks,
+        placement=replace(points.placement, X_FW=points.placement.X_FW @ X_PW),
     )
 
 
@@ -96,11 +105,6 @@ def _check_steer(
         )
 
 
-def _in_file(smooth: SmoothPath, station: float, origin: FloatArray) -> FloatArray:
-    """Position of a station in the coordinates of the file [m]."""
-    return np.array(smooth.path.pose(station)[:2]) + origin
-
-
 def _relief(
     points: PathPoints, smooth: SmoothPath, line: FloatArray, stations: FloatArray, reach: float, fit: Fit
 ) -> RoadRelief | None:
@@ -116,10 +120,14 @@ def _relief(
     heights = _continued(heights, stations, on_path) - heights[0]
     beyond = int(np.argmax(on_path)), int(np.argmax(on_path[::-1]))  # number of stations before the path and after it
     try:
-        relief = RoadRelief(line, heights, np.pad(banks, beyond, mode="edge"), reach=reach)
+        relief = RoadRelief(line, heights, np.pad(banks, beyond, mode="edge"), reach=reach, begin=stations[0])
     except ValueError as error:
-        raise ValueError(f"{fit.source}: {error} (course.heights = false drives it level)") from None
-    _check_crossings(line, heights, fit)
+        slopes = np.abs(np.gradient(heights, stations))
+        steepest = float(stations[np.argmax(np.maximum(slopes, np.abs(np.pad(banks, beyond, mode="edge"))))])
+        raise ValueError(
+            f"{fit.source}: {error}, {near(points, smooth, steepest)} (course.heights = false drives it level)"
+        ) from None
+    _check_crossings(line, heights, lambda row: near(points, smooth, float(stations[row])), fit)
     return relief
 
 
@@ -137,15 +145,17 @@ def _continued(values: FloatArray, stations: FloatArray, known: NDArray[np.bool_
     return whole
 
 
-def _check_crossings(line: FloatArray, heights: FloatArray, fit: Fit) -> None:
+def _check_crossings(line: FloatArray, heights: FloatArray, where: Callable[[int], str], fit: Fit) -> None:
     """Refuse a road that crosses over itself."""
-    near = scipy.spatial.KDTree(line).query_pairs(_SPACING, output_type="ndarray")
-    near = near[np.abs(np.diff(near, axis=1)[:, 0]) > _BEYOND / _SPACING]
-    rise = np.abs(heights[near[:, 0]] - heights[near[:, 1]])
+    close = scipy.spatial.KDTree(line).query_pairs(_SPACING, output_type="ndarray")
+    close = close[np.abs(np.diff(close, axis=1)[:, 0]) > _BEYOND / _SPACING]
+    rise = np.abs(heights[close[:, 0]] - heights[close[:, 1]])
     if len(rise) and rise.max() > _CROSSING:
+        first, again = close[np.argmax(rise)].tolist()
         raise ValueError(
-            f"{fit.source}: the road crosses itself with a difference of height of {rise.max():.2f} m: must be at most "
-            f"{_CROSSING} m, there are no bridges; course.heights = false drives it level"
+            f"{fit.source}: the road crosses itself {where(first)} and {where(again)} with a difference of height of "
+            f"{rise.max():.2f} m: must be at most {_CROSSING} m, there are no bridges; course.heights = false drives "
+            "it level"
         )
 
 
@@ -153,6 +163,13 @@ def _friction(points: PathPoints, smooth: SmoothPath, line: FloatArray, stations
     if points.friction is None:
         return None
     return LineFriction(np.interp(stations, smooth.stations, points.friction), line)
+
+
+def _sides(widths: FloatArray | None, smooth: SmoothPath, stations: FloatArray) -> FloatArray | None:
+    """Distances (m, 2) to both sides of the path at stations [m]."""
+    if widths is None:
+        return None
+    return np.stack([np.interp(stations, smooth.stations, side) for side in widths.T], axis=1)
 
 
 def _lane_lines(points: PathPoints, smooth: SmoothPath, stations: FloatArray) -> FloatArray | None:

@@ -3,15 +3,16 @@
 The calibration is all that an estimator knows of the rig: it comes from a simulated rig or from the file of a
 recording.
 
-The distortion model is that of Brown and Conrady with OpenCV's order of the coefficients (k1, k2, p1, p2, k3). Pixel
-centres are whole numbers; the first pixel's is (0, 0). Rays are given by their x and y at depth 1.
+The distortion model is that of Brown and Conrady with OpenCV's order of the coefficients: k1, k2, p1, p2, k3, and k4,
+k5, k6 of the rational model. A fisheye lens has k1 to k4 of Kannala and Brandt 2006, as OpenCV's and Kalibr's
+(equidistant). Pixel centres are whole numbers; the first pixel's is (0, 0). Rays are given by their x and y at depth 1.
 """
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,7 +23,7 @@ from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 
 Distortion = tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 [-]
 UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
-_WIDEST = 4.0  # greatest ray: the model does not hold beyond atan(4) = 76 deg off the axis, where fisheye models do
+_WIDEST = 4.0  # greatest ray: at atan(4) = 76 deg off the axis
 _LARGEST: Final = 1e6  # number of a calibration [-], [px], [m]
 _LARGEST_SIDE = 20_000  # of an image [px]
 _CONVERGED: Final = 1e-9  # error of a ray's image [-]; about a millionth of a pixel
@@ -42,7 +43,8 @@ class CameraModel:
     fy: float  # [px]
     cx: float  # principal point, column [px]
     cy: float  # principal point, row [px]
-    distortion: Distortion = UNDISTORTED
+    distortion: tuple[float, ...] = UNDISTORTED  # k1, k2, p1, p2, k3, for some k4, k5, k6; of a fisheye k1 to k4 [-]
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
         if not (0 < self.width <= _LARGEST_SIDE and 0 < self.height <= _LARGEST_SIDE):
@@ -54,9 +56,11 @@ class CameraModel:
         for name, value in (("fx", self.fx), ("fy", self.fy)):
             if not 1.0 / _LARGEST < value < _LARGEST:
                 raise ValueError(f"{name} = {value} px must be positive, up to {_LARGEST:g}")
-        if len(self.distortion) != 5 or not np.all(np.abs([*self.distortion, self.cx, self.cy]) <= _LARGEST):
+        expected = (4,) if self.fisheye else (5, 8)
+        if len(self.distortion) not in expected or not np.all(np.abs([*self.distortion, self.cx, self.cy]) <= _LARGEST):
             raise ValueError(
-                f"distortion = {self.distortion} must be five numbers k1, k2, p1, p2, k3, and "
+                f"distortion = {self.distortion} must be "
+                f"{'four numbers k1 to k4' if self.fisheye else 'five numbers k1, k2, p1, p2, k3 or eight'}, and "
                 f"cx = {self.cx} px and cy = {self.cy} px numbers, up to {_LARGEST:g}"
             )
         self._check_fold()
@@ -77,23 +81,27 @@ class CameraModel:
 
     def pixels(self, rays: FloatArray) -> FloatArray:
         """Pixels (..., 2) of rays (..., 2)."""
-        return _distorted(rays, self.distortion) * [self.fx, self.fy] + [self.cx, self.cy]
+        return _Lens(self.distortion, self.fisheye).distorted(rays) * [self.fx, self.fy] + [self.cx, self.cy]
 
     def rays(self, pixels: FloatArray) -> FloatArray:
-        """Rays (..., 2) of pixels (..., 2): the inverse of ``pixels`` everywhere in the image."""
+        """Rays (..., 2) of pixels (..., 2): the inverse of ``pixels`` everywhere in the image.
+
+        Of a fisheye, pixels beyond 76 deg off the axis get the ray at 76 deg.
+        """
         distorted: FloatArray = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
-        return distorted if self.distortion == UNDISTORTED else _undistorted(distorted, self.distortion)
+        if self.distortion == UNDISTORTED:
+            return distorted
+        return _undistorted(distorted, _Lens(self.distortion, self.fisheye))
 
     def _check_fold(self) -> None:
         """Refuse a lens whose image folds back before its corner: a pixel there would belong to two rays."""
         u, v = (-self.cx, self.width - 1 - self.cx), (-self.cy, self.height - 1 - self.cy)
         corner = max(math.hypot(x / self.fx, y / self.fy) for x in u for y in v)
-        widest = _unfolded(self.distortion)[1][-1]
-        if widest < corner:
-            k1, k2, _, _, k3 = self.distortion
+        long, image = _unfolded(_Lens(self.distortion, self.fisheye))
+        if image[-1] < corner and not (self.fisheye and long[-1] == _WIDEST):
             raise ValueError(
-                f"distortion k1, k2, k3 = {k1:g}, {k2:g}, {k3:g}: the image folds over {widest:.3f} focal "
-                f"lengths from its middle, before its corner at {corner:.3f}"
+                f"distortion = {', '.join(f'{k:g}' for k in self.distortion)}: the image folds over {image[-1]:.3f} "
+                f"focal lengths from its middle, before its corner at {corner:.3f}"
             )
 
 
@@ -181,7 +189,8 @@ class _CameraTable(BaseModel):
     fy: float = Field(json_schema_extra={"unit": "px"})
     cx: float = Field(json_schema_extra={"unit": "px"})
     cy: float = Field(json_schema_extra={"unit": "px"})
-    distortion: Distortion = Field(json_schema_extra={"unit": "-"})
+    distortion: tuple[float, ...] = Field(json_schema_extra={"unit": "-"})
+    fisheye: bool = False
 
 
 class _RigTable(BaseModel):
@@ -192,59 +201,94 @@ class _RigTable(BaseModel):
     X_SC: Annotated[tuple[_Row, _Row, _Row, _Row], Field(json_schema_extra={"unit": "m"})]
 
 
-def _distorted(rays: FloatArray, distortion: Distortion) -> FloatArray:
-    """Rays (..., 2) after distortion by the lens."""
-    k1, k2, p1, p2, k3 = distortion
-    x, y = rays[..., 0], rays[..., 1]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        ],
-        axis=-1,
-    )
+class _Lens(NamedTuple):
+    """Distortion of rays: a factor along the radius, and shifts by a lens that is not centred."""
+
+    k: tuple[float, ...]  # as in CameraModel
+    fisheye: bool
+
+    @property
+    def shifts(self) -> tuple[float, float]:
+        """p1 and p2 [-]."""
+        return (0.0, 0.0) if self.fisheye else (self.k[2], self.k[3])
+
+    def radial(self, r2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Factor of rays of squared length ``r2`` (...), and twice its slope over ``r2``."""
+        if self.fisheye:
+            return self._of_angle(np.maximum(r2, 1e-12))
+        k1, k2, _, _, k3 = self.k[:5]
+        factor = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))
+        if len(self.k) == 5:
+            return factor, slope
+        k4, k5, k6 = self.k[5:]
+        below = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        below_slope = 2.0 * (k4 + r2 * (2.0 * k5 + 3.0 * r2 * k6))
+        return factor / below, (slope * below - factor * below_slope) / below**2
+
+    def _of_angle(self, r2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same of a fisheye, whose image lies at theta (1 + k1 theta^2 + ...) for a ray at the angle theta."""
+        k1, k2, k3, k4 = self.k
+        r = np.sqrt(r2)
+        theta = np.arctan(r)
+        t2 = theta * theta
+        factor = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) / r
+        growth = (1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)))) / (1.0 + r2)
+        return factor, (growth - factor) / r2
+
+    def distorted(self, rays: FloatArray) -> FloatArray:
+        """Rays (..., 2) after distortion."""
+        p1, p2 = self.shifts
+        x, y = rays[..., 0], rays[..., 1]
+        r2 = x * x + y * y
+        radial = self.radial(r2)[0]
+        return np.stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ],
+            axis=-1,
+        )
 
 
 @lru_cache(maxsize=64)
-def _unfolded(distortion: Distortion) -> tuple[FloatArray, FloatArray]:
+def _unfolded(lens: _Lens) -> tuple[FloatArray, FloatArray]:
     """Lengths of rays up to where the image folds over, and their lengths after distortion, both growing."""
-    k1, k2, _, _, k3 = distortion
     r = np.linspace(0.0, _WIDEST, 2000)
-    distorted = r * (1.0 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    distorted = r * lens.radial(r**2)[0]
     turn = int(np.argmax(np.diff(distorted) <= 0.0)) or len(r) - 1
     return r[: turn + 1], distorted[: turn + 1]
 
 
-def _undistorted(distorted: FloatArray, distortion: Distortion) -> FloatArray:
+def _undistorted(distorted: FloatArray, lens: _Lens) -> FloatArray:
     """Rays (..., 2) before distortion."""
+    long, image = _unfolded(lens)
+    if lens.fisheye:
+        length = np.hypot(distorted[..., 0], distorted[..., 1])
+        distorted = distorted * np.minimum(1.0, image[-1] / np.maximum(length, 1e-12))[..., None]
     with np.errstate(all="ignore"):  # of rays that are lost
-        rays = _newton(distorted, distorted, distortion)
-        rest = np.abs(_distorted(rays, distortion) - distorted).max(axis=-1)
-        long, image = _unfolded(distortion)
+        rays = _newton(distorted, distorted, lens)
+        rest = np.abs(lens.distorted(rays) - distorted).max(axis=-1)
         # Where the distortion hardly grows, the first step can lead beyond the fold: begin close to the solution then.
         lost = ~((rest < _CONVERGED) & (np.hypot(rays[..., 0], rays[..., 1]) <= long[-1]))
         if lost.any():
             length = np.hypot(distorted[lost, 0], distorted[lost, 1])
             close = distorted[lost] * (np.interp(length, image, long) / length)[:, None]
-            rays[lost] = _newton(distorted[lost], close, distortion)
+            rays[lost] = _newton(distorted[lost], close, lens)
     return rays
 
 
-def _newton(distorted: FloatArray, start: FloatArray, distortion: Distortion) -> FloatArray:
+def _newton(distorted: FloatArray, start: FloatArray, lens: _Lens) -> FloatArray:
     """Rays (..., 2) before distortion, by Newton's method from a start (..., 2)."""
-    k1, k2, p1, p2, k3 = distortion
+    p1, p2 = lens.shifts
     rays = start.copy()
     for _ in range(20):
         x, y = rays[..., 0], rays[..., 1]
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))  # of the radial factor over r2, twice
+        radial, slope = lens.radial(x * x + y * y)
         a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
         b = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
         d = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-        rest = _distorted(rays, distortion) - distorted
+        rest = lens.distorted(rays) - distorted
         det = a * d - b * b
         step = np.stack([d * rest[..., 0] - b * rest[..., 1], a * rest[..., 1] - b * rest[..., 0]], axis=-1)
         step /= det[..., None]
@@ -276,6 +320,7 @@ def _camera_text(camera: CameraModel) -> str:
     lines = [f"width = {camera.width}", f"height = {camera.height}"]
     lines += [f"{name} = {value!r}" for name, value in numbers.items()]
     lines.append(f"distortion = [{', '.join(repr(float(k)) for k in camera.distortion)}]")
+    lines += ["fisheye = true"] if camera.fisheye else []
     return "\n".join(lines) + "\n"
 
 

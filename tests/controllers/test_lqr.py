@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer import Combination, TrailerSteering
+from controllers.trailer import KMH, Combination, SteeringLaw, TrailerSteering
 from controllers.trailer_steering.lqr import (
-    KMH,
+    AllSpeeds,
     Combined,
     Lqr,
     Weights,
@@ -166,7 +166,7 @@ def test_linked_axles_turn_in_their_ratio() -> None:
 # One law for all speeds
 
 
-ALONE: dict[str, Callable[[], TrailerSteering[Any]]] = {
+ALONE: dict[str, Callable[[], SteeringLaw[Any]]] = {
     "command_steer": lambda: CommandSteer(TRAILER, combination=COMBINATION),
     "ct_at": lambda: CtAt(TRAILER, combination=COMBINATION),
     "path_preview": lambda: PathPreview(TRAILER),
@@ -210,6 +210,28 @@ def test_at_walking_pace_it_is_the_low_speed_law(low_speed: str) -> None:
     combined = commands(law, speeds, estimates=True)
     assert np.abs(combined).max() > 1e-3  # every law steers here
     np.testing.assert_array_equal(combined, commands(ALONE[low_speed](), speeds, estimates=True))
+
+
+@pytest.mark.parametrize("low_speed", Combined.Parameters.option("low_speed").choices)
+def test_a_law_for_low_speed_is_itself_below_its_range_and_the_lqr_above(low_speed: str) -> None:
+    """With an angle of the axles above zero in between, and one line on what a drive beyond the range means."""
+    law = ALONE[low_speed]()
+    assert law.speeds is not None
+    low, high = law.speeds
+    whole = AllSpeeds(law, law.speeds, TRAILER, COMBINATION)
+    below = np.full(60, low)
+    np.testing.assert_array_equal(commands(whole, below, estimates=True), commands(law, below, estimates=True))
+    above = np.full(60, 24.0)
+    expected = commands(Lqr(TRAILER, combination=COMBINATION), above, estimates=True)
+    np.testing.assert_array_equal(commands(whole, above, estimates=True), expected)
+    middle = np.full(60, 0.5 * (low + high))
+    alone = np.abs(commands(law, middle, estimates=True)[-1])
+    assert np.all(np.abs(commands(whole, middle, estimates=True)[-1]) < 0.7 * alone + 1e-4)
+    assert whole.gave_way(low) == []
+    assert whole.gave_way(24.0) == [
+        f"{low_speed} is for up to {3.6 * low:.0f} km/h and fades out up to {3.6 * high:.0f} km/h, the drive reached "
+        "86 km/h: lqr steered there"
+    ]
 
 
 def test_speeding_up_and_slowing_down_is_seamless() -> None:

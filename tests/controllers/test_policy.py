@@ -1,6 +1,8 @@
 """A trained policy in the loop: it is given there what it was given in its environment."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -8,9 +10,11 @@ import pytest
 
 import offtrack.environments.registry
 from controllers.trailer import Combination
+from controllers.trailer_steering.path_laws import PathPreview
 from controllers.trailer_steering.policy import (
     Network,
     Policy,
+    TrainedFor,
     feature_names,
     load_network,
     network_file,
@@ -19,10 +23,12 @@ from controllers.trailer_steering.policy import (
 )
 from offtrack.environments.training.evaluation import NetworkPilot, driven
 from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms
+from tests.trailers import estimate, signals
 from vehicle.combination.description import load_vehicle
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
@@ -77,13 +83,18 @@ def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit:
     """Every array and function, and what it makes of features; functions that are unknown are refused."""
     rng, n = np.random.default_rng(1), len(NAMES)
     weights, biases = (rng.normal(size=(4, n)), rng.normal(size=(2, 4))), (rng.normal(size=4), np.zeros(2))
-    deep = Network(weights, biases, rng.normal(size=n), np.ones(n), NAMES, hidden, limit)
+    domain = TrainedFor((1.0, 5.0), (9.0, 14.0), (0.1, 0.3))
+    deep = Network(weights, biases, rng.normal(size=n), np.ones(n), NAMES, hidden, limit, domain)
     save_network(deep, tmp_path / "deep.npz")
     read, x = load_network(tmp_path / "deep.npz"), rng.normal(size=n)
     first = weights[0] @ (x - deep.mean) + biases[0]
     last = weights[1] @ (np.tanh(first) if hidden == "tanh" else np.maximum(first, 0.0))
     expected = np.tanh(last) if limit == "tanh" else np.clip(last, -1.0, 1.0)
     assert read(x) == pytest.approx(expected, rel=1e-12)
+    assert read.trained_for == domain
+    np.savez(tmp_path / "domain.npz", **dict(np.load(tmp_path / "deep.npz")) | {"domain": np.ones((3, 2)) * [2.0, 1.0]})
+    with pytest.raises(ValueError, match="domain must be three rows of a least and a largest number"):
+        load_network(tmp_path / "domain.npz")
     save_network(deep._replace(hidden="sin"), tmp_path / "sin.npz")
     arrays = dict(np.load(tmp_path / "deep.npz")) | {"functions": np.array([hidden, limit, "clip"])}
     np.savez(tmp_path / "three.npz", **arrays)
@@ -100,7 +111,7 @@ def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit:
         (LINEAR._replace(biases=(np.array([np.nan, 0.0]),)), "not finite"),
         (
             LINEAR._replace(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)),
-            "is for",
+            "was trained for another combination",
         ),
         (LINEAR._replace(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
     ],
@@ -122,6 +133,30 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> Non
     for name, words in (*cases, ("model.zip", "offtrack convert-policy")):
         with pytest.raises(ValueError, match=words):
             load_network(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", shipped_networks())
+def test_outside_of_its_training_path_preview_steers_and_a_line_says_so(name: str) -> None:
+    """Beyond its speeds, and on a trailer whose actuators are slower than any in the training."""
+    trailer, combination = trailer_geometry(VEHICLE, 1), Combination(VEHICLE, 1)
+    law: Any = trailer_law("policy", trailer, combination, {"path": name}).law
+    assert law.gave_way(4.9) == []
+    assert law.gave_way(6.5) == [
+        "policy is for up to 18 km/h and fades out up to 22 km/h, the drive reached 23 km/h: path_preview steered there"
+    ]
+    slow = replace(trailer, actuator_lag=0.5)
+    law = trailer_law("policy", slow, combination, {"path": name}).law
+    assert law.gave_way(3.0) == [
+        "policy is for a lag of the actuators of 0.105 to 0.225 s, not of 0.5 s: path_preview steered"
+    ]
+    aside = np.column_stack([-np.linspace(0.0, 16.0, 60), np.full(60, 0.2)])
+    preview, memories = PathPreview(slow), (law.init(), PathPreview(slow).init())
+    for tick in range(0, 600, 20):
+        seen = estimate(tick - 100, value=0.2, path=aside, v_x=4.0) if tick >= 100 else None
+        steps = law.step(memories[0], tick, seen, signals(tick)), preview.step(memories[1], tick, seen, signals(tick))
+        memories = steps[0][0], steps[1][0]
+        np.testing.assert_array_equal(steps[0][1].angles, steps[1][1].angles)
+    assert steps[1][1].angles.any()
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ COMMANDS = {
     "train": ["train", "--steps", "40000", "--envs", "8", "--episodes", "1", "--out", "out"],
 }  # fmt: skip
 RECORDING = ["run", "turn-90", *_set(*_TURN, *_SMALL), "--no-video", "--record", "images", "--out", "images_run"]
-SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGINT)
+SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGINT, signal.SIGHUP)
 
 
 def start(command: list[str], folder: Path) -> subprocess.Popen[str]:

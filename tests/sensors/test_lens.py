@@ -15,7 +15,6 @@ from sensors.camera.image_formation import NoiseBank, grey
 from sensors.camera.rig import (
     UNDISTORTED,
     CameraModel,
-    Distortion,
     Facing,
     RawStereoRig,
     StereoCalibration,
@@ -31,10 +30,21 @@ from vehicle.frames import FloatArray, transform
 
 BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)
 PINCUSHION = (0.1, 0.02, -0.001, 0.002, 0.001)
+RATIONAL = (0.6, 0.05, 0.0005, -0.0003, 0.001, 0.95, 0.2, 0.005)
+FISHEYE = (-0.01, 0.03, -0.02, 0.004)
 
 
-def camera(distortion: Distortion) -> CameraModel:
-    return CameraModel(width=1344, height=391, fx=563.0, fy=560.0, cx=668.0, cy=197.0, distortion=distortion)
+def camera(distortion: tuple[float, ...]) -> CameraModel:
+    return CameraModel(
+        width=1344,
+        height=391,
+        fx=563.0,
+        fy=560.0,
+        cx=668.0,
+        cy=197.0,
+        distortion=distortion,
+        fisheye=len(distortion) == 4,
+    )
 
 
 def pose(R: FloatArray, x: float, y: float = 0.0, z: float = 0.0) -> FloatArray:
@@ -45,17 +55,32 @@ def rig(X_ClCr: FloatArray) -> RawStereoRig:
     return RawStereoRig(left=camera(BARREL), right=camera(PINCUSHION), X_ClCr=X_ClCr, X_SC=pose(np.eye(3), -13.6))
 
 
-@pytest.mark.parametrize("distortion", [BARREL, PINCUSHION])
-def test_projection_is_opencvs(distortion: Distortion) -> None:
-    """The same five coefficients in the same order mean the same lens; agreement up to rounding."""
+@pytest.mark.parametrize("distortion", [BARREL, PINCUSHION, RATIONAL, FISHEYE])
+def test_projection_is_opencvs(distortion: tuple[float, ...]) -> None:
+    """The same coefficients in the same order mean the same lens; agreement up to rounding."""
     points = np.random.default_rng(0).uniform([-1.2, -0.35, 1.0], [1.2, 0.35, 1.0], (500, 3)) * [[7.0]]
+    points[0] = [0.0, 0.0, 7.0]
     model = camera(distortion)
-    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), model.matrix, np.array(distortion))[0][:, 0]
-    np.testing.assert_allclose(model.project(points), expected, atol=1e-9)
+    if model.fisheye:
+        pixels = cv2.fisheye.projectPoints(
+            points[:, None], np.zeros(3), np.zeros(3), model.matrix, np.array(distortion)
+        )
+    else:
+        pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), model.matrix, np.array(distortion))
+    np.testing.assert_allclose(model.project(points), pixels[0].reshape(-1, 2), atol=1e-9)
 
 
-@pytest.mark.parametrize("distortion", [BARREL, PINCUSHION, (0.0,) * 5])
-def test_rays_invert_pixels_in_all_of_the_image(distortion: Distortion) -> None:
+def test_a_fisheye_that_sees_more_than_the_model_s_rays_is_cut_there() -> None:
+    """Lens of 190 deg: its rays are right up to 76 deg off the axis, and no longer than that beyond."""
+    wide = CameraModel(width=800, height=800, fx=240.0, fy=240.0, cx=399.5, cy=399.5, distortion=FISHEYE, fisheye=True)
+    rays = wide.rays(np.stack(np.meshgrid(np.arange(0.0, 800.0, 7.0), np.arange(0.0, 800.0, 7.0)), axis=-1))
+    assert np.hypot(rays[..., 0], rays[..., 1]).max() == pytest.approx(4.0, abs=1e-9)
+    inside = np.array([[399.5 + 290.0, 399.5], [399.5, 120.0], [200.0, 200.0]])
+    np.testing.assert_allclose(wide.pixels(wide.rays(inside)), inside, atol=1e-9)
+
+
+@pytest.mark.parametrize("distortion", [BARREL, PINCUSHION, RATIONAL, FISHEYE, (0.0,) * 4, (0.0,) * 5])
+def test_rays_invert_pixels_in_all_of_the_image(distortion: tuple[float, ...]) -> None:
     """Corners are the hardest; Newton's method ends within rounding of 1000 px."""
     v, u = np.mgrid[0:391:10, 0:1344:9].astype(float)
     pixels = np.stack([u, v], axis=-1)
@@ -85,6 +110,8 @@ def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: f
         (lambda good: replace(good, width=0), "image of 0x391 px"),
         (lambda good: replace(good, distortion=(-0.4, 0.0, 0.0, 0.0, 0.0)), "folds over"),
         (lambda good: replace(good, distortion=(math.nan, 0.0, 0.0, 0.0, 0.0)), "five numbers"),
+        (lambda good: replace(good, fisheye=True), "four numbers k1 to k4"),
+        (lambda good: replace(good, fisheye=True, distortion=(-0.4, 0.0, 0.0, 0.0)), "folds over"),
     ],
 )
 def test_cameras_that_can_not_be_are_refused(wrong: Callable[[CameraModel], CameraModel], complaint: str) -> None:
@@ -101,8 +128,10 @@ def test_mount_rotation_is_the_papers() -> None:
     assert (mount_rotation(0.0, 0.1, 0.0) @ [0.0, 0.0, 1.0])[0] > 0.0
 
 
-def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
+@pytest.mark.parametrize("distortion", [BARREL, RATIONAL, FISHEYE])
+def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path, distortion: tuple[float, ...]) -> None:
     written = rig(pose(mount_rotation(-0.0026, 0.0017, 1e-5), 0.5003, 1.0 / 3.0 * 1e-3))
+    written = replace(written, left=camera(distortion))
     file = tmp_path / "rig.toml"
     file.write_text(written.to_toml(), encoding="utf-8")
     read = load_raw_rig(file)
@@ -116,7 +145,7 @@ def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
     ("was", "instead", "complaint"),
     [
         ("fx = 563.0\n", "", r"rig.toml: keys are missing: 'left.fx' \[px\], 'right.fx' \[px\]"),
-        ("distortion = [-0.2, ", "distortion = [", r"rig.toml: .*left.distortion"),
+        ("distortion = [-0.2, ", "distortion = [", r"rig.toml: distortion = .* must be five numbers"),
         ("[left]", "[lift]", "rig.toml: key 'left' is missing"),
     ],
 )

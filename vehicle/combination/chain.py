@@ -106,16 +106,15 @@ def wheel_travel(chain: Chain, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
 def relaxation(chain: Chain, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
     """Relaxation rate of every state with the others held [1/s], for the integrator; 0 where not stiff."""
     of_wheels = [wheel.relaxation for wheel in _algebraic(chain, s, u).wheels]
-    deflection = _column(wheel.deflection for wheel in of_wheels)
-    twin = _column(wheel.twin for wheel in of_wheels if wheel.twin is not None)
+    twins = [wheel.twin for wheel in of_wheels if wheel.twin is not None]
     none = State(*(ca.SX(size, 1) for size in state_sizes(chain.vehicle)))
     return none._replace(
         omega=_column(wheel.omega for wheel in of_wheels),
-        deflection_x=deflection,
-        deflection_y=deflection,
+        deflection_x=_column(wheel.deflection.x for wheel in of_wheels),
+        deflection_y=_column(wheel.deflection.y for wheel in of_wheels),
         brake_windup=_column(wheel.brake_windup for wheel in of_wheels),
-        twin_x=twin,
-        twin_y=twin,
+        twin_x=_column(twin.x for twin in twins),
+        twin_y=_column(twin.y for twin in twins),
     )
 
 

@@ -32,15 +32,16 @@ class RollingWheel(NamedTuple):
     brake_deceleration: Num  # rate of the spin that its brakes can cause, not above 0 [rad/s2]
     gear: Num  # +1 drives forward, -1 backward
     torque: "Num | None" = None  # of a further drive, + forward [N m]
+    camber: Num = 0.0  # + top to the right [rad]
 
 
 class Relaxation(NamedTuple):
     """Relaxation rate of each state of a wheel with the others held [1/s]: minus the Jacobian's diagonal."""
 
     omega: Num
-    deflection: Num  # in either direction; along the wheel damping makes it slower, which the integrator may ignore
+    deflection: Planar  # along the wheel damping makes it slower, which the integrator may ignore
     brake_windup: Num
-    twin: "Num | None"  # the inner patch's, as of ``deflection``
+    twin: Planar | None  # the inner patch's, as of ``deflection``
 
 
 class WheelMotion(NamedTuple):
@@ -75,10 +76,11 @@ class _ContactPatch(NamedTuple):
     """A contact patch of a wheel."""
 
     rate: Planar  # of its deflection [1/s]
-    decay: Num  # [1/s]
+    decay: Planar  # [1/s]
     force: Planar  # [N]
     spin_relaxation: Num  # its part of the wheel's [1/s]
     trail: Num  # [m]
+    moment: Num  # about the vertical besides that of the side force, + left [N m]
     used: Num  # force over the largest one [-]
 
 
@@ -87,17 +89,18 @@ def wheel_motion(vehicle: Vehicle, wheel: ChainWheel, s: RollingWheel) -> WheelM
     v = along(s.plane, s.hub)
     turning = (1.0 / _BRAKE_WINDUP) * s.omega
     winding = ca.fabs(turning)  # rate at which the windup of a brake follows the wheel [1/s]
-    scrub: Num = 0.0
+    scrub: Num = 0.0  # moment clockwise [N m]
     if s.twin is None:
         outer, inner = _patch(wheel, s, s.deflection, v, 1.0), None
         force, used, spin, trail = outer.force, outer.used, outer.spin_relaxation, outer.trail
+        scrub = scrub - outer.moment
     else:
         spacing = 0.0 if wheel.axle.twin_spacing is None else wheel.axle.twin_spacing
         reach = wheel.side * 0.5 * spacing  # of the outer patch to the left of the wheel's middle [m]
         outer = _patch(wheel, s, s.deflection, Vector(v.x - reach * s.yaw_rate, v.y), 0.5)
         inner = _patch(wheel, s, s.twin, Vector(v.x + reach * s.yaw_rate, v.y), 0.5)
         force = Planar(outer.force.x + inner.force.x, outer.force.y + inner.force.y)
-        scrub = reach * (outer.force.x - inner.force.x)
+        scrub = reach * (outer.force.x - inner.force.x) - (outer.moment + inner.moment)
         used, spin = ca.fmax(outer.used, inner.used), outer.spin_relaxation + inner.spin_relaxation
         trail = 0.5 * (outer.trail + inner.trail)
     spin_rate = _braked_spin_rate(wheel, s, force.x)
@@ -123,18 +126,19 @@ def wheel_motion(vehicle: Vehicle, wheel: ChainWheel, s: RollingWheel) -> WheelM
 
 def _patch(wheel: ChainWheel, s: RollingWheel, deflection: Planar, v: Vector, share: float) -> _ContactPatch:
     """Contact patch that moves at v [m/s] along and across the wheel's plane and carries a share of its load."""
-    axle, tyre = wheel.axle, wheel.axle.tyre
+    axle, tyre = wheel.axle, wheel.axle.tyre.on_wheel(wheel.side, s.camber)
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
     grip = tyre.grip(s.load, s.friction, sliding, ca.fabs(v.x))  # tyre data are those of both twins
-    moving = carcass(deflection, sliding, grip.decay, tyre.damping, s.travel)
+    moving = carcass(deflection, sliding, grip, tyre.damping, s.travel)
     load = s.load if share == 1.0 else share * s.load
     on = contact(moving.felt, load, grip)
     return _ContactPatch(
         rate=moving.rate,
-        decay=grip.decay,
+        decay=grip.decays,
         force=on.force,
         spin_relaxation=_spin_relaxation(axle, on, moving.at_once),
         trail=grip.trail,
+        moment=grip.moment if share == 1.0 else share * grip.moment,
         used=ca.sqrt(on.force.x**2 + on.force.y**2) / (grip.limit * load),
     )
 
@@ -154,7 +158,7 @@ def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
     circle drops out. Exact for a tyre that sticks and for one that slides completely.
     """
     tyre = axle.tyre
-    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x / (axle.wheel_inertia * tyre.relaxation_length)
+    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x / (axle.wheel_inertia * tyre.relaxation_along)
     return (per_spin * at_once) * (on.per_deflection * (1.0 - on.use_along))
 
 
@@ -189,6 +193,7 @@ def wheel_motions(
             brake_deceleration=brake_decelerations[k],
             gear=u.gear,
             torque=0.5 * u.drive_torque[k // 2] if vehicle.has_torque_inputs else None,
+            camber=_camber(chain, k, loads),
         )
         motions.append(wheel_motion(vehicle, wheel, state))
     return motions
@@ -207,6 +212,17 @@ def _plane(chain: Chain, k: int, s: State[ca.SX], u: Input[ca.SX]) -> Vector:
         body = s.heave[wheel.unit] - lever * s.pitch[wheel.unit] + wheel.y * s.roll[wheel.unit]
         angles.append((wheel.side * axle.bump_steer) * (body - u.road[k]))
     return wheel_plane(axle, wheel.y, sum(angles[1:], angles[0])) if angles else Vector(1.0, 0.0)
+
+
+def _camber(chain: Chain, k: int, loads: list[Num]) -> Num:
+    """Tilt of wheel number ``k`` against the road, + top to the right [rad]: its own, and its axle's on its tyres."""
+    wheel = chain.wheels[k]
+    own = 0.0 if wheel.axle.camber is None else -wheel.side * wheel.axle.camber
+    if chain.springs is None:
+        return own
+    left, right = (k, k + 1) if wheel.side > 0 else (k - 1, k)
+    springs = chain.springs[wheel.unit].axles[wheel.axle_in_unit]
+    return own + (0.5 * springs.track / springs.tyres) * (loads[right] - loads[left])
 
 
 class GroundForce(NamedTuple):

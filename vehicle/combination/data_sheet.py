@@ -18,7 +18,6 @@ from vehicle.combination.unit import Axle, Unit
 
 _BEHIND_HITCH: Final = 1.5  # of the frame behind a fifth wheel or coupling [m]: a B-double's lead trailer has 1.4 m
 _FOLLOW_MARGIN: Final = 1.0  # of a follow point behind the rear end [m]
-_OVERLOAD: Final = 2.0  # wheel load over its tyre's nominal load, up to which tyre data are given
 _LARGEST_AXLE_LOAD: Final = 16e3 * GRAVITY  # four tyres of 4 t, load index 156: more than any road axle carries [N]
 _CLOSE: Final = 1.9  # largest distance between neighbours of an axle group [m]; 96/53/EC counts up to 1.8 m
 _EQUAL: Final = 0.9  # smallest over largest load of a group that shares equally [-]: brackets and friction take 10 %
@@ -200,14 +199,15 @@ def _of_axle(unit: Unit, axle: Axle, extent: _Extent) -> Iterator[str]:
 
 
 def _of_load(axle: Axle, load: float) -> Iterator[str]:
-    share = 0.5 * load / axle.tyre.nominal_load
+    least, most = (float(limit) for limit in axle.tyre.load_range)
     if load <= 0.0:
         yield f"carries {load / 1e3:.1f} kN, it must be above 0 kN to stay on the ground"
-    if share > _OVERLOAD:
-        yield f"{share:.1f} times its tyres' nominal load, more than {_OVERLOAD:g}"
+    if not least <= 0.5 * load <= most:
+        share = f"{0.5 * load / axle.tyre.nominal_load:.1f} times its tyres' nominal load"
+        yield f"{share}: {0.5 * load / 1e3:.1f} kN a wheel, its tyre data are for {least / 1e3:g} to {most / 1e3:g} kN"
     if load > _LARGEST_AXLE_LOAD:
-        most = f"{_LARGEST_AXLE_LOAD / GRAVITY / 1e3:g} t"
-        yield f"carries {load / GRAVITY / 1e3:.1f} t, more than the {most} of four truck tyres"
+        heaviest = f"{_LARGEST_AXLE_LOAD / GRAVITY / 1e3:g} t"
+        yield f"carries {load / GRAVITY / 1e3:.1f} t, more than the {heaviest} of four truck tyres"
 
 
 def _of_sharing(ahead: Axle, load: float, axle: Axle, behind: float) -> Iterator[str]:

@@ -16,7 +16,7 @@ from vehicle.combination.unit import AxleBrake, Brakes, Unit, grouped
 from vehicle.foundation.quantity import Frozen, Lag, checked, quantity
 from vehicle.foundation.user_file import ParameterLibrary, nearest, read_toml, sources, without_sources
 from vehicle.tyres import Tyre
-from vehicle.tyres.laws import TYRES
+from vehicle.tyres.laws import TYRES, tyre_law
 
 _FORCE: Final = "1 kN moves a car, 1 MN the heaviest transport"
 _POWER: Final = "powers are in W, not kW"
@@ -406,12 +406,18 @@ def _with_tables(
 
 def _tyre(table: dict[str, Any], file: str, key: str, name: str) -> Tyre:
     """Tyre data from a table, by the law that it names."""
+    if "law" in table and "model" not in table:
+        table = {"model": table["law"], **{word: value for word, value in table.items() if word != "law"}}
+    if "file" in table:
+        from vehicle.tyres.property_file import tyre_of_file
+
+        return tyre_of_file({"name": name, "model": "magic_formula", **table}, file, key)
     if "model" not in table:
         raise ValueError(f"{file}: key '{key}.model' is missing: one of {', '.join(TYRES)}")
-    model = table["model"]
-    if model not in TYRES:
+    model, law = table["model"], tyre_law(table["model"])
+    if law is None:
         raise ValueError(f"{file}: {key}.model = {model!r} is not a tyre law{nearest(str(model), TYRES)}")
-    return checked(TYRES[model], {"name": name, **table}, file, key, _VEHICLES.usual)
+    return checked(law, {"name": name, **table}, file, key, _VEHICLES.usual)
 
 
 def _axle_brake(table: dict[str, Any], file: str, key: str, _: str) -> AxleBrake:

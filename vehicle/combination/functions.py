@@ -114,10 +114,13 @@ def sampled_states(vehicle: Vehicle) -> range:
     return range(at.brake_pressure.start, at.brake_valve.stop)
 
 
-def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers: ca.SX) -> Composite:
+def step_in_calls(
+    vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers: ca.SX, *, timed: bool = False
+) -> Composite:
     """Function (state, plant's input, numbers) -> state one tick later.
 
-    ``x``, ``v`` and ``numbers`` are its symbols, ``u`` is the chain's input in terms of ``v``.
+    ``x``, ``v`` and ``numbers`` are its symbols, ``u`` is the chain's input in terms of ``v``. The last entry of the
+    input of a ``timed`` step is its length [s].
     """
     chain, s, at = Chain.of(vehicle), _named(vehicle, x), State(*slices(state_sizes(vehicle)))
     sampled = sampled_states(vehicle)
@@ -125,12 +128,16 @@ def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers
     travel = wheel_travel(chain, s, u) if sampled else ca.SX(0, 1)
     rates = _Rates(ca.vertcat(*derivative(chain, s, u))[:n], ca.vertcat(*relaxation(chain, s, u))[:n], travel)
     of_rates = ca.Function("rates", [x, v, numbers], [rates.entries])
-    calls = [Call(of_rates), Call(_halfway(rates, of_rates), results=(1,)), Call(of_rates, state=2, needed=n)]
+    calls = [
+        Call(of_rates),
+        Call(_halfway(rates, of_rates, timed=timed), results=(1,)),
+        Call(of_rates, state=2, needed=n),
+    ]
     if sampled:
         now = ca.SX.sym("now", rates.entries.numel())
         spin = ca.vertsplit(rates.rate(now)[at.omega])
         brakes = brake_rates(chain, s, ca.vertsplit(rates.travel(now)), spin)
-        later = x[n:] + TICK * ca.vertcat(*brakes.pressure, *brakes.valve)
+        later = x[n:] + (v[-1] if timed else TICK) * ca.vertcat(*brakes.pressure, *brakes.valve)
         calls.append(Call(ca.Function("brakes", [x, v, numbers, now], [ca.cse(later)]), results=(1,)))
     calls.append(Call(_after(rates, of_rates, len(sampled)), results=tuple(range(1, len(calls) + 1))))
     return Composite("step", tuple(calls))
@@ -139,11 +146,12 @@ def step_in_calls(vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers
 # CasADi's machine runs every operation of these two functions on a whole vector.
 
 
-def _halfway(rates: "_Rates", of_rates: Any) -> Any:
+def _halfway(rates: "_Rates", of_rates: Any, *, timed: bool) -> Any:
     """Function (state, input, numbers, rates) -> state halfway, and the weights of half a step."""
     x, v, numbers = _arguments(of_rates)
     now = ca.MX.sym("now", of_rates.numel_out(0))
-    half = _chosen(half_weight(rates.relaxing(now), TICK), rates.places, half_weight(0.0, TICK))
+    step = v[-1] if timed else TICK
+    half = _chosen(half_weight(rates.relaxing(now), step), rates.places, half_weight(0.0, step))
     continuous = halfway(x[: rates.n], rates.rate(now), half)
     return ca.Function("halfway", [x, v, numbers, now], [ca.vertcat(continuous, x[rates.n :], half)])
 
@@ -267,6 +275,13 @@ def step_function(twin: SymbolicTwin) -> Composite:
     """Function (state, command and ground inputs, numbers) -> state one tick later."""
     x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
     return step_in_calls(twin.vehicle, x, v, _chain_input(twin.vehicle, v), twin.symbols)
+
+
+@_once_per_topology
+def timed_step_function(twin: SymbolicTwin) -> Composite:
+    """Function (state, command and ground inputs and length of the step [s], numbers) -> state after the step."""
+    x, v = _state(twin.vehicle), ca.vertcat(_plant_input(twin.vehicle), ca.SX.sym("step"))
+    return step_in_calls(twin.vehicle, x, v, _chain_input(twin.vehicle, v[:-1]), twin.symbols, timed=True)
 
 
 @_once_per_topology

@@ -27,7 +27,7 @@ from vehicle.foundation.quantity import (
 )
 from vehicle.foundation.user_file import shown
 from vehicle.tyres import Tyre
-from vehicle.tyres.laws import TYRES
+from vehicle.tyres.laws import TYRES, tyre_law
 
 Modulation = Literal["wheel", "select_low"]
 Distribution = Literal["load", "pressure"]
@@ -180,6 +180,7 @@ _ENDINGS: Final = ("command", "std")  # of signals that have another one of the 
 RollSteer = Annotated[
     float, quantity(..., "rad/rad", -0.5, 0.5, why="leaf springs and links have 0.05 to 0.2; 0.5 is a steering system")
 ]
+Camber = Annotated[float, quantity(..., "rad", -0.2, 0.2, why="wheels stand within 10 deg of upright")]
 BumpSteer = Annotated[
     float, quantity(..., "rad/m", -1.0, 1.0, why="suspensions have up to 0.2 rad/m, 1 deg a decimetre")
 ]
@@ -206,6 +207,7 @@ class Axle(Frozen):
     )  # angle of the axle over its actuator's
     roll_steer: RollSteer | None = None  # angle of the axle per roll of the body against it; None: it does not steer so
     bump_steer: BumpSteer | None = None  # outward angle of each wheel as the body rises from it; None: likewise
+    camber: Camber | None = None  # of each wheel, + top outwards; only laws from tyre files know it; None: upright
     lifted: bool = False  # off the ground, carries no load
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
     load_share: float = quantity(
@@ -224,9 +226,10 @@ class Axle(Frozen):
         """Build the tyre from a table by the law that it names."""
         if not isinstance(tyre, dict):
             return tyre
-        if tyre.get("model") not in TYRES:
+        law = tyre_law(tyre.get("model"))
+        if law is None:
             raise ValueError(f"model = {tyre.get('model')!r} must be one of {', '.join(TYRES)}")
-        return TYRES[tyre["model"]].model_validate(tyre)
+        return law.model_validate(tyre)
 
 
 class Steering(Frozen):

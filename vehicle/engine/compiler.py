@@ -1,16 +1,17 @@
 """Shared libraries from C source, kept in the user's cache, and kernels: functions of C files in a package.
 
-``$OFFTRACK_COMPILER`` names the compiler, or is ``none``; without it the first of cc, gcc and clang that works is used.
+``$OFFTRACK_COMPILER`` names the compiler, with words before or after its name as in ``CC`` ("ccache gcc"), or is
+``none``; without it the first of cc, gcc and clang that works is used.
 """
 
 import ctypes
 import hashlib
 import os
 import re
+import shlex
 import shutil
 import subprocess
-import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_cache import FORMAT, cached, store, warn_once
 
 # Relaxations of IEEE arithmetic that change no relevant result. Not -ffast-math: in a shared library, it makes the
@@ -41,9 +43,15 @@ _VERSIONS: Final = {  # macros of the version; clang has those of an old gcc as 
 class Compiler(NamedTuple):
     """A C compiler, and its flags for libraries on this machine."""
 
-    path: str
+    path: str  # of its program, or of the one that calls it
     flags: tuple[str, ...]
     identity: str  # its macros: version, and the processor's features
+    words: tuple[str, ...] = ()  # further ones of its command
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """The command without flags."""
+        return (self.path, *self.words)
 
     @property
     def name(self) -> str:
@@ -93,8 +101,9 @@ def _choice(wanted: str) -> Compiler | str:
     if wanted.lower() == "none":
         return "OFFTRACK_COMPILER is none"
     reason = f"OFFTRACK_COMPILER = {wanted} is no C compiler" if wanted else "no C compiler found"
-    for path in (shutil.which(name) for name in ([wanted] if wanted else ["cc", "gcc", "clang"])):
-        if path and (usable := _probed(path)):
+    for name, *words in [_words(wanted)] if wanted else (["cc"], ["gcc"], ["clang"]):
+        path = shutil.which(name)
+        if path and (usable := _probed(path, words)):
             try:
                 library("int works(void) { return 1; }", [], usable)
             except CompilerError as error:
@@ -104,12 +113,20 @@ def _choice(wanted: str) -> Compiler | str:
     return reason
 
 
-def _probed(path: str) -> Compiler | None:
+def _words(command: str) -> list[str]:
+    """Words of a command; one that is the name of a program as a whole is not split."""
+    try:
+        return [command] if shutil.which(command) else shlex.split(command) or [command]
+    except ValueError:  # an open quotation mark
+        return [command]
+
+
+def _probed(path: str, words: Sequence[str]) -> Compiler | None:
     for machine in _FOR_THIS_MACHINE:
         flags = (*_FLAGS, *machine)
-        macros = _run([path, *flags, "-dM", "-E", "-x", "c", os.devnull])
+        macros = _run([path, *words, *flags, "-dM", "-E", "-x", "c", os.devnull])
         if macros.returncode == 0:
-            return Compiler(path, flags, macros.stdout)
+            return Compiler(path, flags, macros.stdout, tuple(words))
     return None
 
 
@@ -120,7 +137,7 @@ def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.
         CompilerError: one line, if the compiler fails, or the library cannot be loaded.
     """
     flags = (*using.flags, *(f"-D{definition}" for definition in definitions))
-    identity = "\0".join([FORMAT, using.path, using.identity, *flags, source])
+    identity = "\0".join([FORMAT, *using.command, using.identity, *flags, source])
     key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     try:
         content = cached(f"{key}.so")
@@ -134,9 +151,9 @@ def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.
 
 def _compiled(source: str, flags: tuple[str, ...], using: Compiler) -> bytes:
     """Content of the library's file; compiled in a temporary folder that only this user can enter."""
-    with tempfile.TemporaryDirectory(prefix="offtrack-") as folder:
+    with temporary_folder() as folder:
         built = Path(folder, "built.so")
-        result = _run([using.path, *flags, "-x", "c", "-", "-o", str(built), "-lm"], source)
+        result = _run([*using.command, *flags, "-x", "c", "-", "-o", str(built), "-lm"], source)
         if result.returncode != 0:
             raise CompilerError(f"{using.name} failed: {' '.join(result.stderr.split())[:500]}")
         return built.read_bytes()
@@ -147,7 +164,7 @@ def _loaded(content: bytes) -> ctypes.CDLL:
     try:
         return _loaded_from_memory(content)
     except (AttributeError, OSError):  # not Linux, or forbidden
-        with tempfile.TemporaryDirectory(prefix="offtrack-") as folder:
+        with temporary_folder() as folder:
             path = Path(folder, "built.so")
             path.write_bytes(content)
             return ctypes.CDLL(str(path))

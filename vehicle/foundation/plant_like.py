@@ -16,6 +16,10 @@ class EndedError(Exception):
     """A part can not go on: the run ends as "diverged". The text is one line that says why."""
 
 
+class KilledError(EndedError):
+    """The process of a part has died or does not answer: the run has failed, the vehicle has done nothing wrong."""
+
+
 class PlantLike(Protocol[TruthT, CommandT]):
     """Anything that moves a vehicle: the dynamics, or a prescribed motion."""
 

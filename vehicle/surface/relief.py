@@ -76,13 +76,16 @@ class RoadRelief:
     """Height and slope of the ground around a line.
 
     Across the line the ground rises by its bank, up to ``reach`` [m] to either side; beyond that it keeps the height
-    of there. The nearest point of the line decides. Beyond its ends the ground is level.
+    of there. The nearest point of the line decides. Beyond its ends the ground is level. Messages count stations [m]
+    from ``begin`` on.
 
     Raises:
         ValueError: if the line has a slope or bank beyond ``STEEPEST``.
     """
 
-    def __init__(self, line: FloatArray, heights: FloatArray, banks: FloatArray, *, reach: float) -> None:
+    def __init__(
+        self, line: FloatArray, heights: FloatArray, banks: FloatArray, *, reach: float, begin: float = 0.0
+    ) -> None:
         """Relief of a line of points (n, 2) closer than a metre, with heights [m] and banks (n,) [-], + rises left."""
         self._beside, self._reach = BesideLine(line), reach
         along = self._beside.along
@@ -91,7 +94,9 @@ class RoadRelief:
         for name, values in (("slope", self._slope(along)), ("bank", banks)):
             worst = int(np.argmax(np.abs(values)))
             if abs(values[worst]) > STEEPEST:
-                raise ValueError(f"{name} = {values[worst]:.3f} at {along[worst]:.1f} m must be within {STEEPEST}")
+                raise ValueError(
+                    f"{name} = {values[worst]:.3f} at {begin + along[worst]:.1f} m must be within {STEEPEST}"
+                )
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height [m] at x, y [m] in W, of their common shape."""

@@ -204,3 +204,12 @@ TYRES: Final[Mapping[str, type[Tyre]]] = MappingProxyType(
         "tmeasy": TmeasyTyre,
     }
 )
+
+
+def tyre_law(name: object) -> type[Tyre] | None:
+    """Law of this name, that of tyre files included, whose many fields are built when one is used; None: no law."""
+    if name == "tyre_file":
+        from vehicle.tyres.magic_formula import PropertyFileTyre
+
+        return PropertyFileTyre
+    return TYRES.get(str(name))

@@ -17,7 +17,7 @@ n' = (push - decay n) / (1 + d decay). With that a step of slip is answered at o
 without overshoot, and the area between step and response is still sigma / speed.
 
 The side force acts behind the wheel's centre by the pneumatic trail, which vanishes as the contact patch slides. Not
-modelled: camber, turn slip.
+modelled: turn slip, and camber but by tyre files.
 
 A twin wheel counts as one, also where its two contact patches slip each by itself. Stiffnesses and forces are over the
 vertical load. Every method takes numbers or ``casadi.SX``, and so may be the data.
@@ -55,6 +55,14 @@ class Grip(NamedTuple):
     skew: Num  # the same across, over that along [-]
     factor_by_limit: Num  # factor / limit [-]
     trail: Num  # distance behind the wheel's centre at which the side force acts when rolling forward [m]
+    across: "Num | None" = None  # decay rate across the wheel, where it differs from that along [1/s]
+    shift: Planar = Planar(0.0, 0.0)  # rate that offsets and camber add to that of sliding [1/s]
+    moment: Num = 0.0  # about the vertical besides that of the side force, + left [N m]
+
+    @property
+    def decays(self) -> Planar:
+        """Decay rates along and across the wheel [1/s]."""
+        return Planar(self.decay, self.decay if self.across is None else self.across)
 
 
 class Carcass(NamedTuple):
@@ -92,15 +100,21 @@ def magnitude(rate: Planar) -> Num:
     return ca.sqrt(rate.x**2 + (rate.y**2 + _TINY))
 
 
-def carcass(n: Planar, sliding: Planar, decay: Num, damping: Num, v_x: Num) -> Carcass:
-    """Motion of a carcass deflected by n at v_x [m/s], with ``sliding`` from ``Tyre.sliding_rate`` [1/s]."""
+def carcass(n: Planar, sliding: Planar, decay: "Num | Grip", damping: Num, v_x: Num) -> Carcass:
+    """Motion of a carcass deflected by n at v_x [m/s], with ``sliding`` from ``Tyre.sliding_rate`` [1/s].
+
+    ``decay`` is that of a grip, or a rate for both directions [1/s].
+    """
+    along, across = decay.decays if isinstance(decay, Grip) else (decay, decay)
+    if isinstance(decay, Grip):
+        sliding = Planar(sliding.x + decay.shift.x, sliding.y + decay.shift.y)
     d = ca.fmax(damping, _LEAST_DAMPING)
     per_damping = 2.0 / (2.0 * d)  # 1 / d, written so that CasADi divides once and not by d at every use
-    at_once = 1.0 / (per_damping + decay)
-    damped = at_once * (sliding.x - decay * n.x)
-    rate_y = sliding.y - decay * n.y
-    across = ca.fmax(d - (d / CREEPING_SPEED) * ca.fabs(v_x), 0.0)
-    return Carcass(Planar(per_damping * damped, rate_y), Planar(n.x + damped, n.y + across * rate_y), at_once)
+    at_once = 1.0 / (per_damping + along)
+    damped = at_once * (sliding.x - along * n.x)
+    rate_y = sliding.y - across * n.y
+    damping_y = ca.fmax(d - (d / CREEPING_SPEED) * ca.fabs(v_x), 0.0)
+    return Carcass(Planar(per_damping * damped, rate_y), Planar(n.x + damped, n.y + damping_y * rate_y), at_once)
 
 
 def contact(felt: Planar, F_z: Num, grip: Grip) -> Contact:
@@ -115,6 +129,7 @@ def contact(felt: Planar, F_z: Num, grip: Grip) -> Contact:
 
 _STIFF: Final = "tyres have 3 to 20, stiff ones in tests up to 60"
 Stiffness = Annotated[float, quantity(..., "-", 0.1, 60.0, why=_STIFF)]  # per unit of slip (tangent of the slip angle)
+_OVERLOAD: Final = 2.0  # wheel load over its tyre's nominal load, up to which tyre data are given
 _LEAST_STIFFNESS: Final = 0.2  # of the nominal one: the straight line is fitted between one and two nominal loads
 
 
@@ -136,6 +151,20 @@ class Tyre(Frozen, ABC):
     pneumatic_trail: float = quantity(
         ..., "m", 0.0, 0.3, why="a sixth of the contact patch, which is at most 1 m long, and a margin"
     )  # at small slip and nominal load; 0: no moment
+
+    @property
+    def load_range(self) -> Planar:
+        """Least and largest load per wheel that the data are given for [N]."""
+        return Planar(0.0, _OVERLOAD * self.nominal_load)
+
+    @property
+    def relaxation_along(self) -> float:
+        """Relaxation length along the wheel at the nominal load [m]."""
+        return self.relaxation_length
+
+    def on_wheel(self, side: int, camber: Num) -> "Tyre":
+        """The tyre on a wheel of one side (+1 left, -1 right), tilted by ``camber`` [rad], + top to the right."""
+        return self
 
     @property
     @abstractmethod
@@ -160,7 +189,7 @@ class Tyre(Frozen, ABC):
         wheel's velocity to the left, which pulls it to the right [m/s].
         """
         C, per_length = self.nominal_stiffness, 1.0 / self.relaxation_length
-        return Planar((C.x * per_length) * gain, (-C.y * per_length) * drift)
+        return Planar((C.x * (1.0 / self.relaxation_along)) * gain, (-C.y * per_length) * drift)
 
     def trail(self, F_z: Num, remaining: Num) -> Num:
         """Pneumatic trail [m]; ``remaining`` is the share that sliding leaves of it.
@@ -181,8 +210,9 @@ class Tyre(Frozen, ABC):
         """Force [N] at a steady slip [-], at which the deflection no longer changes."""
         sliding = self.sliding_rate(slip.x, -slip.y)
         grip = self.grip(F_z, friction, sliding, 1.0)
-        scale = F_z * grip.factor / grip.decay
-        return Planar(scale * sliding.x, scale * grip.skew * sliding.y)
+        per_rate = F_z * grip.factor / grip.decay
+        across = per_rate if grip.across is None else F_z * grip.factor / grip.across
+        return Planar(per_rate * (sliding.x + grip.shift.x), across * grip.skew * (sliding.y + grip.shift.y))
 
 
 class StiffnessTyre(Tyre):

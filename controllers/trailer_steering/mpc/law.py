@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Actuation, Combination, SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import Actuation, Combination, LowSpeedParameters, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import check_steered, check_towed
 from controllers.trailer_steering.mpc.observer import FrictionMemory, Observer, ObserverMemory, reckoned, updated
 from controllers.trailer_steering.mpc.planning import (
@@ -35,7 +35,7 @@ from vehicle.clock import TICK, elapsed_since
 from vehicle.combination.description import GRAVITY
 from vehicle.combination.roll import roll_gradients
 from vehicle.frames import FloatArray
-from vehicle.option import PartParameters, quantity
+from vehicle.option import quantity
 
 _CREEP: Final = 0.5  # below this speed, and in reverse, the axles keep their angles [m/s]
 _HOLD: Final = 2.0  # on signals alone after the last estimate: an error of 3 cm by their bias [s]
@@ -63,7 +63,7 @@ class MpcMemory(NamedTuple):
 class Mpc(SteeringLaw[MpcMemory]):
     """Model predictive control of the axle angles; one object per thread."""
 
-    class Parameters(PartParameters):
+    class Parameters(LowSpeedParameters):
         """Sizes that the cost compares."""
 
         tolerance: float = quantity(
@@ -80,6 +80,7 @@ class Mpc(SteeringLaw[MpcMemory]):
         check_towed("mpc", combination)
         self._trailer, self._combination = trailer, combination
         self._given = given = parameters or self.Parameters()
+        self.speeds = given.speeds
         unit = combination.vehicle.units[combination.unit]
         rolls = roll_gradients(combination.vehicle)
         self._roll_factor = 1.0 + GRAVITY * rolls[combination.unit]  # of the accelerometer reading, by roll of the body

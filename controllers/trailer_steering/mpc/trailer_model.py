@@ -173,11 +173,11 @@ def axle_forces(model: TrailerModel, travel: Travel, deflection: ca.SX, steer: c
         sliding = axle.tyre.sliding_rate(0.0, v.y)
         grip = axle.tyre.grip(load, friction, sliding, speed)
         n = Planar(0.0, deflection[k])
-        moving = carcass(n, sliding, grip.decay, axle.tyre.damping, v.x)
+        moving = carcass(n, sliding, grip, axle.tyre.damping, v.x)
         force = 2.0 * contact(moving.felt, load, grip).force.y
         moment += (axle.x + grip.trail) * force * ca.cos(delta)
         rates.append(moving.rate.y)
-        fadings.append(grip.decay)
+        fadings.append(grip.decays.y)
     return AxleForces(ca.vertcat(*rates), ca.vertcat(*fadings), moment / model.load_moment)
 
 

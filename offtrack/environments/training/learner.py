@@ -21,10 +21,11 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from controllers.trailer_steering.policy import Network, feature_names
+from controllers.trailer_steering.policy import Network, TrainedFor, feature_names
 from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
 from offtrack.environments.training.training_directory import (
     ACTION_REPEAT,
+    DOMAIN,
     ENVIRONMENT,
     EXPLORATION,
     LAST_LEARNING_RATE,
@@ -34,11 +35,12 @@ from offtrack.environments.training.training_directory import (
     Point,
     normalisation,
     read_curve,
+    trained_for,
     write_curve,
 )
 from scenarios.progress import Progress
 from scenarios.results.run_directory import replacing
-from vehicle.combination.description import Vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.foundation.data_file import read_archive, unpacked
 from vehicle.foundation.user_file import FileKind, shown
 from vehicle.frames import FloatArray
@@ -88,7 +90,8 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> tu
             model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no states of random generators
             model.learn(left, callback=recorder, reset_num_timesteps=False)
             recorder.keep(model)
-        return _network(model, [feature.name for feature in _features(env)]), recorder.curve
+        network = _network(model, [feature.name for feature in _features(env)])
+        return network._replace(trained_for=trained_for(load_vehicle(plan.vehicle), DOMAIN)), recorder.curve
     finally:
         env.close()
 
@@ -271,8 +274,10 @@ _ACTIVATIONS: Final = {"Tanh": "tanh", "ReLU": "relu"}
 _EXTRACTOR: Final = re.compile(r"(?:actor\.|pi_)?features_extractor\.(.+)")
 
 
-def saved_network(path: Path, vehicle: Vehicle) -> Network:
+def saved_network(path: Path, vehicle: Vehicle, domain: TrainedFor) -> Network:
     """The mean action of a saved model (PPO, A2C, SAC, TD3, DDPG with ``MlpPolicy``) for a vehicle's last trailer.
+
+    The file does not say what the model was trained for: ``domain`` does.
 
     Raises:
         ValueError: one line, if the file is no such model, or has other inputs than ``TrailerSteering-v0`` gives.
@@ -299,6 +304,7 @@ def saved_network(path: Path, vehicle: Vehicle) -> Network:
         _input_names(path, vehicle, len(mean)),
         _activation(path, arguments, actor),
         "tanh" if arguments.get("squash_output") is True else actor.output,
+        domain,
     )
     steered = len(vehicle.units[-1].steered_axles)
     if len(network.biases[-1]) != steered:

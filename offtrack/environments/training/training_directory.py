@@ -20,13 +20,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from controllers.trailer_steering.policy import Network, save_network
+from controllers.trailer_steering.policy import Network, TrainedFor, save_network
 from offtrack.environments import rewards
 from offtrack.environments.rewards import Domain, Reward
 from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
 from offtrack.studies.run_study import check_study_directory, opened_study
+from scenarios.assembly.adapters import trailer_geometry
 from scenarios.results.log import read_table
 from scenarios.results.run_directory import replaced, replacing
+from vehicle.combination.description import Vehicle
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
 
@@ -35,6 +37,7 @@ ACTION_REPEAT: Final = 4
 REWARD: Final[Mapping[Reward, float]] = {rewards.off_path: 1.0, rewards.outside_path: 0.1, rewards.steer_effort: 0.02}
 REWARD_SCALE: Final = 0.1  # gives values of the order of 1: half a metre for two seconds is -5
 COURSES: Final = ("roundabout", "roundabout-right", "turn-90", *(f"random-{k}" for k in range(1, 17)))
+DEFAULT_DOMAIN: Final = Domain()  # of the environment
 DOMAIN: Final = Domain(friction=(0.3, 0.9), speed=(1.4, 5.0))
 
 # Mean and standard deviation of features, by the prefix of their names. They are fixed instead of running statistics:
@@ -225,6 +228,17 @@ def opened_directory(plan: Plan, directory: Path) -> AbstractContextManager[None
 
 def _content(plan: Plan) -> str:
     return json.dumps(plan.plain(), indent=2) + "\n"
+
+
+def trained_for(vehicle: Vehicle, domain: Domain = DEFAULT_DOMAIN) -> TrainedFor:
+    """What a network for a vehicle's last trailer was trained for in episodes of a domain."""
+    trailer = trailer_geometry(vehicle, len(vehicle.units) - 1)
+    length, lag = trailer.follow_distance, trailer.actuator_lag
+    return TrainedFor(
+        speed=domain.speed,
+        follow_distance=(length * domain.length[0], length * domain.length[1]),
+        actuator_lag=(lag * domain.actuator_lag[0], lag * domain.actuator_lag[1]),
+    )
 
 
 def keep_network(network: Network, path: Path) -> None:

@@ -1,43 +1,55 @@
-"""Formats that finished runs are written in, by name, and logs in SI units as CSV, MATLAB's MAT and ASAM's MF4.
+"""Formats that finished runs are written in, by name. A new format is one module and one line here.
 
-A new format is one module and one line here.
+Names of signals may have any letters, spaces and hyphens, as units' names have. Formats that take less write
+``plain_names``, and the original name beside each.
 """
 
-import csv
-from collections.abc import Iterable
+import re
+import unicodedata
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, ClassVar, Final, Protocol
+from typing import ClassVar, Final, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenarios.catalogue import Catalogue
-from scenarios.extras import import_extra
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log
-from scenarios.results.run_directory import check_new_file, replacing
+from vehicle.foundation.user_file import nearest
 
 EXPORT: Final = Catalogue(
     {
-        "csv": "offtrack.exchange.exports.catalogue:Csv",
-        "mat": "offtrack.exchange.exports.catalogue:Mat",
-        "mf4": "offtrack.exchange.exports.catalogue:Mf4",
-        "mcap": "offtrack.exchange.exports.message_files:Mcap",
-        "rosbag2": "offtrack.exchange.exports.message_files:Rosbag2",
+        "csv": "offtrack.exchange.exports.csv_file:Csv",
+        "xlsx": "offtrack.exchange.exports.xlsx_file:Xlsx",
+        "mat": "offtrack.exchange.exports.mat_file:Mat",
+        "mf4": "offtrack.exchange.exports.mf4_file:Mf4",
+        "mcap": "offtrack.exchange.exports.mcap_file:Mcap",
+        "rosbag2": "offtrack.exchange.exports.rosbag2:Rosbag2",
     },
     methods=("write",),
     declares=("file", "takes_images"),
 )
+TIME: Final = "time"  # signal that every format writes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedRun:
     """A finished run to write."""
 
-    log: Log
+    log: Log  # signals to write
     scenario: Path
+    whole: Log | None = None  # all signals, by which bodies move; None: those to write
     images: Path | None = None  # the recording that the same run made
+    decimal: str = "."  # mark in numbers that are text
     progress: Progress = no_progress
+
+    @property
+    def motion(self) -> Log:
+        """The log with the signals of all bodies."""
+        return self.log if self.whole is None else self.whole
 
 
 class ExportFormat(Protocol):
@@ -48,98 +60,60 @@ class ExportFormat(Protocol):
 
     @staticmethod
     def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
-        """Write a run; return the files.
+        """Write a run; return the files. The same run gives the same bytes.
 
         Raises:
             ValueError: one line, if a file exists, a package is missing, or the run does not fit the format.
         """
 
 
-_TIME: Final = "time"
-_LONGEST: Final = 63  # characters of a name in MATLAB
+def chosen_signals(log: Log, patterns: str) -> Log:
+    """The log of the time and of the signals that fit patterns, with commas between them: ``off_tracking*,steer*``.
 
-
-class Csv:
-    """A row of names and a row for each 10 ms, empty where a signal has no value.
-
-    Units and meanings are in a second table, whose name ends with ``.units.csv``.
+    Raises:
+        ValueError: one line, if a pattern fits none.
     """
-
-    file: ClassVar = "signals.csv"
-    takes_images: ClassVar = False
-
-    @staticmethod
-    def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
-        """Write both tables."""
-        log, units = run.log, path.with_suffix(".units.csv")
-        for file in (path, units):
-            check_new_file(file)
-        values = (["" if np.isnan(value) else repr(float(value)) for value in row] for row in log.rows)
-        _write_table(path, log.names, values)
-        _write_table(units, ("name", "unit", "meaning"), ((one.name, one.unit, one.description) for one in log.signals))
-        return path, units
+    chosen = {TIME}
+    for pattern in filter(None, (part.strip() for part in patterns.split(","))):
+        found = [name for name in log.names if fnmatchcase(name, pattern)]
+        if not found:
+            listed = "offtrack export RUN --list shows all"
+            raise ValueError(f"--signals {pattern}: no signal has such a name{nearest(pattern, log.names)}; {listed}")
+        chosen.update(found)
+    return Log.of((signal, log[signal.name]) for signal in log.signals if signal.name in chosen)
 
 
-def _write_table(path: Path, names: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
-    with replacing(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(rows)
+def by_rows(log: Log) -> list[tuple[NDArray[np.bool_], tuple[str, ...]]]:
+    """Rows (n,) in which signals have values, each with the names of these signals; all rows for those without any."""
+    groups: dict[bytes, tuple[NDArray[np.bool_], list[str]]] = {}
+    for name in (name for name in log.names if name != TIME):
+        known = ~np.isnan(log[name])
+        rows = known if known.any() else ~known
+        groups.setdefault(rows.tobytes(), (rows, []))[1].append(name)
+    return [(rows, tuple(names)) for rows, names in groups.values()]
 
 
-class Mat:
-    """MAT of version 5 with structures ``signals``, ``units`` and ``meanings``; their fields are the signals' names."""
-
-    file: ClassVar = "signals.mat"
-    takes_images: ClassVar = False
-
-    @staticmethod
-    def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
-        """Write the file."""
-        from scipy.io import savemat
-
-        check_new_file(path)
-        log = run.log
-        for name in log.names:
-            if len(name) > _LONGEST or not name.isidentifier():
-                raise ValueError(
-                    f"signal '{name}' has no name for MATLAB: must be letters, digits and _, at most {_LONGEST} of "
-                    "them; csv takes any name"
-                )
-        content: dict[str, Any] = {
-            "signals": {name: log[name][:, None] for name in log.names},
-            "units": {signal.name: signal.unit for signal in log.signals},
-            "meanings": {signal.name: signal.description for signal in log.signals},
-        }
-        with replacing(path) as unfinished:
-            savemat(str(unfinished), content, appendmat=False, long_field_names=True, do_compression=True)
-        return (path,)
+_OTHER: Final = re.compile(r"[^A-Za-z0-9]+")
 
 
-class Mf4:
-    """MF4 of version 4.10 with a channel for each signal over its time, with unit and comment."""
+def plain_names(names: Iterable[str], longest: int = 200, case: Callable[[str], str] = str) -> dict[str, str]:
+    """Names of ASCII letters, digits and single underscores that begin with a letter, by the original names.
 
-    file: ClassVar = "signals.mf4"
-    takes_images: ClassVar = False
+    Accents are dropped and other letters become their code point; equal ones are numbered. Plain names stay as they
+    are, but for what ``case`` makes of them.
+    """
+    plain = {name: case(_plain(name, longest)) for name in names}
+    taken = {name for name in plain if plain[name] == name}
+    for name in (name for name in plain if plain[name] != name):
+        count, first = 1, plain[name]
+        while plain[name] in taken:
+            count += 1
+            plain[name] = f"{first[: longest - len(str(count)) - 1]}_{count}"
+        taken.add(plain[name])
+    return plain
 
-    @staticmethod
-    def write(run: ExportedRun, path: Path) -> tuple[Path, ...]:
-        """Write the file."""
-        check_new_file(path)
-        asammdf = import_extra("export", "MF4 needs", "asammdf")
-        time = np.ascontiguousarray(run.log[_TIME])
-        channels = [
-            asammdf.Signal(
-                samples=np.ascontiguousarray(run.log[signal.name]),
-                timestamps=time,
-                name=signal.name,
-                unit=signal.unit,
-                comment=signal.description,
-            )
-            for signal in run.log.signals
-            if signal.name != _TIME
-        ]
-        with asammdf.MDF(version="4.10") as file, replacing(path) as unfinished, unfinished.open("wb") as out:
-            file.append(channels, comment="offtrack")
-            file.save(out, overwrite=True)
-        return (path,)
+
+def _plain(name: str, longest: int) -> str:
+    letters = (one for one in unicodedata.normalize("NFKD", name) if not unicodedata.combining(one))
+    text = _OTHER.sub("_", "".join(one if one.isascii() else f"_u{ord(one):x}_" for one in letters)).strip("_")
+    return (text if text[:1].isalpha() else f"s_{text}")[:longest].rstrip("_")

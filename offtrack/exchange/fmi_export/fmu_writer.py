@@ -7,7 +7,6 @@ import math
 import os
 import subprocess
 import sys
-import tempfile
 import uuid
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,6 +19,7 @@ from offtrack.exchange.fmi_export.plant_model import DISPLAY, Exported, PlantMod
 from scenarios.extras import check_extra
 from scenarios.results.run_directory import replacing
 from vehicle.engine.compiler import compiler, engine_name
+from vehicle.foundation.temporary import temporary_folder
 
 _STATES: Final = {2: "FMUstate", 3: "FMUState"}
 
@@ -45,8 +45,6 @@ def model_description(model: Exported, version: int, token: str, sources: Sequen
         files = SubElement(simulation, "SourceFiles")
         for name in sources:
             SubElement(files, "File", name=name)
-    elif model.internal_step is not None:
-        simulation.set("fixedInternalStepSize", _number(model.internal_step))
     _units(root, variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call was refused")
@@ -223,14 +221,14 @@ def library(platform: str, sources: Path, files: Sequence[str], optimisation: in
         ValueError: one line with the compiler's message.
     """
     of, using = PLATFORMS[platform], compiler()
-    with tempfile.TemporaryDirectory(prefix="offtrack-fmu-") as folder:
+    with temporary_folder() as folder:
         built = Path(folder, f"library{of.suffix}")
-        environment = dict(os.environ, ZIG_LOCAL_CACHE_DIR=folder)
+        environment = dict(os.environ, ZIG_LOCAL_CACHE_DIR=str(folder))
         if _has_zig():
             command = [sys.executable, "-m", "ziglang", "cc", "-target", of.target, "-fno-sanitize=undefined", "-s"]
         else:
             assert using is not None
-            command = [using.path]
+            command = list(using.command)
         math = [] if platform == "win64" else ["-lm"]
         arguments = [*command, *_FLAGS, f"-O{optimisation}", *files, "-o", str(built), *math]
         done = subprocess.run(arguments, cwd=sources, env=environment, capture_output=True, text=True, check=False)
@@ -274,7 +272,7 @@ def fmu_bytes(exported: Exported, version: int, platforms: Sequence[str], *, opt
     }
     if version == 3:
         files["sources/buildDescription.xml"] = build_description(exported.identifier, compiled)
-    with tempfile.TemporaryDirectory(prefix="offtrack-fmu-") as folder:
+    with temporary_folder() as folder:
         for name, text in sources.items():
             Path(folder, name).write_text(text, encoding="utf-8")
         for platform in platforms:

@@ -27,8 +27,8 @@ from vehicle.combination.functions import (
     body_function,
     kinematics_function,
     start_function,
-    step_function,
     symbolic_twin,
+    timed_step_function,
     wheel_function,
 )
 from vehicle.combination.layout import (
@@ -60,7 +60,7 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
     inputs, outputs = combination_inputs(vehicle), motion_signals(vehicle)
     observe = _observe_combination(vehicle, len(inputs), twin.symbols.numel())
     programs = {
-        "step": program_of(step_function(vehicle)),
+        "step": program_of(timed_step_function(vehicle)),
         "observe": program_of(observe),
         "start": program_of(start_function(vehicle)),
     }
@@ -77,11 +77,11 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
             "FIRST_GROUND": sum(command_sizes(vehicle)),
             "FIRST_FRICTION": sum(command_sizes(vehicle)),
             "N_FRICTIONS": vehicle.n_wheels,
+            "LONGEST_STEP": 1,
         },
         gear=CommandInputs(*slices(command_sizes(vehicle))).gear.start,
         fixed=fixed_values(vehicle, unread),
-        internal_step=TICK,
-        stepping=f"Internal step: {1e3 * TICK:g} ms.",
+        stepping=f"A communication step is divided into equal steps of at most {1e3 * TICK:g} ms.",
     )
 
 
@@ -173,7 +173,6 @@ def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
             "FIRST_FIRM": in_input.firm.start - 1,  # the length of a step is no input of the FMU
         },
         gear=None,
-        internal_step=None,
         stepping=f"A communication step is divided into equal steps of at most {1e3 * LONGEST_STEP * TICK:g} ms.",
         fixed=[
             *fixed_values(rover, unread),

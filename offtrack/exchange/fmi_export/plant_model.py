@@ -279,8 +279,7 @@ class PlantModel:
     defined: Mapping[str, object]  # macros for the fixed file
     gear: int | None  # place of the input that must be 1 or -1
     fixed: Sequence[tuple[str, str]]  # what is fixed at export: path and value
-    internal_step: float | None  # of the integration [s]; None: the communication step decides it
-    stepping: str  # a sentence on it
+    stepping: str  # a sentence on the steps of the integration
 
 
 def interface_of(
@@ -390,7 +389,6 @@ class Exported:
     resources: Mapping[str, bytes] = field(default_factory=dict)
     keeps_state: bool = True  # its state can be taken, serialised and set
     tool_only: bool = False  # it needs another program on the machine
-    internal_step: float | None = None  # [s]; None: it is not declared
     step: float = 0.01  # a step that suits most uses [s]
     stop: float = 20.0  # an end that suits most uses [s]
 
@@ -408,7 +406,6 @@ def exported_plant(model: PlantModel, version: int) -> Exported:
         summary=model.summary,
         variables=model.interface.variables(),
         sources={**sources, "plant.h": plant_header(model.interface, model.programs, model.gear)},
-        notes=(f"{model.stepping} Communication steps are whole numbers of milliseconds; inputs hold during one.",),
+        notes=(f"{model.stepping} Inputs hold during a communication step.",),
         fixed=model.fixed,
-        internal_step=model.internal_step,
     )

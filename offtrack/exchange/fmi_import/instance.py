@@ -5,7 +5,6 @@ import json
 import math
 import os
 import select
-import shutil
 import signal
 import struct
 import subprocess
@@ -21,7 +20,8 @@ from offtrack.exchange.fmi_import import host
 from offtrack.exchange.fmi_import.fmu_file import FmuFile, Variable
 from offtrack.exchange.fmi_import.mapping import FmuMap
 from vehicle.clock import TICK
-from vehicle.foundation.plant_like import EndedError
+from vehicle.foundation.plant_like import EndedError, KilledError
+from vehicle.foundation.temporary import remove_folder
 from vehicle.foundation.user_file import shown
 
 _START: Final = 30.0  # a large library may take long to load [s]
@@ -33,6 +33,10 @@ _TAIL: Final = 2_000  # of what an FMU printed that is searched for its last lin
 
 class FmuError(EndedError):
     """Failure of an FMU: one line with its file, the time, and its own last words."""
+
+
+class FmuKilledError(FmuError, KilledError):
+    """The process of an FMU has died, or does not return."""
 
 
 class FmuInstance:
@@ -191,9 +195,9 @@ class FmuInstance:
             (size,) = host.SIZE.unpack_from(answer, 1)
             answer = self._read(answer, host.HEAD + size, deadline)
         except TimeoutError:
-            raise self._failure(f"{when}: does not return within {limit:g} s") from None
+            raise self._failure(f"{when}: does not return within {limit:g} s", FmuKilledError) from None
         except (OSError, EOFError, ValueError):
-            raise self._failure(f"{when}: {self._death()}") from None
+            raise self._failure(f"{when}: {self._death()}", FmuKilledError) from None
         content = answer[host.HEAD :]
         if answer[:1] != host.DONE:
             raise self._failure(f"{when}: {content.decode(errors='replace')}")
@@ -217,12 +221,12 @@ class FmuInstance:
             return "its process closed the connection"
         return f"its process was ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited ({code})"
 
-    def _failure(self, event: str) -> FmuError:
+    def _failure(self, event: str, kind: type[FmuError] = FmuError) -> FmuError:
         said = self._last_words()
         self._process.kill()
         self.close()
         event = " ".join(event.replace(f"{self._folder}/", "").split())
-        return FmuError(f"{self.fmu.path}: {shown(event, 300)}{said}")
+        return kind(f"{self.fmu.path}: {shown(event, 300)}{said}")
 
     def _last_words(self) -> str:
         """The last line that the FMU printed or logged."""
@@ -247,4 +251,4 @@ def _ended(process: subprocess.Popen[bytes], folder: Path, log: IO[bytes]) -> No
     if process.stdout is not None:
         process.stdout.close()
     log.close()
-    shutil.rmtree(folder, ignore_errors=True)
+    remove_folder(folder)

@@ -11,7 +11,6 @@ import os
 import pkgutil
 import struct
 import sys
-import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,6 +22,7 @@ from offtrack.exchange.fmi_export.plant_model import Exported, Variable, common_
 from offtrack.exchange.fmi_import.mapping import Signal
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.results.run_inputs import run_inputs, write_inputs
+from vehicle.foundation.temporary import temporary_folder
 
 FORMAT: Final = 1  # of the description; another one is refused
 MODEL_FILE: Final = "model.json"
@@ -178,8 +178,7 @@ def scenario_files(scenario: Scenario, changes: Mapping[str, Any]) -> dict[str, 
     """
     changed = scenario.model_copy(update=dict(changes))
     inputs = run_inputs(changed.model_dump(exclude_none=True))
-    with tempfile.TemporaryDirectory(prefix="offtrack-fmu-") as name:
-        folder = Path(name)
+    with temporary_folder() as folder:
         (folder / _FILE).write_text(write_inputs(changed.to_toml(), inputs, folder), encoding="utf-8")
         return {
             str(file.relative_to(folder).as_posix()): file.read_bytes()

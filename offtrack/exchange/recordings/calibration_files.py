@@ -7,7 +7,7 @@
 | ROS ``camera_info`` | ``left.yaml`` and ``right.yaml`` | by R and P, which rectify |
 | OpenCV | YAML or XML with M1, D1, M2, D2, R, T | R, T: from the left camera to the right one |
 
-Lenses are those with radial and tangential distortion (plumb_bob, radtan) of at most five coefficients.
+Lenses are plumb_bob (radtan), rational_polynomial, and of fisheyes equidistant.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,10 @@ from vehicle.foundation.user_file import FileKind, read_text, shown
 from vehicle.frames import FloatArray, inverse, orthonormalised, transform
 
 SUFFIXES: Final = (".yaml", ".yml", ".xml")
-_LENSES: Final = ("plumb_bob", "radtan", "radial-tangential", "pinhole-radtan", "none", "")
+_FISHEYES: Final = ("equidistant", "fisheye")
+_LENSES: Final = (
+    "plumb_bob", "radtan", "radial-tangential", "pinhole-radtan", "rational_polynomial", "none", "", *_FISHEYES,
+)  # fmt: skip
 _MATRICES: Final = {  # names of OpenCV's samples and of other programs
     "M1": ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "left_camera_matrix"),
     "D1": ("D1", "distCoeffs1", "dist_coeffs_1", "left_distortion"),
@@ -54,8 +57,8 @@ def foreign_rig(files: tuple[Path, ...], size: tuple[int, int]) -> RawStereoRig:
     """Raw stereo pair from one file, or from those of the left and the right camera; its X_SC is the identity.
 
     Args:
-        files: a file, or that of the left and that of the right camera. Of ROS the left one will do, if the other is
-            found by its name.
+        files: a file, or that of the left and that of the right camera. The left one will do, if the other is found
+            by its name, or that of its folder.
         size: width and height [px] of the images, for files that do not say it.
 
     Raises:
@@ -63,9 +66,9 @@ def foreign_rig(files: tuple[Path, ...], size: tuple[int, int]) -> RawStereoRig:
     """
     first = files[0]
     tables = [_table(path) for path in files]
-    if len(tables) == 1 and "camera_matrix" in tables[0] and "left" in first.name:
-        other = first.with_name(first.name.replace("left", "right"))
-        files, tables = (first, other), [*tables, _table(other)]
+    if len(tables) == 1 and ("camera_matrix" in tables[0] or "intrinsics" in tables[0]):
+        files = first, _of_right_camera(first)
+        tables.append(_table(files[1]))
     try:
         if len(tables) == 2:
             left, right = (_camera(table, size) for table in tables)
@@ -83,6 +86,15 @@ def foreign_rig(files: tuple[Path, ...], size: tuple[int, int]) -> RawStereoRig:
         raise ValueError(f"{first}: can not be read as the calibration of a stereo pair: {error}") from None
     except ValueError as error:
         raise ValueError(f"{' and '.join(map(str, files))}: {error}") from error
+
+
+def _of_right_camera(left: Path) -> Path:
+    """File of the right camera beside that of the left one: ``right.yaml``, ``cam1/sensor.yaml``."""
+    for was, instead in (("left", "right"), ("cam0", "cam1")):
+        for other in (left.with_name(left.name.replace(was, instead)), left.parent.with_name(instead) / left.name):
+            if (was in left.name or left.parent.name == was) and other != left and other.is_file():
+                return other
+    raise ValueError(f"{left}: calibration of one camera, and none of the right one beside it (right.yaml, cam1)")
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # it ships no types
@@ -136,17 +148,25 @@ def _camera(table: Mapping[str, Any], size: tuple[int, int]) -> CameraModel:
     if lens not in _LENSES or str(table.get("camera_model", "pinhole")) != "pinhole":
         raise ValueError(
             f"camera {shown(str(table.get('camera_model', 'pinhole')))} with lens {shown(lens)}: must be a pinhole "
-            "with plumb_bob or radtan; rectify the images first"
+            "with plumb_bob, radtan, rational_polynomial or equidistant; rectify the images first"
         )
-    return _model(intrinsics, _numbers(coefficients), (int(said[0] or size[0]), int(said[1] or size[1])))
+    size = int(said[0] or size[0]), int(said[1] or size[1])
+    return _model(intrinsics, _numbers(coefficients), size, fisheye=lens in _FISHEYES)
 
 
-def _model(intrinsics: FloatArray, coefficients: FloatArray, size: tuple[int, int]) -> CameraModel:
-    if len(intrinsics) != 4 or np.any(coefficients[5:]):
-        raise ValueError(f"{len(intrinsics)} intrinsics, {len(coefficients)} coefficients: must be 4 and at most 5")
-    k1, k2, p1, p2, k3 = [*coefficients[:5].tolist(), *[0.0] * 5][:5]
+def _model(
+    intrinsics: FloatArray, coefficients: FloatArray, size: tuple[int, int], *, fisheye: bool = False
+) -> CameraModel:
+    most = 4 if fisheye else 8
+    if len(intrinsics) != 4 or np.any(coefficients[most:]):
+        found = f"{len(intrinsics)} intrinsics, {len(coefficients)} coefficients"
+        raise ValueError(f"{found}: must be 4 and at most {most}")
+    k = [*coefficients.tolist(), *[0.0] * most][:most]
+    distortion = tuple(k if fisheye or any(k[5:]) else k[:5])
     fx, fy, cx, cy = intrinsics.tolist()
-    return CameraModel(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
+    return CameraModel(
+        width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=distortion, fisheye=fisheye
+    )
 
 
 def _between(left: Mapping[str, Any], right: Mapping[str, Any]) -> FloatArray:

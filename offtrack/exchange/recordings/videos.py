@@ -8,7 +8,6 @@ import contextlib
 import json
 import math
 import os
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -24,9 +23,11 @@ from estimators.context import OffTrackingSource
 from estimators.estimates import Health
 from offtrack.exchange.recordings.stereo_reader import Recording
 from offtrack.exchange.recordings.stereo_sequence import Unpacked
+from offtrack.exchange.recordings.writers import write_images
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_file import MAX_FRAMES
 
 _ENDINGS: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
@@ -56,8 +57,8 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
         ValueError: one line, if a video can not be read or is too long.
     """
     place = videos[0].parent
-    with tempfile.TemporaryDirectory(prefix="offtrack-video-") as temporary:
-        folder = Path(temporary) / (place.resolve().name if len(videos) == 2 else videos[0].stem)
+    with temporary_folder() as temporary:
+        folder = temporary / (place.resolve().name if len(videos) == 2 else videos[0].stem)
         for side in ("left", "right"):
             (folder / side).mkdir(parents=True)
         captures = [cv2.VideoCapture(str(path)) for path in videos]
@@ -68,8 +69,7 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
                 raise ValueError(f"{videos[0]}: more than {MAX_FRAMES} frames: cut the video")
             half = images[0].shape[1] // 2
             left, right = images if len(images) == 2 else (images[0][:, :half], images[0][:, half : 2 * half])
-            for side, image in (("left", left), ("right", right)):
-                cv2.imwrite(str(folder / side / f"{len(times):06d}.pgm"), image)
+            write_images({folder / s / f"{len(times):06d}.pgm": i for s, i in (("left", left), ("right", right))})
             times.append(1e-3 * captures[0].get(cv2.CAP_PROP_POS_MSEC))
             progress(len(times), max(expected, len(times)), "unpacking")
         rate = captures[0].get(cv2.CAP_PROP_FPS) or 10.0

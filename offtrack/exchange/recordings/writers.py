@@ -11,7 +11,7 @@ each wheel's steer angle in deg), ``rig.toml``, and where the true slip is known
 
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -20,12 +20,13 @@ from typing import Any, Final, Self
 import cv2
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
 from scenarios.assembly.trailer_run import Assembly
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration
-from sensors.messages import GreyImage, RoverView, StereoFrame
+from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.foundation.data_file import Column, open_table
@@ -191,10 +192,9 @@ class RecordingFolder:
     def _begin(self) -> None:
         """Write what does not change during the recording."""
 
-    def end(self, *, interrupted: bool) -> None:
-        """End the recording; the recording of an interrupted run may be replaced."""
-        if interrupted:
-            mark_interrupted(self._folder)
+    def end(self) -> None:
+        """End the recording; it may be replaced until its run is written: see `mark_complete`."""
+        mark_interrupted(self._folder)
 
     def note(self, name: str, line: str) -> None:
         """Write a file of one line besides those of the recording."""
@@ -213,14 +213,19 @@ class RecordingFolder:
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # noise compresses no better at 9, only ten times more slowly
 
 
-def write_png(path: Path, image: GreyImage) -> None:
-    """Write a grey image.
+def write_images(images: Mapping[Path, NDArray[Any]]) -> None:
+    """Write grey images, all or none of them.
 
     Raises:
-        OSError: if it could not be written.
+        OSError: if they could not be written.
     """
-    if not cv2.imwrite(str(path), image, _FAST_PNG):
-        raise OSError(f"could not write {path}: is the disk full?")
+    try:
+        for path, image in images.items():
+            path.write_bytes(cv2.imencode(path.suffix, image, _FAST_PNG)[1].tobytes())
+    except OSError:
+        for path in images:
+            path.unlink(missing_ok=True)
+        raise
 
 
 class RecordingWriter(RecordingFolder):
@@ -251,8 +256,8 @@ class RecordingWriter(RecordingFolder):
         X_WC = X_WB @ self._calibration.X_SC
         if self._X_C0W is None:
             self._X_C0W = inverse(X_WC)
-        for side, image in enumerate((frame.left, frame.right)):
-            write_png(self._folder / f"image_{side}" / f"{self._count:06d}.png", image)
+        pair = {f"image_{side}": image for side, image in enumerate((frame.left, frame.right))}
+        write_images({self._folder / name / f"{self._count:06d}.png": image for name, image in pair.items()})
         self._append("times.txt", f"{frame.tick * TICK:.3f}")
         self._append("poses.txt", _numbers((self._X_C0W @ X_WC)[:3]))
         self._count += 1
@@ -309,7 +314,7 @@ class RoverRecordingWriter(RecordingFolder):
         time = f"{view.tick * TICK:.3f}"
         steer = np.degrees(view.steer)
         numbers = [math.degrees(view.heading), *view.wheel_speeds.tolist(), *steer.tolist()]
-        write_png(self._folder / IMAGES / f"{self._count:06d}.png", view.image)
+        write_images({self._folder / IMAGES / f"{self._count:06d}.png": view.image})
         self._append(READINGS, ",".join([time, *(f"{number:.17g}" for number in numbers)]))
         self._append(SLIP, f"{time},{math.degrees(truth.slip_angle):.9g}")
         self._count += 1

@@ -1,5 +1,6 @@
 """Roads as data: reference lines, cross sections, lanes and links, and where a lane lies."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.path import Path, Segment
+from scenarios.roads.placement import UNPLACED, Placement
 from vehicle.frames import FloatArray, Pose2, quadrature
 
 _INTERVALS: Final = 64  # of a cubic polynomial, whose length is summed up
@@ -80,11 +82,7 @@ class ReferenceLine:
     """Pieces one after the other."""
 
     pieces: tuple[Geometry, ...]
-
-    @property
-    def length(self) -> float:
-        """Length of the road [m]."""
-        return self.pieces[-1].s + self.pieces[-1].length
+    length: float  # of the road [m]
 
     def poses(self, s: FloatArray) -> FloatArray:
         """Positions [m] and headings [rad] (n, 3) at distances along the road (n,) [m]."""
@@ -96,13 +94,22 @@ class ReferenceLine:
         return poses
 
     def gaps(self) -> FloatArray:
-        """Distances between the end of each piece and the begin of the next (n - 1, 2) [m, rad]."""
-        gaps = np.zeros((len(self.pieces) - 1, 2))
-        for k, (piece, after) in enumerate(zip(self.pieces[:-1], self.pieces[1:], strict=True)):
-            x, y, psi = piece.poses(np.array([piece.length]))[0].tolist()
-            turn = (after.start.psi - psi + np.pi) % (2.0 * np.pi) - np.pi
-            gaps[k] = np.hypot(after.start.x - x, after.start.y - y), abs(turn)
-        return gaps
+        """Distances between the end of each piece and the begin of the next (n - 1,) [m]."""
+        ends = [piece.poses(np.array([piece.length]))[0, :2] for piece in self.pieces[:-1]]
+        begins = [piece.start[:2] for piece in self.pieces[1:]]
+        away = (np.array(begins) - np.array(ends)).reshape(-1, 2)
+        return np.asarray(np.hypot(away[:, 0], away[:, 1]), dtype=np.float64)
+
+
+class Span(NamedTuple):
+    """A stretch of a road or of one of its sections."""
+
+    begin: float  # [m]
+    end: float  # [m]
+
+
+_EVERYWHERE: Final = Span(-math.inf, math.inf)
+_ROUNDED: Final = 0.01  # a record that begins so near to a section's begin belongs to that section [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,11 +119,15 @@ class Cubics:
     begins: FloatArray  # (n,) ascending [m]
     coefficients: FloatArray  # (n, 4) a, b, c, d
 
-    def at(self, s: FloatArray) -> FloatArray:
-        """Values at the distances s (m,) [m]; before the first piece that piece's."""
+    def at(self, s: FloatArray, within: Span = _EVERYWHERE) -> FloatArray:
+        """Values at the distances s (m,) [m] of pieces that begin ``within`` a span.
+
+        Before the first piece they are that piece's.
+        """
         if not len(self.begins):
             return np.zeros(len(s))
-        k = np.clip(np.searchsorted(self.begins, s, side="right") - 1, 0, len(self.begins) - 1)
+        k = np.searchsorted(self.begins, np.clip(s, *within), side="right") - 1
+        k = np.clip(k, 0, len(self.begins) - 1)
         a, b, c, d = self.coefficients[k].T
         along = s - self.begins[k]
         return np.asarray(a + along * (b + along * (c + along * d)), dtype=np.float64)
@@ -131,9 +142,9 @@ class CrossSections:
     left: Cubics  # crossfall by s, + falls away from the reference line [rad]
     right: Cubics
 
-    def height(self, s: FloatArray, t: FloatArray) -> FloatArray:
+    def height(self, s: FloatArray, t: FloatArray, within: Span = _EVERYWHERE) -> FloatArray:
         """Height [m] at s along the road and t to the left (n,) [m]: linear between shapes, constant beyond them."""
-        fall = np.where(t > 0.0, self.left.at(s), self.right.at(s))
+        fall = np.where(t > 0.0, self.left.at(s, within), self.right.at(s, within))
         height: FloatArray = -np.abs(t) * np.tan(fall)
         if not self.shapes:
             return height
@@ -160,6 +171,9 @@ class Lane:
     kind: str  # driving, shoulder, sidewalk, …
     width: Cubics  # by the distance from the begin of the section [m]
     is_border: bool  # True: ``width`` is the distance of its outer border from lane 0
+    travel: int  # +1 along the reference line, -1 against it
+    both_ways: bool  # may be driven against ``travel`` too
+    stated: bool  # True: the file says so for this lane; False: by the side that it is on
     predecessor: int | None
     successor: int | None
 
@@ -192,8 +206,15 @@ class Section:
     """Lanes from one place along the road to the next section."""
 
     s: float  # its begin [m]
+    end: float  # [m]
     lanes: Mapping[int, Lane]  # without lane 0
     marks: Mapping[int, RoadMarks]  # by the lane's id, with lane 0; empty: the file states none in this section
+
+    @property
+    def inside(self) -> Span:
+        """Where the records along the road begin that hold on its side of its ends."""
+        room = min(_ROUNDED, 0.5 * (self.end - self.s))
+        return Span(self.s + room, self.end - room)
 
     def line_kinds(self, s: FloatArray, lane: int, between: tuple[int, int]) -> NDArray[np.int_]:
         """LineKind (n,) on a lane's outer border at s (n,) [m], which is ``between`` two lanes.
@@ -208,11 +229,12 @@ class Section:
     def borders(self, s: FloatArray, lane: int) -> tuple[FloatArray, FloatArray]:
         """Distance of a lane's inner and outer border from lane 0 at s (n,) [m], without a sign."""
         inner = outer = np.zeros(len(s))
+        within = Span(*(place - self.s for place in self.inside))
         for k in range(1, abs(lane) + 1):
             one = self.lanes.get(k if lane > 0 else -k)
             inner = outer
             if one is not None:
-                value = one.width.at(s - self.s)
+                value = one.width.at(s - self.s, within)
                 outer = np.maximum(value, inner) if one.is_border else inner + np.maximum(value, 0.0)
         return inner, outer
 
@@ -222,7 +244,18 @@ class Link(NamedTuple):
 
     is_junction: bool
     id: str
-    contact: Contact | None  # end of the next road that is touched
+    contact: Contact | None  # end of the next road that is touched; None: the file does not say
+    line: int  # in the file
+
+
+class Fault(NamedTuple):
+    """What is wrong in a stretch of a road; it matters to a drive through there alone."""
+
+    begin: float  # along the road [m]
+    end: float  # [m]
+    text: str  # with file and line
+    lane: int | None = None  # matters to this lane and those outside it; None: to the whole road
+    of_heights: bool = False  # matters where heights are driven
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -231,7 +264,6 @@ class Road:
 
     id: str
     junction: str | None  # that it belongs to
-    drives_left: bool  # rule of traffic
     reference: ReferenceLine
     elevation: Cubics  # [m]
     superelevation: Cubics  # roll about the reference line, + falls to the right [rad]
@@ -240,19 +272,31 @@ class Road:
     sections: tuple[Section, ...]
     predecessor: Link | None
     successor: Link | None
+    faults: tuple[Fault, ...] = ()
 
-    def section_end(self, k: int) -> float:
-        """End of section k along the road [m]."""
-        return self.sections[k + 1].s if k + 1 < len(self.sections) else self.reference.length
-
-    def places(self, s: FloatArray, t: FloatArray) -> FloatArray:
-        """Positions (n, 3) [m] at s along the road and t to the left of its reference line (n,) [m]."""
+    def places(self, s: FloatArray, t: FloatArray, section: Section) -> FloatArray:
+        """Positions and the reference line's heading (n, 4) [m, rad] at s in a section, t to the left of that line."""
         x, y, psi = self.reference.poses(s).T
-        roll = self.superelevation.at(s)
-        bulge = self.cross_sections.height(s, t)
+        within = section.inside
+        roll = self.superelevation.at(s, within)
+        bulge = self.cross_sections.height(s, t, within)
         across = t * np.cos(roll) - bulge * np.sin(roll)
-        height = self.elevation.at(s) + t * np.sin(roll) + bulge * np.cos(roll)
-        return np.stack([x - across * np.sin(psi), y + across * np.cos(psi), height], axis=1)
+        height = self.elevation.at(s, within) + t * np.sin(roll) + bulge * np.cos(roll)
+        return np.stack([x - across * np.sin(psi), y + across * np.cos(psi), height, psi], axis=1)
+
+    def linked(self, direction: int) -> Link | None:
+        """What follows in a direction of travel."""
+        return self.successor if direction > 0 else self.predecessor
+
+    def fault(self, span: Span, lane: int, *, heights: bool) -> Fault | None:
+        """The first fault that a drive on a lane meets between two places."""
+        met = (
+            fault
+            for fault in self.faults
+            if fault.begin < span.end and fault.end > span.begin and (heights or not fault.of_heights)
+            if fault.lane is None or (fault.lane * lane > 0 and abs(fault.lane) <= abs(lane))
+        )
+        return min(met, default=None)
 
 
 class Connection(NamedTuple):
@@ -260,8 +304,11 @@ class Connection(NamedTuple):
 
     incoming: str  # road
     connecting: str  # road
-    contact: Contact  # end of the connecting road that is touched
+    contact: Contact | None  # end of the connecting road that is touched; None: the file does not say
     lanes: Mapping[int, int]  # from the incoming to the connecting road; empty: not stated
+
+
+JUNCTION: Final = "junction "  # before the ids of junctions that cannot be read
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,3 +317,5 @@ class Network:
 
     roads: Mapping[str, Road]
     junctions: Mapping[str, tuple[Connection, ...]]
+    broken: Mapping[str, str]  # roads and junctions that cannot be read, and why, with file and line
+    placement: Placement = UNPLACED  # of the file's coordinates, by its header

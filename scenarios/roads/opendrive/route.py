@@ -1,228 +1,24 @@
-"""Routes along lanes, with the points and the painted lines along them.
+"""Points along the lanes of a route, with the painted lines along them.
 
-Travel along a road is in the direction of its reference line (+1) or against it (-1).
-
-Each place along that lane has a row of ``LINES`` lines, from right to left. The line on the lane's right is number
+Each place along the lane has a row of ``LINES`` lines, from right to left. The line on the lane's right is number
 ``LINES // 2 - 1``, the one on its left comes next, wherever the road gets or loses lanes beside them.
 """
 
+import bisect
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, NamedTuple
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scenarios.roads.opendrive.network import Connection, Contact, Lane, LineKind, Link, Network, Road, Section
+from scenarios.roads.opendrive.links import GAP, PAVED, Leg, NotReachedError, Request, Route, joint, starts
+from scenarios.roads.opendrive.network import LineKind, Network, Section, Span
 from scenarios.roads.path_file import PathPoints
-from vehicle.foundation.user_file import nearest, shown
+from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
-
-Edges = Literal["lane", "road"]
-TURNS: Final = ("left", "right", "straight")
-_TURNING: Final = math.radians(30.0)  # least change of heading of a turn through a junction
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """The route that is asked for."""
-
-    road: str | None = None  # to start on; None: the first one with a lane to drive on
-    lane: int | None = None  # to start on; None: the outermost lane to drive on
-    words: Sequence[str] = ()  # ids of roads, or turns at junctions, in the order of driving
-    heights: bool = True  # False: they are not driven, so that steps between roads do not matter
-    edges: Edges = "lane"  # the road's edges: those of the lane, or of all paved lanes beside it
-
-
-class Leg(NamedTuple):
-    """A lane of one section of a road."""
-
-    road: Road
-    section: int
-    lane: int
-    direction: int  # +1 or -1
-
-    @property
-    def length(self) -> float:
-        """Length of the section along the reference line [m]."""
-        return self.road.section_end(self.section) - self.road.sections[self.section].s
-
-
-def legs(network: Network, request: Request, source: str) -> Iterator[Leg]:
-    """Lanes of the route in the order of driving; it ends where the words do not say how to go on."""
-    leg = _first(network, request, source)
-    words = list(request.words)
-    if words and words[0] == leg.road.id:
-        words.pop(0)
-    to_the_end = not words or words[-1] in TURNS  # otherwise it ends with the last road that is named
-    seen: set[tuple[str, int, int, int]] = set()
-    while (place := (leg.road.id, leg.section, leg.lane, len(words))) not in seen:  # it has come round otherwise
-        seen.add(place)
-        yield leg
-        after = _in_road(leg, source)
-        if after is None:
-            if not words and not to_the_end:
-                return
-            after = _beyond(network, leg, words, source)
-        if after is None:
-            break
-        leg = after
-    if words:
-        raise ValueError(
-            f"{source}: the route ends with road {shown(leg.road.id, 40)}: course.route = {shown(words[0], 40)} is not "
-            "reached"
-        )
-
-
-def _first(network: Network, request: Request, source: str) -> Leg:
-    """The lane to start on, at its begin."""
-    roads = network.roads
-    if request.road is not None and request.road not in roads:
-        raise ValueError(f"{source}: course.road = {shown(request.road, 40)}{nearest(request.road, roads)}")
-    word = request.words[0] if request.words and request.words[0] in roads else None
-    wanted = request.road or word
-    usual = (road for road in roads.values() if road.junction is None and _drivable(road))
-    road = roads[wanted] if wanted else next(usual, next(iter(roads.values())))
-    lane = request.lane if request.lane is not None else _outermost(road)
-    known = sorted(road.sections[0].lanes)
-    if lane is None:
-        raise ValueError(
-            f"{source}: road {shown(road.id, 40)} has no lane of the type driving: name one in course.lane"
-        )
-    direction = _direction(road, lane)
-    section = 0 if direction > 0 else len(road.sections) - 1
-    if lane not in road.sections[section].lanes:
-        lanes = ", ".join(map(str, known)) or "none"
-        raise ValueError(f"{source}: course.lane = {lane}: road {shown(road.id, 40)} has the lanes {lanes}")
-    return Leg(road, section, lane, direction)
-
-
-def _drivable(road: Road) -> bool:
-    return _outermost(road) is not None
-
-
-def _outermost(road: Road) -> int | None:
-    """The outermost lane to drive on of the side that goes along the road, or else of the other."""
-    lanes = [lane.id for lane in road.sections[0].lanes.values() if lane.kind == "driving"]
-    along = [lane for lane in lanes if _direction(road, lane) > 0]
-    if along:
-        return max(along, key=abs)
-    lanes = [lane.id for lane in road.sections[-1].lanes.values() if lane.kind == "driving"]
-    return max(lanes, key=abs, default=None)
-
-
-def _direction(road: Road, lane: int) -> int:
-    """Direction of travel: lanes on the right go along the road where traffic drives on the right."""
-    return 1 if (lane < 0) != road.drives_left else -1
-
-
-def _in_road(leg: Leg, source: str) -> Leg | None:
-    """The lane that follows in the next section of the same road; None at the road's end."""
-    section = leg.section + leg.direction
-    if not 0 <= section < len(leg.road.sections):
-        return None
-    lanes = leg.road.sections[section].lanes
-    lane = _linked(leg)
-    lane = leg.lane if lane is None else lane
-    if lane not in lanes:
-        s = leg.road.section_end(leg.section) if leg.direction > 0 else leg.road.sections[leg.section].s
-        raise ValueError(
-            f"{source}: lane {leg.lane} of road {shown(leg.road.id, 40)} ends at s = {s:.1f} m: choose another "
-            "course.lane"
-        )
-    return Leg(leg.road, section, lane, leg.direction)
-
-
-def _linked(leg: Leg) -> int | None:
-    """The lane that a lane is linked to, in the direction of travel."""
-    lane: Lane = leg.road.sections[leg.section].lanes[leg.lane]
-    return lane.successor if leg.direction > 0 else lane.predecessor
-
-
-def _beyond(network: Network, leg: Leg, words: list[str], source: str) -> Leg | None:
-    """The lane on the next road; takes what it uses from the words. None: the route ends here."""
-    link = leg.road.successor if leg.direction > 0 else leg.road.predecessor
-    if link is None:
-        return None
-    if link.is_junction:
-        ways = [way for way in network.junctions.get(link.id, ()) if way.incoming == leg.road.id]
-        leads = [lead for way in ways if (lead := _through(network, way, leg)) is not None]
-        return _chosen(network, leads, words, f"{source}: junction {shown(link.id, 40)}")
-    after = _onto(network, link.id, link.contact, _linked(leg), leg)
-    if link.id not in network.roads:
-        raise ValueError(
-            f"{source}: road {shown(leg.road.id, 40)} is linked to road {shown(link.id, 40)}, which is not in the file"
-        )
-    if after is None:
-        raise ValueError(
-            f"{source}: road {shown(leg.road.id, 40)} is linked to road {shown(link.id, 40)}, which has no lane that "
-            f"goes on from lane {leg.lane}"
-        )
-    if words and words[0] == after.road.id:
-        words.pop(0)
-    return after
-
-
-def _onto(network: Network, road_id: str, contact: Contact | None, lane: int | None, leg: Leg) -> Leg | None:
-    """A lane at one end of a road; without a link of the lane the one on the same side of the traffic."""
-    road = network.roads.get(road_id)
-    if road is None or contact is None:
-        return None
-    direction = 1 if contact == "start" else -1
-    if lane is None:
-        lane = leg.lane * leg.direction * direction
-    section = 0 if direction > 0 else len(road.sections) - 1
-    return Leg(road, section, lane, direction) if lane in road.sections[section].lanes else None
-
-
-def _through(network: Network, way: Connection, leg: Leg) -> Leg | None:
-    """The lane of a junction's connecting road that goes on from a lane."""
-    if way.lanes and leg.lane not in way.lanes:
-        return None
-    return _onto(network, way.connecting, way.contact, way.lanes.get(leg.lane), leg)
-
-
-def _chosen(network: Network, leads: list[Leg], words: list[str], place: str) -> Leg | None:
-    """The way through a junction that the next word names, or the only one."""
-    turns = [_turn(lead.road) * lead.direction for lead in leads]
-    exits = [_exit(network, lead) for lead in leads]
-    if not words:
-        return leads[0] if len(leads) == 1 else None
-    word = words[0]
-    named = [k for k, lead in enumerate(leads) if word in (lead.road.id, exits[k])]
-    if word in TURNS:
-        fits = [k for k, turn in enumerate(turns) if _word(turn) == word]
-        named = sorted(fits, key=lambda k: abs(turns[k]), reverse=word != "straight")
-    elif not named and len(leads) == 1:
-        return leads[0]  # the road of that name comes later
-    if not named:
-        ways = ", ".join(
-            f"{lead.road.id} ({math.degrees(turn):+.0f} deg to road {exit_})"
-            for lead, turn, exit_ in zip(leads, turns, exits, strict=True)
-        )
-        raise ValueError(f"{place}: course.route = {shown(word, 40)} fits no way; there are: {shown(ways or 'none')}")
-    chosen = leads[named[0]]
-    if word in TURNS or word == chosen.road.id:
-        words.pop(0)
-    return chosen
-
-
-def _word(turn: float) -> str:
-    return "straight" if abs(turn) <= _TURNING else "left" if turn > 0.0 else "right"
-
-
-def _turn(road: Road) -> float:
-    """Change of heading along a road [rad], + left."""
-    first, *_, last = road.reference.poses(np.linspace(0.0, road.reference.length, 65))[:, 2].tolist()
-    return float(last - first)
-
-
-def _exit(network: Network, lead: Leg) -> str | None:
-    """The road after a connecting road."""
-    link: Link | None = lead.road.successor if lead.direction > 0 else lead.road.predecessor
-    return link.id if link is not None and not link.is_junction and link.id in network.roads else None
-
 
 LINES: Final = 18
 
@@ -261,101 +57,296 @@ def seen_backwards(lines: FloatArray) -> FloatArray:
 
 
 _SPACING: Final = 1.0  # between points along a lane [m]: a chord of a 12.5 m arc is 10 mm from it
-_GAP: Final = 0.5  # largest distance between the lanes of two roads [m]: beyond it the link is wrong
-_STEP: Final = 0.1  # largest difference of their heights [m]: it becomes a ramp as long as the smoothing
+_STEP: Final = 0.1  # largest difference of the heights of two lanes [m]: it becomes a ramp as long as the smoothing
 _LONGEST: Final = 50e3  # route [m], as of any course
-_PAVED: Final = frozenset(  # types of lanes that a vehicle can stand on
-    (
-        *("driving", "stop", "shoulder", "border", "parking", "restricted", "bidirectional", "biking", "roadWorks"),
-        *("entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "mwyEntry", "mwyExit"),
-        *("bus", "taxi", "HOV", "special1", "special2", "special3"),
-    )
+_ASIDE: Final = 0.02  # step to the side that is left to the smoothing [m]
+_CHANGE: Final = (
+    50.0  # length of a change by a lane of 3.5 m [m]: 1.3 m/s2 at 50 km/h; others by the root of the distance
 )
+_LANE: Final = 3.5  # [m]
+_SHORTEST: Final = 10.0  # drive of a combination [m]
+_SHORT: Final = 1.0  # a drive is so much shorter than it is asked for before that is said [m]
+_SEEN: Final = 40.0  # ahead and behind [m]
+_INSTANT: Final = 1e-6  # on either side of a jump [m]
+_TRIED: Final = 25  # lanes to start on, until one can be driven
+
+# columns of a table of points
+_U, _S, _X, _Y, _Z, _PSI, _BANK, _LEFT, _RIGHT, _ROAD_LEFT, _ROAD_RIGHT = range(11)
 
 
 def lane_points(network: Network, request: Request, source: str) -> PathPoints:
-    """Points along the middle of the lanes of a route, with heights, banks and edges.
+    """Points along the middle of the lanes of a route, with heights, banks, edges, and what a user should know of it.
+
+    Where no lane to start on is asked for, it is that of the longest drive that is possible.
 
     Raises:
         ValueError: one line with the roads' ids, if there is no such route.
     """
-    rows: list[FloatArray] = []  # x, y, z, bank, left and right width, and the lines
-    length, end = 0.0, None
-    for leg in legs(network, request, source):
-        length += leg.length
-        if length > _LONGEST:
-            raise ValueError(f"{source}: the route is longer than {1e-3 * _LONGEST:g} km")
-        points = _points(leg, request.edges)
-        if end is not None:
-            _check_joint(end, points[0], leg, request, source)
-        end = points[-1]
-        if rows:  # a road begins where the one before ends
-            away = np.hypot(*(points[:, :2] - rows[-1][-1, :2]).T) >= 0.5 * _SPACING
-            points = points[int(np.argmax(away)) :] if away.any() else points[:0]
-        if len(points):
-            rows.append(points)
-    table = np.concatenate(rows)
-    lines = table[:, 6:].reshape(-1, LINES, 2)
-    return PathPoints(
-        places=table[:, :2],
-        heights=table[:, 2],
-        banks=table[:, 3],
-        widths=table[:, 4:6],
-        lines=None if np.isnan(lines).all() else lines,
-    )
+    faulty: list[ValueError] = []
+    refused: list[ValueError] = []
+    found = starts(network, request, source)
+    named = request.lane is not None and (request.road is not None or bool(request.words))
+    for first in found[: 1 if named else _TRIED]:
+        try:
+            drive = _Drive(network, request, first, source)
+            return drive.points(
+                [f"another lane was chosen than that of the longest drive: {one}" for one in faulty[:1]]
+            )
+        except NotReachedError as error:
+            refused.append(error)
+        except ValueError as error:
+            faulty.append(error)
+    raise (faulty or refused)[0]
 
 
-def _check_joint(end: FloatArray, begin: FloatArray, leg: Leg, request: Request, source: str) -> None:
-    """Refuse a lane that does not begin where the one before ends, or at another height."""
-    gap = float(np.hypot(*(begin[:2] - end[:2])))
-    if gap > _GAP:
-        raise ValueError(
-            f"{source}: a gap of {gap:.3g} m between the lanes at the begin of road {shown(leg.road.id, 40)}, at "
-            f"({begin[0]:.2f}, {begin[1]:.2f}): must be at most {_GAP:g} m"
+class _Drive:
+    """The stretch of a route that is driven, as a table of points."""
+
+    def __init__(self, network: Network, request: Request, first: Leg, source: str) -> None:
+        self._request, self._source = request, source
+        self._wanted = math.inf if request.length is None else request.begin + request.length
+        self._legs: list[Leg] = []
+        self._rows: list[FloatArray] = []  # of each leg, with the distance along the route as first column
+        self._shifts: list[_Shift] = []
+        self._along = 0.0  # [m]
+        self._moved = 0  # changes of lane to the right
+        self._seen: dict[str, None] = {}  # faults beside the drive, in the order of driving
+        route = Route(network, request, first, source)
+        try:
+            self._follow(route)
+        except ValueError:
+            if self._along <= self._wanted - _SHORT:
+                raise
+        self._remarks = list(self._ending(route, network))
+
+    def _follow(self, route: Route) -> None:
+        for leg in route:
+            for part in _smooth_parts(leg):
+                self._append(part)
+            if self._along >= self._wanted:
+                break
+            if self._along > _LONGEST:
+                raise self._error(f"the route is longer than {1e-3 * _LONGEST:g} km")
+
+    def _error(self, message: str) -> ValueError:
+        return ValueError(f"{self._source}: {message}")
+
+    def _append(self, leg: Leg) -> None:
+        """Add a lane, if the drive there is possible."""
+        table = _points(leg)
+        steps = np.hypot(*np.diff(table[:, [_X, _Y]], axis=0).T)
+        table[:, _U] = self._along + np.concatenate([[0.0], np.cumsum(steps)])
+        if self._legs:
+            last = self._legs[-1]
+            table[:, _U] += self._join(last, leg)
+            if leg.change is not None:
+                outwards = 1 if leg.lane * leg.direction < 0 else -1  # to the right where traffic drives on the right
+                self._moved += outwards * (abs(leg.lane) - abs(last.lane))
+        if self._moved:  # each line keeps its number
+            table[:, _ROAD_RIGHT + 1 :] = np.roll(table[:, _ROAD_RIGHT + 1 :], -2 * self._moved, axis=1)
+        ends = np.interp((self._request.begin, self._wanted), table[:, _U], table[:, _S])
+        span = Span(float(ends.min()), float(ends.max()))
+        if span.begin < span.end:
+            fault = leg.road.fault(span, leg.lane, heights=self._request.heights)
+            if fault is not None:
+                raise self._error(fault.text)
+            near = Span(span.begin - _SEEN, span.end + _SEEN)
+            self._seen |= {one.text: None for one in leg.road.faults if one.begin < near.end and one.end > near.begin}
+        self._along = float(table[-1, _U])
+        self._legs.append(leg)
+        self._rows.append(table)
+
+    def _join(self, leg: Leg, lead: Leg) -> float:
+        """How far ahead of the end of a lane the next one begins [m]; refuses one that begins elsewhere, or higher."""
+        found, place = joint(leg, lead), f"the begin of road {shown(lead.road.id, 40)}, at {lead.at(lead.start)}"
+        if lead.road is leg.road:
+            place = f"road {shown(lead.road.id, 40)}, at {lead.at(lead.start)}"
+        if self._along > self._request.begin and lead.change is None:
+            if found.gap > GAP:
+                gap = max(found.gap, abs(found.aside))
+                raise self._error(
+                    f"a gap of {gap:.3g} m between the lanes at {place}, from lane {leg.lane} to {lead.lane}: must be "
+                    f"at most {GAP:g} m"
+                )
+            if self._request.heights and abs(found.up) > _STEP:
+                raise self._error(
+                    f"a step of {found.up:+.3g} m in height between the lanes at {place}: must be at most {_STEP:g} m; "
+                    "course.heights = false drives it level"
+                )
+        if abs(found.aside) > _ASIDE:
+            over = lead.change or max(_SPACING, _CHANGE * math.sqrt(abs(found.aside) / _LANE))
+            half = [0.5 * float(one.width(np.array([at]))[0]) for one, at in ((leg, leg.end), (lead, lead.start))]
+            before = lead.change is None and half[0] > half[1]  # a wide lane leaves room for it
+            self._shifts.append(
+                _Shift(self._along, found.aside, min(over, self._along) if before else over, before, half[0])
+            )
+        return found.ahead
+
+    def _ending(self, route: Route, network: Network) -> Iterator[str]:
+        """What a user should know of the drive."""
+        length, asked = min(self._along, self._wanted) - self._request.begin, self._request.length
+        first = self._legs[0]
+        if 0.0 < length < _SHORTEST - _ASIDE:
+            raise self._error(
+                f"the drive from lane {first.lane} of road {shown(first.road.id, 40)}, {first.at(first.start)}, is "
+                f"{length:.2f} m long: must be at least {_SHORTEST:g} m; {route.end}"
+            )
+        if route.is_cut or (asked is not None and length < asked - _SHORT):
+            wanted = "" if asked is None else f", not course.length = {asked:g} m"
+            yield f"course.file: the drive is {max(length, 0.0):.1f} m long{wanted}: {route.end}"
+        roads = {leg.road.id: leg.road for leg in self._legs}.values()
+        links = {link.id for road in roads for link in (road.predecessor, road.successor) if link is not None}
+        for text in [*self._seen, *(network.broken[name] for name in sorted(links & network.broken.keys()))]:
+            yield f"course.file: near the drive, but not driven: {text}"
+
+    def points(self, remarks: Sequence[str]) -> PathPoints:
+        """The points that are driven."""
+        table = np.concatenate(self._rows)
+        table = table[_spread(table[:, _U])]
+        for shift in self._shifts:
+            shift.apply(table)
+        table = self._cut(table)
+        lines = table[:, _ROAD_RIGHT + 1 :].reshape(-1, LINES, 2)
+        jumps = np.abs(np.diff(lines[:, :, 0], axis=0)) > 0.5 * _SPACING
+        lines[1:][jumps] = np.nan  # nothing is painted from one line to another
+        lane, road = table[:, [_LEFT, _RIGHT]], table[:, [_ROAD_LEFT, _ROAD_RIGHT]]
+        return PathPoints(
+            places=table[:, [_X, _Y]],
+            heights=table[:, _Z],
+            banks=table[:, _BANK],
+            widths=lane if self._request.edges == "lane" else road,
+            lanes=lane,
+            paved=road,
+            lines=None if np.isnan(lines).all() else lines,
+            remarks=(*remarks, *self._remarks),
+            rows=np.arange(len(table), dtype=np.float64),
+            where=lambda row: self._named(*table[row, [_U, _S, _X, _Y]].tolist()),
         )
-    step = float(begin[2] - end[2])
-    if request.heights and abs(step) > _STEP:
-        raise ValueError(
-            f"{source}: a step of {step:+.3g} m in height between the lanes at the begin of road "
-            f"{shown(leg.road.id, 40)}, at ({begin[0]:.2f}, {begin[1]:.2f}): must be at most {_STEP:g} m; "
-            "course.heights = false drives it level"
+
+    def _named(self, along: float, s: float, x: float, y: float) -> str:
+        """A place on the route, for messages."""
+        leg = self._legs[max(0, bisect.bisect_right(self._rows, along, key=lambda rows: float(rows[0, _U])) - 1)]
+        return f"road {shown(leg.road.id, 40)}, lane {leg.lane}, s = {s:.1f} m, ({x:.2f}, {y:.2f})"
+
+    def _cut(self, table: FloatArray) -> FloatArray:
+        """The rows between the begin and the end of the drive, with a row at each of them."""
+        begin, end = self._request.begin, self._wanted
+        if begin >= self._along - _SPACING:
+            raise self._error(f"the path is {self._along:.4g} m long: course.begin = {begin:g} m leaves nothing of it")
+        u, room = table[:, _U], 0.5 * _SPACING
+        first, last = (
+            [[np.interp(place, u, column) for column in table.T]] if u[0] < place < u[-1] else table[:0]
+            for place in (begin, end)
         )
+        inside = (u > begin + room if len(first) else u >= begin) & (u < end - room if len(last) else u <= end)
+        return np.concatenate([first, table[inside], last])
 
 
-def _points(leg: Leg, edges: Edges) -> FloatArray:
-    """Rows (n, 6 + 2 LINES) along a lane in the direction of travel.
+def _spread(along: FloatArray) -> NDArray[np.bool_]:
+    """Which points are not nearer to the last one that is kept than half the spacing: a road begins where one ends."""
+    kept = np.zeros(len(along), dtype=bool)
+    last = -math.inf
+    for k, here in enumerate(along.tolist()):
+        if here >= last + 0.5 * _SPACING:
+            kept[k], last = True, here
+    return kept
 
-    x, y, z [m], bank [-], width to the left and right edge [m]; place to the left [m] and kind of each line.
+
+@dataclass(frozen=True, slots=True)
+class _Shift:
+    """A change to the side, from the lane that ends at a place to the one that begins there."""
+
+    place: float  # along the route [m]
+    aside: float  # of the lane that begins, + left [m]
+    over: float  # length of the change [m]
+    before: bool  # on the lane that ends; False: on the one that begins
+    half: float  # half the width of the lane that ends [m]
+
+    def apply(self, table: FloatArray) -> None:
+        """Move the points of a table, and with them what lies beside them."""
+        u = (table[:, _U] - self.place) / self.over + (1.0 if self.before else 0.0)
+        rows = (u >= 0.0) & (u <= 1.0) & ((table[:, _U] <= self.place) == self.before)
+        t = u[rows]
+        share = t**3 * (10.0 - t * (15.0 - 6.0 * t))
+        shift = self.aside * (share if self.before else share - 1.0)
+        sine, cosine = np.sin(table[rows, _PSI]), np.cos(table[rows, _PSI])
+        if not self.before:  # the road of both lanes is there to drive on
+            for side, lane, road in ((1.0, _LEFT, _ROAD_LEFT), (-1.0, _RIGHT, _ROAD_RIGHT)):
+                other = np.minimum(self.half - side * self.aside, table[rows, road])
+                table[rows, lane] = np.maximum(table[rows, lane], other)
+        table[rows, _X] -= shift * sine
+        table[rows, _Y] += shift * cosine
+        table[rows, _Z] += shift * table[rows, _BANK]
+        for column in (_LEFT, _ROAD_LEFT):
+            table[rows, column] -= shift
+        for column in (_RIGHT, _ROAD_RIGHT):
+            table[rows, column] += shift
+        table[np.flatnonzero(rows)[:, None], np.arange(_ROAD_RIGHT + 1, table.shape[1], 2)] -= shift[:, None]
+
+
+def _smooth_parts(leg: Leg) -> list[Leg]:
+    """A lane in parts between the places where a record moves it to the side at once."""
+    records = [leg.road.lane_offset.begins]
+    numbers = range(1, abs(leg.lane) + 1)
+    inner = (leg.part.lanes.get(number if leg.lane > 0 else -number) for number in numbers)
+    records += [leg.part.s + lane.width.begins for lane in inner if lane is not None]
+    places = np.unique(np.concatenate(records))
+    within = leg.part.inside
+    places = places[(places > max(within.begin, leg.span.begin)) & (places < min(within.end, leg.span.end))]
+    cuts = []
+    for place in places.tolist():
+        before, after = leg.pose(place - _INSTANT), leg.pose(place + _INSTANT)
+        if math.dist(before[:2], after[:2]) > _ASIDE:
+            cuts.append(place)
+    ends = [leg.start, *cuts[:: leg.direction], leg.end]
+    inset = leg.direction * _INSTANT
+    return [
+        leg._replace(
+            start=a + (inset if k else 0.0),
+            end=b - (inset if b != leg.end else 0.0),
+            change=None if k else leg.change,
+        )
+        for k, (a, b) in enumerate(pairwise(ends))
+    ]
+
+
+def _points(leg: Leg) -> FloatArray:
+    """Rows (n, 11 + 2 LINES) along a lane in the direction of travel.
+
+    Distance along the route (not known here) and along the road, x, y, z [m], direction of travel [rad], bank [-],
+    widths to the lane's left and right border and to the road's edges [m]; place to the left [m] and kind of each line.
     """
-    road, section = leg.road, leg.road.sections[leg.section]
-    s = np.linspace(section.s, section.s + leg.length, max(2, math.ceil(leg.length / _SPACING) + 1))
+    road, section = leg.road, leg.part
+    s = np.linspace(*leg.span, max(2, math.ceil(leg.length / _SPACING) + 1))
     side = 1.0 if leg.lane > 0 else -1.0
     inner, outer = (side * border for border in section.borders(s, leg.lane))
-    offset = road.lane_offset.at(s)
+    offset = road.lane_offset.at(s, section.inside)
     middle = offset + 0.5 * (inner + outer)
-    low, high = np.minimum(inner, outer), np.maximum(inner, outer)
-    paved = _paved(leg) if edges == "road" else [leg.lane]
-    for lane in paved:
-        borders = [(1.0 if lane > 0 else -1.0) * border for border in section.borders(s, lane)]
-        low, high = np.minimum(low, np.minimum(*borders)), np.maximum(high, np.maximum(*borders))
+    paved = _paved(leg)
+    borders = [(1.0 if lane > 0 else -1.0) * border for lane in paved for border in section.borders(s, lane)]
+    low, high = np.minimum.reduce(borders), np.maximum.reduce(borders)
     lines = lines_between(section, leg.lane, paved, s, middle - offset)
-    ends = [road.cross_sections.height(s, offset + border) for border in (inner, outer)]
+    ends = [road.cross_sections.height(s, offset + border, section.inside) for border in (inner, outer)]
     width = np.where(np.abs(outer - inner) > 0.0, outer - inner, 1.0)
-    bank = np.tan(road.superelevation.at(s) + np.arctan((ends[1] - ends[0]) / width))  # mean of the lane
-    left, right = offset + high - middle, middle - offset - low
+    bank = np.tan(
+        road.superelevation.at(s, section.inside) + np.arctan((ends[1] - ends[0]) / width)
+    )  # mean of the lane
+    half, left, right = 0.5 * np.abs(outer - inner), offset + high - middle, middle - offset - low
+    places = road.places(s, middle, section)
     if leg.direction < 0:
         bank, left, right, lines = -bank, right, left, seen_backwards(lines)
-    table = np.column_stack([road.places(s, middle), bank, left, right, lines.reshape(len(s), -1)])
-    return table[:: leg.direction]
+        places[:, 3] += math.pi
+    columns = (np.zeros(len(s)), s, places, bank, half, half, left, right, lines.reshape(len(s), -1))
+    return np.column_stack(columns)[:: leg.direction]
 
 
 def _paved(leg: Leg) -> list[int]:
     """Ids of the lane and of the paved lanes that join it without one between that is not paved, rising."""
-    section = leg.road.sections[leg.section]
-    ids = sorted(section.lanes)
+    lanes = leg.part.lanes
+    ids = sorted(lanes)
     first = last = ids.index(leg.lane)
-    while first > 0 and section.lanes[ids[first - 1]].kind in _PAVED:
+    while first > 0 and lanes[ids[first - 1]].kind in PAVED:
         first -= 1
-    while last + 1 < len(ids) and section.lanes[ids[last + 1]].kind in _PAVED:
+    while last + 1 < len(ids) and lanes[ids[last + 1]].kind in PAVED:
         last += 1
     return ids[first : last + 1]

@@ -36,6 +36,36 @@ def vector(name: str, n: int, **options: Any) -> CoreVectorEnv:
     return made
 
 
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("repeat", [1, 3])
+def test_a_vector_environment_cuts_episodes_as_gymnasium_does(mode: AutoresetMode, repeat: int) -> None:
+    """After 5 actions, also of several control steps; a single one made with the same limit does the same."""
+    env = vector(TRAILER, 3, max_episode_steps=5, autoreset_mode=mode, action_repeat=repeat)
+    single = gymnasium.make(TRAILER, max_episode_steps=5, action_repeat=repeat)
+    env.reset(seed=4)
+    single.reset(seed=4)
+    action = np.zeros((3, 2), dtype=np.float32)
+    for k in range(1, 6):
+        _, _, terminated, truncated, info = env.step(action)
+        assert truncated.tolist() == [k == 5] * 3
+        assert single.step(action[0])[3] == truncated[0]
+        assert not terminated.any()
+    assert info.get("final_info", info)["outcome"].tolist() == ["timed out"] * 3
+    if mode is AutoresetMode.DISABLED:
+        env.reset(options={"reset_mask": np.array([True, False, False])})
+        assert env.step(action)[3].tolist() == [False, True, True]
+    else:
+        lasts = [bool(env.step(action)[3].all()) for _ in range(6)]
+        assert lasts.index(True) == (5 if mode is AutoresetMode.NEXT_STEP else 4)  # one starts it again
+    single.close()
+    env.close()
+
+
+def test_a_limit_of_steps_is_checked() -> None:
+    with pytest.raises(ValueError, match="max_episode_steps = 0 must be a whole number, at least 1"):
+        vector(TRAILER, 2, max_episode_steps=0)
+
+
 def ended_episodes(env: CoreVectorEnv, mode: AutoresetMode, steps: int) -> int:
     """Check an environment in an autoreset mode over random steps; return the number of ended episodes."""
     assert env.metadata["autoreset_mode"] is mode

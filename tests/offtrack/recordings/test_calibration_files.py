@@ -94,12 +94,16 @@ def test_each_program_s_file_gives_the_pair_of_cameras(
     folders = tuple(tmp_path / name / "data" if len(files) == 2 else tmp_path / name for name in ("cam0", "cam1"))
     if files[0].name == "left.yaml":
         folders = tmp_path / "left", tmp_path / "right"
-        np.testing.assert_allclose(foreign_rig(files[:1], SIZE).X_ClCr, X_CLCR, atol=1e-9)
     assert foreign_files(folders) == files  # type: ignore[arg-type]  # two folders
     rig = foreign_rig(files, SIZE)
     expected = CameraModel(width=160, height=96, fx=90.0, fy=91.0, cx=80.0, cy=47.0, distortion=(*D, 0.0))
     assert rig.left == rig.right == expected
     np.testing.assert_allclose(rig.X_ClCr, X_CLCR, atol=1e-9)
+    assert np.array_equal(foreign_rig(files[:1], SIZE).X_ClCr, rig.X_ClCr)
+    if len(files) == 2:
+        files[1].unlink()
+        with pytest.raises(ValueError, match="calibration of one camera, and none of the right one beside it"):
+            foreign_rig(files[:1], SIZE)
 
 
 @pytest.mark.parametrize(
@@ -122,9 +126,11 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
     assert says in str(refused.value)
 
 
-def test_a_lens_that_the_model_lacks_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="with lens equidistant: must be a pinhole with plumb_bob or radtan"):
-        foreign_rig(kalibr(tmp_path, "equidistant"), SIZE)
+def test_lenses_are_those_that_the_file_names(tmp_path: Path) -> None:
+    fisheye = foreign_rig(kalibr(tmp_path, "equidistant"), SIZE).left
+    assert (fisheye.fisheye, fisheye.distortion) == (True, D)
+    with pytest.raises(ValueError, match="with lens fov: must be a pinhole with plumb_bob, radtan, rational"):
+        foreign_rig(kalibr(tmp_path, "fov"), SIZE)
 
 
 def images(folder: Path, *sides: str) -> None:

@@ -88,7 +88,7 @@ def test_an_interrupted_recording_is_whole_and_gives_way_to_the_next(tmp_path: P
     with RecordingWriter(tmp_path / "a", CALIBRATION, 11.9) as recording:
         recording.add(frame(0), pose(0))
         recording.add(frame(1), pose(1))
-        recording.end(interrupted=True)
+        recording.end()
     assert len((tmp_path / "a" / "times.txt").read_text().splitlines()) == 2
     assert len((tmp_path / "a" / "poses.txt").read_text().splitlines()) == 2
     assert len(list((tmp_path / "a").glob("image_*/*.png"))) == 4

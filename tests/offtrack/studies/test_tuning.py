@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.studies.study import Study
-from offtrack.studies.trials import database, finished, former, hidden, in_database, resume, work
+from offtrack.studies.trials import database, finished, former, hidden, in_database, resume, study_name, work
 from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_directory import digest
@@ -85,8 +85,8 @@ def finish(study: optuna.Study, files: dict[str, str]) -> None:
 def test_trials_with_another_law_or_other_files_do_not_mix(tmp_path: Path) -> None:
     """They stay in the journal and are counted; a file that trials opened by themselves counts when they go on."""
     (tmp_path / "table.txt").write_text("1")
-    finish(stored(tmp_path, "tuning-old"), {})
-    finish(stored(tmp_path, "tuning-new"), {str(tmp_path / "table.txt"): digest(tmp_path / "table.txt")})
+    finish(stored(tmp_path, study_name(tuning("old"))), {})
+    finish(stored(tmp_path, study_name(tuning("new"))), {str(tmp_path / "table.txt"): digest(tmp_path / "table.txt")})
     assert former(tuning("new"), tmp_path) == 1
     resume(tuning("new"), tmp_path)
     assert len(finished(tuning("new"), tmp_path)) == 1
@@ -99,7 +99,7 @@ def test_trials_with_another_law_or_other_files_do_not_mix(tmp_path: Path) -> No
 
 def test_what_killed_workers_left_in_a_journal_does_not_stop_the_next(tmp_path: Path) -> None:
     """A trial that runs for ever, half a line, and a lock: the trial is tried again with its parameters."""
-    study = stored(tmp_path, "tuning-new")
+    study = stored(tmp_path, study_name(tuning("new")))
     finish(study, {})
     killed = study.ask().suggest_float("gain", 0.0, 1.0)
     with (tmp_path / "journal.log").open("a") as file:
@@ -107,9 +107,9 @@ def test_what_killed_workers_left_in_a_journal_does_not_stop_the_next(tmp_path: 
     (tmp_path / "journal.log.lock").symlink_to("journal.log")
     resume(tuning("new"), tmp_path)
     (tmp_path / "journal.log.lock").unlink()  # the next lines would wait for it
-    states = [trial.state.name for trial in stored(tmp_path, "tuning-new").trials]
+    states = [trial.state.name for trial in stored(tmp_path, study_name(tuning("new"))).trials]
     assert states == ["COMPLETE", "FAIL", "WAITING", "WAITING"]  # the parameters of before, the defaults
-    assert stored(tmp_path, "tuning-new").trials[2].system_attrs["fixed_params"] == {"gain": killed}
+    assert stored(tmp_path, study_name(tuning("new"))).trials[2].system_attrs["fixed_params"] == {"gain": killed}
     assert len(finished(tuning("new"), tmp_path)) == 1
 
 
@@ -138,7 +138,9 @@ def test_trials_in_a_database_are_shared_and_dead_ones_are_tried_again(tmp_path:
     assert task.shared_name != other.shared_name  # other ranges, other trials; the machine does not count
     assert in_database(task, task.storage or "").shared_name == task.shared_name
     resume(task, tmp_path)
-    study = optuna.load_study(study_name=f"tuning-{task.shared_name}", storage=database(task.storage or ""))
+    study = optuna.load_study(study_name=study_name(task), storage=database(task.storage or ""))
+    assert study.study_name.startswith("roundabout-path_preview-")  # as dashboards list it
+    assert study.metric_names == ["off_tracking.true_rms_m"]
     study.ask()  # the defaults: of a process on another machine, which goes on
     left = study.ask({"gain": optuna.distributions.FloatDistribution(0.1, 1.0)})
     left.set_user_attr("process", [platform.node(), 2**22 + 7])  # above the largest number of a process

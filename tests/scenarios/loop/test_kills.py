@@ -9,12 +9,15 @@ from tests.kills.campaign import COMMANDS, STUDY, killed
 
 
 @pytest.mark.slow
-def test_a_terminated_study_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Exit code 143, no worker left after 5 s; the next one makes the other runs only."""
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_terminated_study_keeps_what_is_finished(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 143 or 129, no worker left after 5 s; the next one makes the other runs only."""
     monkeypatch.setitem(COMMANDS, "sweep", ["sweep", "study.toml", "--jobs", "1", "--out", "out"])
     (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
-    found = killed("sweep", signal.SIGTERM, tmp_path, lambda: any(tmp_path.glob("out/cells/*.json")))
+    found = killed("sweep", number, tmp_path, lambda: any(tmp_path.glob("out/cells/*.json")))
     code, kept, problems = found
-    assert (code, problems) == (128 + signal.SIGTERM, [])
+    assert (code, problems) == (128 + number, [])
     assert kept >= 1
     assert len(list(tmp_path.glob("out/cells/*.json"))) == 4

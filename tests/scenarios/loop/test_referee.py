@@ -128,6 +128,14 @@ def test_a_road_of_changing_width_is_left_at_its_edge(x: float, y: float, outcom
     assert judged(truth(tractor=(x, y, 0.0)), widths) == outcome
 
 
+@pytest.mark.parametrize(("y", "outcome"), [(0.9, None), (1.5, "left the lane"), (4.2, "left the road")])
+def test_a_lane_is_left_before_the_road_is(y: float, outcome: Outcome | None) -> None:
+    """Wheels stand 1.02 m out; the lane is 2 m wide to either side, the road 5 m."""
+    widths = np.full((len(ROAD), 2), 2.0)
+    referee = Referee(VEHICLE, ROAD, widths, widths + 3.0)
+    assert referee.step(referee.init(), truth(tractor=(0.0, y, 0.0)))[1] == outcome
+
+
 def test_neither_a_trailer_nor_a_tractor_without_a_road_leaves_it() -> None:
     """A trailer at 80 degrees to the road reaches 9 m beside it; on the proving ground anything goes."""
     assert judged(truth(trailer_yaw=math.radians(80.0))) is None

@@ -1,21 +1,24 @@
 """The summary has the promised names, and a run directory keeps what is finished."""
 
 import dataclasses
+import errno
 import json
 import math
 import os
 import shutil
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from offtrack.reports.run_files import write_run
-from scenarios.results.log import Log, read_log
+from scenarios.results.log import Log, read_log, write_log
 from scenarios.results.run_directory import (
     appearing_at_once,
     check_new_file,
     check_run_directory,
+    claimed,
     mark_interrupted,
     next_run_directory,
     results_directory,
@@ -209,6 +212,85 @@ def test_the_run_is_written_before_its_video_is_drawn(
     assert sorted(path.name for path in (tmp_path / "killed").iterdir()) == kept
 
 
+def test_a_directory_in_use_is_refused_until_its_results_are_drawn(
+    blind_run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the start of a command; the lock stays with the name when the results take the place of the empty folder."""
+    out, refusals = tmp_path / "out", list[str]()
+
+    def try_it(*_: object) -> None:
+        try:
+            with claimed(out):
+                refusals.append("")
+        except ValueError as error:
+            refusals.append(str(error))
+
+    def others_try(*_: object) -> None:
+        thread = threading.Thread(target=try_it)
+        thread.start()
+        thread.join()
+
+    monkeypatch.setattr("offtrack.reports.run_files.write_video", others_try)
+    with results_directory(out, "x") as directory:
+        others_try()
+        write_run(blind_run, directory)
+        others_try()
+    others_try()
+    assert [f"{out}: another process works in it" in refusal for refusal in refusals] == [True, True, False, False]
+    assert "is not empty" in refusals[-1]
+    assert not (out / "traceback.txt").exists()
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
+def test_results_that_a_disk_does_not_take_go_elsewhere(
+    number: int, blind_run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A library's error names no file: the line does, and where the results are."""
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+
+    def write(log: Log, path: Path) -> None:
+        if "full" in path.parts:
+            path.touch()
+            raise OSError(number, "Error writing bytes")
+        write_log(log, path)
+
+    monkeypatch.setattr("offtrack.reports.run_files.write_log", write)
+    with pytest.raises(ValueError, match=rf"full/out: {os.strerror(number)}; all else is in .*here/offtrack-out-1"):
+        write_run(blind_run, tmp_path / "full" / "out", video=False)
+    assert not (tmp_path / "full").exists()
+    rescued = {path.name for path in (here / "offtrack-out-1").iterdir()}
+    assert rescued == {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html"}
+
+
+def test_a_disk_with_too_little_space_is_refused_beforehand(tmp_path: Path) -> None:
+    with (
+        pytest.raises(ValueError, match=r"out: .* MB are free, and the results may take 1e\+12 MB: make room"),
+        results_directory(tmp_path / "out", "x", space=1e18),
+    ):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_gives_way_until_its_run_is_drawn(
+    blind_run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that is killed while it draws leaves both to the same command."""
+    recording, marked = tmp_path / "recording", list[bool]()
+
+    def write_video(*_: object) -> None:
+        marked.append((recording / ".interrupted").exists())
+
+    monkeypatch.setattr("offtrack.reports.run_files.write_video", write_video)
+    with appearing_at_once(recording) as folder:
+        (folder / "image").touch()
+        mark_interrupted(folder)
+    write_run(blind_run, tmp_path / "out", recording=recording)
+    assert marked == [True]
+    assert not (recording / ".interrupted").exists()
+
+
 def test_timing_adds_up() -> None:
     timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
     assert timing.rest_s == pytest.approx(1.5)
@@ -258,7 +340,6 @@ def test_results_are_kept_if_their_directory_was_filled_meanwhile(tmp_path: Path
     def slow() -> None:
         with appearing_at_once(tmp_path / "out") as folder:
             (folder / "mine").touch()
-            (tmp_path / "out").mkdir()
             (tmp_path / "out" / "another").touch()
 
     with pytest.raises(ValueError, match=r"the results are in .*out-1"):

@@ -9,6 +9,7 @@ from controllers.path import Path, Segment, arc, line
 from scenarios.results.swept_path import (
     RoadEdges,
     UnitOutline,
+    body_clearance,
     placed,
     placed_wheels,
     swept_path,
@@ -167,6 +168,17 @@ def test_clearance_on_a_circle_is_that_of_the_outer_front_and_the_inner_rear_whe
     clearance = wheel_clearance(edges, (TRUCK,), (poses,))
     assert clearance.left == pytest.approx(20.0 - 0.9 - 18.0, abs=1e-4)
     assert clearance.right == pytest.approx(25.0 - math.hypot(21.0, 4.0), abs=1e-4)
+
+
+def test_the_swept_path_stays_inside_a_lane_by_the_sides_and_corners_of_its_bodies() -> None:
+    """The same drive: the inner side beside the rear axle, 0.35 m further in than the wheel, and the front corner."""
+    angle = np.linspace(0.0, math.pi, 2000)
+    road = 21.0 * np.column_stack([np.sin(angle), -np.cos(angle)])
+    inner = angle[200:-400]
+    poses = np.column_stack([20.0 * np.sin(inner), -20.0 * np.cos(inner), inner])
+    clearance = body_clearance(RoadEdges(road, np.tile([3.0, 4.0], (len(road), 1))), (TRUCK,), (poses,))
+    assert clearance.left == pytest.approx(20.0 - 1.25 - 18.0, abs=1e-4)
+    assert clearance.right == pytest.approx(25.0 - math.hypot(21.25, 5.0), abs=1e-4)
 
 
 def test_a_wheel_beyond_the_edge_counts_negative_and_rows_that_are_no_numbers_not_at_all() -> None:

@@ -209,9 +209,30 @@ def test_what_the_compiler_refuses_is_told(gcc: Compiler, tmp_path: Path) -> Non
     assert not (tmp_path / "cache").exists() or kept(tmp_path) == []
 
 
+@pytest.mark.parametrize("words", ["ccache gcc", "'{folder}/ccache' gcc -m64", "{folder}/my ccache"])
+def test_the_compiler_is_a_command_as_in_cc(
+    words: str, gcc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program before the compiler's name, flags after it; a path with a space is one word."""
+    for name, call in (("ccache", 'exec "$@"'), ("my ccache", 'exec gcc "$@"')):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{call}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv("OFFTRACK_COMPILER", words.format(folder=tmp_path))
+    found = compiler()
+    assert found is not None
+    assert found.name == gcc.name
+    assert library(SOURCE, ["ANSWER=9"], found).answer() == 9
+
+
 @pytest.mark.parametrize(
     ("wanted", "reason"),
-    [("NONE", "OFFTRACK_COMPILER is none"), ("nobody-has-it", "OFFTRACK_COMPILER = nobody-has-it is no C compiler")],
+    [
+        ("NONE", "OFFTRACK_COMPILER is none"),
+        ("nobody-has-it", "OFFTRACK_COMPILER = nobody-has-it is no C compiler"),
+        ("gcc 'open", "OFFTRACK_COMPILER = gcc 'open is no C compiler"),
+        (" ", "OFFTRACK_COMPILER =   is no C compiler"),
+    ],
 )
 def test_no_compiler_is_none(
     wanted: str, reason: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture

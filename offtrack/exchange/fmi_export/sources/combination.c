@@ -17,10 +17,12 @@ int plant_start(Data *data, char *message) {
   return 0;
 }
 
-int plant_advance(Data *data, long ticks, char *message) {
-  double after[N_STATES];
+int plant_advance(Data *data, long steps, double length, char *message) {
+  double after[N_STATES], u[STEP_NU];
   (void)message;
-  step_run(1, ticks, data->state, data->inputs, data->numbers, after);
+  memcpy(u, data->inputs, sizeof u - sizeof *u);
+  u[STEP_NU - 1] = length;
+  step_run(1, steps, data->state, u, data->numbers, after);
   memcpy(data->state, after, sizeof after);
   return 0;
 }

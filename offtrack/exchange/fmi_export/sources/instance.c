@@ -9,7 +9,6 @@
 #include <string.h>
 
 #define LONGEST_MESSAGE 1000
-#define ROUNDING 1e-6    /* by which a step may miss whole ticks [ticks] */
 #define LONGEST_STEP 1e6 /* [s] */
 
 int model_refuse(Model *model, const char *format, ...) {
@@ -102,13 +101,10 @@ void model_free_state(void **state) {
   *state = NULL;
 }
 
-int model_check_step(Model *model, double now, double time, double step, long *ticks) {
-  double whole = floor(step / TICK + 0.5);
-  int is_whole = step > 0.0 && step <= LONGEST_STEP && whole >= 1.0;
-  if (!is_whole || fabs(step / TICK - whole) > ROUNDING * (1.0 + whole))
-    return model_refuse(model, "communication step of %.9g s must be a whole number of ticks of 1 ms", step);
-  if (!(fabs(time - now) < 0.5 * TICK))
+int model_check_step(Model *model, double now, double time, double step) {
+  if (!(step > 0.0 && step <= LONGEST_STEP))
+    return model_refuse(model, "communication step of %.9g s must be above 0, at most %g s", step, LONGEST_STEP);
+  if (!(fabs(time - now) < 0.5 * fmin(TICK, step)))
     return model_refuse(model, "the step begins at %.9g s, but the model is at %.9g s", time, now);
-  *ticks = (long)whole;
   return 0;
 }

@@ -9,7 +9,8 @@
 
 #include "token.h" /* the token of this FMU */
 
-#define TICK 0.001 /* [s] */
+#define TICK 0.001    /* [s] */
+#define ROUNDING 1e-6 /* by which a step may miss whole ticks [ticks] */
 
 typedef struct Data Data; /* all that changes while it runs; the kind of model defines it */
 
@@ -27,7 +28,7 @@ typedef struct Model {
 HIDDEN Model *model_new(Model begin, const char *token); /* copies the texts; NULL after a log message */
 HIDDEN void model_free(Model *model);
 HIDDEN int model_refuse(Model *model, const char *format, ...); /* 1 */
-HIDDEN int model_check_step(Model *model, double now, double time, double step, long *ticks);
+HIDDEN int model_check_step(Model *model, double now, double time, double step);
 HIDDEN int model_get_all(Model *model, const unsigned *references, size_t n, double *values);
 HIDDEN int model_set_all(Model *model, const unsigned *references, size_t n, const double *values);
 HIDDEN int model_get_texts(Model *model, const unsigned *references, size_t n, const char **values);

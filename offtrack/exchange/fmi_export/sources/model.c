@@ -1,6 +1,7 @@
-/* The model: values by reference, its start, and steps of whole ticks. */
+/* The model: values by reference, its start, and equal steps that make up a communication step. */
 
 #include "model.h"
+#include "programs.h"
 
 #include <math.h>
 #include <string.h>
@@ -52,7 +53,7 @@ static int ensure_started(Model *model) {
 int model_begin(Model *model, double start_time) {
   if (!isfinite(start_time))
     return model_refuse(model, "start time = %g s must be finite", start_time);
-  model->data->start_time = start_time;
+  model->data->time = start_time;
   return 0;
 }
 
@@ -65,7 +66,7 @@ int model_initialise(Model *model) {
 int model_get(Model *model, unsigned reference, double *value) {
   Data *data = model->data;
   if (reference == 0) {
-    *value = data->start_time + (double)data->ticks * TICK;
+    *value = data->time;
   } else if (reference < FIRST_INPUT) {
     *value = data->parameters[reference - 1];
   } else if (reference < FIRST_OUTPUT) {
@@ -117,18 +118,19 @@ static int check_inputs(Model *model) {
 int model_step(Model *model, double time, double step) {
   Data *data = model->data;
   Data before;
-  double now = data->start_time + (double)data->ticks * TICK;
-  long ticks;
+  double ticks = step / TICK;
+  long steps = (long)ceil((ticks - ROUNDING) / LONGEST_STEP);
   char message[200] = "";
   if (!data->initialised)
     return model_refuse(model, "a step needs an initialised model");
-  if (model_check_step(model, now, time, step, &ticks) || check_inputs(model)) return 1;
+  if (model_check_step(model, data->time, time, step) || check_inputs(model)) return 1;
   before = *data;
-  if (plant_advance(data, ticks, message) || !is_sane(data->state, N_STATES)) {
+  if (steps < 1) steps = 1;
+  if (plant_advance(data, steps, step / (double)steps, message) || !is_sane(data->state, N_STATES)) {
     *data = before;
-    return model_refuse(model, "the state diverged in the step from %.9g s%s%s", now, *message ? ": " : "", message);
+    return model_refuse(model, "the state diverged in the step from %.9g s%s%s", time, *message ? ": " : "", message);
   }
-  data->ticks += ticks;
+  data->time = time + step;
   data->current = 0;
   return 0;
 }

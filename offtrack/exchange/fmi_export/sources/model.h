@@ -14,8 +14,7 @@ struct Data {
   double outputs[N_OUTPUTS];
   double state[N_STATES];
   double numbers[N_NUMBERS]; /* derived from the parameters */
-  double start_time;         /* [s] */
-  long long ticks;           /* since the start */
+  double time;               /* [s] */
   int initialised;           /* 1 behind the initialisation: parameters are fixed */
   int started;               /* 1: the state fits parameters and, before the first step, inputs */
   int current;               /* 1: the outputs fit state and inputs */
@@ -23,7 +22,7 @@ struct Data {
 
 /* of the plant; they return 0, or 1 with a reason in ``message`` (200 characters) */
 HIDDEN int plant_start(Data *data, char *message);
-HIDDEN int plant_advance(Data *data, long ticks, char *message);
+HIDDEN int plant_advance(Data *data, long steps, double length, char *message); /* of each step [s] */
 HIDDEN void plant_observe(Data *data);
 
 /* true for an input that is never 0, a gear or a friction: importers that begin with 0 have no value for it yet */

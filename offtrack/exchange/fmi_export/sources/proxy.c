@@ -44,7 +44,8 @@ struct Data {
   char *said[N_SAID + 1];  /* outputs that are texts, as they were last asked for; NULL: empty */
   Process *process;        /* NULL: not started, or ended */
   double start_time;       /* [s] */
-  long long ticks;         /* since the start */
+  double elapsed;          /* since the start [s] */
+  long long ticks;         /* of them, that the process has done */
   int initialised;         /* 1 behind the initialisation */
 };
 
@@ -182,7 +183,7 @@ int model_initialise(Model *model) {
 int model_get(Model *model, unsigned reference, double *value) {
   const Data *data = model->data;
   if (reference == 0) {
-    *value = data->start_time + (double)data->ticks * TICK;
+    *value = data->start_time + data->elapsed;
   } else if (reference < FIRST_INPUT) {
     *value = data->parameters[reference - 1];
   } else if (reference < FIRST_OUTPUT) {
@@ -246,21 +247,22 @@ int model_set_text(Model *model, unsigned reference, const char *value) {
 
 int model_step(Model *model, double time, double step) {
   Data *data = model->data;
-  double now = data->start_time + (double)data->ticks * TICK;
+  double now = data->start_time + data->elapsed, later = time + step - data->start_time;
   char reason[LONGEST_REASON] = "", when[40];
   int64_t head[2];
-  long ticks;
   if (!data->initialised || !data->process)
     return model_refuse(model, data->initialised ? "its Python process has ended: reset the instance"
                                                  : "a step needs an initialised model");
-  if (model_check_step(model, now, time, step, &ticks)) return 1;
+  if (model_check_step(model, now, time, step)) return 1;
   head[0] = data->ticks;
-  head[1] = ticks;
+  head[1] = (long long)floor(later / TICK + ROUNDING * (1.0 + later)) - data->ticks; /* whole ones until then */
+  data->elapsed = later;
+  if (head[1] < 1) return 0;
   snprintf(when, sizeof when, "at %.9g s", now);
   if (ask(data->process, 's', head, sizeof head, data->inputs, sizeof data->inputs, data->parameters[STEP_TIMEOUT],
           data->outputs, N_OUTPUTS, NULL, reason))
     return failed(model, when, reason, "");
-  data->ticks += ticks;
+  data->ticks += head[1];
   return 0;
 }
 

@@ -71,11 +71,10 @@ int plant_start(Data *data, char *message) {
   return 0;
 }
 
-int plant_advance(Data *data, long ticks, char *message) {
+int plant_advance(Data *data, long steps, double length, char *message) {
   double u[STEP_NU + 1], after[N_STATES];
-  long steps = (ticks + LONGEST_STEP - 1) / LONGEST_STEP;
   (void)message;
-  inputs_of(data, (double)ticks * TICK / (double)steps, u);
+  inputs_of(data, length, u);
   step_run(1, steps, data->state, u, data->numbers, after);
   memcpy(data->state, after, sizeof after);
   return 0;
