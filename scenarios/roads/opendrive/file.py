@@ -299,7 +299,8 @@ class _Reader:
         if element is None:
             return None
         is_junction = element.attributes.get("elementType") == "junction"
-        return Link(is_junction, self.text(element, "elementId"), self._contact(element), element.line)
+        name = element.attributes.get("elementId", f"without elementId in line {element.line}")
+        return Link(is_junction, name, self._contact(element), element.line)
 
     def _contact(self, element: Element) -> Contact | None:
         contact = element.attributes.get("contactPoint")

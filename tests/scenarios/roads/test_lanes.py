@@ -180,6 +180,35 @@ def test_ways_of_a_direct_junction_are_told_apart_by_their_first_metres(
         driven(tmp_path, text, words=(other,))
 
 
+@pytest.mark.parametrize(
+    ("turns", "words"),
+    [
+        ((0.006, -0.006), ("left", "right")),  # a fork
+        ((-0.002, -0.006), ("straight", "right")),  # a main road that bends, and its exit
+        ((0.0, 0.006), ("straight", "left")),
+    ],
+)
+@pytest.mark.parametrize("own_lanes", [False, True])
+def test_each_way_has_a_word_from_whichever_lane_it_begins(
+    tmp_path: Path, turns: tuple[float, float], words: tuple[str, str], *, own_lanes: bool
+) -> None:
+    """Ways of a lane of their own are compared with those of the lanes beside it."""
+    two, link = lanes([], [lane(-1), lane(-2)]), '<successor elementType="junction" elementId="9"/>'
+    order = (2, 3) if turns[0] >= turns[1] else (3, 2)  # the way on the left begins on the left lane
+    roads, ways = [road("1", (Piece(100.0),), two if own_lanes else ONE, link=link)], ""
+    for name, turn in zip((2, 3), turns, strict=True):
+        number = -1 - order.index(name) if own_lanes else -1
+        start = Start(100.0, 4.0 * (number + 1))
+        roads.append(road(str(name), (Piece(80.0, turn),), ONE, start=start))
+        ways += f'<connection id="{name}" incomingRoad="1" linkedRoad="{name}" contactPoint="start">'
+        ways += f'<laneLink from="{number}" to="-1"/></connection>'
+    text = file(*roads, f'<junction id="9" type="direct">{ways}</junction>')
+    for name, word in zip((2, 3), words, strict=True):
+        number = -1 - order.index(name) if own_lanes else -1
+        ends = [driven(tmp_path, text, road="1", lane=number, words=(one,)).places[-1] for one in (word, str(name))]
+        assert ends[0] == pytest.approx(ends[1])
+
+
 TRAVEL: Final = '<userData><vectorLane travelDir="{}"/></userData></lane>'
 
 
