@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vehicle.foundation.data_file import Column
-from vehicle.foundation.user_file import MAX_FIELD, MAX_TABLE, FileKind, nearest, read_bytes, shown
+from vehicle.foundation.user_file import MAX_FIELD, MAX_POINTS, MAX_TABLE, FileKind, nearest, read_bytes, shown
 from vehicle.frames import FloatArray
 
 LATITUDE, LONGITUDE = Column("latitude", 90.0, "deg"), Column("longitude", 180.0, "deg")
@@ -58,7 +58,7 @@ _UNITS: Final = {
     "-": ("-",),
 }
 _UNIT: Final = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|\s/\s*(\S+)|[ _](m|km|cm|mm|ft|deg))?")
-_NUMBER: Final = re.compile(r"[-+\u2212]?[\d.,'\u2019\s]*\d[\d.,'\u2019\s]*(?:[eE][-+]?\d+)?")
+_NUMBER: Final = re.compile(r"[-+\u2212]?[.,'\u2019\s]*+\d[\d.,'\u2019\s]*+(?:[eE][-+]?\d+)?")
 _PLAIN: Final = re.compile(r"[^,'\u2019\s\u2212]*")
 _GAP: Final = re.compile(r"(?<=\d)['\u2019\s](?=\d{3}(?!\d))")
 _GROUPED: Final = {
@@ -69,6 +69,7 @@ _LEVEL, _DECIMAL = "; course.heights = false drives it level", " (decimal degree
 _HINTS: Final = {"z": _LEVEL, "bank": _LEVEL, "lat": _DECIMAL, "lon": _DECIMAL}
 _SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
 _LOOKED_AT: Final = 20  # lines that decide about the separator
+_LONGEST: Final = 100  # characters of a column's name
 
 
 class PointTable(NamedTuple):
@@ -90,6 +91,8 @@ def read_points(path: Path, *, heights: bool) -> PointTable:
         ValueError: one line naming file, line, column, value and limit.
     """
     rows, separator = _rows(path)
+    if len(rows) > MAX_POINTS + 1:
+        raise ValueError(f"{path}: has {len(rows)} points: a path must have 2 to {MAX_POINTS}")
     names = _names(path, rows, separator)
     _check_names(path, names)
     wanted = {name: k for name, k in names.items() if heights or name not in ("z", "bank")}
@@ -129,7 +132,7 @@ def _text(path: Path) -> str:
 def _rows(path: Path) -> tuple[list[_Row], str]:
     """Lines with values, the names of the columns first if there are any, and the separator."""
     text = _text(path)
-    stated = re.match(r'"?sep=(.)"?\r?\n', text, re.IGNORECASE)  # as spreadsheets write it
+    stated = re.match(r'"?sep=([;,|\t ])"?\r?\n', text, re.IGNORECASE)  # as spreadsheets write it
     sample = [line for line in text[:100_000].splitlines() if line.strip() and not line.startswith("#")][:_LOOKED_AT]
     separator = next((sign for sign in _SEPARATORS if sample and all(sign in line for line in sample)), ",")
     separator = stated[1] if stated else separator
@@ -193,13 +196,13 @@ def _counts(row: _Row, after: _Row) -> bool:
 def _named(path: Path, cells: Sequence[str], separator: str) -> dict[str, int]:
     names: dict[str, int] = {}
     for k, cell in enumerate(cells):
-        word, *units = match.groups() if (match := _UNIT.fullmatch(cell)) else (cell,)
+        word, *units = match.groups() if (match := _UNIT.fullmatch(cell[:_LONGEST])) else (cell,)
         bare, unit = re.sub(r"[\s_.-]", "", word.lower()), next((one for one in units if one), None)
         name = _KNOWN.get(bare)
         if name is None and bare not in _NOT_READ:
             raise ValueError(
                 f"{path}: unknown column '{shown(cell, 40)}'{nearest(cell.lower(), _COLUMNS)} (the first line names "
-                f"the columns; {_SEPARATORS.get(separator, separator)} were taken to separate them)"
+                f"the columns; {_SEPARATORS[separator]} were taken to separate them)"
             )
         if name is None:
             continue
