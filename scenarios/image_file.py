@@ -114,13 +114,27 @@ def read_grey_upright(path: Path) -> GreyImage:
     return np.asarray(image, dtype=np.uint8)
 
 
+def pixels(content: bytes, place: str) -> NDArray[Any]:
+    """Pixels of an image in memory, (height, width) or (height, width, channels), BGR, as deep as it has them.
+
+    Raises:
+        ValueError: one line with its place, as ``read_grey``.
+    """
+    _opened(place, content)
+    with _silent_stderr():
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise _damaged(place)
+    return np.asarray(image)
+
+
 def _content(path: Path) -> bytes:
     if not os.path.lexists(path):
         raise ValueError(f"{path} is missing")
     return read_bytes(path, FileKind.IMAGE)
 
 
-def _opened(path: Path, content: bytes) -> ImageFile:
+def _opened(path: Path | str, content: bytes) -> ImageFile:
     """Image with only its header decoded."""
     reader = next((reader for start, reader in _FORMATS if content.startswith(start)), None)
     if content.startswith(_PLAIN):
@@ -150,7 +164,7 @@ def _decoded(path: Path, content: bytes) -> ImageFile:
     return image
 
 
-def _damaged(path: Path) -> ValueError:
+def _damaged(path: Path | str) -> ValueError:
     return ValueError(f"{path} is corrupt or not an image")
 
 

@@ -10,7 +10,8 @@ from pydantic import BaseModel
 from scenarios import catalogue
 from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
-from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
+from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.options.shipped import scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.foundation.quantity import tables_in
 from vehicle.foundation.user_file import nearest

@@ -8,6 +8,7 @@ import ctypes
 import gc
 import os
 import re
+import resource
 import signal
 import sys
 import threading
@@ -31,6 +32,7 @@ _TRIES: Final = 2  # of a task whose process dies
 _LOOK: Final = 0.5  # between two calls meanwhile [s]
 _PERIOD: Final = 0.5  # of looking for the parent [s]
 _ALLOCATIONS: Final = 50_000  # of containers, between two searches for garbage
+_LEAST_MEMORY: Final = 1.2e9  # of addresses, most of them those of libraries [bytes]
 _IDLE: Final = 60.0  # after which a spare worker ends [s]
 _PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h
 
@@ -194,6 +196,19 @@ def is_alive(process: int) -> bool:
     except (PermissionError, OverflowError):
         pass
     return True
+
+
+def check_memory() -> None:
+    """Refuse to begin with too little memory, in which libraries crash or wait forever.
+
+    Raises:
+        ValueError: one line.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < _LEAST_MEMORY:
+        raise ValueError(
+            f"memory is limited to {limit / 1e9:.2g} GB (ulimit -v): a run needs {_LEAST_MEMORY / 1e9:g} GB"
+        )
 
 
 def save_time() -> None:

@@ -170,8 +170,15 @@ class Policy(SteeringLaw[PolicyMemory]):
         self._trailer, self._network = trailer, load_network(network_file(path))
         names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
         if self._network.features != names:
+            own, this = set(self._network.features), set(names)
+            differences = [
+                f"{words} {shown(', '.join(sorted(left)))}"
+                for words, left in (("its network reads", own - this), ("its network does not read", this - own))
+                if left
+            ]
             raise ValueError(
-                f"policy {path}: is for {shown(', '.join(self._network.features))}, not for {', '.join(names)}"
+                f"policy {path}: was trained for another combination than {combination.vehicle.name}: "
+                f"{', and '.join(differences) or 'its order differs'}; train one: offtrack train --vehicle FILE"
             )
         if len(self._network.biases[-1]) != len(trailer.steered_distances):
             raise ValueError(f"policy {path}: steers {len(self._network.biases[-1])} axles")

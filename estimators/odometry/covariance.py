@@ -45,13 +45,13 @@ class Contributions(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over features; of m sets of features with one more axis ahead."""
+    """Sums over the features of m sets."""
 
-    normal: FloatArray  # (6, 6)
-    bend: FloatArray  # (6, 6)
-    scatter: FloatArray  # (6, 6) of the scores
-    gradient: FloatArray  # (6,)
-    number: FloatArray  # () of features
+    normal: FloatArray  # (m, 6, 6)
+    bend: FloatArray  # (m, 6, 6)
+    scatter: FloatArray  # (m, 6, 6) of the scores
+    gradient: FloatArray  # (m, 6)
+    number: FloatArray  # (m,) of features
 
 
 class Estimate(NamedTuple):
@@ -63,19 +63,19 @@ class Estimate(NamedTuple):
     scale: FloatArray  # (m,) variance of the residuals, in the units of their weights
 
 
-def summed(contributions: Contributions, features: NDArray[np.intp] | None = None) -> Sums:
-    """Sums over some features; over all by default."""
-    J, weighted, score, bend, _, _ = contributions
-    if features is not None:
-        J, weighted = J.take(features, axis=2), weighted.take(features, axis=2)
-        score, bend = score.take(features, axis=1), bend.take(features, axis=1)
-    normal = weighted.reshape(6, -1) @ J.reshape(6, -1).T
-    return Sums(normal, bend @ bend.T, score @ score.T, score.sum(axis=1), np.asarray(float(score.shape[1])))
-
-
-def stacked(sums: list[Sums]) -> Sums:
-    """Sums of several sets of features."""
-    return Sums(*(np.stack(parts) for parts in zip(*sums, strict=True)))
+def summed(contributions: Contributions, sets: NDArray[np.bool_]) -> Sums:
+    """Sums over all features, over all by their ``share``, and over each of the ``sets`` (m, n): 2 + m in all."""
+    J, weighted, score, bend, share, _ = contributions
+    n = len(share)
+    within = np.concatenate([[np.ones(n), share], sets])
+    scores = within[:, None] * score
+    return Sums(
+        ((within[:, None, None] * weighted).reshape(-1, 3 * n) @ J.reshape(6, -1).T).reshape(-1, 6, 6),
+        ((within[:, None] * bend).reshape(-1, n) @ bend.T).reshape(-1, 6, 6),
+        (scores.reshape(-1, n) @ score.T).reshape(-1, 6, 6),
+        scores.sum(axis=2),
+        within.sum(axis=1),
+    )
 
 
 def estimated(sums: Sums, least: float) -> Estimate:
@@ -89,16 +89,14 @@ def estimated(sums: Sums, least: float) -> Estimate:
     return Estimate(np.einsum("mij,mj->mi", inverse, sums.gradient), covariance, inverse, scale)
 
 
-def own_part(contributions: Contributions, number: FloatArray, whole: Estimate) -> FloatArray:
-    """Part (6, 6) of the covariance of the ``whole`` estimate, by all features, that comes from the images in C alone.
+def own_part(sums: Sums, whole: Estimate, least: float) -> FloatArray:
+    """Part (6, 6) of the covariance by all features that comes from the images in C alone.
 
-    ``number`` is that of the features.
+    ``whole`` has the estimate by all features first.
     """
-    share, score = contributions.share, contributions.score
-    own = (contributions.weighted * share).reshape(6, -1) @ contributions.J.reshape(6, -1).T
-    of_scores = _corrected((share * score) @ score.T, number)
-    inverse = whole.inverse[0]
-    covariance: FloatArray = inverse @ _mixed(of_scores, own, whole.scale[0], number, contributions.least) @ inverse
+    number, inverse = sums.number[0], whole.inverse[0]
+    of_scores = _corrected(sums.scatter[1], number)
+    covariance: FloatArray = inverse @ _mixed(of_scores, sums.normal[1], whole.scale[0], number, least) @ inverse
     return covariance
 
 
@@ -155,24 +153,24 @@ def halves(z: FloatArray, newest: NDArray[np.bool_] | None = None) -> NDArray[np
     Images ``z`` (3, n) are divided at the medians of column and disparity.
     """
     newest = np.zeros(z.shape[1], np.bool_) if newest is None else newest
-    return np.stack([*(value < np.median(value) for value in (z[0], z[0] - z[2])), newest])
+    middle = z.shape[1] // 2  # the same features are less than this one and less than the median
+    return np.stack([*(value < np.partition(value, middle)[middle] for value in (z[0], z[0] - z[2])), newest])
 
 
-def halves_differences(contributions: Contributions, whole: Sums, halves: NDArray[np.bool_]) -> FloatArray:
-    """Differences (3, 6) of the motions from halves of the features and from the others, in standard deviations.
+def with_differences(sums: Sums, least: float) -> tuple[Estimate, FloatArray]:
+    """Estimates, the first of which is by all features, and differences (3, 6) between those by halves.
 
-    They are NaN where one of the two has too few features. ``whole`` has the sums over all features; ``halves`` (3, n)
-    is as of :func:`halves`.
+    A difference is that of the motions from a half of the features and from the others, in standard deviations; it is
+    NaN where one of the two has too few features. The sets of ``sums`` are those of :func:`halves`.
     """
-    differences = np.full((_HALVES, 6), np.nan)
-    known = [k for k, half in enumerate(halves) if _FEWEST <= half.sum() <= len(half) - _FEWEST]
-    if known:
-        one = stacked([summed(contributions, np.flatnonzero(halves[k])) for k in known])
-        other = Sums(*(all_of - part for all_of, part in zip(whole, one, strict=True)))
-        first, second = estimated(one, contributions.least), estimated(other, contributions.least)
-        variance = np.diagonal(first.covariance + second.covariance, axis1=1, axis2=2)
-        differences[known] = (first.step - second.step) / np.sqrt(variance)
-    return differences
+    differences, features = np.full((_HALVES, 6), np.nan), sums.number[2:]
+    known = np.flatnonzero((features >= _FEWEST) & (features <= sums.number[0] - _FEWEST))
+    parts = ((of_all[:1], of_all[2 + known]) for of_all in sums)
+    every = estimated(Sums(*(np.concatenate([whole, half, whole - half]) for whole, half in parts)), least)
+    variance = np.diagonal(every.covariance, axis1=1, axis2=2)
+    (one, other), (of_one, of_other) = (np.split(of_all[1:], 2) for of_all in (every.step, variance))
+    differences[known] = (one - other) / np.sqrt(of_one + of_other)
+    return every, differences
 
 
 def updated(consistency: SelfConsistency, differences: FloatArray) -> SelfConsistency:

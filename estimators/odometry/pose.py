@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from estimators.odometry.covariance import (
     Contributions,
-    estimated,
     halves,
-    halves_differences,
     own_part,
-    stacked,
     summed,
+    with_differences,
 )
 from estimators.stereo_pair import NEAREST, linearised, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
@@ -36,7 +34,15 @@ _MEDIAN = 0.888  # median of the root mean square of three standard normal numbe
 _FINEST = 0.02  # least tracking error [px]
 _FEWEST = 6  # matches that leave residuals to estimate the variance from
 _DAMPING = 1e-12  # share of the trace; keeps the solution finite for degenerate matches
-_IDENTITY = np.eye(6)
+_LANES = 8  # columns are padded to a multiple of it
+_COMPILED = (
+    *("estimators.odometry", "pose.c", "refine"),
+    (
+        *(f"NEAREST={NEAREST}", f"ITERATIONS={_ITERATIONS}", f"CONVERGED={_CONVERGED}", f"FAR={_FAR}", f"CUT={_CUT}"),
+        *(f"WIDE={_TUNING[0]}", f"NARROW={_TUNING[1]}", f"FINEST={_FINEST}", f"MEDIAN={_MEDIAN}"),
+        *(f"FEWEST={_FEWEST}", f"DAMPING={_DAMPING}", f"LANES={_LANES}"),
+    ),
+)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # rows and columns of cofactors
 
 
@@ -71,43 +77,39 @@ def refined(
 
     ``newest`` (n,) tells which points are of the newest keyframe, for the differences.
     """
-    R, p = X_PC[:3, :3], X_PC[:3, 3]
-    information = _information(calibration, R, p, observations)  # hardly depends on the motion
-    observed = np.concatenate([observations.points.T, observations.z.T, information.reshape(9, -1)])
-    found = _of(np.empty((40, observed.shape[1])))
-    for tuning in _TUNING:
-        length = math.inf
-        for _ in range(_ITERATIONS):
-            _compute(calibration, R, p, observed, found, whole=length > _FAR**2)
-            sigma = _scatter(found.error[inliers])
-            weight = inliers / (1.0 + (found.error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
-            normal, gradient = _normal_equations(found.J, weight * found.weighted, found.r)
-            step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
-            R, p = so3_exp(step[:3]) @ R, p + step[3:]
-            length = float(step @ gradient) / sigma**2
-            if length < _CONVERGED**2:
-                break
-        inliers = found.error < _CUT * sigma
-        if np.count_nonzero(inliers) < _FEWEST:
-            break
-    converged = length < _NEARLY**2
-    index = np.flatnonzero(inliers)
-    of_inliers = _of(found.columns.take(index, axis=1))
-    share = np.einsum("iin,ni->n", information, observations.variance)[index] / 3.0
-    contributions = _contributions(of_inliers, share, sigma)
-    sums = summed(contributions)
-    whole = estimated(stacked([sums]), contributions.least)
-    covariance = CORRELATION**2 * whole.covariance[0]
-    own = CORRELATION**2 * own_part(contributions, sums.number, whole)
-    in_halves = halves(observed[3:6].take(index, axis=1), None if newest is None else newest[inliers])
-    differences = halves_differences(contributions, sums, in_halves) / CORRELATION
-    return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)
+    rounds = _rounds_compiled if kernel(*_COMPILED) else _rounds
+    found = rounds(calibration, observations, X_PC, inliers)
+    index = np.flatnonzero(found.inliers)
+    variance, z = observations.variance[index], observations.z[index]
+    contributions = _contributions(_of(found.columns.take(index, axis=1)), variance, found.sigma)
+    sets = halves(z.T, None if newest is None else newest[index])
+    sums = summed(contributions, sets)
+    whole, differences = with_differences(sums, contributions.least)
+    return Solution(
+        transform(orthonormalised(found.R), found.p),
+        CORRELATION**2 * whole.covariance[0],
+        CORRELATION**2 * own_part(sums, whole, contributions.least),
+        found.inliers,
+        0.0 <= found.length < _NEARLY**2,
+        differences / CORRELATION,
+    )
+
+
+class _Rounds(NamedTuple):
+    """Result of the two rounds of Gauss-Newton."""
+
+    R: FloatArray  # (3, 3)
+    p: FloatArray  # (3,)
+    inliers: NDArray[np.bool_]  # (n,)
+    sigma: float  # scatter of their normalised errors
+    length: float  # squared, of the last step [variances]; below 0 if no step could be computed
+    columns: FloatArray  # (49, n) of ``Residuals``
 
 
 class Residuals(NamedTuple):
-    """Residuals of n features at a motion; the rest are views of ``columns`` (40, n)."""
+    """Residuals of n features at a motion, as views of their ``columns`` (49, n)."""
 
-    columns: FloatArray
+    information: FloatArray  # (3, 3, n) inverse covariance up to a scale
     r: FloatArray  # (3, n) measured minus predicted images [px]
     error: FloatArray  # (n,) normalised root mean square
     J: FloatArray  # (6, 3, n) derivative of the predicted images by the motion
@@ -115,30 +117,58 @@ class Residuals(NamedTuple):
 
 
 def _of(columns: FloatArray) -> Residuals:
-    return Residuals(columns, columns[:3], columns[3], *columns[4:].reshape(2, 6, 3, -1))
+    matrices = columns[:9].reshape(3, 3, -1), columns[13:].reshape(2, 6, 3, -1)
+    return Residuals(matrices[0], columns[9:12], columns[12], *matrices[1])
 
 
-def _compute(
-    calibration: StereoCalibration, R: FloatArray, p: FloatArray, observed: FloatArray, found: Residuals, *, whole: bool
-) -> None:
-    """Compute residuals after a motion R, p of columns (15, n): point, image, and inverse covariance up to a scale.
-
-    J and its weighted form stay unless ``whole``. Compiled C (``pose.c``) if there is a compiler.
-    """
-    n, compiled = observed.shape[1], kernel("estimators.odometry", "pose.c", "linearise", (f"NEAREST={NEAREST}",))
-    if compiled is not None:
-        camera = (calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline)
-        compiled(n, int(whole), np.concatenate([R.ravel(), p, camera]), observed, found.columns)
-        return
-    inverse = observed[6:].reshape(3, 3, n)
-    found.r[:], J = linearised(calibration, R, p, observed[:3], observed[3:6])
-    found.error[:] = np.sqrt((np.einsum("in,ijn->jn", found.r, inverse) * found.r).sum(axis=0) / 3.0)
-    if whole:
-        found.J[:], found.weighted[:] = J, np.einsum("kin,ijn->kjn", J, inverse)
+def _rounds_compiled(
+    calibration: StereoCalibration, observations: Observations, X_PC: FloatArray, inliers: NDArray[np.bool_]
+) -> _Rounds:
+    """The same as ``_rounds``, by compiled C (``pose.c``)."""
+    compiled, n, inliers = kernel(*_COMPILED), len(inliers), inliers.copy()
+    assert compiled is not None
+    wide = -(-n // _LANES) * _LANES
+    camera = np.array([calibration.focal_length, calibration.cx, calibration.cy, calibration.baseline])
+    motion, work, result = np.concatenate([X_PC[:3, :3].ravel(), X_PC[:3, 3]]), np.zeros((57, wide)), np.empty(2)
+    given = [np.ascontiguousarray(values, np.float64) for values in observations]
+    compiled(n, *given, camera, motion, inliers, work, result)
+    length, sigma = result.tolist()
+    return _Rounds(motion[:9].reshape(3, 3), motion[9:], inliers, sigma, length, work[6:55])
 
 
-def _contributions(residuals: Residuals, share: FloatArray, sigma: float) -> Contributions:
-    """Contributions of features whose errors scatter by ``sigma``; a ``share`` (n,) comes from the images in C alone.
+def _rounds(
+    calibration: StereoCalibration, observations: Observations, X_PC: FloatArray, inliers: NDArray[np.bool_]
+) -> _Rounds:
+    """Two rounds of Gauss-Newton, with wide and with narrow robust weights."""
+    R, p = X_PC[:3, :3], X_PC[:3, 3]
+    points, z = np.ascontiguousarray(observations.points.T), observations.z.T
+    information = _information(calibration, R, p, observations)  # hardly depends on the motion
+    for tuning in _TUNING:
+        length = math.inf
+        for _ in range(_ITERATIONS):
+            r, jacobian = linearised(calibration, R, p, points, z)
+            error = np.sqrt((np.einsum("in,ijn->jn", r, information) * r).sum(axis=0) / 3.0)
+            if length > _FAR**2:
+                J, weighted = jacobian, np.einsum("kin,ijn->kjn", jacobian, information)
+            sigma = max(_FINEST, float(np.median(error[inliers])) / _MEDIAN)
+            weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
+            A = (weight * weighted).reshape(6, -1)
+            normal, gradient = A @ J.reshape(6, -1).T, A @ r.ravel()
+            normal += _DAMPING * normal.trace() * np.eye(6)
+            step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
+            R, p = so3_exp(step[:3]) @ R, p + step[3:]
+            length = float(step @ gradient) / sigma**2
+            if length < _CONVERGED**2:
+                break
+        inliers = error < _CUT * sigma
+        if np.count_nonzero(inliers) < _FEWEST:
+            break
+    flat = (part.reshape(-1, len(error)) for part in (information, r, error, J, weighted))
+    return _Rounds(R, p, inliers, sigma, length, np.concatenate([*flat]))
+
+
+def _contributions(residuals: Residuals, variance: FloatArray, sigma: float) -> Contributions:
+    """Contributions of features whose errors scatter by ``sigma``; ``variance`` (n, 3) is that of the images in C.
 
     With u = error / c, the robust weight is w = (1 + u^2)^-2. The derivative of w r with respect to r is w I less
     4 / (3 c^2) (1 + u^2)^-3 r r'W.
@@ -152,16 +182,9 @@ def _contributions(residuals: Residuals, share: FloatArray, sigma: float) -> Con
         weighted=weight * weighted,
         score=weight * score,
         bend=math.sqrt(4.0 / 3.0) / tuned * (1.0 + u**2) ** -1.5 * score,
-        share=share,
+        share=np.einsum("iin,ni->n", residuals.information, variance) / 3.0,
         least=_FINEST**2,
     )
-
-
-def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Matrix (6, 6) and right-hand side (6,) of a Gauss-Newton step, from the Jacobian and its weighted form."""
-    A = weighted.reshape(6, -1)
-    normal = A @ J.reshape(6, -1).T
-    return normal + _DAMPING * normal.trace() * _IDENTITY, A @ r.ravel()
 
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
@@ -187,13 +210,6 @@ def _inverse(S: FloatArray) -> FloatArray:
     cofactors = one[:, _NEXT] * two[:, _AFTER] - one[:, _AFTER] * two[:, _NEXT]
     inverse: FloatArray = cofactors / (S[0] * cofactors[0]).sum(axis=0)
     return inverse
-
-
-def _scatter(error: FloatArray) -> float:
-    """Robust standard deviation of normalised RMS errors (n,)."""
-    ordered = np.sort(error)
-    median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
-    return max(_FINEST, median / _MEDIAN)
 
 
 _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong

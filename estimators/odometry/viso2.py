@@ -15,12 +15,10 @@ from estimators.odometry.circular import ENOUGH_MATCHES, is_skipped
 from estimators.odometry.covariance import (
     Contributions,
     SelfConsistency,
-    estimated,
     halves,
-    halves_differences,
-    stacked,
     stated,
     summed,
+    with_differences,
 )
 from estimators.odometry.exposure import match_exposures, match_over_time
 from estimators.odometry.plausibility import Belief, believed, is_implausible
@@ -194,10 +192,9 @@ def _least_squares(
         R, p = so3_exp(step[:3]) @ R, p + step[3:]
         if np.abs(step).max() < _CONVERGED:
             contributions = _contributions(J, weighted.reshape(J.shape), r)
-            sums = summed(contributions)
-            covariance = _CORRELATION**2 * estimated(stacked([sums]), contributions.least).covariance[0]
-            differences = halves_differences(contributions, sums, halves(z)) / _CORRELATION
-            return UncertainMotion(transform(orthonormalised(R), p), covariance), differences
+            whole, differences = with_differences(summed(contributions, halves(z)), contributions.least)
+            motion = UncertainMotion(transform(orthonormalised(R), p), _CORRELATION**2 * whole.covariance[0])
+            return motion, differences / _CORRELATION
     return None
 
 

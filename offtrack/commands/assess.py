@@ -45,9 +45,11 @@ from offtrack.studies.reproduce.reproduction import (
 from offtrack.studies.standards.assessment import OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, levels_table, matrix_table, write_assessment
-from offtrack.studies.standards.proving_ground import KINDS, Conditions, Hand, steered_trailer
+from offtrack.studies.standards.proving_ground import KINDS, ChosenLaw, Conditions, Hand, steered_trailer
 from offtrack.studies.validation.check import CheckSection, tally
 from offtrack.studies.validation.suite import TASKS, checks_table, validation_page
+from scenarios.assembly.drivers_and_laws import steering_parameters
+from scenarios.options.scenario import load_scenario
 from scenarios.results.run_directory import (
     appearing_at_once,
     check_run_directory,
@@ -56,6 +58,7 @@ from scenarios.results.run_directory import (
 )
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.own_parts import close_part
+from vehicle.foundation.user_file import shown
 
 VEHICLE_EXAMPLES = (
     "Examples: offtrack vehicle uk_longer_semitrailer   offtrack vehicle el_dorado_ii --json   "
@@ -123,7 +126,7 @@ def _print_table(console: PlainConsole, sheet_table: SheetTable) -> None:
 
 ASSESS_EXAMPLES = (
     "Examples: offtrack assess eu_tractor_semitrailer   offtrack assess my_truck.toml --json   "
-    "offtrack assess uk_longer_semitrailer --trailer-steering path_preview   "
+    "offtrack assess uk_longer_semitrailer --trailer-steering path_preview --set steering.gain=0.5   "
     "offtrack assess eu_tractor_semitrailer --manoeuvres turn,aashto_turn --hand both --drawings dxf   "
     "offtrack assess eu_tractor_semitrailer --manoeuvres lane_change,pulse --speed 100 --friction 0.5   "
     "offtrack assess b_double --loads all --manoeuvres all"
@@ -166,6 +169,10 @@ def assess(
     friction: Annotated[
         float | None, typer.Option(help="Friction of the road [-].", show_default="the standards'")
     ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="KEY=VALUE of the steering law: steering.…, policy.path; may be repeated."),
+    ] = None,
     drawings: Annotated[
         Drawings, typer.Option(help="Also draw manoeuvres along a path: DXF for CAD, GeoJSON for GIS (extra 'cad').")
     ] = "none",
@@ -182,6 +189,7 @@ def assess(
         chosen = load_vehicle(vehicle)
         directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
+        trailer_steering = _chosen_law(vehicle, trailer_steering, settings or ())
         close_part(steered_trailer(chosen, trailer_steering))  # refuses what can not be steered
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
@@ -200,6 +208,19 @@ def assess(
 
 
 assess.__doc__ = f"{inspect.cleandoc(assess.__doc__ or '')}\n\n{_listing()}"
+
+
+def _chosen_law(vehicle: str, name: str, settings: Sequence[str]) -> str:
+    """The law with its parameters."""
+    for setting in settings:
+        if setting.partition(".")[0] not in ("steering", "policy"):
+            raise ValueError(f"--set {shown(setting)}: a steering law has only the keys steering.… and policy.path")
+    if name == "none" or not (settings or name == "policy"):
+        if settings:
+            raise ValueError(f"--set {shown(settings[0])}: name a law, such as --trailer-steering path_preview")
+        return name
+    scenario = load_scenario("roundabout", [f"vehicle={vehicle}", f"trailer_steering={name}", *settings])
+    return ChosenLaw(name, steering_parameters(scenario))
 
 
 def _words(text: str) -> list[str]:
@@ -224,6 +245,10 @@ def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
         console.print(_figures(case))
         if case.judgements:
             console.print(_as_printed(levels_table(case), f"{case.vehicle.name}: limits of the standards"))
+    for line in dict.fromkeys(
+        line for case in matrix.cases for line in case.disagreements(lambda key: BY_NAME[key].label)
+    ):
+        console.print(f"Note: {line}", soft_wrap=True)
     for warning in matrix.warnings:
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

@@ -13,6 +13,7 @@ from offtrack.commands.console import (
     PlainConsole,
     SettingsOfAll,
     listing,
+    remark,
     table_of,
 )
 from offtrack.commands.study import StudyOptions, takes_study_options
@@ -22,7 +23,7 @@ from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, una
 from offtrack.studies.campaigns.run_campaign import Results, default_campaign, results_json, run_campaign
 from offtrack.studies.case import listed, seeds_of
 from offtrack.studies.study import settings_of
-from scenarios.options.scenario import scenario_names
+from scenarios.options.shipped import scenario_names
 from vehicle.foundation.user_file import nearest, shown
 
 EXAMPLES = (
@@ -77,12 +78,14 @@ def campaign(
     directory = options.directory(title)
     with options.opened(title) as run_options:
         found = run_campaign(title, chosen, directory, run_options)
-    broken = unaccepted(chosen, found.cells)
+    broken = [_not_accepted(chosen, cell) for cell in unaccepted(chosen, found.cells)]
     if options.as_json:
         typer.echo(json.dumps(results_json(chosen, found), indent=2, allow_nan=False))
     elif not options.quiet:
         _print(chosen, found, broken, directory)
     if broken:
+        for line in broken if options.quiet or options.as_json else ():
+            remark(line)
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -110,7 +113,7 @@ def _list(*, as_json: bool) -> None:
     PlainConsole().print(listing((name, f"{len(one.cases())} runs", one.description) for name, one in loaded.items()))
 
 
-def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
+def _print(campaign: Campaign, found: Results, broken: list[str], directory: Path) -> None:
     console = PlainConsole()
     console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
     console.print("failed/runs, and the 95 % interval of the probability [%]")
@@ -123,11 +126,15 @@ def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Pa
         console.print(_thresholds(found.searches))
     if lost := sum(not run.reached for run in found.runs):
         console.print(f"{lost} runs were completed before their fault began; they are left out")
-    for cell in broken:
-        bound = 100.0 * cell.failing.interval()[1]
-        limit = 100.0 * (campaign.accept.probability if campaign.accept else 0.0)
-        console.print(f"not accepted: {_name(cell)}: up to {bound:.1f} %, allowed {limit:g} %", soft_wrap=True)
+    for line in broken:
+        console.print(line, soft_wrap=True)
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+def _not_accepted(campaign: Campaign, cell: Cell) -> str:
+    bound = 100.0 * cell.failing.interval()[1]
+    limit = 100.0 * (campaign.accept.probability if campaign.accept else 0.0)
+    return f"not accepted: {_name(cell)}: up to {bound:.1f} %, allowed {limit:g} %"
 
 
 def _name(cell: Cell) -> str:

@@ -1,7 +1,6 @@
 """The `offtrack` command with its subcommands, whose modules are imported when they are called."""
 
 import importlib
-import importlib.metadata
 import logging
 import sys
 from collections.abc import Iterator, Mapping
@@ -113,6 +112,8 @@ app = typer.Typer(
 
 def _show_version(asked: bool) -> None:
     if asked:
+        import importlib.metadata  # takes longer than the list of commands
+
         typer.echo(f"offtrack {importlib.metadata.version('offtrack')}")
         raise typer.Exit
 

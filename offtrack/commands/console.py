@@ -62,7 +62,9 @@ def _one_line_errors() -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from interrupt
     except Exception as error:
         render = sys.modules.get("sensors.render")  # its import takes long, and without it nothing was rendered
-        if isinstance(error, ValueError | OSError) or (render and isinstance(error, render.RendererUnavailableError)):
+        if isinstance(error, MemoryError):
+            line = f"not enough memory: {error}".removesuffix(": ")
+        elif isinstance(error, ValueError | OSError) or (render and isinstance(error, render.RendererUnavailableError)):
             line = _line(error)
         elif place := raised_at(error):
             line = f"{type(error).__name__}: {error}{place}"

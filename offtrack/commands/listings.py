@@ -2,16 +2,16 @@
 
 import json
 from dataclasses import asdict
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.syntax import Syntax
 from rich.table import Table
 
 from offtrack.commands.console import AsJson, PlainConsole, listing
-from scenarios import part_listing
-from scenarios.options.scenario import load_any_scenario, scenario_names
-from scenarios.part_listing import Key
+from scenarios.options.shipped import scenario_names, shipped_table
+
+if TYPE_CHECKING:
+    from scenarios.part_listing import Key
 
 PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
 KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
@@ -27,9 +27,12 @@ def scenarios(
 ) -> None:
     """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
     if name is None:
-        rows = ((known, load_any_scenario(known).description) for known in scenario_names())
-        PlainConsole().print(listing(rows))
+        PlainConsole().print(listing((known, shipped_table(known)["description"]) for known in scenario_names()))
         return
+    from rich.syntax import Syntax  # the list needs none of these
+
+    from scenarios.options.scenario import load_any_scenario
+
     scenario = load_any_scenario(name)
     console = PlainConsole()
     console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True)
@@ -49,6 +52,8 @@ def parts(
 
     Choose a part with --set KEY=NAME, or your own with --set KEY=package.module:Name.
     """
+    from scenarios import part_listing
+
     matches = [part for part in part_listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
     if as_json:
         typer.echo(json.dumps([asdict(part) for part in matches], indent=2, ensure_ascii=False))
@@ -75,6 +80,8 @@ def keys(
 
     Change a key with --set KEY=VALUE. A key that ends with [] belongs to a list of tables.
     """
+    from scenarios import part_listing
+
     matches = [key for key in part_listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
     if as_json:
         typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
@@ -93,5 +100,5 @@ def _table(*columns: str, title: str | None = None) -> Table:
     return table
 
 
-def _value(key: Key) -> str:
+def _value(key: "Key") -> str:
     return key.default if key.unit == "-" else f"{key.default} {key.unit}"

@@ -5,6 +5,7 @@ import functools
 import inspect
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -264,6 +265,7 @@ SWEEP_EXAMPLES = (
 )
 
 _LONGEST_NAME = 100  # of a directory
+_REASONS = 10  # at most so many are printed
 
 
 @takes_study_options
@@ -367,5 +369,9 @@ def _run_study(title: str, study: Study, options: StudyOptions) -> None:
         print_rows(rows, directory)
         if design:
             print_sensitivity(design, outcomes)
-    if any(str(outcome.numbers["outcome"]).startswith("failed") for outcome in outcomes):
+    endings = Counter(str(outcome.numbers["outcome"]) for outcome in outcomes)
+    if failed := {ending: count for ending, count in endings.most_common() if ending.startswith("failed")}:
+        if options.quiet or options.as_json:
+            for ending, count in list(failed.items())[:_REASONS]:
+                remark(f"{ending}: {count} runs")
         raise typer.Exit(CHECK_FAILED)

@@ -12,7 +12,6 @@ import html
 import json
 import math
 import os
-import re
 import shutil
 import tomllib
 import traceback
@@ -49,7 +48,7 @@ from offtrack.reports.player.playback import Picture, Playback, rover_playback, 
 from offtrack.reports.sections import changes, groups, number_table, scenario_facts
 from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
 from scenarios.assembly.rover_run import rover_path
-from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
+from scenarios.options.scenario import AnyScenario, RoverScenario, Scenario, load_any_scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.rover_result import RoverResult
@@ -59,12 +58,13 @@ from scenarios.results.run_summary import Result, Timing, manifest, number_at, v
 from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle
-from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.foundation.user_file import FileKind, read_json, read_text, shown
 from vehicle.frames import FloatArray
 from vehicle.rover.description import load_rover
 from vehicle.surface import Surface
 
 _SPACING: Final = 0.02  # of points on a rover's path [m]
+_FARTHEST: Final = 1e9  # position [m], yaw [rad] and time [s] of a run that is shown
 _RATE: Final = 10  # pictures of a video a second
 
 
@@ -99,6 +99,7 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
         circle_centre=course.surface_centre,
         arcs=course.arcs,
         path_deviation=course.deviation,
+        placement=course.placement.record() if course.placement else {},
         timing=_timing(summary),
         frames=(),
         manifest={},
@@ -119,24 +120,29 @@ def _judged(vehicle: Vehicle, log: Log) -> tuple[JudgedTrailer, ...]:
     return tuple(trailers)
 
 
-def _check(log: Log, needed: list[str]) -> None:
-    missing = [name for name in needed if name not in log]
-    if missing or not len(log) or not np.isfinite(log["time"]).all():
+def _check(log: Log, poses: list[str], others: Sequence[str] = ()) -> None:
+    """Refuse a log that lacks one of these signals, or in which a pose is no place on Earth."""
+    missing = [name for name in (*poses, *others) if name not in log]
+    if missing or not len(log):
         what = f"has no signal {shown(missing[0])}" if missing else "has no rows"
-        raise ValueError(f"signals.parquet: {what}, so it is not of this scenario")
+        raise ValueError(f"{what}, so it is not of this scenario")
+    for name in poses:
+        wrong = np.flatnonzero(~(np.abs(log[name]) <= _FARTHEST))  # also NaN
+        if wrong.size:
+            value = f"{log[name][wrong[0]]:g}, must be from -{_FARTHEST:g} to {_FARTHEST:g}"
+            raise ValueError(f"row {wrong[0] + 1}: {name} = {value}")
 
 
 def _timing(summary: Mapping[str, Any]) -> Timing:
-    numbers = summary.get("timing")
-    known = numbers if isinstance(numbers, Mapping) else {}
     names = ("simulated_s", "wall_s", "physics_s", "render_s", "odometry_s")
-    return Timing(**{name: float(value) if (value := known.get(name)) is not None else math.nan for name in names})
+    numbers = {name: number_at(summary, f"timing.{name}") for name in names}
+    return Timing(**{name: math.nan if value is None else value for name, value in numbers.items()})
 
 
 def _rover_rebuilt(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]) -> RoverResult:
     """The result of a rover's run from its scenario, signals and summary."""
     rover = load_rover(scenario.vehicle)
-    _check(log, ["time", "x", "y", "psi", "slip_angle_true", "x_wheels", "x_corrected"])
+    _check(log, ["time", "x", "y", "psi"], ["slip_angle_true", "x_wheels", "x_corrected"])
     return RoverResult(
         scenario=scenario.name,
         scenario_toml=scenario.to_toml(),
@@ -349,21 +355,24 @@ def csv_text(log: Log, words: Mapping[float, str], formats: Mapping[str, str], o
     return "".join(",".join(row) + "\n" for row in (names, *rows))
 
 
-_ELEMENT: Final = re.compile(r'<(\w+)[^>]* id="playback-(table|numbers|pictures)">(.*?)</\1>', re.DOTALL)
-_MOST: Final = 200_000_000  # bytes of a page, or of its numbers, that are read
+_MOST: Final = 200_000_000  # bytes of the numbers of a page
 
 
 def pictures_of_page(path: Path) -> tuple[Picture, ...]:
     """The pictures with their strokes; none if the page is missing, or is not of this version."""
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MOST)
-        parts = {match[2]: match[3] for match in _ELEMENT.finditer(text)}
-        table = json.loads(html.unescape(parts["table"]))["runs"][0]["pictures"]
-        data = zlib.decompressobj(wbits=31).decompress(base64.b64decode(parts["numbers"]), _MOST)
-        return _pictures(table, data, parts["pictures"].split("\n"))
-    except (OSError, KeyError, IndexError, TypeError, ValueError, binascii.Error, zlib.error):
+        text = read_text(path, FileKind.IMAGE)
+        table = json.loads(html.unescape(_element(text, "table")))["runs"][0]["pictures"]
+        data = zlib.decompressobj(wbits=31).decompress(base64.b64decode(_element(text, "numbers")), _MOST)
+        return _pictures(table, data, _element(text, "pictures").split("\n"))
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, binascii.Error, zlib.error):
         return ()
+
+
+def _element(text: str, name: str) -> str:
+    """Content of an element of the playback, which has no other inside."""
+    begin = text.index(mark := f' id="playback-{name}">') + len(mark)
+    return text[begin : text.index("<", begin)]
 
 
 def _pictures(table: dict[str, Any], data: bytes, lines: list[str]) -> tuple[Picture, ...]:
@@ -402,13 +411,10 @@ def read_summary(directory: Path) -> dict[str, Any]:
     for file in _NEEDED:
         if not (directory / file).is_file():
             raise ValueError(f"{shown(str(directory))}: is no finished run: it has no {file}")
-    text = read_text(directory / "summary.json", FileKind.RECORD)
-    try:
-        summary = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{directory / 'summary.json'}: not JSON: {error.msg}") from None
-    if not isinstance(summary, dict) or not {"outcome", "scenario", "seed"} <= summary.keys():
-        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run")
+    summary = read_json(directory / "summary.json", FileKind.RECORD)
+    texts = all(isinstance(summary.get(name), str) for name in ("outcome", "scenario"))
+    if not texts or not isinstance(seed := summary.get("seed"), int) or seed < 0:
+        raise ValueError(f"{directory / 'summary.json'}: is no summary of a run: it needs outcome, scenario and seed")
     return summary
 
 
@@ -425,9 +431,21 @@ def finished_run(directory: Path, name: str) -> FinishedRun:
         name=name,
         directory=directory,
         summary=summary,
-        result=KINDS[scenario.vehicle_kind].rebuilt(scenario, log, summary),
+        result=rebuilt(scenario, log, summary, directory / "signals.parquet"),
         pictures=pictures_of_page(directory / "report.html"),
     )
+
+
+def rebuilt(scenario: AnyScenario, log: Log, summary: Mapping[str, Any], signals: Path) -> Result:
+    """The result of a run whose log was read from the file ``signals``.
+
+    Raises:
+        ValueError: one line, if the signals are not those of the scenario.
+    """
+    try:
+        return KINDS[scenario.vehicle_kind].rebuilt(scenario, log, summary)
+    except ValueError as error:
+        raise ValueError(f"{signals}: {error}") from error
 
 
 MOST_RUNS = 6  # as many as there are colours

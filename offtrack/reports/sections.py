@@ -21,7 +21,8 @@ from offtrack.reports.page import (
     facts_table,
     outcome_verdict,
 )
-from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.options.scenario import load_any_scenario
+from scenarios.options.shipped import scenario_names
 from scenarios.options.tables import FaultOptions
 from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_summary import Summary, Timing, number_at

@@ -10,7 +10,7 @@ import numpy as np
 from offtrack.reports.page import Explorer, ExplorerAxis, ExplorerRun, Figure
 from offtrack.reports.player.playback import Playback, PlayedRun
 from offtrack.reports.plots import INK, drawn, plan_drawn, zero_line
-from offtrack.reports.run_files import KINDS, MOST_RUNS, FinishedRun, overlaid, run_page
+from offtrack.reports.run_files import MOST_RUNS, FinishedRun, overlaid, rebuilt, run_page
 from offtrack.studies.case import RUN, Outcome, Settings
 from offtrack.studies.table import QUANTITIES, Quantity, Row, running_mean, spreads, text_of
 from scenarios.results.log import read_log
@@ -152,7 +152,7 @@ def _finished(outcome: Outcome, name: str) -> FinishedRun:
     if outcome.signals is None or not outcome.signals.is_file():
         raise ValueError(f"{outcome.case.title}: has no signals")
     scenario = outcome.case.resolved()
-    result = KINDS[scenario.vehicle_kind].rebuilt(scenario, read_log(outcome.signals), outcome.numbers)
+    result = rebuilt(scenario, read_log(outcome.signals), outcome.numbers, outcome.signals)
     directory = outcome.signals.parent
     return FinishedRun(name=name, directory=directory, summary=outcome.numbers, result=result)
 

@@ -13,6 +13,7 @@ from controllers.reversing_law import RollingChain
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.lqr import AllSpeeds
+from controllers.trailer_steering.policy import shipped_networks
 from controllers.trailer_steering.safeguarded import Degradation, Safeguarded
 from scenarios.assembly.adapters import tractor_guided_at
 from scenarios.catalogue import DRIVER, TRAILER_STEERING, Part, check_made, constructed, resolve
@@ -172,7 +173,10 @@ def steering_parameters(scenario: Scenario) -> dict[str, Parameter]:
     parameters = dict(scenario.steering)
     if scenario.trailer_steering == "policy":
         if scenario.policy.path is None:
-            raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
+            raise ValueError(
+                "trailer_steering = policy: policy.path is missing: the file of the network, or the name of a shipped "
+                f"one: --set policy.path={shipped_networks()[0]}"
+            )
         parameters["path"] = scenario.policy.path
     return parameters
 

@@ -290,7 +290,7 @@ def _items(chunk: _Stored | list[ItemT]) -> list[ItemT]:
     return chunk.load() if isinstance(chunk, _Stored) else chunk
 
 
-_DELIVERED = 20  # estimates in memory; twice as many at most
+_DELIVERED, _RECENT = 20, 500  # estimates that are written at once, and estimates in memory: of some 20 kilobytes each
 TruthT = TypeVar("TruthT", bound=Stamped)
 MessageT = TypeVar("MessageT", bound=Message)
 EstimateT = TypeVar("EstimateT")
@@ -335,7 +335,7 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         """
         self.schedule = schedule
         self.sensor, self.estimator = sensor, estimator
-        self.delivered: Kept[EstimateT] = Kept(_DELIVERED)  # oldest first
+        self.delivered: Kept[EstimateT] = Kept(_DELIVERED, recent=_RECENT)  # oldest first
         self._worker, self._stopwatch, self._kinds = worker, stopwatch, kinds
         self._estimate = None if estimator is None else Stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()

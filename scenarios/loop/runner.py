@@ -17,6 +17,7 @@ from scenarios.loop.rover_session import RoverSession
 from scenarios.loop.session import RunSession
 from scenarios.loop.trailer_session import TrailerSession
 from scenarios.options.scenario import AnyScenario, RoverScenario, Scenario
+from scenarios.processes import check_memory
 from scenarios.progress import Progress, no_progress
 from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_inputs import run_inputs
@@ -103,6 +104,7 @@ def run(
         ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
+    check_memory()
     kind, inputs = KINDS[scenario.vehicle_kind], run_inputs(scenario.model_dump(exclude_none=True))
     if bench is not None and not kind.is_trailer:
         raise ValueError(f"--{bench.links[0].name}: signals and demands are those of trailers; a rover has none")

@@ -1,5 +1,6 @@
 """The closed loop of every run: sample, deliver, control, log, integrate, judge, always in this order."""
 
+import mmap
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -27,6 +28,7 @@ RecordOut = TypeVar("RecordOut", covariant=True)
 
 _ROWS = 50  # are written at once: 1000 would make a paced step late
 _IN_MEMORY = 5000  # rows: 50 s of some kilobytes each; writing and reading them takes as long as the judge
+_RESERVE = 64_000_000  # for the results of a run that ends for lack of memory [bytes]
 _SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
 
@@ -153,12 +155,16 @@ class Session(Generic[TruthT, CommandT, RecordT]):
 
     def run(self, progress: Progress = no_progress) -> None:
         """Advance until there is an outcome; an interrupt is one, and so is an exception of any part."""
+        reserve = mmap.mmap(-1, _RESERVE)  # pages that nobody touches take no memory
         try:
             while self.outcome is None:
                 self._advance_or_fail()
                 progress(self.progress, 1.0, f"{self.tick * TICK:.1f} s simulated")
         except KeyboardInterrupt:
             self.outcome = "interrupted"
+        except MemoryError:
+            reserve.close()
+            self._fail(MemoryError(f"not enough memory after {self.tick * TICK:.1f} s"))
 
     def _advance_or_fail(self) -> None:
         try:

@@ -321,6 +321,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             circle_centre=parts.course.surface_centre,
             arcs=parts.course.arcs,
             path_deviation=parts.course.deviation,
+            placement=parts.course.placement.record() if parts.course.placement else {},
             timing=self.stopwatch.timing(self.tick * TICK),
             frames=_camera_frames(self),
             cameras=tuple(

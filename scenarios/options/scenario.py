@@ -4,7 +4,6 @@ import os
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeVar
 from zlib import crc32
@@ -19,6 +18,7 @@ from scenarios.catalogue import Catalogue, resolve
 from scenarios.options.base import FullPath, PartName, ScenarioTable
 from scenarios.options.course import CourseOptions, CourseTable
 from scenarios.options.rover_course import RoverCourseOptions, RoverCourseTable
+from scenarios.options.shipped import FOLDER, scenario_names, shipped_table
 from scenarios.options.tables import (
     BrakeOptions,
     DriverOptions,
@@ -234,11 +234,6 @@ AnyScenario = Scenario | RoverScenario
 ScenarioT = TypeVar("ScenarioT", Scenario, RoverScenario)
 
 
-def scenario_names() -> tuple[str, ...]:
-    """Names of the shipped scenarios."""
-    return tuple(sorted(file.name.removesuffix(".toml") for file in _data().iterdir() if file.name.endswith(".toml")))
-
-
 def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
     """Load a trailer's scenario by name or file, and apply ``KEY=VALUE`` settings.
 
@@ -289,14 +284,9 @@ def _with_own_course(model: type[AnyScenario], table: Table) -> type[AnyScenario
     return create_model(model.__name__, __base__=model, course=(part, ...))
 
 
-def _data() -> resources.abc.Traversable:
-    return resources.files("scenarios") / "data"
-
-
 def _read(name_or_path: str) -> Table:
     if name_or_path in scenario_names():
-        shipped = tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
-        return with_neighbours(shipped, Path(str(_data())))
+        return with_neighbours(shipped_table(name_or_path), FOLDER)
     if not name_or_path.endswith(".toml") and not os.path.isfile(name_or_path):
         raise ValueError(f"unknown scenario '{shown(name_or_path)}'{nearest(name_or_path, scenario_names())}")
     return with_neighbours(read_toml(Path(name_or_path), FileKind.SCENARIO), Path(name_or_path).parent)

@@ -74,8 +74,8 @@ OK: Final = HEALTH[Health.OK]
 LOST: Final = HEALTH[Health.LOST]
 
 MOTION: Final = (  # of a unit or a rover: name, unit and meaning
-    ("x", "m", "position east"),
-    ("y", "m", "position north"),
+    ("x", "m", "position along the first heading"),
+    ("y", "m", "position to the left of the first heading"),
     ("psi", "rad", "yaw, continuous"),
     ("v_x", "m/s", "forward speed"),
     ("v_y", "m/s", "lateral speed, + left"),
@@ -235,6 +235,10 @@ def read_log(path: Path) -> Log:
     table = read_table(path)
     signals = tuple(_signal(path, field.name, field.metadata or {}) for field in table.schema)
     columns = [column.to_numpy() for column in table.columns]
+    for name, values in zip(table.column_names, columns, strict=True):
+        if name == "time" and not (np.diff(values) >= 0.0).all():
+            row = int(np.flatnonzero(~(np.diff(values) >= 0.0))[0]) + 2
+            raise ValueError(f"{path}: row {row}: time = {values[row - 1]:g} s must not be less than in the row before")
     return Log(signals, np.column_stack(columns) if columns else np.empty((len(table), 0)))
 
 

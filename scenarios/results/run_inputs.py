@@ -6,7 +6,6 @@ copied, as they belong to a program: their hashes are kept, and a later run on o
 
 import ast
 import importlib.util
-import json
 import os
 import re
 import sys
@@ -21,7 +20,7 @@ import tomli_w
 
 from scenarios.results.run_directory import digest
 from vehicle.foundation.own_parts import is_library
-from vehicle.foundation.user_file import FileKind, read_text
+from vehicle.foundation.user_file import FileKind, read_json
 
 
 def own_modules(name: str) -> dict[str, Path]:
@@ -197,7 +196,7 @@ def write_inputs(scenario_toml: str, inputs: RunInputs, folder: Path) -> str:
 def changed_modules(file: Path, scenario: Mapping[str, Any]) -> tuple[str, ...]:
     """Own modules of a scenario that are not as they were when the run was made that its file belongs to."""
     try:
-        kept = json.loads(read_text(file.parent / "manifest.json", FileKind.RECORD))[_MODULES]
+        kept = read_json(file.parent / "manifest.json", FileKind.RECORD)[_MODULES]
         now = _module_hashes(texts(scenario))
         return tuple(sorted(name for name, sha in now.items() if kept.get(name, sha) != sha))
     except (OSError, ValueError, LookupError, TypeError, AttributeError):  # the scenario is not that of a run

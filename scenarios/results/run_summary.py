@@ -48,11 +48,11 @@ def number(value: float) -> float | None:
 
 
 def number_at(summary: Mapping[str, Any], path: str) -> float | None:
-    """The number ``group.name`` of a summary; None if there is none."""
+    """The number ``group.name`` of a summary; None if there is none, or something else."""
     value: Any = summary
     for part in path.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
-    return None if value is None else float(value)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def timing_numbers(timing: Timing) -> Numbers:
@@ -182,6 +182,7 @@ class Result(ABC):
     traceback: str = ""  # of the exception that ended the run
     inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
     paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
+    placement: Mapping[str, str | float] = field(default_factory=dict)  # of W in the coordinates of the course's file
 
     @abstractmethod
     def summary(self) -> Summary:
@@ -196,6 +197,7 @@ def manifest(result: Result) -> dict[str, object]:
         "versions": versions(),
         "signals_sha256": result.log.sha256(),
         **result.manifest,
+        **({"placement": dict(result.placement)} if result.placement else {}),
         **manifest_entry(result.inputs),
     }
 

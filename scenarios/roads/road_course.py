@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -33,17 +34,20 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     bends = np.array([segment.start_curvature for segment in smooth.path.segments])
     reference = _guided_point(tractor, guided, float(np.sum(bends * np.abs(bends))))
     path = Path(Pose2(*reference, 0.0), smooth.path.segments)
+    x, y = points.places[0].tolist()
+    X_PW = Pose2(x, y, 0.0) @ smooth.path.start @ path.start.inverse()  # in the plane of the points
     _check_steer(path, tractor, reference, lambda s: near(points, smooth, s), fit)
     stations = np.arange(-_BEYOND, path.length + _BEYOND + _SPACING, _SPACING)
     poses = path.poses(stations)
     known = _sides(points.widths, smooth, stations)
     widths = np.full((len(stations), 2), 0.5 * width) if known is None else known
     seen = widths if points.paved is None else points.paved
-    narrowest = int(np.argmin(widths.sum(axis=1)))
-    if widths[narrowest].sum() < tractor.width:
+    narrow = np.flatnonzero(widths.sum(axis=1) < tractor.width)
+    if len(narrow):
+        first, least = max(0.0, stations[narrow[0]]), widths.sum(axis=1).min()
         raise ValueError(
-            f"{fit.source}: the road is {widths[narrowest].sum():.2f} m wide at {max(0.0, stations[narrowest]):.1f} m, "
-            f"{near(points, smooth, stations[narrowest])}: the tractor is {tractor.width:.2f} m wide"
+            f"{fit.source}: the road is {least:.2f} m wide in places, and too narrow from {first:.1f} m on, "
+            f"{near(points, smooth, first)}: the tractor is {tractor.width:.2f} m wide"
         )
     return Course(
         path=path,
@@ -59,6 +63,7 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
         paved=_sides(points.paved, smooth, stations),
         deviation=float(np.abs(smooth.deviations).max()),
         remarks=points.remarks,
+        placement=replace(points.placement, X_FW=points.placement.X_FW @ X_PW),
     )
 
 

@@ -18,7 +18,8 @@ from offtrack.studies.campaigns.campaign import campaign_names, load_campaign
 from offtrack.studies.reproduce.reproduction import names_of
 from offtrack.studies.study import load_study
 from scenarios.catalogue import TRAILER_STEERING, Catalogue, resolve
-from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.options.scenario import load_any_scenario
+from scenarios.options.shipped import scenario_names
 from scenarios.part_listing import KINDS
 from vehicle.combination.description import load_vehicle
 from vehicle.rover.description import load_rover, rover_names

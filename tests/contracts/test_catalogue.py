@@ -6,7 +6,8 @@ import pytest
 from scenarios import catalogue
 from scenarios.catalogue import DRIVER, ROVER_DRIVER, Catalogue, resolve
 from scenarios.loop.runner import KINDS
-from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
+from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.options.shipped import scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import Pose2

@@ -111,7 +111,7 @@ def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit:
         (LINEAR._replace(biases=(np.array([np.nan, 0.0]),)), "not finite"),
         (
             LINEAR._replace(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)),
-            "is for",
+            "was trained for another combination",
         ),
         (LINEAR._replace(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
     ],

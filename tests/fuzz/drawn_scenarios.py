@@ -15,7 +15,8 @@ from pydantic.fields import FieldInfo
 from scenarios import catalogue, part_listing
 from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
-from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario, scenario_names
+from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
+from scenarios.options.shipped import scenario_names
 from sensors.faults.fault import FAULTS
 from tests.fuzz.case import Case
 from tests.fuzz.files import settings

@@ -8,6 +8,7 @@ A number is written plain or as ``{ value = 8000.0, source = "weighed" }``; mode
 
 import difflib
 import errno
+import json
 import os
 import re
 import stat
@@ -78,11 +79,14 @@ def read_bytes(path: Path, kind: FileType) -> bytes:
         _check(path, os.stat(path), kind)
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as file:
-            _check(path, os.fstat(descriptor), kind)  # the name may stand for another file by now
-            content = file.read(kind.limit + 1) or b""  # None: a file of the system that has nothing yet
+            status = os.fstat(descriptor)
+            _check(path, status, kind)  # the name may stand for another file by now
+            content = file.read(status.st_size + 1) or b""  # None: a file of the system that has nothing yet
+            if len(content) > status.st_size:  # it grows, or it is a file of the system that states no size
+                content += file.read(kind.limit + 1 - len(content)) or b""
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {reason(error)}") from None
-    if len(content) > kind.limit:  # it grows, or it is a file of the system that states no size
+    if len(content) > kind.limit:
         raise _too_large(path, f"more than {_size(kind.limit)}", kind)
     return content
 
@@ -98,6 +102,28 @@ def read_text(path: Path, kind: FileType) -> str:
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
         raise ValueError(f"{path}: not a text in UTF-8: byte 0x{byte:02x} at {error.start}; save it as UTF-8") from None
+
+
+def read_json(path: Path, kind: FileType) -> dict[str, Any]:
+    """Object in a JSON file.
+
+    Raises:
+        ValueError: one line, as ``read_text``, or if it holds no object, is nested too deeply, or has a NaN.
+    """
+    text = read_text(path, kind)
+    try:
+        found = json.loads(text, parse_constant=_no_constant)
+        if not isinstance(found, dict):
+            raise ValueError("it has no object {…}")
+        return found
+    except RecursionError:
+        raise ValueError(f"{path}: not JSON: {_TOO_DEEP}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not JSON: {shown(str(error))}") from None
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"it has no {name}")
 
 
 def full_path(path: str | Path) -> str:

@@ -17,6 +17,10 @@ from vehicle.foundation.user_file import MAX_MEMBERS, FileKind, read_bytes, show
 from vehicle.option import Option
 
 _LARGEST: Final = 1_000_000_000  # unpacked [bytes]
+_LARGEST_DESCRIPTION: Final = 64_000_000  # [bytes]
+_MOST_ELEMENTS: Final = 500_000  # of a description, some three for a variable
+_ENCODING: Final = re.compile(rb"""(?:\xef\xbb\xbf)?\s*<\?xml[^>]{0,100}?encoding\s*=\s*["']([!-~]{0,40}?)["']""")
+_ENCODINGS: Final = ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1", "windows-1252")
 _END_OF_REFERENCES: Final = 2**32
 _FMI_VERSION: Final = re.compile(rb"""fmiVersion\s*=\s*["']([^"']*)["']""")
 _REAL: Final = ("Real", "Float64", "Float32")
@@ -130,11 +134,28 @@ def _description(fmpy: Any, path: Path, content: io.BytesIO) -> Any:
 
 
 def _version(path: Path, content: io.BytesIO) -> int:
-    """Version of FMI; looked for before all else, as the other ones describe models differently."""
+    """Version of FMI; looked for before all else, as the other ones describe models differently.
+
+    Raises:
+        ValueError: one line, if the description is of no such version, or one that a parser should not see.
+    """
     with zipfile.ZipFile(content) as archive:
-        xml = archive.read("modelDescription.xml")
-    if b"<!DOCTYPE" in xml:  # it could define entities, and name other files
-        raise ValueError(f"{path}: modelDescription.xml: a document type is refused")
+        size = archive.getinfo("modelDescription.xml").file_size
+        xml = archive.read("modelDescription.xml") if size <= _LARGEST_DESCRIPTION else b""
+    declared = _ENCODING.match(xml)
+    encoding = declared[1].decode("ascii").lower() if declared else "utf-8"
+    if size > _LARGEST_DESCRIPTION:
+        refusal = f"has {size / 1e6:.0f} MB: must have at most {_LARGEST_DESCRIPTION / 1e6:.0f} MB"
+    elif (elements := xml.count(b"<")) > _MOST_ELEMENTS:
+        refusal = f"has {elements} elements: must have at most {_MOST_ELEMENTS}"
+    elif encoding not in _ENCODINGS:
+        refusal = f"encoding {shown(encoding, 40)}: must be UTF-8, as FMI asks for"
+    elif b"<!DOCTYPE" in xml:  # it could define entities, and name other files
+        refusal = "a document type is refused"
+    else:
+        refusal = ""
+    if refusal:
+        raise ValueError(f"{path}: modelDescription.xml: {refusal}")
     found = _FMI_VERSION.search(xml)
     text = found[1].decode(errors="replace") if found else "unknown"
     if not text.startswith(("2.", "3.")):
@@ -223,9 +244,11 @@ def _safe_members(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]
         raise ValueError(f"{path}: is {size / 1e6:.0f} MB unpacked: must be at most {_LARGEST / 1e6:.0f} MB")
     for member in members:
         place = PurePosixPath(member.filename.replace("\\", "/"))
-        link = stat.S_ISLNK(member.external_attr >> 16)
-        if place.is_absolute() or ".." in place.parts or ":" in place.parts[0] or link:
-            raise ValueError(f"{path}: its member '{shown(member.filename, 80)}' leaves the archive: refused")
+        kind = stat.S_IFMT(member.external_attr >> 16)
+        inside = place.parts and not place.is_absolute() and ".." not in place.parts and ":" not in place.parts[0]
+        if not inside or kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+            name = shown(member.filename, 80)
+            raise ValueError(f"{path}: its member '{name}' leaves the archive or is no file: refused")
     return members
 
 

@@ -5,7 +5,7 @@ Such an FMU gets the motion of the combination, as a sensor does, and gives esti
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
@@ -38,7 +38,7 @@ from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK, Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
-from vehicle.frames import Pose2
+from vehicle.frames import FloatArray, Pose2
 from vehicle.option import Option, Parameter, check_options
 
 
@@ -84,8 +84,12 @@ class FmuPart:
         self._instance.close()
 
 
-def law_signals(n_steered: int, n_units: int) -> PartSignals:
-    """Signals of a law for a trailer with ``n_steered`` steered axles in a combination of ``n_units``."""
+def law_signals(n_steered: int, n_units: int, groups: Iterable[tuple[int, ...]] = ()) -> PartSignals:
+    """Signals of a law for a trailer with ``n_steered`` steered axles in a combination of ``n_units``.
+
+    Of ``groups`` of axles that share an actuator, one demand is enough.
+    """
+    ganged = {axle: tuple(f"steer_demand_{other + 1}" for other in group) for group in groups for axle in group}
     return PartSignals(
         kind="trailer_steering",
         inputs=(
@@ -94,8 +98,14 @@ def law_signals(n_steered: int, n_units: int) -> PartSignals:
             *reading_signals(n_steered, n_units),
         ),
         outputs=tuple(
-            Signal(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left", required=True)
-            for k in range(1, n_steered + 1)
+            Signal(
+                f"steer_demand_{k + 1}",
+                "rad",
+                f"of steered axle {k + 1} of the trailer, + left",
+                required=True,
+                instead=ganged.get(k, ()),
+            )
+            for k in range(n_steered)
         ),
     )
 
@@ -115,11 +125,13 @@ class FmuLaw(FmuPart, SteeringLaw[int]):
             ValueError: one line, if the map does not fit.
             FmuError: one line, if the FMU can't be started.
         """
-        self._n = len(trailer.steered_distances)
+        n = len(trailer.steered_distances)
+        self._trailer = trailer
         own = self.fmu.tool == "offtrack" and "guarded" in self.fmu.variables
         unguarded = {"guarded": 0.0} if own else {}  # the run guards it itself, as ``degradation`` says
-        self._start("steering", law_signals(self._n, len(combination.vehicle.units)), parameters, **unguarded)
-        self._command = np.zeros(self._n)
+        signals = law_signals(n, len(combination.vehicle.units), trailer.groups)
+        self._start("steering", signals, parameters, **unguarded)
+        self._command = np.zeros(n)
 
     def init(self) -> int:
         """Memory before the first step."""
@@ -141,8 +153,18 @@ class FmuLaw(FmuPart, SteeringLaw[int]):
             estimate = estimate_values(tick, off_tracking, instance.used)
             given = {"time": tick * TICK, **reading_values(signals), **estimate}
             found = instance.until(tick - memory, given)
-            self._command = np.array([found[f"steer_demand_{k}"] for k in range(1, self._n + 1)])
+            self._command = self._demands(found)
         return memory, SteerCommand(angles=self._command)
+
+    def _demands(self, found: Mapping[str, float]) -> FloatArray:
+        """Demands (n_steered,) [rad]; axles without one of their own follow the first of their group that has one."""
+        demands, ratios = np.zeros(len(self._trailer.straight)), self._trailer.steer_ratios
+        for group in self._trailer.groups:
+            given = {axle: found[name] for axle in group if (name := f"steer_demand_{axle + 1}") in found}
+            first = next(iter(given))
+            for axle in group:
+                demands[axle] = given.get(axle, given[first] / ratios[first] * ratios[axle])
+        return demands
 
 
 _AHEAD: Final = 60  # points of the path that an FMU can take, a metre apart

@@ -29,6 +29,7 @@ class Signal(NamedTuple):
     low: float | None = None  # limits that the exporter declares; the FMU does not enforce them
     high: float | None = None
     required: bool = False  # an output of an imported FMU that the part can't do without
+    instead: tuple[str, ...] = ()  # others that do as well
 
 
 def numbered(name: str, unit: str, meanings: Iterable[str], start: float = 0.0) -> list[Signal]:
@@ -139,18 +140,20 @@ def _links(source: Path, fmu: FmuFile, part: PartSignals, table: Mapping[str, An
         if name == "parameters" and (isinstance(value, int | float) or _is_text(fmu, key)):
             continue  # a plain value
         place = f"{source}: {name}.{shown(key, 60)}"
-        link = {"signal": value} if isinstance(value, str) else value
-        if not isinstance(link, dict) or not isinstance(link.get("signal"), str):
-            raise ValueError(f"{place} = {shown(repr(value), 60)}: must be the name of a signal, or a table with one")
+        link = value if isinstance(value, dict) else {"signal": value}
+        named = link.get("signal")
+        several: list[Any] = named if isinstance(named, list) and name == "outputs" else [named]
+        if not several or not all(isinstance(one, str) for one in several):
+            wanted = "signals" if name == "outputs" else "a signal"
+            raise ValueError(f"{place} = {shown(repr(value), 60)}: must be the name of {wanted}, or a table with one")
         for word in link:
             if word not in _LINK:
                 raise ValueError(f"{place}: unknown key '{shown(word)}'{nearest(word, _LINK)}")
         variable = _variable(place, fmu, key, name.removesuffix("s"))
-        signal = signals.get(link["signal"])
-        if signal is None:
-            raise ValueError(f"{place}: {part.kind} has no signal '{shown(link['signal'])}'"
-                             f"{nearest(link['signal'], tuple(signals))}")  # fmt: skip
-        links.append(_link(place, variable, signal, link, into=name != "outputs"))
+        for one in several:
+            if one not in signals:
+                raise ValueError(f"{place}: {part.kind} has no signal '{shown(one)}'{nearest(one, tuple(signals))}")
+            links.append(_link(place, variable, signals[one], link, into=name != "outputs"))
     repeated = [link.signal for k, link in enumerate(links) if any(link.signal == one.signal for one in links[:k])]
     if name == "outputs" and repeated:
         raise ValueError(f"{source}: outputs: two variables give the signal {repeated[0]}")
@@ -192,7 +195,7 @@ def _link(place: str, variable: Variable, signal: Signal, link: Mapping[str, Any
 
 def _check_outputs(fmu: FmuFile, part: PartSignals, outputs: Sequence[Link]) -> None:
     given = {link.signal for link in outputs}
-    missing = [signal.name for signal in part.outputs if signal.required and signal.name not in given]
+    missing = [one.name for one in part.outputs if one.required and not given & {one.name, *one.instead}]
     if missing:
         raise ValueError(
             f"{fmu.path}: no variable is connected to {part.kind}'s signal {', '.join(missing)}: write them into "

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from scenarios.image_file import pixels
 from vehicle.foundation.user_file import MAX_PIXELS, shown
 from vehicle.frames import FloatArray
 
@@ -56,7 +57,7 @@ def camera_info(message: Any, topic: str, where: str) -> CameraInfo:
     """Calibration in a CameraInfo, whose K and P are those of the sensor: binning and region of interest scale them.
 
     Raises:
-        ValueError: one line, if it is empty, not finite, or of an unknown lens.
+        ValueError: one line, if it is empty, not finite, of an unknown lens, or of too large an image.
     """
     k, r, p, d = (_numbers(message, name) for name in "krpd")
     if k.size != 9 or p.size != 12 or not np.isfinite([*k, *p]).all() or k[0] <= 0.0 or p[0] <= 0.0:
@@ -71,6 +72,9 @@ def camera_info(message: Any, topic: str, where: str) -> CameraInfo:
     size = [int(roi.width or message.width), int(roi.height or message.height)]
     region = np.array([[1.0, 0.0, -float(roi.x_offset)], [0.0, 1.0, -float(roi.y_offset)], [0.0, 0.0, 1.0]])
     seen = np.diag([1.0 / binning[0], 1.0 / binning[1], 1.0]) @ region
+    if not 0 <= size[0] * size[1] <= MAX_PIXELS:
+        most = f"an image must have at most {MAX_PIXELS // 10**6} megapixels"
+        raise ValueError(f"{where}: {topic}: is the calibration of {size[0]}x{size[1]} px: {most}")
     return CameraInfo(
         topic=topic,
         size=(size[0] // binning[0], size[1] // binning[1]),
@@ -124,9 +128,7 @@ def _grey(image: NDArray[Any], encoding: str) -> NDArray[Any]:
 
 def _compressed(message: Any, where: str) -> NDArray[Any]:
     """Image of a CompressedImage, whose format names the encoding first if it is one of ROS."""
-    image = cv2.imdecode(np.frombuffer(bytes(message.data), np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ValueError(f"{where}: a compressed image can not be decoded (format {shown(str(message.format))})")
+    image = pixels(bytes(message.data), f"{where}: an image of format {shown(str(message.format), 40)}")
     encoding = str(message.format).partition(";")[0].strip()
     if image.ndim == 2:
         return _grey(image, encoding if encoding.startswith("bayer_") else "mono8")

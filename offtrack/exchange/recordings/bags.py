@@ -20,11 +20,12 @@ from offtrack.exchange.recordings.bag_messages import CameraInfo, baseline, cali
 from offtrack.exchange.recordings.file_pairs import nearest_pairs
 from offtrack.exchange.recordings.image_checks import rows_apart
 from offtrack.exchange.recordings.stereo_sequence import Unpacked
+from offtrack.exchange.recordings.writers import write_images
 from scenarios.extras import import_extra
 from scenarios.image_file import upper_bits, used_bits
 from scenarios.progress import Progress, no_progress
 from vehicle.foundation.temporary import temporary_folder
-from vehicle.foundation.user_file import MAX_FRAMES, nearest, shown
+from vehicle.foundation.user_file import MAX_FRAMES, FileKind, nearest, read_text, shown
 
 SIDES: Final = ("left", "right")
 FRAMES: Final = {"left": "camera_left", "right": "camera_right"}
@@ -103,6 +104,7 @@ def _info_of(topic: str, kinds: Mapping[str, str]) -> str:
 
 _FILES: Final = ("calib.txt", "rig.toml", "poses.txt")  # of a recording of offtrack
 _FOLDERS: Final = {"left": "image_0", "right": "image_1"}
+_OF_ADDRESSES: Final = frozenset("#?%")  # the reader opens a database by an address
 _ENDINGS: Final = (".mcap", ".db3", ".bag")
 _PAIRS: Final = 3  # of the first images, that show whether they are rectified
 _CLEARLY: Final = 0.6  # times the difference of rows that shows which images are rectified
@@ -117,6 +119,24 @@ def _files(path: Path) -> list[Path]:
     """Files of messages: the path itself, or those in a folder."""
     inside = path.iterdir() if path.is_dir() else [path]
     return sorted(file for file in inside if file.suffix in _ENDINGS and file.is_file())
+
+
+def _linked(bag: Path, place: Path) -> list[Path]:
+    """Links to the files of a bag: the reader would wait for a pipe, and takes some signs in a path for its own."""
+    place.mkdir()
+    files, metadata = _files(bag), bag / "metadata.yaml"
+    if metadata.is_file() and not any(_OF_ADDRESSES & set(file.name) for file in bag.iterdir()):
+        text = read_text(metadata, FileKind.PARAMETERS)
+        for file in bag.iterdir():
+            if file.is_file():
+                (place / file.name).symlink_to(file.absolute())
+        (place / metadata.name).unlink()
+        (place / metadata.name).write_text(text, encoding="utf-8")
+        return [place]
+    links = [place / f"{k}{file.suffix}" for k, file in enumerate(files)]
+    for link, file in zip(links, files, strict=True):
+        link.symlink_to(file.absolute())
+    return links
 
 
 @contextmanager
@@ -145,7 +165,7 @@ def unpacked_bag(
     with temporary_folder() as temporary:
         folder = temporary / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()
-        paths = [bag] if (bag / "metadata.yaml").is_file() else _files(bag)
+        paths = _linked(bag, temporary / "files of the bag")
         try:
             with highlevel.AnyReader(paths, default_typestore=humble_types()) as reader:
                 unpacked = _unpacked(reader, bag, folder, topics, progress, exchange=exchange, calibrated=calibrated)
@@ -316,7 +336,7 @@ def _write_images(
         image = grey_image(message, f"{bag}: {connection.topic}")
         if side in maps:
             image = _remapped(image, maps[side])
-        cv2.imwrite(str(folder / _FOLDERS[side] / f"{len(stamps[side])}.pgm"), image)
+        write_images({folder / _FOLDERS[side] / f"{len(stamps[side])}.pgm": image})
         stamps[side].append((at.sec * 1_000_000_000 + at.nanosec, received))
         progress(done, max(total, done), "unpacking")
     sent = all(stamp for side in SIDES for stamp, _ in stamps[side])

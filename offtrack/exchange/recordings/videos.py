@@ -23,6 +23,7 @@ from estimators.context import OffTrackingSource
 from estimators.estimates import Health
 from offtrack.exchange.recordings.stereo_reader import Recording
 from offtrack.exchange.recordings.stereo_sequence import Unpacked
+from offtrack.exchange.recordings.writers import write_images
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
@@ -68,8 +69,7 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
                 raise ValueError(f"{videos[0]}: more than {MAX_FRAMES} frames: cut the video")
             half = images[0].shape[1] // 2
             left, right = images if len(images) == 2 else (images[0][:, :half], images[0][:, half : 2 * half])
-            for side, image in (("left", left), ("right", right)):
-                cv2.imwrite(str(folder / side / f"{len(times):06d}.pgm"), image)
+            write_images({folder / s / f"{len(times):06d}.pgm": i for s, i in (("left", left), ("right", right))})
             times.append(1e-3 * captures[0].get(cv2.CAP_PROP_POS_MSEC))
             progress(len(times), max(expected, len(times)), "unpacking")
         rate = captures[0].get(cv2.CAP_PROP_FPS) or 10.0

@@ -20,12 +20,13 @@ from typing import Any, Final, Self
 import cv2
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 
 from scenarios.assembly.trailer_run import Assembly
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration
-from sensors.messages import GreyImage, RoverView, StereoFrame
+from sensors.messages import RoverView, StereoFrame
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.foundation.data_file import Column, open_table
@@ -212,7 +213,7 @@ class RecordingFolder:
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # noise compresses no better at 9, only ten times more slowly
 
 
-def write_images(images: Mapping[Path, GreyImage]) -> None:
+def write_images(images: Mapping[Path, NDArray[Any]]) -> None:
     """Write grey images, all or none of them.
 
     Raises:
@@ -220,7 +221,7 @@ def write_images(images: Mapping[Path, GreyImage]) -> None:
     """
     try:
         for path, image in images.items():
-            path.write_bytes(cv2.imencode(".png", image, _FAST_PNG)[1].tobytes())
+            path.write_bytes(cv2.imencode(path.suffix, image, _FAST_PNG)[1].tobytes())
     except OSError:
         for path in images:
             path.unlink(missing_ok=True)

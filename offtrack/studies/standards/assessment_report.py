@@ -283,7 +283,10 @@ def assessment_page(matrix: AssessmentMatrix) -> str:
     vehicle, assessment = matrix.vehicle, matrix.cases[0]
     facts = [vehicle.summary, f"{vehicle.mass / 1e3:.1f} t", f"{vehicle.length:.2f} m"]
     if any(unit.steered_axles for unit in vehicle.units[1:]):
-        facts.append(f"trailer steering: {assessment.trailer_steering}")
+        given = getattr(assessment.trailer_steering, "parameters", {})
+        facts.append(
+            " ".join([f"trailer steering: {assessment.trailer_steering}", *(f"{k}={v}" for k, v in given.items())])
+        )
     return Page(
         title=f"{vehicle.name} · assessment",
         heading=f"{vehicle.name} in standard manoeuvres",

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any, Final, Literal, NamedTuple, TypeVar
+from types import MappingProxyType
+from typing import Any, Final, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,24 @@ from vehicle.combination.plant import Plant
 from vehicle.combination.truth import Truth
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray, Pose2
+from vehicle.option import Parameter
 from vehicle.surface import Surface
 
 _ESTIMATES = Schedule.at_rate(10.0)  # of the off-tracking: a 10 Hz camera's
 _CRUISE_GAIN = 2.0  # acceleration demand per speed error [1/s]
 _CRUISE_INTEGRAL = 1.0  # [1/s2]: aperiodic with the gain above
+
+
+class ChosenLaw(str):
+    """Name of a steering law, with values of its parameters."""
+
+    parameters: Mapping[str, Parameter]
+
+    def __new__(cls, name: str, parameters: Mapping[str, Parameter] = MappingProxyType({})) -> Self:
+        """Of a law with other values than its own."""
+        chosen = super().__new__(cls, name)
+        chosen.parameters = dict(parameters)
+        return chosen
 
 
 def steered_trailer(vehicle: Vehicle, law: str) -> WatchedTrailer | None:
@@ -60,7 +74,7 @@ def steered_trailer(vehicle: Vehicle, law: str) -> WatchedTrailer | None:
         geometry=geometry,
         path_height=vehicle.units[last].roll_axis_height,
         steers_ahead=sum(len(unit.steered_axles) for unit in vehicle.units[:last]),
-        law=trailer_law(law, geometry, Combination(vehicle, last), {}),
+        law=trailer_law(law, geometry, Combination(vehicle, last), getattr(law, "parameters", {})),
         signals=CombinationSensors(vehicle, last, rng=np.random.default_rng(0), noise=0.0),
         sensing=Sensing(
             sensor=ExactPose(last, vehicle.units[last].roll_axis_height),

@@ -13,13 +13,14 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from scenarios.roads.opendrive.network import JUNCTION, Connection, Contact, Lane, Network, Road, Section, Span
+from scenarios.roads.opendrive.network import JUNCTION, Connection, Contact, Lane, Link, Network, Road, Section, Span
 from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
 Edges = Literal["lane", "road"]
 TURNS: Final = ("left", "right", "straight")
 _TURNING: Final = math.radians(30.0)  # least change of heading of a turn through a junction
+_STRAIGHT: Final = math.radians(10.0)  # largest one of a way straight on where another turns to the other side
 _AHEAD: Final = 50.0  # of the roads behind a direct junction, or of two that part slowly [m]
 _APART: Final = 0.5  # least distance there of ways that are left and right of each other [m]
 _NARROW: Final = 2.5  # least width of a lane to drive on, where no vehicle is known: Directive 96/53/EC is 2.55 [m]
@@ -127,23 +128,15 @@ def stretches(network: Network, narrowest: float = _NARROW, *, heights: bool = T
         heights: True if its heights are driven too.
     """
     for road in network.roads.values():
-        parts = [
-            part
-            for k, section in enumerate(road.sections)
-            for lane in sorted(section.lanes, reverse=True)
-            if section.lanes[lane].kind in DRIVABLE
-            for part in _parts(_leg(road, k, lane, 1), narrowest, heights=heights)
-        ]
-        for lane in dict.fromkeys(part.lane for part in parts):
-            own = [part for part in parts if part.lane == lane]
-            joined = own[:1]
-            for part in own[1:]:
-                last = joined[-1]
-                if part.reason == last.reason and abs(part.begin - last.end) < _EPS:
-                    joined[-1] = last._replace(end=part.end)
-                else:
-                    joined.append(part)
-            yield from joined
+        joined: dict[int, list[Stretch]] = {}
+        legs = (_leg(road, k, lane, 1) for k, part in enumerate(road.sections) for lane in sorted(part.lanes)[::-1])
+        for leg in legs:
+            own = joined.setdefault(leg.lane, [])
+            for part in _parts(leg, narrowest, heights=heights) if leg.data.kind in DRIVABLE else ():
+                goes_on = own and own[-1].reason == part.reason and abs(part.begin - own[-1].end) < _EPS
+                own.append(own.pop()._replace(end=part.end) if goes_on else part)
+        for own in joined.values():
+            yield from own
 
 
 def _parts(leg: Leg, narrowest: float, *, heights: bool) -> Iterator[Stretch]:
@@ -168,15 +161,8 @@ class Joint(NamedTuple):
 
     ahead: float  # [m]
     aside: float  # of its middle, + left [m]
-    left: float  # of its left border from that of the lane before [m]
-    right: float  # of its right border [m]
+    gap: float  # between the lanes, where not one of their borders goes on as if they became wider or split [m]
     up: float  # [m]
-
-    @property
-    def gap(self) -> float:
-        """Distance between the lanes that is no place where one becomes wider or narrower, or splits [m]."""
-        same_side = min(abs(self.left), abs(self.right)) <= GAP
-        return max(abs(self.ahead), 0.0 if same_side else abs(self.aside))
 
 
 def joint(leg: Leg, lead: Leg) -> Joint:
@@ -184,8 +170,9 @@ def joint(leg: Leg, lead: Leg) -> Joint:
     (x, y, z, psi), after = leg.pose(leg.end), lead.pose(lead.start)
     c, s, dx, dy = math.cos(psi), math.sin(psi), after[0] - x, after[1] - y
     half, wide = (0.5 * float(one.width(np.array([at]))[0]) for one, at in ((leg, leg.end), (lead, lead.start)))
-    aside = c * dy - s * dx
-    return Joint(c * dx + s * dy, aside, aside + wide - half, aside - wide + half, after[2] - z)
+    ahead, aside = c * dx + s * dy, c * dy - s * dx
+    has_border = min(abs(aside + wide - half), abs(aside - wide + half)) <= GAP
+    return Joint(ahead, aside, abs(ahead) if has_border else max(abs(ahead), abs(aside)), after[2] - z)
 
 
 class Way(NamedTuple):
@@ -195,20 +182,24 @@ class Way(NamedTuple):
     turn: float  # change of heading, + left [rad]
     aside: float  # where it leads to, to the left of straight on [m]
     exit: str | None  # road behind the connecting road
+    word: str  # left, right or straight, among the ways from all lanes of the road that comes in
 
 
 def ways(network: Network, leg: Leg) -> list[Way]:
     """Ways through the junction at the end of a lane; none if there is no junction."""
     link = leg.road.linked(leg.direction)
-    connections = network.junctions.get(link.id, ()) if link is not None and link.is_junction else ()
-    own = [one for one in connections if one.incoming == leg.road.id]
-    leads = [(lead, one.is_direct) for one in own if (lead := _through(network, one, leg)) is not None]
-    return [_way(network, leg, lead, is_direct=is_direct) for lead, is_direct in leads]
+    at_end = not 0 <= leg.section + leg.direction < len(leg.road.sections)
+    if link is None or not link.is_junction or not at_end:
+        return []
+    beside = [leg._replace(lane=lane.id) for lane in leg.part.lanes.values() if lane.kind in DRIVABLE]
+    found = [_way(network, one, lead) for one in (leg, *beside) for lead in _leads(network, one)]
+    others = list({way.lead.road.id: way for way in found}.values())
+    return [way._replace(word=_word(way, others)) for way in found[: len(_leads(network, leg))]]
 
 
-def _way(network: Network, leg: Leg, lead: Leg, *, is_direct: bool) -> Way:
+def _way(network: Network, leg: Leg, lead: Leg) -> Way:
     """Turn of the way: of all of a connecting road, or of the first metres behind a direct junction."""
-    road = lead.road
+    road, is_direct = lead.road, lead.road.junction is None
     reach = min(_AHEAD, road.reference.length) if is_direct else road.reference.length
     x, y, psi = road.reference.poses(lead.start + lead.direction * np.linspace(0.0, reach, 65)).T
     psi = np.unwrap(psi)
@@ -218,7 +209,34 @@ def _way(network: Network, leg: Leg, lead: Leg, *, is_direct: bool) -> Way:
     link = road.linked(lead.direction)
     is_road = link is not None and not link.is_junction and link.id in network.roads and not is_direct
     aside = dy * math.cos(travel) - dx * math.sin(travel)
-    return Way(lead, float(psi[-1] - psi[0]), float(aside), link.id if link and is_road else None)
+    return Way(lead, float(psi[-1] - psi[0]), float(aside), link.id if link and is_road else None, "")
+
+
+def _word(way: Way, ways_on: list[Way]) -> str:
+    """The turn of a way: by its angle; of those that hardly turn the one that turns least is straight on."""
+    ahead = [one for one in ways_on if abs(one.turn) <= _TURNING]
+    if abs(way.turn) > _TURNING:
+        return "left" if way.turn > 0.0 else "right"
+    straightest = min(ahead, key=lambda one: abs(one.turn))
+    apart = way.aside - straightest.aside
+    if abs(apart) > _APART:
+        return "left" if apart > 0.0 else "right"
+    forks = any(one.turn * way.turn < 0.0 for one in ahead)
+    return "straight" if abs(way.turn) <= _STRAIGHT or not forks else "left" if way.turn > 0.0 else "right"
+
+
+def _leads(network: Network, leg: Leg) -> list[Leg]:
+    """Lanes that go on from a lane: one at most, but for a junction."""
+    section, link = leg.section + leg.direction, leg.road.linked(leg.direction)
+    found: list[Leg | None] = []
+    if 0 <= section < len(leg.road.sections):
+        found = [_next(leg.road, section, leg.direction, _linked(leg), leg)]
+    elif link is not None and link.is_junction:
+        ways_on = (way for way in network.junctions.get(link.id, ()) if way.incoming == leg.road.id)
+        found = [_through(network, way, leg) for way in ways_on]
+    elif link is not None and link.contact is not None and link.id in network.roads:
+        found = [_onto(network.roads[link.id], link.contact, _linked(leg), leg)]
+    return [lead for lead in found if lead is not None]
 
 
 def _through(network: Network, way: Connection, leg: Leg) -> Leg | None:
@@ -290,7 +308,7 @@ def _words(network: Network, request: Request, source: str) -> list[str | Change
         elif word in TURNS or word in network.roads or word in network.broken:
             words.append(word)
         else:
-            known = nearest(word, [*network.roads, *TURNS])
+            known = nearest(word, [*(shown(name, 40) for name in network.roads), *TURNS])
             raise ValueError(
                 f"{source}: course.route = {shown(word, 40)} is not reached: the file has no such road{known}"
                 " (or lane ID, lane ID from S, lane ID from S over LENGTH)"
@@ -363,7 +381,7 @@ class Route:
         between = [lane for lane in lanes if min(leg.lane, to.lane) <= lane <= max(leg.lane, to.lane)]
         if not _goes_on(leg, to) or leg.lane * to.lane < 0 or any(lanes[lane].kind not in PAVED for lane in between):
             raise self._error(
-                f"course.route = {change.text}: lane {change.lane} of road {self._text(leg.road.id)} cannot be changed "
+                f"course.route = {change.text}: lane {change.lane} of road {shown(leg.road.id, 40)} cannot be changed "
                 f"to from lane {leg.lane} at {leg.at(start)}: it is a lane of the type {lanes[change.lane].kind}, goes "
                 "the other way, or no vehicle may drive between the two"
             )
@@ -372,19 +390,28 @@ class Route:
 
     def _after(self, leg: Leg) -> Leg | None:
         """The lane that follows; None: the route ends."""
-        section = leg.section + leg.direction
+        leads, section = _leads(self._network, leg), leg.section + leg.direction
+        word = self._words[0] if self._words else None
         if 0 <= section < len(leg.road.sections):
-            after = _next(leg.road, section, leg.direction, _linked(leg), leg)
-            if after is None:
-                raise self._error(self._lane_ends(leg, leg.road.sections[section]))
-            return after
-        change = self._words[0] if self._words else None
-        if isinstance(change, Change) and self._named == leg.road.id:
-            raise self._error(f"course.route = {change.text}: {lanes_of(leg.road)}")
-        if not self._words and not self._to_the_end:
-            self.end = f"road {self._text(leg.road.id)} is the last of course.route"
+            part = leg.road.sections[section]
+            split = part.lanes.get(word.lane) if isinstance(word, Change) and word.start in (None, leg.end) else None
+            if split is not None and leg.lane == (split.predecessor if leg.direction > 0 else split.successor):
+                self._words.pop(0)  # the lane splits: it becomes this one
+                return _leg(leg.road, section, split.id, leg.direction)
+            if not leads:
+                raise self._error(self._lane_ends(leg, part))
+            return leads[0]
+        if isinstance(word, Change) and self._named == leg.road.id:
+            raise self._error(f"course.route = {word.text}: {lanes_of(leg.road)}")
+        if word is None and not self._to_the_end:
+            self.end = f"road {shown(leg.road.id, 40)} is the last of course.route"
             return None
-        return self._enter(self._beyond(leg))
+        link = leg.road.linked(leg.direction)
+        if leads and link is not None and link.is_junction:
+            return self._enter(self._chosen(leg, leads, f"junction {shown(link.id, 40)}"))
+        if not leads:
+            self._stop(leg, link)
+        return self._enter(leads[0] if leads else None)
 
     def _lane_ends(self, leg: Leg, section: Section) -> str:
         linked = _linked(leg)
@@ -396,84 +423,65 @@ class Route:
             reason = f"lane {lane.id} there goes the other way"
         others = [one for one in leg.part.lanes.values() if one.kind in DRIVABLE and one.id * leg.lane > 0]
         other = min((one.id for one in others if one.id != leg.lane), key=lambda one: abs(one - leg.lane), default=None)
-        remedy = "" if other is None else f", or change lane (course.route = {self._text(leg.road.id)},lane {other})"
+        remedy = "" if other is None else f", or change lane (course.route = {shown(leg.road.id, 40)},lane {other})"
         return (
-            f"lane {leg.lane} of road {self._text(leg.road.id)} ends at {leg.at(leg.end)}: {reason}; choose a "
+            f"lane {leg.lane} of road {shown(leg.road.id, 40)} ends at {leg.at(leg.end)}: {reason}; choose a "
             f"course.length that ends before{remedy}"
         )
 
-    def _beyond(self, leg: Leg) -> Leg | None:
-        """The lane on the next road; takes what it uses from the words. None: the route ends here."""
-        link, here = leg.road.linked(leg.direction), f"road {self._text(leg.road.id)}"
+    def _stop(self, leg: Leg, link: Link | None) -> None:
+        """Note why nothing goes on at the end of a road, or refuse it."""
+        here = f"road {shown(leg.road.id, 40)}"
         if link is None:
             self.end = f"{here} ends there"
-            return None
-        if link.is_junction:
-            return self._across(leg, link.id)
-        there = f"road {self._text(link.id)}"
-        if link.id in self._network.broken:
-            raise self._error(f"{here} is linked to {there}, which cannot be read: {self._network.broken[link.id]}")
-        if link.id not in self._network.roads:
-            self._cut(f"{here} is linked to {there}, which is not in the file")
-            return None
-        if link.contact is None:
-            raise self._error(
-                f'line {link.line}: the link of {here} to {there} does not say contactPoint="start" or "end"'
-            )
-        after = _onto(self._network.roads[link.id], link.contact, _linked(leg), leg)
-        if after is None:
-            raise self._error(
-                f"{here} is linked to {there}, which has no lane that goes on from lane {leg.lane} at "
-                f"{leg.at(leg.end)}: {lanes_of(self._network.roads[link.id])}"
-            )
-        return after
+            return
+        known = self._network.junctions if link.is_junction else self._network.roads
+        broken = self._network.broken.get((JUNCTION if link.is_junction else "") + link.id)
+        there = f"{here} is linked to {'junction' if link.is_junction else 'road'} {shown(link.id, 40)}, which "
+        if broken is not None:
+            there += f"cannot be read: {broken}"
+        elif link.id not in known:
+            there += "is not in the file"
+        elif link.is_junction:
+            ways_on = [way.connecting for way in self._network.junctions[link.id] if way.incoming == leg.road.id]
+            unread = [self._network.broken[road] for road in ways_on if road in self._network.broken]
+            there += f"has no way on from lane {leg.lane}{f' that can be read: {unread[0]}' if unread else ''}"
+        elif link.contact is None:
+            there = f"line {link.line}: the link of {here} to road {shown(link.id, 40)} does not say "
+            raise self._error(there + 'contactPoint="start" or "end"')
+        else:
+            lanes = lanes_of(self._network.roads[link.id])
+            there += f"has no lane that goes on from lane {leg.lane} at {leg.at(leg.end)}: {lanes}"
+        if broken is not None or (link.id in known and not link.is_junction):
+            raise self._error(there)
+        self.end, self.is_cut = there, True
 
-    def _across(self, leg: Leg, junction: str) -> Leg | None:
+    def _chosen(self, leg: Leg, leads: list[Leg], place: str) -> Leg | None:
         """The way through a junction that the next word names, or the only one."""
-        place = f"junction {self._text(junction)}"
-        found = ways(self._network, leg)
-        if not found:
-            if junction not in self._network.junctions:
-                reason = self._network.broken.get(JUNCTION + junction, "it is not in the file")
-            else:
-                reason = f"it has no way from lane {leg.lane} of road {self._text(leg.road.id)}"
-                reason += self._broken_ways(leg, junction)
-            self._cut(f"{place} does not go on: {reason}")
-            return None
         word = self._words[0] if self._words else None
+        if len(leads) == 1 and word not in TURNS:
+            return leads[0]  # what the word names comes later
+        found = ways(self._network, leg)
         named = [way for way in found if word in (way.lead.road.id, way.exit)]
-        if isinstance(word, str) and word in TURNS:
-            named = _turning(found, word)
-        elif not named and len(found) == 1:
-            named = found  # what the word names comes later
+        if word in TURNS:
+            named = _turning(found, str(word))
         listed = ", ".join(
-            f"{way.lead.road.id} ({math.degrees(way.turn):+.0f} deg{f' to road {way.exit}' if way.exit else ''})"
+            f"{way.lead.road.id} ({way.word}, {math.degrees(way.turn):+.0f} deg"
+            f"{f' to road {way.exit}' if way.exit else ''})"
             for way in found
         )
-        if not named and word is None:
-            self.end = f"{place} leaves a choice: {shown(listed)}"
-            return None
-        if not named:
+        if named and word in TURNS:
+            self._words.pop(0)
+        elif not named and word is not None:
             raise self._error(
                 f"{place}: course.route = {self._text(word)} fits no way; there are: {shown(listed, 300)}"
             )
-        if word in TURNS:
-            self._words.pop(0)
-        return named[0].lead
+        elif not named:
+            self.end = f"{place} leaves a choice: {shown(listed)}"
+        return named[0].lead if named else None
 
-    def _broken_ways(self, leg: Leg, junction: str) -> str:
-        texts = [
-            self._network.broken[way.connecting]
-            for way in self._network.junctions[junction]
-            if way.incoming == leg.road.id and way.connecting in self._network.broken
-        ]
-        return f" that can be read: {texts[0]}" if texts else ""
-
-    def _cut(self, reason: str) -> None:
-        self.end, self.is_cut = reason, True
-
-    def _text(self, word: str | Change | None) -> str:
-        return word.text if isinstance(word, Change) else shown(word or "", 40)
+    def _text(self, word: str | Change) -> str:
+        return word.text if isinstance(word, Change) else shown(word, 40)
 
     def _error(self, message: str) -> ValueError:
         return ValueError(f"{self._source}: {message}")
@@ -484,33 +492,15 @@ def _linked(leg: Leg) -> int | None:
     return leg.data.successor if leg.direction > 0 else leg.data.predecessor
 
 
-def _turning(found: list[Way], word: str) -> list[Way]:
-    """Ways that are named by a turn, the sharpest first.
-
-    Where none turns by the angle of a turn, as where a motorway parts, those are left and right that end beside others.
-    """
-    fits = [way for way in found if _word(way.turn) == word]
-    straightest = min(found, key=lambda way: abs(way.turn))
-    if word == "straight":
-        return [straightest] if straightest in fits else []
-    side = 1.0 if word == "left" else -1.0
-    if not fits:
-        outermost = max(found, key=lambda way: side * way.aside)
-        apart = side * (outermost.aside - min(side * way.aside for way in found) * side)
-        away = side * (outermost.aside - straightest.aside) > _APART
-        turns = side * outermost.turn > _APART / _AHEAD and apart > _APART
-        return [outermost] if away or turns else []
-    return sorted(fits, key=lambda way: -abs(way.turn))
-
-
 def turn_word(found: list[Way], way: Way) -> str:
     """The word of a route that chooses one of the ways through a junction; the id of its road where no turn does."""
-    turns = (word for word in TURNS if (chosen := _turning(found, word)) and chosen[0] is way)
-    return next(turns, way.lead.road.id)
+    return way.word if _turning(found, way.word)[0] is way else way.lead.road.id
 
 
-def _word(turn: float) -> str:
-    return "straight" if abs(turn) <= _TURNING else "left" if turn > 0.0 else "right"
+def _turning(found: list[Way], word: str) -> list[Way]:
+    """Ways that are named by a turn, the sharpest first, the straightest of those straight on."""
+    sign = 1.0 if word == "straight" else -1.0
+    return sorted((way for way in found if way.word == word), key=lambda way: sign * abs(way.turn))
 
 
 def lanes_of(road: Road) -> str:
@@ -538,38 +528,60 @@ def starts(network: Network, request: Request, source: str) -> list[Leg]:
         ValueError: one line, if there is none.
     """
     word = request.words[0] if request.words and request.words[0] in {*network.roads, *network.broken} else None
-    name = request.road if request.road is not None else word
+    name, unread = word if request.road is None else request.road, next(iter(network.broken.values()), "")
     if name is not None and name in network.broken:
         raise ValueError(f"{source}: road {shown(name, 40)} cannot be read: {network.broken[name]}")
     if name is not None and name not in network.roads:
-        unread = f"; not read: {next(iter(network.broken.values()))}" if network.broken else ""
-        raise ValueError(f"{source}: course.road = {shown(name, 40)}{nearest(name, network.roads)}{unread}")
-    roads = [network.roads[name]] if name is not None else list(network.roads.values())
+        like = nearest(name, [shown(one, 40) for one in network.roads])
+        raise ValueError(f"{source}: course.road = {shown(name, 40)}{like}{f'; not read: {unread}' if unread else ''}")
+    roads = list(network.roads.values()) if name is None else [network.roads[name]]
     roads = [road for road in roads if road.junction is None] or roads
     if not roads:
-        raise ValueError(f"{source}: no road can be read: {next(iter(network.broken.values()))}")
+        raise ValueError(f"{source}: no road can be read: {unread}")
     begins = [leg for road in roads for leg in _begins(road, request.lane)]
-    faults = [fault.text for road in roads for fault in road.faults]
-    if not begins and faults:
-        raise ValueError(f"{source}: no lane can be driven: {faults[0]}")
-    if not begins:
-        which = lanes_of(roads[0]) if name is not None or len(roads) == 1 else "no road has such a lane"
-        wanted = (
-            "no lane of the type driving: name one in course.lane"
-            if request.lane is None
-            else f"course.lane = {request.lane}: {which}"
-        )
-        raise ValueError(f"{source}: {f'road {shown(roads[0].id, 40)} has ' if request.lane is None else ''}{wanted}")
     fitting = [leg._replace(start=s) for leg in begins if (s := _wide_from(leg, request.narrowest)) is not None]
     if not fitting:
+        raise ValueError(f"{source}: {_no_start(roads, begins, request)}")
+    if len(fitting) == 1:
+        return fitting
+    known: dict[tuple[str, int, int], float] = {}
+    reach = {leg: round(_reach(network, leg, request.narrowest, known)) for leg in fitting}
+    return sorted(fitting, key=lambda leg: (-reach[leg], -leg.direction, -abs(leg.lane)))
+
+
+def _no_start(roads: Sequence[Road], begins: Sequence[Leg], request: Request) -> str:
+    """Why no drive can begin on some roads."""
+    if begins:
         leg = begins[0]
         widest = float(leg.width(np.linspace(leg.start, leg.end, 65)).max())
-        raise ValueError(
-            f"{source}: lane {leg.lane} of road {shown(leg.road.id, 40)}: the road is {widest:.2f} m wide at most, at "
+        return (
+            f"lane {leg.lane} of road {shown(leg.road.id, 40)}: the road is {widest:.2f} m wide at most, at "
             f"{leg.at(leg.start)}: must be at least {request.narrowest:g} m"
         )
-    reach = _Reach(network, request.narrowest)
-    return sorted(fitting, key=lambda leg: (-round(reach.of(leg)), -leg.direction, -abs(leg.lane)))
+    faults = [fault.text for road in roads for fault in road.faults]
+    if faults:
+        return f"no lane can be driven: {faults[0]}"
+    if request.lane is None:
+        return f"road {shown(roads[0].id, 40)} has no lane of the type driving: name one in course.lane"
+    return f"course.lane = {request.lane}: {lanes_of(roads[0]) if len(roads) == 1 else 'no road has such a lane'}"
+
+
+def _reach(network: Network, first: Leg, narrowest: float, known: dict[tuple[str, int, int], float]) -> float:
+    """How far a drive leads that no word guides [m]; ``known`` has that of lanes that were met before."""
+    chain: dict[tuple[str, int, int], float] = {}
+    beyond, leads = 0.0, [first]
+    while len(leads) == 1:
+        leg = leads[0]
+        place = (leg.road.id, leg.section, leg.lane)
+        if place in known or place in chain:
+            beyond = known.get(place, 0.0)
+            break
+        chain[place] = leg.length
+        is_narrow = float(leg.width(np.array([leg.end]))[0]) < narrowest
+        leads = [] if is_narrow else _leads(network, leg)
+    for place, length in reversed(chain.items()):
+        known[place] = beyond = beyond + length
+    return beyond
 
 
 def _begins(road: Road, wanted: int | None) -> Iterator[Leg]:
@@ -593,47 +605,3 @@ def _begins(road: Road, wanted: int | None) -> Iterator[Leg]:
             come = others.get(leg.lane if back is None else back)
             if come is None or come.kind not in DRIVABLE:
                 yield leg
-
-
-class _Reach:
-    """How far routes lead that no word guides; the roads are only measured."""
-
-    def __init__(self, network: Network, narrowest: float) -> None:
-        self._network, self._narrowest = network, narrowest
-        self._known: dict[tuple[str, int, int], float] = {}
-
-    def of(self, first: Leg) -> float:
-        """Length from the begin of a lane [m]."""
-        chain: list[Leg] = []
-        leg: Leg | None = first
-        beyond = 0.0
-        seen = set()
-        while leg is not None:
-            key = (leg.road.id, leg.section, leg.lane)
-            if key in self._known or key in seen:
-                beyond = self._known.get(key, 0.0)
-                break
-            seen.add(key)
-            chain.append(leg)
-            if float(leg.width(np.array([leg.end]))[0]) < self._narrowest:
-                break
-            leg = self._after(leg)
-        for leg in reversed(chain):
-            beyond += leg.length
-            if leg is not first:
-                self._known[leg.road.id, leg.section, leg.lane] = beyond
-        return beyond
-
-    def _after(self, leg: Leg) -> Leg | None:
-        section = leg.section + leg.direction
-        if 0 <= section < len(leg.road.sections):
-            return _next(leg.road, section, leg.direction, _linked(leg), leg)
-        link = leg.road.linked(leg.direction)
-        if link is None:
-            return None
-        if link.is_junction:
-            connections = [one for one in self._network.junctions.get(link.id, ()) if one.incoming == leg.road.id]
-            leads = [lead for one in connections if (lead := _through(self._network, one, leg)) is not None]
-            return leads[0] if len(leads) == 1 else None
-        road = self._network.roads.get(link.id)
-        return _onto(road, link.contact, _linked(leg), leg) if road is not None and link.contact else None

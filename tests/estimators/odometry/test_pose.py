@@ -75,6 +75,31 @@ def test_exact_matches_give_the_exact_motion(calibration: StereoCalibration) -> 
     assert solution.inliers.all()
 
 
+def test_both_back_ends_find_the_same(calibration: StereoCalibration, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third is wrong, and a number of points that is no multiple of a vector's: equal but for rounding."""
+    rng = np.random.default_rng(21)
+    matches = matched(calibration, rng, 203, STD)
+    matches.current[::3] += rng.uniform(-15.0, 15.0, matches.current[::3].shape)
+    newest = rng.random(203) < 0.5
+    found = []
+    for name in ("", "none"):
+        monkeypatch.setenv("OFFTRACK_COMPILER", name)
+        seen = observations(calibration, matches)
+        agreed = consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(0))
+        found.append(refined(calibration, seen, agreed.X_PC, agreed.inliers, newest))
+    compiled, plain = found
+    assert compiled.converged
+    assert plain.converged
+    assert np.array_equal(compiled.inliers, plain.inliers)
+    assert 120 < np.count_nonzero(plain.inliers) < 150
+    scale = np.sqrt(np.diag(plain.covariance))
+    # the normal matrix has a condition of 1e5: solutions differ by that times the rounding
+    assert np.abs(error(compiled.X_PC) - error(plain.X_PC)) == pytest.approx(np.zeros(6), abs=1e-9 * scale.min())
+    for one, other in ((compiled.covariance, plain.covariance), (compiled.own, plain.own)):
+        assert one / np.outer(scale, scale) == pytest.approx(other / np.outer(scale, scale), abs=1e-9)
+    assert compiled.differences == pytest.approx(plain.differences, abs=1e-9)
+
+
 def test_wrong_matches_are_left_out(calibration: StereoCalibration) -> None:
     """Four in ten matches are anywhere, a fifth of these with one coordinate off by 3 px only."""
     rng = np.random.default_rng(2)

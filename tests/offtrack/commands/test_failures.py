@@ -3,6 +3,7 @@
 import errno
 import json
 import re
+import resource
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -119,6 +120,51 @@ def test_a_run_that_fails_at_once_leaves_a_whole_directory(
     assert outcome.partition(" (tests")[0].endswith("[/] & <b>?")
     assert "RuntimeError: [/] &amp; &lt;b&gt;?" in (directory / "report.html").read_text(encoding="utf-8")
     assert read_log(directory / "signals.parquet") == result.log
+
+
+def test_a_run_that_ends_for_lack_of_memory_keeps_its_rows(
+    break_after: Breaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if there is not even enough for the line on the part that ran out of it."""
+
+    def misbehaviour(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("scenarios.loop.session.misbehaviour", misbehaviour)
+    break_after(Plant, "observe", 20, MemoryError())
+    result = run(load_any_scenario("cambered-road", SHORT), 1)
+    assert re.fullmatch(r"failed: not enough memory after 0\.\d s", result.outcome)
+    assert len(result.log) > 10
+
+
+def test_too_little_memory_and_an_error_for_lack_of_it_are_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    arguments = ["run", "cambered-road", "--out", str(tmp_path / "a")]
+    with monkeypatch.context() as limited:
+        limited.setattr(resource, "getrlimit", lambda _: (10**9, 10**9))
+        result = CliRunner().invoke(app, arguments)
+    line = "offtrack: memory is limited to 1 GB (ulimit -v): a run needs 1.2 GB\n"
+    assert (result.exit_code, result.stderr) == (2, line)
+
+    def load(*_: object) -> None:
+        raise MemoryError("Unable to allocate 8 GB")
+
+    monkeypatch.setattr("offtrack.commands.run.load_any_scenario", load)
+    result = CliRunner().invoke(app, arguments)
+    assert (result.exit_code, result.stderr) == (2, "offtrack: not enough memory: Unable to allocate 8 GB\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_quiet_and_json_say_why_a_study_has_failed(runs_here: None, break_after: Breaker, tmp_path: Path) -> None:
+    """Quiet hides progress and tables, never the reason of an exit code."""
+    break_after(Plant, "observe", 0, RuntimeError("no luck"))
+    settings = [f"--set={setting}" for setting in SHORT]
+    for option in ("--quiet", "--json"):
+        arguments = ["compare", "cambered-road", *settings, option, "--jobs", "1", "--out", str(tmp_path / "out")]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 1
+        assert re.search(r"^offtrack: failed: plant Plant: .*no luck.*: \d+ runs$", result.stderr, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("video", "debug"), [("--video", ""), ("--no-video", "1")])

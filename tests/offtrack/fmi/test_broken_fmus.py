@@ -88,6 +88,7 @@ def _all(*changes: Change) -> Change:
 FMI_3: Final = description_3("law", QUANTITIES).encode()
 EXPERIMENT: Final = '<DefaultExperiment stepSize="{}"/><ModelVariables>'
 UNIT: Final = '<UnitDefinitions><Unit name="m"><BaseUnit m="1" factor="{}"/></Unit></UnitDefinitions><ModelVariables>'
+MILLION: Final = 1_000_000 * '<ScalarVariable name="x"><Real/></ScalarVariable>'
 BROKEN: Final[dict[str, tuple[Change, str]]] = {
     "no description": (_without(XML), "holds no modelDescription.xml"),
     "description in a folder": (_moved(XML, f"law/{XML}"), "holds no modelDescription.xml"),
@@ -132,6 +133,15 @@ BROKEN: Final[dict[str, tuple[Change, str]]] = {
     "a path from the root": (_with("/tmp/escaped.txt", b"!"), "leaves the archive"),
     "a path of Windows": (_with("C:\\escaped.txt", b"!"), "leaves the archive"),
     "a path with backslashes": (_with("..\\escaped.txt", b"!"), "leaves the archive"),
+    "a path of a point": (_with("./", b""), "leaves the archive or is no file"),
+    "a path of a point and a file": (_with(".", b"!"), "leaves the archive or is no file"),
+    "a million variables": (_edited("<ModelVariables>", f"<ModelVariables>{MILLION}"), "must have at most 500000"),
+    "a comment of 80 MB": (_edited("<ModelVariables>", f"<!--{80_000_000 * 'x'}--><ModelVariables>"), "has 80 MB"),
+    "a document type in UTF-7": (
+        _with(XML, b'<?xml version="1.0" encoding="UTF-7"?>+ADwAIQ-DOCTYPE x [] +AD4 fmiVersion="2.0"'),
+        "encoding utf-7: must be UTF-8",
+    ),
+    "a document type in UTF-16": (_with(XML, "<!DOCTYPE x []>fmiVersion='2.0'".encode("utf-16")), "must be 2 or 3"),
     "too many members": (
         lambda members: members.update({f"resources/{k}": b"" for k in range(1001)}), "must be at most 1000",
     ),
@@ -177,10 +187,11 @@ def test_a_broken_fmu_is_one_line(own_law: Path, name: str) -> None:
     check_refused(own_law, line)
 
 
-def test_a_link_in_the_archive_is_refused(own_law: Path) -> None:
+@pytest.mark.parametrize("kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFCHR, stat.S_IFSOCK])
+def test_members_that_are_no_files_are_refused(kind: int, own_law: Path) -> None:
     link = zipfile.ZipInfo("resources/link")
     link.create_system = 3  # Unix
-    link.external_attr = (stat.S_IFLNK | 0o777) << 16
+    link.external_attr = (kind | 0o777) << 16
     with zipfile.ZipFile(own_law, "a") as archive:
         archive.writestr(link, "../../escaped.txt")
     check_refused(own_law, "leaves the archive")

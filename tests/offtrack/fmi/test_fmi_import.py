@@ -138,6 +138,29 @@ def test_units_signs_and_offsets_of_a_map(own_law: Path) -> None:
     assert found["steer_demand_2"] == pytest.approx(np.deg2rad(-3.0))
 
 
+def test_one_output_gives_several_signals(own_law: Path) -> None:
+    """A list of signals, plain or in a table; each gets the value in its unit."""
+    map_file(own_law).write_text(
+        '[inputs]\noff_tracking = "off_tracking"\n'
+        '[outputs]\nsteer_demand_2 = { signal = ["steer_demand_1", "steer_demand_2"], unit = "deg" }\n',
+        encoding="utf-8",
+    )
+    found = opened(own_law).step(10, {"off_tracking": 1.0})
+    assert found == {f"steer_demand_{k}": pytest.approx(np.deg2rad(0.2)) for k in (1, 2)}
+
+
+def test_ganged_axles_need_one_demand(tmp_path: Path) -> None:
+    """Axles on one actuator: an FMU with one output steers as one that gives it for each; others need both."""
+    one = build_fmu(tmp_path, "one", (LAW[0], LAW[1], LAW[3]), "v[1] = v[2] * v[0];")
+    single, both = (
+        run(trailer_steering=str(law), steer_groups="single").summary["steer"]
+        for law in (one, proportional_law(tmp_path))
+    )
+    assert single == both
+    with pytest.raises(ValueError, match="no variable is connected to trailer_steering's signal steer_demand_2"):
+        run(trailer_steering=str(one), steer_groups="common_centre")
+
+
 def test_lengths_that_are_not_those_of_the_data_sheet_are_named(tmp_path: Path) -> None:
     plant = rolling_plant(tmp_path, 1.5, 8.0)
     with pytest.raises(ValueError, match=r"unit 2 begins 0\.73 m from the hitch of tractor, which is at x = 0\.77"):
@@ -176,6 +199,8 @@ MAPS = {
         '[outputs]\nsteer_demand_1 = "steer_demand_1"\nsteer_demand_2 = "steer_demand_1"\n',
         "two variables give the signal steer_demand_1",
     ),
+    "no signal in a list": ("[outputs]\nsteer_demand_1 = []\n", "must be the name of signals"),
+    "an input of two signals": ('[inputs]\noff_tracking = ["speed", "steer"]\n', "must be the name of a signal"),
     "no outputs": ('[inputs]\noff_tracking = "off_tracking"\n', "no variable is connected"),
     "unknown parameter": ("[parameters]\nganz = 1.0\n", "has no variable 'ganz'"),
     "half a millisecond": ("period = 0.0005\n", "must be a whole number of milliseconds"),

@@ -3,6 +3,11 @@
 import hashlib
 import json
 import math
+import os
+import struct
+import subprocess
+import sys
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -354,6 +359,18 @@ def test_a_calibration_of_the_user_s_own_takes_the_place_of_camera_infos(tmp_pat
             np.testing.assert_array_equal(first, picture(0, 1))
 
 
+def header_of_png(width: int, height: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """A black picture of any size: some bytes say how large it is, and a few thousand would be all of it."""
+    parts = [(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(bytes(9)))]
+    chunks = [struct.pack(">I", len(text)) + name + text + struct.pack(">I", zlib.crc32(name + text))
+              for name, text in [*parts, (b"IEND", b"")]]  # fmt: skip
+    return np.frombuffer(b"\x89PNG\r\n\x1a\n" + b"".join(chunks), np.uint8)
+
+
+def webp() -> np.ndarray[Any, np.dtype[np.uint8]]:
+    return np.asarray(cv2.imencode(".webp", picture(0, 0))[1]).ravel()
+
+
 def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     plain = stereo()
     both = {"left": 0, "right": 1}
@@ -380,6 +397,16 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     yield "uncalibrated", with_info(k=np.zeros(9), p=np.zeros(12)), "", "calibrate the cameras"
     yield "unknown lens", with_info(distortion_model="mirror"), "", "distortion model mirror is unknown"
     yield "resized images", with_info(width=2 * WIDTH, height=2 * HEIGHT), "", "images of 128x96 px"
+    yield "endless calibration", with_info(width=20_000, height=20_000), "", "at most 64 megapixels"
+    for name, content, line in (("endless image", header_of_png(32_000, 32_000), "at most 64 megapixels"),
+                                ("web image", webp(), "is corrupt or not an image")):  # fmt: skip
+        packed = [
+            (topic, COMPRESSED, stamp, make(COMPRESSED, header=header(stamp), format="png", data=content))
+            if kind == IMAGE
+            else (topic, kind, stamp, message)
+            for topic, kind, stamp, message in plain
+        ]
+        yield name, packed, "", line
     yield "no baseline", with_info(p=np.column_stack([K, np.zeros(3)]).ravel()), "", "has no baseline"
 
 
@@ -395,6 +422,31 @@ def test_a_broken_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: [", encoding="utf-8")
     one_line(["estimate", "off-tracking", str(tmp_path / "bag")], "can not be read as a bag", tmp_path)
+
+
+def test_a_pipe_among_the_files_of_a_bag_is_no_file_of_it(tmp_path: Path) -> None:
+    """The reader would wait for it for ever; it does so in a process of its own here, so that the test would end."""
+    folder = bag(tmp_path / "bag", stereo())
+    (file,) = folder.glob("*.db3")
+    file.unlink()
+    os.mkfifo(file)
+    command = [sys.executable, "-m", "offtrack", "estimate", "off-tracking", str(folder), "--quiet"]
+    answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60.0, check=False)
+    assert answer.returncode == 2
+    assert "can not be read as a bag" in answer.stderr
+    assert len(answer.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("place", ["run #1?", "100%41"])
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_bag_may_lie_under_any_path(place: str, alone: bool, tmp_path: Path) -> None:
+    """The database is opened by an address, in which these signs have a meaning."""
+    (tmp_path / place).mkdir()
+    folder = bag(tmp_path / "bag", stereo()).rename(tmp_path / place / "bag")
+    (file,) = folder.glob("*.db3")
+    (folder / f"{place}.db3").symlink_to(file)
+    with unpacked_bag(folder / f"{place}.db3" if alone else folder, {}) as (found, _):
+        assert len(list((found / "image_0").iterdir())) == 4
 
 
 def one_line(arguments: list[str], line: str, folder: Path) -> None:

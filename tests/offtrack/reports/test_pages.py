@@ -1,6 +1,10 @@
 """Pages of runs; finished runs are laid over each other in one page, from their files alone."""
 
+import json
+import os
 import re
+import shutil
+import time
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -31,7 +35,7 @@ from offtrack.reports.player.playback import Picture
 from offtrack.reports.plots import drawn
 from offtrack.reports.run_files import finished_run, pictures_of_page
 from offtrack.reports.run_page import report_html
-from scenarios.results.log import read_log
+from scenarios.results.log import Log, read_log, write_log
 from scenarios.results.trailer_result import RunResult
 from tests.browser import opened_page
 
@@ -176,3 +180,71 @@ def test_runs_that_do_not_go_together_are_refused(runs: list[Path], tmp_path: Pa
     assert (done.exit_code, done.output.count("\n")) == (2, 1)
     assert line in done.output
     assert not (tmp_path / "page.html").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "content", ["<a " * 2_000_000, ' id="playback-table">' * 300_000, None], ids=["markup", "ids", "pipe"]
+)
+def test_a_page_without_pictures_costs_no_time(content: str | None, tmp_path: Path) -> None:
+    """Seven megabytes of markup, and a pipe, that take a second of the processor at most."""
+    page = tmp_path / "report.html"
+    if content is None:
+        os.mkfifo(page)
+    else:
+        page.write_text(content, encoding="utf-8")
+    begin = time.process_time()
+    assert pictures_of_page(page) == ()
+    assert time.process_time() - begin < 1.0
+
+
+SUMMARIES = {
+    "[" * 100_000 + "]" * 100_000: "not JSON: tables and lists must be nested",
+    "{}": "is no summary of a run",
+    "[]": "not JSON: it has no object",
+    '{"outcome": "completed", "scenario": "a", "seed": null}': "needs outcome, scenario and seed",
+    '{"outcome": "completed", "scenario": [], "seed": 1}': "needs outcome, scenario and seed",
+    '{"outcome": "completed", "scenario": "a", "seed": NaN}': "not JSON: it has no NaN",
+    '{"outcome": "completed", "scenario": "a", "seed": 1': "not JSON: ",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("text", SUMMARIES)
+def test_a_broken_summary_is_one_line(text: str, runs: list[Path], tmp_path: Path) -> None:
+    broken = shutil.copytree(runs[0], tmp_path / "broken")
+    (broken / "summary.json").write_text(text, encoding="utf-8")
+    for command in ("view", "compare"):
+        refused(SUMMARIES[text], command, str(runs[1]), str(broken), "--out", str(tmp_path / "out"))
+
+
+@pytest.mark.slow
+def test_numbers_of_other_kinds_in_a_summary_are_left_out(runs: list[Path], tmp_path: Path) -> None:
+    odd = shutil.copytree(runs[0], tmp_path / "odd")
+    summary = json.loads((odd / "summary.json").read_text(encoding="utf-8"))
+    summary |= {"timing": {"wall_s": "long"}, "off_tracking": {"true_rms_m": [1], "true_max_m": {}}, "steer": 5}
+    (odd / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    done = offtrack("view", str(runs[1]), str(odd), "--out", str(tmp_path / "page.html"))
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [0, 2], ids=["trailer", "rover"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e300])
+def test_poses_that_are_no_place_are_one_line(which: int, value: float, runs: list[Path], tmp_path: Path) -> None:
+    odd = shutil.copytree(runs[which], tmp_path / "odd")
+    log = read_log(odd / "signals.parquet")
+    name = "x" if which else "x_tractor"
+    rows = log.rows.copy()
+    rows[3, log.names.index(name)] = value
+    write_log(Log(log.signals, rows), odd / "signals.parquet")
+    refused(f"signals.parquet: row 4: {name} = ", "view", str(odd), "--out", str(tmp_path / "out"))
+    write_log(Log(log.signals, log.rows[::-1]), odd / "signals.parquet")
+    for command in ("view", "export"):
+        refused("signals.parquet: row 2: time = ", command, str(odd), "--out", str(tmp_path / "out"))
+
+
+def refused(line: str, *arguments: str) -> None:
+    done = offtrack(*arguments)
+    assert (done.exit_code, done.output.count("\n")) == (2, 1), done.output
+    assert line in done.output

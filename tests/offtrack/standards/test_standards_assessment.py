@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 import re
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from offtrack.studies.standards.assessment import (
 )
 from offtrack.studies.standards.assessment_report import BY_NAME, assessment_page, matrix_table
 from offtrack.studies.standards.low_speed import aashto_turn, ctsw_turn, roundabout, turn
-from offtrack.studies.standards.proving_ground import Conditions, Hand, Manoeuvre
+from offtrack.studies.standards.proving_ground import ChosenLaw, Conditions, Hand, Manoeuvre
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
 from vehicle.combination.description import load_vehicle
 
@@ -103,6 +104,19 @@ def test_a_steered_trailer_needs_less_room() -> None:
     vehicle, brisk = load_vehicle("uk_longer_semitrailer"), Conditions(speed=10.0 / 3.6)
     unsteered, steered = (turn(vehicle, law, brisk).figures["swept_path_m"] for law in ("none", "path_preview"))
     assert steered < unsteered - 0.5
+
+
+def test_a_law_is_assessed_with_its_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without gain the tail swings out at the exit; the page says what the law had."""
+    monkeypatch.chdir(tmp_path)
+    law = "--trailer-steering path_preview --set steering.gain=0 --set steering.slip_distance=4"
+    answer = CliRunner().invoke(APP, f"uk_longer_semitrailer {law} --manoeuvres turn --out out --json".split())
+    assert answer.exit_code == 0, answer.output
+    assert "path_preview gain=0 slip_distance=4" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    usual = turn(load_vehicle("uk_longer_semitrailer"), "path_preview").figures["tail_swing_exit_m"]
+    assert json.loads(answer.output)["manoeuvres"]["turn"]["tail_swing_exit_m"] > usual + 0.05
+    chosen = pickle.loads(pickle.dumps(ChosenLaw("path_preview", {"gain": 0.1})))
+    assert (chosen, chosen.parameters) == ("path_preview", {"gain": 0.1})
 
 
 @pytest.mark.slow

@@ -104,7 +104,7 @@ NEXT: Final = '<successor elementType="{}" elementId="{}" contactPoint="start"/>
     ("link", "words"),
     [
         (NEXT.format("road", "77"), "linked to road 77, which is not in the file"),
-        (NEXT.format("junction", "7"), "junction 7 does not go on: it is not in the file"),
+        (NEXT.format("junction", "7"), "linked to junction 7, which is not in the file"),
         ("", "road 1 ends there"),
     ],
 )
@@ -178,6 +178,35 @@ def test_ways_of_a_direct_junction_are_told_apart_by_their_first_metres(
     other = "left" if turn < 0.0 else "right"
     with pytest.raises(ValueError, match=f"junction 9: course.route = {other} fits no way"):
         driven(tmp_path, text, words=(other,))
+
+
+@pytest.mark.parametrize(
+    ("turns", "words"),
+    [
+        ((0.006, -0.006), ("left", "right")),  # a fork
+        ((-0.002, -0.006), ("straight", "right")),  # a main road that bends, and its exit
+        ((0.0, 0.006), ("straight", "left")),
+    ],
+)
+@pytest.mark.parametrize("own_lanes", [False, True])
+def test_each_way_has_a_word_from_whichever_lane_it_begins(
+    tmp_path: Path, turns: tuple[float, float], words: tuple[str, str], *, own_lanes: bool
+) -> None:
+    """Ways of a lane of their own are compared with those of the lanes beside it."""
+    two, link = lanes([], [lane(-1), lane(-2)]), '<successor elementType="junction" elementId="9"/>'
+    order = (2, 3) if turns[0] >= turns[1] else (3, 2)  # the way on the left begins on the left lane
+    roads, ways = [road("1", (Piece(100.0),), two if own_lanes else ONE, link=link)], ""
+    for name, turn in zip((2, 3), turns, strict=True):
+        number = -1 - order.index(name) if own_lanes else -1
+        start = Start(100.0, 4.0 * (number + 1))
+        roads.append(road(str(name), (Piece(80.0, turn),), ONE, start=start))
+        ways += f'<connection id="{name}" incomingRoad="1" linkedRoad="{name}" contactPoint="start">'
+        ways += f'<laneLink from="{number}" to="-1"/></connection>'
+    text = file(*roads, f'<junction id="9" type="direct">{ways}</junction>')
+    for name, word in zip((2, 3), words, strict=True):
+        number = -1 - order.index(name) if own_lanes else -1
+        ends = [driven(tmp_path, text, road="1", lane=number, words=(one,)).places[-1] for one in (word, str(name))]
+        assert ends[0] == pytest.approx(ends[1])
 
 
 TRAVEL: Final = '<userData><vectorLane travelDir="{}"/></userData></lane>'
@@ -276,6 +305,8 @@ def test_a_lane_that_splits_in_two_or_two_that_merge_are_driven(tmp_path: Path, 
             places = driven(tmp_path, text, lane=number).places
         else:
             places = driven(tmp_path, text, words=() if number == -1 else ("1", "lane -2")).places
+        assert places[:, 1].min() > min(y, -4.0) - 1e-6  # without a swing to the other side
+        assert places[:, 1].max() < max(y, -4.0) + 1e-6
         beside = places[(places[:, 0] < 99.0) if merge else (places[:, 0] > 155.0)]
         assert beside[:, 1] == pytest.approx(y, abs=1e-6)
         assert places[-1 if merge else 0, 1] == pytest.approx(-4.0)
@@ -336,3 +367,102 @@ def test_lines_stay_where_they_are_while_the_lane_is_changed(tmp_path: Path) -> 
         assert points.places[row, 1] + lines_at(points, row) == pytest.approx([-4.0], abs=0.01)
     assert points.lines is not None
     assert np.flatnonzero(np.isfinite(points.lines[:, :, 0]).all(axis=0)).size == 1  # with one number throughout
+
+
+def through(contact: str, rule: str) -> str:
+    """Roads 1 and 2 in line with a junction between them, whose road runs along or against the drive."""
+    along = contact == "start"
+    side = -1 if rule == "RHT" else 1  # of lanes that go along the reference line
+    name = ("predecessor", "successor") if along else ("successor", "predecessor")
+    to = '<{} elementType="road" elementId="{}" contactPoint="{}"/>'
+    links = to.format(name[0], "1", "end") + to.format(name[1], "2", "start")
+    own = side if along else -side
+    lane_link = f'<predecessor id="{side}"/><successor id="{side}"/>'
+    way = lanes(*(([lane(own, link=lane_link)], []) if own > 0 else ([], [lane(own, link=lane_link)])))
+    begin = Start(50.0) if along else Start(80.0, 0.0, math.pi)
+    junction = '<successor elementType="junction" elementId="9"/>'
+    connection = (
+        f'<connection id="0" incomingRoad="1" connectingRoad="3" contactPoint="{contact}">'
+        f'<laneLink from="{side}" to="{own}"/></connection>'
+    )
+    text = file(
+        road("1", (Piece(50.0),), TWO_LANES, link=junction),
+        road("2", (Piece(50.0),), TWO_LANES, start=Start(80.0)),
+        road("3", (Piece(30.0),), way, start=begin, link=links, junction="9"),
+        f'<junction id="9">{connection}</junction>',
+    )
+    return text.replace("<road ", f'<road rule="{rule}" ')
+
+
+@pytest.mark.parametrize("rule", ["RHT", "LHT"])
+@pytest.mark.parametrize("contact", ["start", "end"])
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_connecting_road_is_driven_along_or_against_its_line(
+    tmp_path: Path, contact: str, rule: str, *, stated: bool
+) -> None:
+    """Also where the connection does not say which end it begins at."""
+    text = through(contact, rule)
+    old = f'connectingRoad="3" contactPoint="{contact}"'
+    points = driven(tmp_path, text if stated else text.replace(old, 'connectingRoad="3"'), road="1")
+    assert points.places[0] == pytest.approx([0.0, -2.0 if rule == "RHT" else 2.0])
+    assert points.places[-1] == pytest.approx([130.0, -2.0 if rule == "RHT" else 2.0])
+
+
+BORDERS: Final = (
+    '<lane id="-1" type="driving"><border sOffset="0" a="4" b="0" c="0" d="0"/></lane>'
+    '<lane id="-2" type="driving"><border sOffset="0" a="7" b="0" c="0" d="0"/></lane>'
+)
+
+
+@pytest.mark.parametrize(
+    ("inside", "request_", "end"),
+    [
+        (lanes([], [BORDERS]), {"lane": -2}, (100.0, -5.5)),
+        (lanes([lane(1)], []), {}, (0.0, 2.0)),  # on one side alone, against the line
+        (lanes([], [lane(-1).replace("<lane ", '<lane level="true" ')]), {}, (100.0, -2.0)),
+        (sections((0.0, [], [lane(-1)]), (100.0, [], [lane(-1)])), {}, (100.0, -2.0)),  # a section of no length
+        (sections((0.0, [], [lane(-1)]), (60.0, [], [lane(-1)]), (60.0, [], [lane(-1)])), {}, (100.0, -2.0)),
+    ],
+)
+def test_features_of_other_files_are_driven(
+    tmp_path: Path, inside: str, request_: dict[str, int], end: tuple[float, float]
+) -> None:
+    text = straight(inside).replace(
+        "<header", "<header><geoReference><![CDATA[+proj=utm <>]]></geoReference></header><old"
+    )
+    assert driven(tmp_path, text, **request_).places[-1] == pytest.approx(end)
+
+
+CORNERS: Final = "".join(f'<cornerRoad s="{s}" t="{t}"/>' for s, t in ((50, 0), (54, 0), (54, 1), (50, 1)))
+LOCAL: Final = "".join(f'<cornerLocal u="{u}" v="{v}"/>' for u, v in ((0, 0), (2, 0), (2, 1)))
+THINGS: Final = {
+    '<signals><signal id="1" s="10" t="-3"/></signals>': ("signal", [(10.0, -3.0)]),
+    f'<objects><object type="trafficIsland" s="50" t="0"><outline>{CORNERS}</outline></object></objects>': (
+        "trafficIsland",
+        [(50.0, 0.0), (54.0, 0.0), (54.0, 1.0), (50.0, 1.0)],
+    ),
+    f'<objects><object type="a" s="50" t="2" hdg="{math.pi / 2}"><outlines><outline>{LOCAL}</outline></outlines>'
+    "</object></objects>": ("a", [(50.0, 2.0), (50.0, 4.0), (49.0, 4.0)]),
+    '<objects><object type="curb" s="0" t="4"><repeat s="10" length="2" tStart="4" tEnd="5"/></object></objects>': (
+        "curb",
+        [(10.0, 4.0), (12.0, 5.0)],
+    ),
+    '<objects><object type="building" s="20" t="9" length="4" width="2"/></objects>': (
+        "building",
+        [(22.0, 10.0), (22.0, 8.0), (18.0, 8.0), (18.0, 10.0)],
+    ),
+    '<objects><object type="tree" s="20" t="x"/></objects>': None,
+}
+
+
+@pytest.mark.parametrize("inside", THINGS)
+def test_things_beside_the_road_are_known_for_plans(tmp_path: Path, inside: str) -> None:
+    """Signals, and objects by their corners along the road or their own axes, their size, or as a row."""
+    (tmp_path / "road.xodr").write_text(straight(ONE + inside), encoding="utf-8")
+    things = list(read_opendrive(tmp_path / "road.xodr").roads["1"].things())
+    wanted = THINGS[inside]
+    assert [thing.kind for thing in things] == ([wanted[0]] if wanted else [])
+    for thing in things:
+        assert wanted is not None
+        closed = [*wanted[1], wanted[1][0]] if len(wanted[1]) > 2 else wanted[1]
+        assert thing.outline == pytest.approx(np.array(closed))

@@ -267,7 +267,7 @@ REFUSED: Final = {
     "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "hdg = 'nan' is not a finite number"),
     "backwards": (changed('length="30.0">', 'length="-30">'), "must be positive"),
     "a gap": (changed('x="30.0"', 'x="35"'), "a gap of 5 m in the reference line at s = 30.0 m"),
-    "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "m from the point"),
+    "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "m from "),
     "gap of s": (changed('s="30.0"', 's="40"'), "ends at s = 30.000 m, this one begins at 40.000 m"),
     "late begin": (file(road("1", (Piece(50.0),), TWO_LANES)).replace('s="0.0"', 's="7"'), "must be 0"),
     "no plan view": (ROAD.replace("planView", "plan"), "<road> has no <planView>"),
@@ -296,6 +296,8 @@ REFUSED: Final = {
         road("1", (Piece(50.0),), TWO_LANES), road("2", (Piece(50.0),), RAISED, start=Start(50.0, 0.0, 0.0)))),
         "a step of .0.4 m in height between the lanes at the begin of road 2"),
     "wall across": (changed("<lanes>", f"<lateralProfile>{LEANING}</lateralProfile><lanes>"), "bank = -0.9"),
+    "taper": (file(road("1", (Piece(100.0),), lanes([], [lane(-1)]).replace('b="0"', 'b="-0.04"'))),
+              r"0.00 m wide in places, and too narrow from 36.5 m on, near road 1, lane -1, s = 3[67].0 m"),
     "no width": (changed('a="9.0"', 'a="-9"'), "the road is 0.00 m wide at most, at s = 0.0 m"),
 }  # fmt: skip
 
