@@ -314,7 +314,7 @@ def test_a_lane_that_splits_in_two_or_two_that_merge_are_driven(tmp_path: Path, 
 
 
 def test_the_longest_drive_is_the_default(tmp_path: Path) -> None:
-    """Not the first road, not a lane of no width, not a road that is refused; of lanes as long the outermost for all."""
+    """Not the first road, no lane of no width, no road that is refused; of lanes as long the outermost for all."""
     link = NEXT.format("road", "9")
     text = file(
         road("1", (Piece(20.0),), TWO_LANES),
