@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,14 @@ _WAVE_PIECES = 32  # linear pieces of a sine of curvature; their error is 0.5 % 
 _GENTLE = 0.2  # largest offset over length of a lane change: heading up to 0.4 rad, path 3 % longer
 
 
+@runtime_checkable  # a course stands in options of environments, which pydantic checks
+class Placed(Protocol):
+    """Place of the world in the coordinates of a course's file."""
+
+    def record(self) -> dict[str, str | float]:
+        """Origin and first heading of W there, and what the coordinates are."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Course:
     """The path that the driver follows, and the road."""
@@ -54,6 +62,7 @@ class Course:
     lanes: FloatArray | None = None  # (n, 2) from the centre line to the lane's left and right border [m]
     paved: FloatArray | None = None  # (n, 2) to the edges of the road that cameras see, where it is wider [m]
     deviation: float | None = None  # largest distance of the points of a file from the path [m]
+    placement: Placed | None = None  # None: the course is in no file
     remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
 
     @property

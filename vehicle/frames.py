@@ -5,7 +5,7 @@ origin of A along the axes of A, ``R_AB`` a rotation; inner letters must cancel 
 
 | frame          | origin                                | axes                                |
 |----------------|---------------------------------------|-------------------------------------|
-| W world        | start of the course                   | x east, y north, z up               |
+| W world        | start of the course                   | x first heading, y left, z up       |
 | T tractor      | rear-axle centre, on the ground       | x forward, y left, z up (ISO 8855)  |
 | S semitrailer  | hitch projected on the ground         | as T                                |
 | C, Cl, Cr      | optical centre (C is the left camera) | x right, y down, z forward (OpenCV) |

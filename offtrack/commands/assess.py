@@ -245,6 +245,10 @@ def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
         console.print(_figures(case))
         if case.judgements:
             console.print(_as_printed(levels_table(case), f"{case.vehicle.name}: limits of the standards"))
+    for line in dict.fromkeys(
+        line for case in matrix.cases for line in case.disagreements(lambda key: BY_NAME[key].label)
+    ):
+        console.print(f"Note: {line}", soft_wrap=True)
     for warning in matrix.warnings:
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

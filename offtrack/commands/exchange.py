@@ -102,7 +102,7 @@ def export(
 
 DRAW_EXAMPLES = (
     "Examples: offtrack draw runs/roundabout-1   offtrack draw runs/roundabout-1 --to geojson   "
-    "offtrack draw runs/roundabout-1 --to both --every 2"
+    "offtrack draw runs/roundabout-1 --to both --every 2   offtrack draw runs/survey-1 --to geojson --crs EPSG:25832"
 )
 DrawingFormat = Literal["dxf", "geojson", "both"]
 _EVERY = (0.1, 1000.0)  # [m]
@@ -118,11 +118,20 @@ def draw(
         ),
     ] = None,
     every: Annotated[float, typer.Option(help="Distance between the drawn places of the vehicle [m].")] = 5.0,
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            help="Coordinate system of the drawing, such as EPSG:25832; a table of metres is taken to be in it. Needs "
+            "the extra 'gis'.",
+            show_default="that of the course's file",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Draw the swept path, the vehicle and the road of a finished run for CAD (DXF) or GIS (GeoJSON).
 
-    Coordinates are metres in the frame of the course. Needs the extra 'cad': pip install 'offtrack[cad]'.
+    Coordinates are those of the course's file: its metres, or degrees (in DXF metres on the plane that touches the
+    earth there). A course without a file has metres along the first heading. Needs the extra 'cad'.
     """
     check_number("--every", every, *_EVERY, "m")
 
@@ -133,7 +142,7 @@ def draw(
     for path in files.values():
         check_new_file(path)
     for kind, path in files.items():
-        write_drawing(drawn, path, kind)
+        write_drawing(drawn, path, kind, crs)
         if not quiet:
             typer.echo(f"Drawing: {path}")
 

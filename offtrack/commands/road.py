@@ -66,5 +66,7 @@ def _print(found: RoadMap, directory: Path) -> None:
         settings = " ".join(f"--set {shlex.quote(one)}" for one in found.drive)
         console.print(f"Drive it:  offtrack run roundabout --set off_tracking=truth {settings}", soft_wrap=True)
     if "lanes" in found.numbers:
-        console.print("Elsewhere: --set course.road=ROAD --set course.lane=LANE --set course.route=WORD,WORD,...")
+        console.print(
+            "Elsewhere: --set course.road=ROAD --set course.lane=LANE --set course.route=WORD,...", soft_wrap=True
+        )
     console.print(f"Plan:      {directory / 'plan.svg'}, plan.png", soft_wrap=True)

@@ -1,26 +1,27 @@
 """Drawings of drives for CAD (DXF) and GIS (GeoJSON).
 
-Coordinates are those of the course in metres: x along the tractor's first heading, y to the left, origin at its rear
-axle at the start.
+Coordinates are those of the course's file, or of a system that is asked for. Without a file they are metres: x along
+the tractor's first heading, y to the left, origin at its rear axle at the start.
 """
 
 import importlib.metadata
 import json
 import math
-import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from offtrack.exchange.exports.catalogue import plain_names
 from scenarios.assembly.adapters import course_of, outlines, plant_vehicle, vehicle_of
 from scenarios.extras import check_extra, import_extra
 from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import replacing
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
+from scenarios.roads.placement import DEGREES, WORLD, Coordinates, Placement
 from vehicle.foundation.user_file import FileKind, read_json, shown
 from vehicle.frames import FloatArray, arc_length, rows_every, sides
 
@@ -45,7 +46,6 @@ MEANINGS: Final[Mapping[str, tuple[int, str]]] = {  # colour by AutoCAD's index,
     NOTES: (7, "title and notes"),
 }
 UNIT_COLOURS: Final = (4, 6, 2, 140)  # of the layers of the units, tractor first
-_NOT_IN_NAMES: Final = re.compile(r"[^A-Z0-9_-]+")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +65,23 @@ class Drawing:
 
     title: str
     notes: tuple[str, ...]
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Shape, ...]  # in W
+    placement: Placement | None = None  # of W in the course's file; None: there is none
+
+    def placed(self, crs: str | None, *, metres: bool) -> tuple["Drawing", Coordinates]:
+        """The drawing in a system of coordinates, by default that of the file, as ``Placement.coordinates``."""
+        if crs is not None and self.placement is None:
+            raise ValueError(
+                f"--crs {shown(crs, 60)}: the course comes from no file: its place on the earth is unknown"
+            )
+        coordinates = WORLD if self.placement is None else self.placement.coordinates(crs, metres=metres)
+        shapes = tuple(
+            replace(shape, points=coordinates.of(shape.points), holes=tuple(map(coordinates.of, shape.holes)))
+            for shape in self.shapes
+        )
+        record = () if self.placement is None else (f"Placement: {json.dumps(self.placement.record())}",)
+        notes = (*self.notes, *(shown(line, _LINE) for line in (f"Coordinates: {coordinates.words}", *record)))
+        return replace(self, shapes=shapes, notes=notes), coordinates
 
     @property
     def layers(self) -> tuple[str, ...]:
@@ -73,9 +89,9 @@ class Drawing:
         return tuple(dict.fromkeys(shape.layer for shape in self.shapes))
 
 
-def unit_layer(unit: str) -> str:
-    """Layer of a unit's outlines: VEHICLE_ and its name in letters that every CAD program takes."""
-    return f"VEHICLE_{_NOT_IN_NAMES.sub('_', unit.upper())}"
+def unit_layers(units: Iterable[str]) -> dict[str, str]:
+    """Layers of units' outlines: VEHICLE_ and a name in letters that every CAD program takes, each its own."""
+    return {unit: f"VEHICLE_{layer}" for unit, layer in plain_names(units, case=str.upper).items()}
 
 
 EVERY: Final = 5.0  # distance between the drawn places of the vehicle, by default [m]
@@ -102,6 +118,7 @@ class DrivenPath:
     course: FloatArray | None = None  # (m, 2) path of the guided point [m]
     road: FloatArray | None = None  # (m, 2) middle of the road [m]
     road_half_width: float | FloatArray = math.nan  # everywhere, or (m, 2) to both sides [m]
+    placement: Placement | None = None  # of W in the course's file; None: there is none
 
 
 def drawing(driven: DrivenPath, *, every: float = EVERY) -> Drawing:
@@ -119,11 +136,11 @@ def drawing(driven: DrivenPath, *, every: float = EVERY) -> Drawing:
     if travelled / every > _PLACES:
         raise ValueError(f"the vehicle every {every:g} m would be {travelled / every:.0f} times, at most {_PLACES}")
     version = importlib.metadata.version("offtrack")
-    frame = "metres; x along the first heading, y to the left, origin at the tractor's rear axle at the start"
     return Drawing(
         title=shown(driven.title, _LINE),
-        notes=tuple(shown(line, _LINE) for line in (*driven.notes, f"Frame: {frame}", f"offtrack {version}")),
+        notes=tuple(shown(line, _LINE) for line in (*driven.notes, f"offtrack {version}")),
         shapes=tuple(_shapes(driven, every)),
+        placement=driven.placement,
     )
 
 
@@ -149,12 +166,13 @@ def _vehicles(driven: DrivenPath, every: float) -> Iterator[Shape]:
     along = arc_length(driven.poses[0][:, :2])
     places = [*np.arange(0.0, along[-1], every).tolist(), float(along[-1])]
     rows = np.unique(np.minimum(np.searchsorted(along, places), len(along) - 1))
+    layers = unit_layers([unit.name for unit in driven.units])
     for row in rows.tolist():
         seen = {"time_s": float(driven.time[row]), "travelled_m": float(along[row])}
         for unit, poses, steer in zip(driven.units, driven.poses, driven.steer, strict=True):
             (body,) = placed(unit.corners, poses[[row]])
             properties: dict[str, str | float] = {"unit": unit.name, **seen}
-            yield Shape(layer=unit_layer(unit.name), points=body[::-1], closed=True, properties=properties)
+            yield Shape(layer=layers[unit.name], points=body[::-1], closed=True, properties=properties)
             for wheel in placed_wheels(unit, poses[[row]], steer[[row]])[0]:
                 yield Shape(layer=WHEELS, points=wheel[::-1], closed=True, properties=properties)
 
@@ -236,6 +254,7 @@ def driven_run(directory: Path) -> DrivenPath:
         course=course.path.points(0.25),
         road=course.centreline,
         road_half_width=course.road_half_width,
+        placement=course.placement if isinstance(course.placement, Placement) else None,
     )
 
 
@@ -265,62 +284,67 @@ def _told(path: Path, key: str) -> Any:
 
 
 _METRES: Final = 6  # DXF's $INSUNITS
-_DIGITS: Final = 4  # of coordinates in GeoJSON: a tenth of a millimetre
+_DIGITS: Final = 4  # of times and distances
+_SCALES: Final = (50, 100, 200, 250, 500, 1000, 2000, 2500, 5000, 10_000, 20_000, 50_000, 100_000, 1_000_000)
+_PAPER: Final = np.array([0.42, 0.297])  # A3 [m]
+_MARGIN: Final = 0.01  # of the paper [m]
 _TEXT: Final = 0.5  # height of the title's letters over which notes are smaller [m]
 
 
-def write_drawing(drawing: Drawing, path: Path, kind: str) -> None:
-    """Write a drawing in a format of ``FORMATS`` under a temporary name, and rename it."""
+def write_drawing(drawing: Drawing, path: Path, kind: str, crs: str | None = None) -> None:
+    """Write a drawing in a format of ``FORMATS`` under a temporary name, and rename it.
+
+    Raises:
+        ValueError: one line, if the coordinate system does not fit.
+    """
     with replacing(path) as unfinished:
-        FORMATS[kind](drawing, unfinished)
+        FORMATS[kind](drawing, unfinished, crs)
 
 
-def _write_geojson(drawing: Drawing, path: Path) -> None:
-    text = json.dumps(geojson(drawing), allow_nan=False, indent=1, ensure_ascii=False)
+def _write_geojson(drawing: Drawing, path: Path, crs: str | None) -> None:
+    text = json.dumps(geojson(drawing, crs), allow_nan=False, indent=1, ensure_ascii=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def geojson(drawing: Drawing) -> dict[str, Any]:
-    """A feature collection; coordinates are metres of the course's frame, not degrees."""
+def geojson(drawing: Drawing, crs: str | None = None) -> dict[str, Any]:
+    """A feature collection; coordinates that are no degrees of WGS 84 have a ``crs``, as GDAL and QGIS read it."""
+    placed, coordinates = drawing.placed(crs, metres=False)
+    named = {"crs": {"type": "name", "properties": {"name": coordinates.crs}}}
     return {
         "type": "FeatureCollection",
-        "name": drawing.title,
-        "notes": list(drawing.notes),
-        "coordinate_frame": "local frame of the course in metres, not WGS 84",
-        "features": [_feature(shape) for shape in drawing.shapes],
+        "name": placed.title,
+        "notes": list(placed.notes),
+        **({} if coordinates.crs == DEGREES else named),
+        **({"placement": placed.placement.record()} if placed.placement else {}),
+        "features": [_feature(shape, coordinates.digits) for shape in placed.shapes],
     }
 
 
-def _feature(shape: Shape) -> dict[str, Any]:
+def _feature(shape: Shape, digits: int) -> dict[str, Any]:
+    rings = [np.round(points, digits).tolist() for points in (shape.points, *shape.holes)]
     if shape.closed:
-        rings = [_rounded(np.concatenate([points, points[:1]])) for points in (shape.points, *shape.holes)]
-        geometry: dict[str, Any] = {"type": "Polygon", "coordinates": rings}
+        geometry: dict[str, Any] = {"type": "Polygon", "coordinates": [[*ring, ring[0]] for ring in rings]}
     else:
-        geometry = {"type": "LineString", "coordinates": _rounded(shape.points)}
+        geometry = {"type": "LineString", "coordinates": rings[0]}
     numbers = {
         key: round(one, _DIGITS) if isinstance(one, float) else one for key, one in dict(shape.properties).items()
     }
     return {"type": "Feature", "properties": {"layer": shape.layer, **numbers}, "geometry": geometry}
 
 
-def _rounded(points: FloatArray) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(points, _DIGITS).tolist()
-    return rounded
-
-
-def _write_dxf(drawing: Drawing, path: Path) -> None:
+def _write_dxf(drawing: Drawing, path: Path, crs: str | None) -> None:
     """A DXF file of release 2010 in metres: a layer for each kind of shape, closed polylines for areas."""
     ezdxf = import_extra("cad", "drawings need", "ezdxf")
     fixed = ezdxf.options.write_fixed_meta_data_for_testing
     try:  # no times and random identifiers: the same run gives the same file
         ezdxf.options.write_fixed_meta_data_for_testing = True
-        _document(drawing).saveas(path)
+        _document(drawing.placed(crs, metres=True)[0]).saveas(path)
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = fixed
 
 
 def _document(drawing: Drawing) -> Any:
-    ezdxf = import_extra("cad", "drawings need", "ezdxf", "ezdxf.zoom")
+    ezdxf = import_extra("cad", "drawings need", "ezdxf", "ezdxf.zoom", "ezdxf.bbox")
     document = ezdxf.new("R2010", units=_METRES)
     header = document.header
     header["$MEASUREMENT"], header["$LUNITS"], header["$LUPREC"] = 1, 2, 3  # metric, decimal, millimetres
@@ -338,11 +362,20 @@ def _document(drawing: Drawing) -> Any:
     for k, line in enumerate((drawing.title, *drawing.notes)):
         text = space.add_text(line, height=_TEXT, dxfattribs={"layer": NOTES})
         text.set_placement((float(corner[0]), float(corner[1]) - 2.0 * _TEXT * (k + 2)))
-    ezdxf.zoom.extents(space)
+    box = ezdxf.bbox.extents(space, fast=True)
+    ezdxf.zoom.window(space, box.extmin, box.extmax)
+    space.reset_extents(box.extmin, box.extmax)
+    document.active_layout().reset_limits((0.0, 0.0), tuple(_PAPER.tolist()))  # in metres, as LibreCAD reads them
+    low, size = np.array(box.extmin)[:2], np.array(box.size)[:2]
+    scale = next((one for one in _SCALES if (size / one <= _PAPER - 2.0 * _MARGIN).all()), _SCALES[-1])
+    header["$PSVPSCALE"], header["$PINSBASE"] = 1.0 / scale, (*(_MARGIN - low / scale).tolist(), 0.0)
     return document
 
 
-FORMATS: Final[Mapping[str, Callable[[Drawing, Path], None]]] = {"dxf": _write_dxf, "geojson": _write_geojson}
+FORMATS: Final[Mapping[str, Callable[[Drawing, Path, str | None], None]]] = {
+    "dxf": _write_dxf,
+    "geojson": _write_geojson,
+}
 
 
 def formats_of(choice: str) -> tuple[str, ...]:

@@ -30,10 +30,11 @@ _STEP: Final = 1.0  # along a road, of what is drawn and measured [m]
 _STRAIGHT: Final = 1e5  # radius of what counts as straight [m]
 _LADDER: Final = ((15.0, 0.5), (30.0, 1.0), (60.0, 3.0))  # smoothing and tolerance for ever coarser points [m]
 _LEVELS: Final = 10.0  # distance over which grades are measured [m]
-_SIZE: Final = (9.6, 7.2)  # of the plan [in]
+_SIZE: Final = (9.6, 7.2)  # of the plan [in], up to
+_ROADS, _MOST_SHEETS = 60, 12  # so many roads; of more it has the area of up to so many plans
 _PAPER: Final[Any] = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
 _MOST_LABELS: Final = 150
-_MOST_TRIED: Final = 300  # stretches of lanes on which a drive is tried
+_MOST_TRIED: Final = 2000  # stretches of lanes on which a drive is tried, some 10 ms each
 _SHORTEST: Final = 20.0  # drive that is tried [m]
 
 Rows = list[tuple[str, ...]]
@@ -48,6 +49,7 @@ class RoadMap:
     drive: list[str]  # settings of a drive; empty: nothing can be driven
     remarks: list[str]
     numbers: dict[str, Any]  # ready for JSON
+    roads: int  # in the plan
     draw: Callable[[Axes], None]
 
 
@@ -65,11 +67,12 @@ def road_map(path: Path, vehicle: str | None) -> RoadMap:
     """What a file of a road or path holds; ``vehicle`` is the one that drives, None: that of the scenario.
 
     Raises:
-        ValueError: one line, if the file cannot be read.
+        ValueError: one line, if the file cannot be read, or there is no such vehicle.
     """
     path, chosen = Path(full_path(path)), [] if vehicle is None else [f"vehicle={vehicle}"]
+    tractor = vehicle_of(load_scenario(_SCENARIO, ["off_tracking=truth", *chosen])).units[0]
     if path.suffix.lower() == ".xodr":
-        return _of_opendrive(path, chosen)
+        return _of_opendrive(path, chosen, tractor)
     if path.suffix.lower() not in READABLE.replace(",", "").split():
         raise ValueError(f"{path}: the name of a file of a road or path must end with .xodr, {READABLE}")
     return _of_tracks(path, chosen)
@@ -78,7 +81,8 @@ def road_map(path: Path, vehicle: str | None) -> RoadMap:
 def write_map(shown: RoadMap, folder: Path) -> None:
     """Write plan.svg and plan.png."""
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": "road", "text.parse_math": False}):
-        figure = Figure(figsize=_SIZE, layout="constrained", facecolor="white")
+        scale = math.sqrt(min(max(shown.roads / _ROADS, 1.0), _MOST_SHEETS))
+        figure = Figure(figsize=(scale * _SIZE[0], scale * _SIZE[1]), layout="constrained", facecolor="white")
         ax = figure.subplots()
         shown.draw(ax)
         ax.set(xlabel="x [m]", ylabel="y [m]", title=shown.summary)
@@ -127,6 +131,7 @@ def _of_tracks(path: Path, chosen: list[str]) -> RoadMap:
         drive=best.settings if best.length is not None else [],
         remarks=[_remark(one, drive, len(chosen)) for one, drive in zip(numbers, drives, strict=True)],
         numbers={"file": str(path), "tracks": numbers},
+        roads=len(names),
         draw=lambda ax: _draw_tracks(ax, lines, [drive.length is not None for drive in drives]),
     )
 
@@ -144,7 +149,8 @@ def _track_row(one: dict[str, Any]) -> tuple[str, ...]:
 def _remark(one: dict[str, Any], drive: Drive, chosen: int) -> str:
     """Where a track begins, and whether it can be driven."""
     needs = [setting for setting in drive.settings[chosen + 2 :] if not setting.startswith("course.track=")]
-    can = f"can be driven{' with ' * bool(needs)}{', '.join(needs)}" if drive.reason is None else f"no: {drive.reason}"
+    can = f"can be driven{' with ' * bool(needs)}{', '.join(needs)}"
+    can = can if drive.reason is None else f"cannot be driven: {drive.reason}"
     place = f"begins at {one['begin']}, largest jump after {one['largest_jump_after']}"
     return f"track {one['track']} {place}; {can}"
 
@@ -160,15 +166,17 @@ def _points(path: Path, track: str | None) -> PathPoints:
 def _drive_of(path: Path, track: str | None, chosen: list[str]) -> Drive:
     """The drive along a track as it is, or else level, or over coarser points; or the first refusal."""
     base = [*chosen, "course.kind=path", f"course.file={path}", *([f"course.track={track}"] if track else [])]
-    first = drive = _tried(base)
-    if drive.reason and "course.heights" in drive.reason:
-        base = [*base, "course.heights=false"]
-        drive = _tried(base)
-    for smoothing, tolerance in _LADDER:
-        if drive.length is not None:
-            return drive
-        drive = _tried([*base, f"course.smoothing={smoothing:g}", f"course.tolerance={tolerance:g}"])
-    return drive if drive.length is not None else first
+    rungs: list[list[str]] = [[], *([f"course.smoothing={one:g}", f"course.tolerance={two:g}"] for one, two in _LADDER)]
+    refused: list[Drive] = []
+    for rung in rungs:
+        for level in ([], ["course.heights=false"]):
+            drive = _tried([*base, *rung, *level])
+            if drive.length is not None:
+                return drive
+            refused.append(drive)
+            if "course.heights" not in (drive.reason or ""):
+                break
+    return refused[0]
 
 
 def _facts(points: PathPoints, drive: Drive, name: str, number: int) -> dict[str, Any]:
@@ -205,20 +213,17 @@ def _draw_tracks(ax: Axes, lines: Sequence[FloatArray], can: Sequence[bool]) -> 
 
 
 def _label(ax: Axes, place: FloatArray, text: str, colour: str) -> None:
-    ax.annotate(
-        text, (place[0], place[1]), (4, 4), textcoords="offset points", color=colour, fontsize=8.0, annotation_clip=True
-    )
+    place_of_text: Any = {"xytext": (4, 4), "textcoords": "offset points"}
+    ax.annotate(text, (place[0], place[1]), color=colour, fontsize=8.0, bbox=_PAPER, **place_of_text)
 
 
 # OpenDRIVE
 
 
-def _of_opendrive(path: Path, chosen: list[str]) -> RoadMap:
+def _of_opendrive(path: Path, chosen: list[str], tractor: Unit) -> RoadMap:
     network = read_opendrive(path)
     drive = _tried([*chosen, "course.kind=opendrive", f"course.file={path}"])
-    scenario = load_scenario(_SCENARIO, ["off_tracking=truth", *drive.settings])
-    options, tractor = scenario.course, vehicle_of(scenario).units[0]
-    assert isinstance(options, OpenDriveOptions)
+    options = OpenDriveOptions(kind="opendrive", file=str(path))
     lanes = list(stretches(network, tractor.width))
     tried = len(lanes) <= _MOST_TRIED
     if tried:
@@ -256,6 +261,7 @@ def _of_opendrive(path: Path, chosen: list[str]) -> RoadMap:
             "not_read": dict(network.broken),
             "drive": {"length_m": drive.length, "reason": drive.reason, "settings": drive.settings},
         },
+        roads=len(roads),
         draw=lambda ax: _draw_roads(ax, network, lanes, driven),
     )
 
@@ -318,7 +324,7 @@ def _ways(network: Network) -> Iterator[dict[str, Any]]:
                         "from_lane": lane.id,
                         "by_road": way.lead.road.id,
                         "to_road": way.exit or "",
-                        "turn_deg": round(math.degrees(way.turn) * way.lead.direction),
+                        "turn_deg": round(math.degrees(way.turn)),
                         "word": turn_word(found, way),
                     }
 
@@ -338,7 +344,7 @@ def _middle(road: Road, lane: int, begin: float, end: float) -> FloatArray:
 
 
 def _draw_roads(ax: Axes, network: Network, lanes: Sequence[Stretch], driven: FloatArray | None) -> None:
-    """Reference lines in grey, lanes in blue, red where they cannot be driven, the longest drive in orange."""
+    """Reference lines in grey, lanes in blue, red where they cannot be driven, the longest drive in orange; things."""
     roads = list(network.roads.values())
     places = [road.reference.poses(np.linspace(0.0, road.reference.length, 65))[:, :2] for road in roads]
     ax.add_collection(LineCollection(places, colors=GREY, linewidths=0.6, label="reference line"))
@@ -350,9 +356,18 @@ def _draw_roads(ax: Axes, network: Network, lanes: Sequence[Stretch], driven: Fl
             ax.add_collection(LineCollection([line for _, line in drawn], colors=colour, linewidths=1.2, label=name))
         for lane, line in drawn if len(lanes) <= _MOST_LABELS else ():
             _label(ax, line[len(line) * (abs(lane.lane) % 5 + 3 * (lane.lane > 0) + 1) // 10], str(lane.lane), colour)
+    things = [thing for road in roads for thing in road.things()]
+    outlines = [one.outline for one in things if len(one.outline) > 1]
+    points = np.array([one.outline[0] for one in things if len(one.outline) == 1]).reshape(-1, 2)
+    if outlines:
+        ax.add_collection(LineCollection(outlines, colors=INK, linewidths=0.8, label="object: kerb, island, building"))
+    if len(points):
+        ax.plot(
+            *points.T, color=INK, marker="^", markersize=3.0, linestyle="none", label="signal, or object of no size"
+        )
     if driven is not None:
         ax.plot(*driven.T, color=ESTIMATED, linewidth=3.0, alpha=0.5, label="longest drive that needs no choice")
         ax.plot(*driven[0], color=ESTIMATED, marker="o")
     for road, line in zip(roads, places, strict=True):
         if road.junction is None or len(roads) <= _MOST_LABELS:
-            _label(ax, line[len(line) // 2], f"road {road.id}", INK)
+            _label(ax, line[len(line) // 2], road.id if len(roads) > _ROADS else f"road {road.id}", INK)

@@ -99,6 +99,7 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
         circle_centre=course.surface_centre,
         arcs=course.arcs,
         path_deviation=course.deviation,
+        placement=course.placement.record() if course.placement else {},
         timing=_timing(summary),
         frames=(),
         manifest={},

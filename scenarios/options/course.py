@@ -278,7 +278,8 @@ class OpenDriveOptions(_FileOptions):
             length=self.length,
             narrowest=tractor.width if self.edges == "lane" else 0.5 * tractor.width,
         )
-        return lane_points(read_opendrive(Path(self.file)), request, self.source)
+        network = read_opendrive(Path(self.file))
+        return replace(lane_points(network, request, self.source), placement=network.placement)
 
 
 def outer_wall(tractor: Unit) -> float:

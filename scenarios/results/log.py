@@ -74,8 +74,8 @@ OK: Final = HEALTH[Health.OK]
 LOST: Final = HEALTH[Health.LOST]
 
 MOTION: Final = (  # of a unit or a rover: name, unit and meaning
-    ("x", "m", "position east"),
-    ("y", "m", "position north"),
+    ("x", "m", "position along the first heading"),
+    ("y", "m", "position to the left of the first heading"),
     ("psi", "rad", "yaw, continuous"),
     ("v_x", "m/s", "forward speed"),
     ("v_y", "m/s", "lateral speed, + left"),

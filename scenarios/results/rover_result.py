@@ -206,8 +206,11 @@ def _true_columns(rig: TraceRig, path: "_Along", rows: Sequence[RoverRow]) -> It
         ("wheels", "by encoders and compass", [one.wheels_only for one in records]),
         ("corrected", "by encoders, compass and slip angle", [one.corrected for one in records]),
     ):
-        yield Signal(f"x_{name}", "m", f"position east, {meaning}"), [pose.x for pose in poses]
-        yield Signal(f"y_{name}", "m", f"position north, {meaning}"), [pose.y for pose in poses]
+        yield Signal(f"x_{name}", "m", f"position along the first heading, {meaning}"), [pose.x for pose in poses]
+        yield (
+            Signal(f"y_{name}", "m", f"position to the left of the first heading, {meaning}"),
+            [pose.y for pose in poses],
+        )
     drift = Signal("drift_navigated", "rad", "slip angle that the driver compensates, + left")
     yield drift, [one.navigated.drift for one in records]
     laser = Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, some seconds old")

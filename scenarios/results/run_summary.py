@@ -182,6 +182,7 @@ class Result(ABC):
     traceback: str = ""  # of the exception that ended the run
     inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
     paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
+    placement: Mapping[str, str | float] = field(default_factory=dict)  # of W in the coordinates of the course's file
 
     @abstractmethod
     def summary(self) -> Summary:
@@ -196,6 +197,7 @@ def manifest(result: Result) -> dict[str, object]:
         "versions": versions(),
         "signals_sha256": result.log.sha256(),
         **result.manifest,
+        **({"placement": dict(result.placement)} if result.placement else {}),
         **manifest_entry(result.inputs),
     }
 

@@ -172,8 +172,8 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
     if along[-1] < 2.0 * _STATION_SPACING:
         return math.nan
     front, along = front[rows], along[rows]
-    corners = [placed(outline.corners, pose[rows]) for outline, pose in zip(outlines, poses, strict=True)]
-    length = max(float(np.hypot(*(corner - front[0]).T).max()) for corner in (c[0] for c in corners))
+    corners = [placed(outline.corners, pose[rows]).T.copy() for outline, pose in zip(outlines, poses, strict=True)]
+    length = max(float(np.hypot(*(of_body[:, :, 0] - front[0][:, None])).max()) for of_body in corners)
     stations = np.arange(0.0, along[-1], _STATION_SPACING)
     tangents = np.gradient(front, along, axis=0)
     at = [np.interp(stations, along, part) for part in (*front.T, *tangents.T, _curvature(tangents, along))]
@@ -183,7 +183,7 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
         # On a path that crosses itself the section must not see the vehicle pass on another leg: it has passed when
         # the front has gone on by the combination's length, or on an arc of up to half a turn, pi / 2 times that.
         first, last = np.searchsorted(along, [s, s + _QUARTER_TURN * length])
-        strips = np.concatenate([_strips(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
+        strips = np.concatenate([_strips(c[:, :, first:last], point, tangent / np.hypot(*tangent)) for c in corners])
         centre = 1.0 / bend if bend else math.inf
         widths.append(_width_round(0.0, np.minimum(strips, centre) if centre > 0.0 else np.maximum(strips, centre)))
     return max(widths)
@@ -200,17 +200,19 @@ def _curvature(tangents: FloatArray, along: FloatArray) -> FloatArray:
 def _strips(corners: FloatArray, point: FloatArray, tangent: FloatArray) -> FloatArray:
     """Strips (m, 2) that a body cuts out of the line through a point square to the tangent [m], + left.
 
-    The corners (n, 4, 2) over time give a strip for each time and the next: of the edges at the first of them, and of
+    The corners (2, 4, n) over time give a strip for each time and the next: of the edges at the first of them, and of
     the corners' paths in between.
     """
-    along = (corners - point) @ tangent
-    lateral = (corners - point) @ np.array([-tangent[1], tangent[0]])
-    edges = _crossings(along, lateral, np.roll(along, -1, axis=1), np.roll(lateral, -1, axis=1))
-    paths = np.full_like(edges, np.nan)
-    paths[:-1] = _crossings(along[:-1], lateral[:-1], along[1:], lateral[1:])
-    cuts = np.concatenate([edges, paths], axis=1)
-    cuts = cuts[~np.isnan(cuts).all(axis=1)]
-    return np.column_stack([np.nanmin(cuts, axis=1), np.nanmax(cuts, axis=1)])
+    (x, y), (t_x, t_y) = corners - point[:, None, None], tangent
+    along, lateral = x * t_x + y * t_y, y * t_x - x * t_y
+    behind = along <= 0.0
+    cut = behind.any(axis=0) & ~behind.all(axis=0)
+    cut[:-1] |= (behind[:, 1:] != behind[:, :-1]).any(axis=0)
+    rows = np.flatnonzero(cut)
+    after, of_rows = np.minimum(rows + 1, x.shape[1] - 1), (along[:, rows], lateral[:, rows])
+    edges = _crossings(*of_rows, *(of_all[[1, 2, 3, 0]] for of_all in of_rows))
+    cuts = np.concatenate([edges, _crossings(*of_rows, along[:, after], lateral[:, after])])
+    return np.column_stack([np.fmin.reduce(cuts), np.fmax.reduce(cuts)])
 
 
 def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, next_lateral: FloatArray) -> FloatArray:

@@ -125,7 +125,8 @@ class RunResult(Result):
         if self.outside is not None:
             numbers["outside"] = self.outside.numbers()
         if self.path_deviation is not None:
-            numbers["course"] = {"path_deviation_m": number(self.path_deviation)}
+            place = {name: value for name, value in self.placement.items() if not isinstance(value, str)}
+            numbers["course"] = {"path_deviation_m": number(self.path_deviation), **place}
         return numbers | ({"trailers": trailer_summaries(self)} if len(self.trailers) > 1 else {})
 
     @property

@@ -125,8 +125,8 @@ _ESTIMATE = (
 _OF_MOTION = 3  # first signal of the motion
 _BRIDGED = Signal("bridged", "s", "time that the off-tracking is bridged by dead reckoning, without a camera motion")
 _POSE = (  # of the hitch of a trailer, at the height of its path; not in the log
-    Signal("hitch_x", "m", "position east"),
-    Signal("hitch_y", "m", "position north"),
+    Signal("hitch_x", "m", "position along the first heading"),
+    Signal("hitch_y", "m", "position to the left of it"),
     Signal("hitch_psi", "rad", "heading"),
 )
 _REFERENCE = Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit")

@@ -134,8 +134,8 @@ def _check_files(path: Path) -> None:
     """Refuse a file that is not a regular one, also the one that it refers to."""
     check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
     head = read_bytes(path, FileKind.SURFACE)[:65_536].decode("latin-1")
-    if block := re.search(r"^\$ROAD_CRG_FILE[^\n]*\n(.*?)^\$", head, re.IGNORECASE | re.MULTILINE | re.DOTALL):
-        parts = (line.partition("!")[0].strip() for line in block[1].splitlines() if not line.startswith("*"))
+    if block := re.search(r"^\$ROAD_CRG_FILE[^\n]*\n(.*?)^\$(?!\$\w)", head, re.IGNORECASE | re.MULTILINE | re.DOTALL):
+        parts = (line.partition("!")[0].strip().replace("$$", "$") for line in block[1].splitlines() if line[:1] != "*")
         try:
             read_bytes(path.parent / os.path.expandvars("".join(parts)), FileKind.SURFACE)
         except ValueError as error:

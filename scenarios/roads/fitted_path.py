@@ -266,7 +266,7 @@ def fitted_path(points: PathPoints, fit: Fit) -> tuple[SmoothPath, PathPoints]:
     worst = int(np.argmax(np.abs(smooth.deviations)))
     if not abs(smooth.deviations[worst]) <= fit.tolerance:
         raise ValueError(
-            f"{fit.source}: the smooth path is {abs(smooth.deviations[worst]):.3g} m from the point "
+            f"{fit.source}: the smooth path is {abs(smooth.deviations[worst]):.3g} m from "
             f"{thin.named(worst)}: must be within course.tolerance = {fit.tolerance:g} m; a shorter "
             f"course.smoothing than {fit.smoothing:g} m keeps sharper bends, a larger tolerance allows for noisy points"
         )
@@ -315,7 +315,7 @@ def _check_legs(points: PathPoints, fit: Fit) -> None:
     longest = int(np.argmax(lengths))
     if lengths[longest] > _LONGEST_LEG:
         raise ValueError(
-            f"{fit.source}: a gap of {lengths[longest]:.4g} m between the points {points.named(longest)} and "
+            f"{fit.source}: a gap of {lengths[longest]:.4g} m between {points.named(longest)} and "
             f"{points.named(longest + 1)}: must be at most {_LONGEST_LEG:g} m; add the missing points"
         )
     heading = np.arctan2(legs[:, 1], legs[:, 0])
@@ -323,7 +323,7 @@ def _check_legs(points: PathPoints, fit: Fit) -> None:
     if len(turns) and turns.max() > _BACK:
         place = points.named(int(np.argmax(turns)) + 1)
         raise ValueError(
-            f"{fit.source}: the path turns back by {math.degrees(turns.max()):.0f} deg at the point {place}: give the "
+            f"{fit.source}: the path turns back by {math.degrees(turns.max()):.0f} deg at {place}: give the "
             "points in the order of driving, or a longer course.smoothing"
         )
 
@@ -342,7 +342,7 @@ def _check_bows(smooth: SmoothPath, points: PathPoints, fit: Fit) -> None:
     if not bows[worst] <= max(_BOW * fit.smoothing, fit.tolerance):
         k = int(leg[worst])
         raise ValueError(
-            f"{fit.source}: the path bows {bows[worst]:.3g} m aside between the points {points.named(k)} and "
+            f"{fit.source}: the path bows {bows[worst]:.3g} m aside between {points.named(k)} and "
             f"{points.named(k + 1)}: they are too far apart to know it; add points between them"
         )
 

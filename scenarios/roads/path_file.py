@@ -18,6 +18,7 @@ import numpy as np
 
 from scenarios.roads.crg_file import read_crg_line
 from scenarios.roads.earth import Utm, coordinate_system, from_utm, tangent_plane
+from scenarios.roads.placement import DEGREES, UNPLACED, Placement
 from scenarios.roads.point_table import EAST, HEIGHT, LATITUDE, LONGITUDE, NORTH, read_points
 from scenarios.roads.standstill import means, standstills
 from vehicle.foundation.user_file import (
@@ -126,6 +127,7 @@ class PathPoints:
     remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
     rows: FloatArray | None = None  # (n,) of the points in the file; with a fraction where several were averaged
     where: Callable[[int], str] | None = None  # place of a row in the file and the coordinates there, for messages
+    placement: Placement = UNPLACED  # of the plane in the coordinates of the file
 
     def changed(self, change: Callable[[FloatArray], FloatArray]) -> "PathPoints":
         """The points with each of their arrays that is known changed."""
@@ -136,12 +138,12 @@ class PathPoints:
     def named(self, k: int) -> str:
         """Point k in messages."""
         if self.where is None or self.rows is None:
-            return "({:.2f}, {:.2f})".format(*self.places[k])
+            return "the point ({:.2f}, {:.2f})".format(*self.places[k])
         return self.where(round(float(self.rows[k])))
 
 
 TRACK: Final = "Track of a GPX file or line of a GeoJSON file, by name or number; not given: the only one."
-_STANDING: Final = 0.375  # reach of a standstill per smoothing length
+_STANDING: Final = 0.5  # reach of a standstill per smoothing length
 _FARTHEST: Final = 6.0  # reach of a standstill [m]: trucks turn back in 12 m
 READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
 _CRG_SPACING: Final = 1.0  # of the points of a measured surface's reference line [m]
@@ -174,7 +176,11 @@ def read_path(path: Path, track: str | None = None, *, heights: bool = True, smo
         raise ValueError(f"{path}: has {count} points: a path must have 2 to {MAX_POINTS}")
     if smoothing:
         groups = standstills(points.places, min(_STANDING * smoothing, _FARTHEST))
-        points = points.changed(lambda values: means(groups, values)) if groups[-1] + 1 < count else points
+        joined = count - int(groups[-1]) - 1
+        if joined:
+            place = points.named(int(np.flatnonzero(np.diff(groups) == 0)[0]))
+            remark = f"course.file: {joined} points that make no headway were joined with others, the first at {place}"
+            points = replace(points.changed(lambda values: means(groups, values)), remarks=(remark,))
     return points
 
 
@@ -184,8 +190,12 @@ def _read_csv(path: Path, *, heights: bool) -> PathPoints:
     height, bank, left, right, friction = known.values()
     on_earth = "lat" in columns
     first, second = (columns[name] for name in (("lat", "lon") if on_earth else ("x", "y")))
+    places, placement = np.column_stack([first, second]), UNPLACED
+    if on_earth:
+        places, placement = _plane(first, second, height, DEGREES)
     return PathPoints(
-        places=_plane(first, second, height) if on_earth else np.column_stack([first, second]),
+        places=places,
+        placement=placement,
         heights=height,
         banks=bank,
         widths=None if left is None or right is None else np.column_stack([left, right]),
@@ -195,11 +205,14 @@ def _read_csv(path: Path, *, heights: bool) -> PathPoints:
     )
 
 
-def _plane(latitude: FloatArray, longitude: FloatArray, height: FloatArray | None) -> FloatArray:
+def _plane(
+    latitude: FloatArray, longitude: FloatArray, height: FloatArray | None, crs: str
+) -> tuple[FloatArray, Placement]:
     if not len(latitude):
-        return np.empty((0, 2))
+        return np.empty((0, 2)), UNPLACED
     middle = 0.0 if height is None else float(height.mean())
-    return tangent_plane(latitude, longitude, np.full(len(latitude), middle))
+    places, plane = tangent_plane(latitude, longitude, np.full(len(latitude), middle))
+    return places, Placement(crs=crs, plane=plane)
 
 
 def _read_reference_line(path: Path) -> PathPoints:
@@ -258,7 +271,7 @@ def on_one_plane(tracks: Sequence[Track]) -> list[FloatArray]:
         x, y = np.array([point[1:3] for point in track.points], dtype=np.float64).T
         degrees.append(np.stack((y, x) if track.system is None else from_utm(track.system, x, y), axis=1))
     latitude, longitude = np.concatenate(degrees).T
-    places = _plane(latitude, longitude, None)
+    places, _ = _plane(latitude, longitude, None, DEGREES)
     return np.split(places, np.cumsum([len(track.points) for track in tracks])[:-1])
 
 
@@ -282,9 +295,13 @@ def _chosen(path: Path, tracks: Sequence[Track], wanted: str | None) -> Track:
     names = [f" '{shown(one.name, 40)}'" if one.name else "" for one in tracks[:_LISTED]]
     rows = [f"{k + 1}{name} ({tracks[k].length:.0f} m)" for k, name in enumerate(names)]
     there = f"{', '.join(rows)}{', ...' * (len(tracks) > _LISTED)}"
+    if not tracks:
+        raise ValueError(f"{path}: has no track or line of two points or more")
     if wanted is not None:
         raise ValueError(f"{path}: course.track = {shown(wanted, 40)} is none of its {len(tracks)} tracks: {there}")
-    raise ValueError(f"{path}: has {len(tracks)} tracks or lines: choose one by course.track: {there}")
+    raise ValueError(
+        f"{path}: has {len(tracks)} tracks, lines or segments far apart: choose one by course.track: {there}"
+    )
 
 
 def _joined(parts: Iterable[list[Point]], like: Track, gap: float) -> Iterator[Track]:
@@ -387,9 +404,9 @@ def _system(path: Path, crs: Any) -> Utm | None:
     stated = crs.get("properties") if isinstance(crs, dict) else {"name": crs} if isinstance(crs, str) else crs
     if stated is None:
         return None
-    name = stated.get("name", f"EPSG:{stated.get('code')}") if isinstance(stated, dict) else repr(stated)
+    code = stated.get("code") if isinstance(stated, dict) else None
     try:
-        return coordinate_system(str(name))
+        return coordinate_system(str(stated.get("name", crs)) if code is None else f"EPSG:{code}")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -428,6 +445,6 @@ def _on_earth(path: Path, track: Track, *, heights: bool) -> PathPoints:
             )
         height = np.array([HEIGHT.number(str(point.height), f"{path}: {where(k)}") for k, point in enumerate(points)])
     latitude, longitude = (y, x) if track.system is None else from_utm(track.system, x, y)
-    return PathPoints(
-        places=_plane(latitude, longitude, height), heights=height, rows=np.arange(float(len(points))), where=where
-    )
+    places, placement = _plane(latitude, longitude, height, track.system.code if track.system else DEGREES)
+    rows = np.arange(float(len(points)))
+    return PathPoints(places=places, heights=height, rows=rows, where=where, placement=placement)

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vehicle.foundation.data_file import Column
-from vehicle.foundation.user_file import MAX_FIELD, MAX_TABLE, FileKind, nearest, read_bytes, shown
+from vehicle.foundation.user_file import MAX_FIELD, MAX_POINTS, MAX_TABLE, FileKind, nearest, read_bytes, shown
 from vehicle.frames import FloatArray
 
 LATITUDE, LONGITUDE = Column("latitude", 90.0, "deg"), Column("longitude", 180.0, "deg")
@@ -58,15 +58,18 @@ _UNITS: Final = {
     "-": ("-",),
 }
 _UNIT: Final = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|\s/\s*(\S+)|[ _](m|km|cm|mm|ft|deg))?")
-_NUMBER: Final = re.compile(r"[-+\u2212]?[\d.,'\u2019\s]*\d[\d.,'\u2019\s]*(?:[eE][-+]?\d+)?")
+_NUMBER: Final = re.compile(r"[-+\u2212]?[.,'\u2019\s]*+\d[\d.,'\u2019\s]*+(?:[eE][-+]?\d+)?")
 _PLAIN: Final = re.compile(r"[^,'\u2019\s\u2212]*")
 _GAP: Final = re.compile(r"(?<=\d)['\u2019\s](?=\d{3}(?!\d))")
 _GROUPED: Final = {
     sign: re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:\{group}\d{{3}})+(?:\{sign}\d*)?(?:[eE][-+]?\d+)?")
     for sign, group in (",.", ".,")
 }
+_LEVEL, _DECIMAL = "; course.heights = false drives it level", " (decimal degrees)"
+_HINTS: Final = {"z": _LEVEL, "bank": _LEVEL, "lat": _DECIMAL, "lon": _DECIMAL}
 _SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
 _LOOKED_AT: Final = 20  # lines that decide about the separator
+_LONGEST: Final = 100  # characters of a column's name
 
 
 class PointTable(NamedTuple):
@@ -88,6 +91,8 @@ def read_points(path: Path, *, heights: bool) -> PointTable:
         ValueError: one line naming file, line, column, value and limit.
     """
     rows, separator = _rows(path)
+    if len(rows) > MAX_POINTS + 1:
+        raise ValueError(f"{path}: has {len(rows)} points: a path must have 2 to {MAX_POINTS}")
     names = _names(path, rows, separator)
     _check_names(path, names)
     wanted = {name: k for name, k in names.items() if heights or name not in ("z", "bank")}
@@ -95,7 +100,7 @@ def read_points(path: Path, *, heights: bool) -> PointTable:
     table: dict[str, FloatArray] = {}
     for name, k in wanted.items():
         column, numbers = _COLUMNS[name]._replace(name=name), array("d")
-        hint = "; course.heights = false drives it level" if name in ("z", "bank") else ""
+        hint = _HINTS.get(name, "")
         for row in rows:
             place = f"{path}: line {row.line}"
             try:
@@ -127,7 +132,7 @@ def _text(path: Path) -> str:
 def _rows(path: Path) -> tuple[list[_Row], str]:
     """Lines with values, the names of the columns first if there are any, and the separator."""
     text = _text(path)
-    stated = re.match(r'"?sep=(.)"?\r?\n', text, re.IGNORECASE)  # as spreadsheets write it
+    stated = re.match(r'"?sep=([;,|\t ])"?\r?\n', text, re.IGNORECASE)  # as spreadsheets write it
     sample = [line for line in text[:100_000].splitlines() if line.strip() and not line.startswith("#")][:_LOOKED_AT]
     separator = next((sign for sign in _SEPARATORS if sample and all(sign in line for line in sample)), ",")
     separator = stated[1] if stated else separator
@@ -140,9 +145,7 @@ def _rows(path: Path) -> tuple[list[_Row], str]:
     try:
         for line in reader:
             cells = [cell.strip() for cell in line if cell or separator != " "]
-            while cells and not cells[-1]:  # trailing separators, and lines that a spreadsheet leaves empty
-                cells.pop()
-            if not cells or (stated and reader.line_num == 1):
+            if not any(cells) or (stated and reader.line_num == 1):  # spreadsheets leave lines empty
                 continue
             if not cells[0].startswith("#"):
                 rows.append(_Row(reader.line_num, cells))
@@ -163,37 +166,43 @@ def _is_numbers(cells: Sequence[str]) -> bool:
 def _names(path: Path, rows: list[_Row], separator: str) -> dict[str, int]:
     """Numbers of the columns by their names here; the line with the names is taken from the rows."""
     if rows and not _is_numbers(rows[0].cells):
-        width = len(rows[0].cells)
-        names = _named(path, rows.pop(0).cells, separator)
+        heading = rows.pop(0).cells
+        width, names = _used(heading), _named(path, heading, separator)
     else:
-        width = max((len(row.cells) for row in rows), default=0)
+        width = max((_used(row.cells) for row in rows), default=0)
         counts = width == 3 and len(rows) > 2 and all(_counts(*pair) for pair in pairwise(rows))
         if rows and (width not in (2, 3) or counts):
             reason = "its first column counts the lines" if counts else f"it has {width} columns"
             raise ValueError(f"{path}: line {rows[0].line} names no columns and {reason}: name them, such as x,y,z")
         names = dict(zip(("x", "y", "z"), range(width), strict=False))
     for row in rows:
-        if not max(names.values(), default=-1) < len(row.cells) <= width:
+        if max(names.values(), default=-1) >= len(row.cells) or _used(row.cells) > width:
             hint = " (with a comma as decimal sign, separate the columns by semicolons)" if separator == "," else ""
             raise ValueError(f"{path}: line {row.line} has {len(row.cells)} values for {width} columns{hint}")
     return names
 
 
+def _used(cells: Sequence[str]) -> int:
+    """Number of cells without the empty ones at the end."""
+    return max((k for k, cell in enumerate(cells, start=1) if cell), default=0)
+
+
 def _counts(row: _Row, after: _Row) -> bool:
-    first, second = row.cells[0], after.cells[0]
-    return first.isdecimal() and second.isdecimal() and int(second) == int(first) + 1
+    """True if the second line begins with the next whole number."""
+    first, second = (re.fullmatch(r"(\d{1,9})(?:[.,]0*)?", one.cells[0]) for one in (row, after))
+    return first is not None and second is not None and int(second[1]) == int(first[1]) + 1
 
 
 def _named(path: Path, cells: Sequence[str], separator: str) -> dict[str, int]:
     names: dict[str, int] = {}
     for k, cell in enumerate(cells):
-        word, *units = match.groups() if (match := _UNIT.fullmatch(cell)) else (cell,)
+        word, *units = match.groups() if (match := _UNIT.fullmatch(cell[:_LONGEST])) else (cell,)
         bare, unit = re.sub(r"[\s_.-]", "", word.lower()), next((one for one in units if one), None)
         name = _KNOWN.get(bare)
         if name is None and bare not in _NOT_READ:
             raise ValueError(
                 f"{path}: unknown column '{shown(cell, 40)}'{nearest(cell.lower(), _COLUMNS)} (the first line names "
-                f"the columns; {_SEPARATORS.get(separator, separator)} were taken to separate them)"
+                f"the columns; {_SEPARATORS[separator]} were taken to separate them)"
             )
         if name is None:
             continue

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -33,6 +34,8 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     bends = np.array([segment.start_curvature for segment in smooth.path.segments])
     reference = _guided_point(tractor, guided, float(np.sum(bends * np.abs(bends))))
     path = Path(Pose2(*reference, 0.0), smooth.path.segments)
+    x, y = points.places[0].tolist()
+    X_PW = Pose2(x, y, 0.0) @ smooth.path.start @ path.start.inverse()  # in the plane of the points
     _check_steer(path, tractor, reference, lambda s: near(points, smooth, s), fit)
     stations = np.arange(-_BEYOND, path.length + _BEYOND + _SPACING, _SPACING)
     poses = path.poses(stations)
@@ -60,6 +63,7 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
         paved=_sides(points.paved, smooth, stations),
         deviation=float(np.abs(smooth.deviations).max()),
         remarks=points.remarks,
+        placement=replace(points.placement, X_FW=points.placement.X_FW @ X_PW),
     )
 
 

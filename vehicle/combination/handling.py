@@ -1,6 +1,6 @@
 """Figures of a combination: handling from its linearised motion, and longitudinal capability from its data.
 
-Tyres and bodies follow without delay unless ``tyre_dynamics`` is asked for, and speeds are constant.
+Tyres and bodies follow without delay, and speeds are constant.
 
 Straight, quasi-static: loads shift with grade and drive force, tyres roll without slip losses, and the driven tyres
 transmit friction times their load at most. Needs the vehicle's table ``[powertrain]`` for forces in low gears.
@@ -64,16 +64,9 @@ def critical_speed(vehicle: Vehicle) -> float | None:
     return None
 
 
-def yaw_damping(vehicle: Vehicle, speed: float, *, tyre_dynamics: bool = False) -> float:
-    """Damping ratio of the least damped yaw-plane mode [-]; 1 if none oscillates, negative if unstable.
-
-    With ``tyre_dynamics`` tyres and bodies follow with their lags; those modes of the whole model count that lie
-    nearest to the ones without.
-    """
+def yaw_damping(vehicle: Vehicle, speed: float) -> float:
+    """Damping ratio of the least damped yaw-plane mode [-]; 1 if none oscillates, negative if unstable."""
     modes = lateral_model(vehicle, speed).eigenvalues()
-    if tyre_dynamics:
-        lagged = lateral_model(vehicle, speed, tyre_dynamics=True).eigenvalues()
-        modes = np.array([lagged[np.argmin(np.abs(lagged - mode))] for mode in modes])
     return float(np.min(-modes.real / np.abs(modes)))
 
 

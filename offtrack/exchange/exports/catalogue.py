@@ -6,7 +6,7 @@ Names of signals may have any letters, spaces and hyphens, as units' names have.
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -96,13 +96,13 @@ def by_rows(log: Log) -> list[tuple[NDArray[np.bool_], tuple[str, ...]]]:
 _OTHER: Final = re.compile(r"[^A-Za-z0-9]+")
 
 
-def plain_names(names: Iterable[str], longest: int = 200) -> dict[str, str]:
+def plain_names(names: Iterable[str], longest: int = 200, case: Callable[[str], str] = str) -> dict[str, str]:
     """Names of ASCII letters, digits and single underscores that begin with a letter, by the original names.
 
     Accents are dropped and other letters become their code point; equal ones are numbered. Plain names stay as they
-    are.
+    are, but for what ``case`` makes of them.
     """
-    plain = {name: _plain(name, longest) for name in names}
+    plain = {name: case(_plain(name, longest)) for name in names}
     taken = {name for name in plain if plain[name] == name}
     for name in (name for name in plain if plain[name] != name):
         count, first = 1, plain[name]

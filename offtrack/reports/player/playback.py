@@ -1,7 +1,7 @@
 """A playback: everything that a page, a figure or a film shows of one run or several over time; those of runs.
 
-Lengths in m, angles in rad, times in s; in the ground's plane x points east and y north. Signals are named as in the
-run's log.
+Lengths in m, angles in rad, times in s; in the ground's plane x points along the first heading, y to the left.
+Signals are named as in the run's log.
 A colour is a name of the palette (``web/theme.js`` for pages, ``PALETTE`` for figures and films).
 """
 

@@ -22,6 +22,7 @@ from offtrack.studies.standards.low_speed import aashto_turn, ctsw_turn, roundab
 from offtrack.studies.standards.open_loop import (
     CHANGE_PEAK,
     lane_change,
+    linear_pulse_damping,
     prescribed_acceleration,
     pulse,
     random_steer,
@@ -35,7 +36,7 @@ from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
+from vehicle.combination.handling import static_rollover_threshold, understeer_gradient
 from vehicle.combination.linear import ComplexArray, OutputKind, lateral_model
 from vehicle.combination.variants import FULL, load_cases, with_load
 from vehicle.foundation.user_file import nearest
@@ -107,7 +108,7 @@ def linear_figures(vehicle: Vehicle, *, speed: float | None = None, tyre_dynamic
     without lag.
     """
     return {
-        "yaw_damping": yaw_damping(vehicle, speed or KINDS["pulse"].speed, tyre_dynamics=tyre_dynamics),
+        "yaw_damping": linear_pulse_damping(vehicle, speed or KINDS["pulse"].speed, tyre_dynamics=tyre_dynamics),
         "rollover_threshold_g": static_rollover_threshold(vehicle) / GRAVITY,
         "understeer_gradient_deg_per_g": math.degrees(understeer_gradient(vehicle, _CIRCLE_SPEED)) * GRAVITY,
         "random_amplification": theoretical_peak(vehicle, speed or KINDS["random_steer"].speed),
@@ -213,6 +214,12 @@ DRIVES: Final[dict[str, Drive]] = {
 }
 
 
+_AGREES: Final = 0.03  # largest difference of measurement and theory that needs no reason
+_LINEAR: Final = "theory takes linear tyres at their static loads"
+_OF_UNSTEERED: Final = "theory is of the trailer with straight axles"
+_REASONS: Final = {
+    "rollover_threshold_g": "theory is a steady turn on the level; across a slope the springs carry less",
+}
 MANOEUVRES: Final = STANDARD_SET  # in the order of the report
 AS_IN_FILE: Final = FULL  # load case of a vehicle as its file describes it
 
@@ -248,6 +255,16 @@ class Assessment:
         }
         return compared_with_limits(applicable)
 
+    def disagreements(self, named: Callable[[str], str] = str) -> tuple[str, ...]:
+        """Lines on the quantities that differ from linear theory by more than 3 %, with the reason."""
+        lines = []
+        for name, theory in self.linear.items():
+            measured = self.figures.get(name, math.nan)
+            if abs(measured - theory) > _AGREES * abs(theory):
+                why = _OF_UNSTEERED if self.trailer_steering != "none" else _REASONS.get(name, _LINEAR)
+                lines.append(f"{named(name)}: {measured:.4g} measured, {theory:.4g} by linear theory: {why}")
+        return tuple(lines)
+
     def summary(self) -> dict[str, Any]:
         """The assessment for JSON; null where a quantity could not be measured."""
         return {
@@ -256,6 +273,7 @@ class Assessment:
                 for manoeuvre in self.manoeuvres
             },
             "linear_theory": _finite(self.linear),
+            "disagreements": list(self.disagreements()),
             "levels": [_judgement(judgement) for judgement in self.judgements],
         }
 

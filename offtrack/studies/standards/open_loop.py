@@ -172,6 +172,18 @@ def pulse(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STAN
     )
 
 
+def linear_pulse_damping(vehicle: Vehicle, speed: float, *, tyre_dynamics: bool = True) -> float:
+    """Damping of the pulse's free motion by linear theory, read off it by the same rule as the measured one [-]."""
+    step, count = PERIOD * TICK, round(4.0 * _PULSE_LENGTH / (PERIOD * TICK))  # periodic; no motion lasts that long
+    time, f = step * np.arange(count), np.fft.rfftfreq(count, step)
+    kinds: tuple[OutputKind, ...] = ("yaw_rate", "articulation")
+    model = lateral_model(vehicle, speed, outputs=kinds, tyre_dynamics=tyre_dynamics, actuators=True)
+    steer = np.fft.rfft(half_sine(_PULSE_STEER, _PULSE_DURATION, _PULSE_START, count, PERIOD))
+    free = (time > _PULSE_START + _PULSE_DURATION) & (time <= _PULSE_LENGTH)
+    motions = [np.fft.irfft(model.response(name, f) * steer, count)[free] for name in model.outputs]
+    return min(damping(motion) for motion in motions)
+
+
 def _pulse_figures(vehicle: Vehicle, log: Log) -> Figures:
     """Damping of the least damped yaw rate or articulation angle, and load transfer."""
     names, free = [unit.name for unit in vehicle.units], log["time"] > _PULSE_START + _PULSE_DURATION

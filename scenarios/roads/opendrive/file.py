@@ -1,7 +1,8 @@
 """Read the roads of an OpenDRIVE file."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -24,14 +25,16 @@ from scenarios.roads.opendrive.network import (
     RoadMarks,
     Section,
     Span,
+    Thing,
     clothoid,
     parametric,
     polynomial,
 )
 from scenarios.roads.path_file import Element, read_xml
+from scenarios.roads.placement import UNPLACED, Placement
 from vehicle.foundation.data_file import Column
 from vehicle.foundation.user_file import shown
-from vehicle.frames import Pose2
+from vehicle.frames import FloatArray, Pose2
 
 _GAP: Final = 0.1  # largest distance between two pieces of a reference line [m]: files are rounded to millimetres
 _LARGEST: Final = 1e8  # number of any kind: projected coordinates of the earth [m]
@@ -54,7 +57,17 @@ def read_opendrive(path: Path) -> Network:
     reader, broken = _Reader(), dict[str, str]()
     roads = _by_id(elements, reader.road, "", broken)
     junctions = _by_id(root.all("junction"), reader.connections, JUNCTION, broken)
-    return Network(roads, junctions, broken)
+    return Network(roads, junctions, broken, _placement(root.first("header")))
+
+
+def _placement(header: Element | None) -> Placement:
+    """The projection of the header, whose coordinates are those of the file moved and turned by its offset."""
+    reference = header.first("geoReference") if header else None
+    if header is None or reference is None or not reference.text.strip():
+        return UNPLACED
+    offset, reader = header.first("offset"), _Reader()
+    moved = [reader.number_or(offset, name, 0.0) if offset else 0.0 for name in ("x", "y", "hdg")]
+    return Placement(X_FW=Pose2(*moved), crs=reference.text.strip())
 
 
 def _by_id(elements: list[Element], read: Callable[[Element], T], kind: str, broken: dict[str, str]) -> dict[str, T]:
@@ -103,6 +116,7 @@ class _Reader:
             predecessor=self._link(link, "predecessor"),
             successor=self._link(link, "successor"),
             faults=tuple(self._faults),
+            things=partial(self._things, element, reference),
         )
 
     def connections(self, element: Element) -> tuple[Connection, ...]:
@@ -180,7 +194,7 @@ class _Reader:
             raise ValueError(self._faults[0].text) if self._faults else self._error(plan, "has no length")
         length, begin = pieces[-1].s + pieces[-1].length, elements[0][0]
         if self._faults:  # the last piece may be one of those that cannot be read
-            length = max(length, *(one.begin + _GAP for one in self._faults), self._number_or(road, "length", 0.0))
+            length = max(length, *(one.begin + _GAP for one in self._faults), self.number_or(road, "length", 0.0))
         reference = ReferenceLine(tuple(pieces), length)
         if abs(begin) > _GAP:
             raise self._error(elements[0][1], f"its first geometry is at s = {begin:g} m: must be 0")
@@ -288,11 +302,52 @@ class _Reader:
         if element is None:
             return None
         is_junction = element.attributes.get("elementType") == "junction"
-        return Link(is_junction, self.text(element, "elementId"), self._contact(element), element.line)
+        name = element.attributes.get("elementId", f"without elementId in line {element.line}")
+        return Link(is_junction, name, self._contact(element), element.line)
 
     def _contact(self, element: Element) -> Contact | None:
         contact = element.attributes.get("contactPoint")
         return "start" if contact == "start" else "end" if contact == "end" else None
+
+    def _things(self, road: Element, line: ReferenceLine) -> Iterator[Thing]:
+        """Signals and objects; those that are wrong are left out, since nothing drives on them."""
+        groups = [group for name in ("signals", "objects") for group in road.all(name)]
+        for one in (one for group in groups for one in group.children if one.name in ("signal", "object")):
+            try:
+                yield Thing(
+                    "signal" if one.name == "signal" else one.attributes.get("type", ""), self._outline(one, line)
+                )
+            except ValueError:
+                continue
+
+    def _outline(self, thing: Element, line: ReferenceLine) -> FloatArray:
+        """Outline of a thing from above, see ``Thing``."""
+
+        def at(s: FloatArray, t: FloatArray) -> FloatArray:
+            x, y, psi = line.poses(s).T
+            return np.column_stack([x - t * np.sin(psi), y + t * np.cos(psi)])
+
+        repeat, outlines = thing.first("repeat"), [*thing.all("outline")]
+        outlines += [outline for group in thing.all("outlines") for outline in group.all("outline")]
+        if repeat is not None:
+            begin, length, first, last = (self._number(repeat, name) for name in ("s", "length", "tStart", "tEnd"))
+            share = np.linspace(0.0, 1.0, int(np.clip(length, 2.0, 1000.0)))
+            return at(begin + share * length, first + share * (last - first))
+        corners = outlines[0].children if outlines else []
+        if corners and corners[0].name == "cornerRoad":
+            return at(*np.array([[self._number(corner, name) for corner in [*corners, corners[0]]] for name in "st"]))
+        s, t = (np.array([self._number(thing, name)]) for name in "st")
+        if corners:
+            local = np.array([[self._number(corner, name) for corner in [*corners, corners[0]]] for name in "uv"])
+        else:
+            radius = self.number_or(thing, "radius", 0.0)
+            length, width = (self.number_or(thing, name, 2.0 * radius) for name in ("length", "width"))
+            square = np.array([[0.5, 0.5, -0.5, -0.5, 0.5], [0.5, -0.5, -0.5, 0.5, 0.5]])
+            local = square * [[length], [width]] if length and width and thing.name == "object" else np.zeros((2, 1))
+        heading = line.poses(s)[0, 2] + self.number_or(thing, "hdg", 0.0)
+        c, sine = math.cos(heading), math.sin(heading)
+        outline: FloatArray = at(s, t) + local.T @ np.array([[c, sine], [-sine, c]])
+        return outline
 
     def _cross_sections(self, profile: Element | None, scope: Fault) -> CrossSections:
         """Shapes, and the crossfall of files before OpenDRIVE 1.6."""
@@ -323,7 +378,7 @@ class _Reader:
             try:
                 rows.append([self._number(one, key) for key in (begin, *_CUBIC)])
             except ValueError as error:
-                wrong.append((self._number_or(one, begin, 0.0), str(error)))
+                wrong.append((self.number_or(one, begin, 0.0), str(error)))
         table = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
         for s, text in wrong:
             fault = scope._replace(text=text)
@@ -333,7 +388,8 @@ class _Reader:
             self._faults.append(fault)
         return Cubics(table[:, 0], table[:, 1:])
 
-    def _number_or(self, element: Element, name: str, otherwise: float) -> float:
+    def number_or(self, element: Element, name: str, otherwise: float) -> float:
+        """The number of an attribute, or another one where it has none."""
         try:
             return self._number(element, name)
         except ValueError:

@@ -20,6 +20,7 @@ from vehicle.frames import FloatArray
 Edges = Literal["lane", "road"]
 TURNS: Final = ("left", "right", "straight")
 _TURNING: Final = math.radians(30.0)  # least change of heading of a turn through a junction
+_STRAIGHT: Final = math.radians(10.0)  # largest one of a way straight on where another turns to the other side
 _AHEAD: Final = 50.0  # of the roads behind a direct junction, or of two that part slowly [m]
 _APART: Final = 0.5  # least distance there of ways that are left and right of each other [m]
 _NARROW: Final = 2.5  # least width of a lane to drive on, where no vehicle is known: Directive 96/53/EC is 2.55 [m]
@@ -181,14 +182,19 @@ class Way(NamedTuple):
     turn: float  # change of heading, + left [rad]
     aside: float  # where it leads to, to the left of straight on [m]
     exit: str | None  # road behind the connecting road
+    word: str  # left, right or straight, among the ways from all lanes of the road that comes in
 
 
 def ways(network: Network, leg: Leg) -> list[Way]:
     """Ways through the junction at the end of a lane; none if there is no junction."""
     link = leg.road.linked(leg.direction)
     at_end = not 0 <= leg.section + leg.direction < len(leg.road.sections)
-    is_junction = link is not None and link.is_junction and at_end
-    return [_way(network, leg, lead) for lead in _leads(network, leg)] if is_junction else []
+    if link is None or not link.is_junction or not at_end:
+        return []
+    beside = [leg._replace(lane=lane.id) for lane in leg.part.lanes.values() if lane.kind in DRIVABLE]
+    found = [_way(network, one, lead) for one in (leg, *beside) for lead in _leads(network, one)]
+    others = list({way.lead.road.id: way for way in found}.values())
+    return [way._replace(word=_word(way, others)) for way in found[: len(_leads(network, leg))]]
 
 
 def _way(network: Network, leg: Leg, lead: Leg) -> Way:
@@ -203,7 +209,20 @@ def _way(network: Network, leg: Leg, lead: Leg) -> Way:
     link = road.linked(lead.direction)
     is_road = link is not None and not link.is_junction and link.id in network.roads and not is_direct
     aside = dy * math.cos(travel) - dx * math.sin(travel)
-    return Way(lead, float(psi[-1] - psi[0]), float(aside), link.id if link and is_road else None)
+    return Way(lead, float(psi[-1] - psi[0]), float(aside), link.id if link and is_road else None, "")
+
+
+def _word(way: Way, ways_on: list[Way]) -> str:
+    """The turn of a way: by its angle; of those that hardly turn the one that turns least is straight on."""
+    ahead = [one for one in ways_on if abs(one.turn) <= _TURNING]
+    if abs(way.turn) > _TURNING:
+        return "left" if way.turn > 0.0 else "right"
+    straightest = min(ahead, key=lambda one: abs(one.turn))
+    apart = way.aside - straightest.aside
+    if abs(apart) > _APART:
+        return "left" if apart > 0.0 else "right"
+    forks = any(one.turn * way.turn < 0.0 for one in ahead)
+    return "straight" if abs(way.turn) <= _STRAIGHT or not forks else "left" if way.turn > 0.0 else "right"
 
 
 def _leads(network: Network, leg: Leg) -> list[Leg]:
@@ -289,7 +308,7 @@ def _words(network: Network, request: Request, source: str) -> list[str | Change
         elif word in TURNS or word in network.roads or word in network.broken:
             words.append(word)
         else:
-            known = nearest(word, [*network.roads, *TURNS])
+            known = nearest(word, [*(shown(name, 40) for name in network.roads), *TURNS])
             raise ValueError(
                 f"{source}: course.route = {shown(word, 40)} is not reached: the file has no such road{known}"
                 " (or lane ID, lane ID from S, lane ID from S over LENGTH)"
@@ -442,12 +461,13 @@ class Route:
         word = self._words[0] if self._words else None
         if len(leads) == 1 and word not in TURNS:
             return leads[0]  # what the word names comes later
-        found = [_way(self._network, leg, lead) for lead in leads]
+        found = ways(self._network, leg)
         named = [way for way in found if word in (way.lead.road.id, way.exit)]
         if word in TURNS:
             named = _turning(found, str(word))
         listed = ", ".join(
-            f"{way.lead.road.id} ({math.degrees(way.turn):+.0f} deg{f' to road {way.exit}' if way.exit else ''})"
+            f"{way.lead.road.id} ({way.word}, {math.degrees(way.turn):+.0f} deg"
+            f"{f' to road {way.exit}' if way.exit else ''})"
             for way in found
         )
         if named and word in TURNS:
@@ -472,33 +492,15 @@ def _linked(leg: Leg) -> int | None:
     return leg.data.successor if leg.direction > 0 else leg.data.predecessor
 
 
-def _turning(found: list[Way], word: str) -> list[Way]:
-    """Ways that are named by a turn, the sharpest first.
-
-    Where none turns by the angle of a turn, as where a motorway parts, those are left and right that end beside others.
-    """
-    fits = [way for way in found if _word(way.turn) == word]
-    straightest = min(found, key=lambda way: abs(way.turn))
-    if word == "straight":
-        return [straightest] if straightest in fits else []
-    side = 1.0 if word == "left" else -1.0
-    if not fits:
-        outermost = max(found, key=lambda way: side * way.aside)
-        apart = side * (outermost.aside - min(side * way.aside for way in found) * side)
-        away = side * (outermost.aside - straightest.aside) > _APART
-        turns = side * outermost.turn > _APART / _AHEAD and apart > _APART
-        return [outermost] if away or turns else []
-    return sorted(fits, key=lambda way: -abs(way.turn))
-
-
 def turn_word(found: list[Way], way: Way) -> str:
     """The word of a route that chooses one of the ways through a junction; the id of its road where no turn does."""
-    turns = (word for word in TURNS if (chosen := _turning(found, word)) and chosen[0] is way)
-    return next(turns, way.lead.road.id)
+    return way.word if _turning(found, way.word)[0] is way else way.lead.road.id
 
 
-def _word(turn: float) -> str:
-    return "straight" if abs(turn) <= _TURNING else "left" if turn > 0.0 else "right"
+def _turning(found: list[Way], word: str) -> list[Way]:
+    """Ways that are named by a turn, the sharpest first, the straightest of those straight on."""
+    sign = 1.0 if word == "straight" else -1.0
+    return sorted((way for way in found if way.word == word), key=lambda way: sign * abs(way.turn))
 
 
 def lanes_of(road: Road) -> str:
@@ -526,41 +528,42 @@ def starts(network: Network, request: Request, source: str) -> list[Leg]:
         ValueError: one line, if there is none.
     """
     word = request.words[0] if request.words and request.words[0] in {*network.roads, *network.broken} else None
-    name = request.road if request.road is not None else word
+    name, unread = word if request.road is None else request.road, next(iter(network.broken.values()), "")
     if name is not None and name in network.broken:
         raise ValueError(f"{source}: road {shown(name, 40)} cannot be read: {network.broken[name]}")
     if name is not None and name not in network.roads:
-        unread = f"; not read: {next(iter(network.broken.values()))}" if network.broken else ""
-        raise ValueError(f"{source}: course.road = {shown(name, 40)}{nearest(name, network.roads)}{unread}")
-    roads = [network.roads[name]] if name is not None else list(network.roads.values())
+        like = nearest(name, [shown(one, 40) for one in network.roads])
+        raise ValueError(f"{source}: course.road = {shown(name, 40)}{like}{f'; not read: {unread}' if unread else ''}")
+    roads = list(network.roads.values()) if name is None else [network.roads[name]]
     roads = [road for road in roads if road.junction is None] or roads
     if not roads:
-        raise ValueError(f"{source}: no road can be read: {next(iter(network.broken.values()))}")
+        raise ValueError(f"{source}: no road can be read: {unread}")
     begins = [leg for road in roads for leg in _begins(road, request.lane)]
-    faults = [fault.text for road in roads for fault in road.faults]
-    if not begins and faults:
-        raise ValueError(f"{source}: no lane can be driven: {faults[0]}")
-    if not begins:
-        which = lanes_of(roads[0]) if name is not None or len(roads) == 1 else "no road has such a lane"
-        wanted = (
-            "no lane of the type driving: name one in course.lane"
-            if request.lane is None
-            else f"course.lane = {request.lane}: {which}"
-        )
-        raise ValueError(f"{source}: {f'road {shown(roads[0].id, 40)} has ' if request.lane is None else ''}{wanted}")
     fitting = [leg._replace(start=s) for leg in begins if (s := _wide_from(leg, request.narrowest)) is not None]
     if not fitting:
-        leg = begins[0]
-        widest = float(leg.width(np.linspace(leg.start, leg.end, 65)).max())
-        raise ValueError(
-            f"{source}: lane {leg.lane} of road {shown(leg.road.id, 40)}: the road is {widest:.2f} m wide at most, at "
-            f"{leg.at(leg.start)}: must be at least {request.narrowest:g} m"
-        )
+        raise ValueError(f"{source}: {_no_start(roads, begins, request)}")
     if len(fitting) == 1:
         return fitting
     known: dict[tuple[str, int, int], float] = {}
     reach = {leg: round(_reach(network, leg, request.narrowest, known)) for leg in fitting}
-    return sorted(fitting, key=lambda leg: (-reach[leg], -leg.direction, -abs(leg.lane)))
+    return sorted(fitting, key=lambda leg: (-reach[leg], leg.data.kind != "driving", -leg.direction, -abs(leg.lane)))
+
+
+def _no_start(roads: Sequence[Road], begins: Sequence[Leg], request: Request) -> str:
+    """Why no drive can begin on some roads."""
+    if begins:
+        leg = begins[0]
+        widest = float(leg.width(np.linspace(leg.start, leg.end, 65)).max())
+        return (
+            f"lane {leg.lane} of road {shown(leg.road.id, 40)}: the road is {widest:.2f} m wide at most, at "
+            f"{leg.at(leg.start)}: must be at least {request.narrowest:g} m"
+        )
+    faults = [fault.text for road in roads for fault in road.faults]
+    if faults:
+        return f"no lane can be driven: {faults[0]}"
+    if request.lane is None:
+        return f"road {shown(roads[0].id, 40)} has no lane of the type driving: name one in course.lane"
+    return f"course.lane = {request.lane}: {lanes_of(roads[0]) if len(roads) == 1 else 'no road has such a lane'}"
 
 
 def _reach(network: Network, first: Leg, narrowest: float, known: dict[tuple[str, int, int], float]) -> float:

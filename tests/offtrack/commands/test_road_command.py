@@ -118,11 +118,13 @@ def test_heights_of_a_table_have_range_and_grade(tmp_path: Path) -> None:
         ("none.xodr", "<OpenDRIVE/>", "has no <road>"),
         ("none.gpx", "<gpx/>", "has 0 tracks"),
         ("map.csv", "a,b\n1,2\n", "unknown column 'a'"),
+        ("map.csv --vehicle tank", "x,y\n0,0\n50,0\n", "unknown vehicle 'tank'"),
     ],
 )
 def test_a_wrong_file_ends_in_one_line(tmp_path: Path, name: str, text: str, wanted: str) -> None:
+    name, *more = name.split()
     (tmp_path / name).write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(app, ["road", str(tmp_path / name), "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(app, ["road", str(tmp_path / name), *more, "--out", str(tmp_path / "out")])
     assert done.exit_code == 2
     assert wanted in done.stderr
     assert done.stderr.count("\n") == 1

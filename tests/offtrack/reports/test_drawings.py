@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange import drawings
-from offtrack.exchange.drawings import DrivenPath, drawing, geojson, unit_layer, write_drawing
+from offtrack.exchange.drawings import DrivenPath, drawing, geojson, unit_layers, write_drawing
 from offtrack.studies.standards.assessment import Assessment
 from offtrack.studies.standards.assessment_report import write_drawings
 from offtrack.studies.standards.proving_ground import Manoeuvre
@@ -103,7 +103,8 @@ def test_geojson_is_as_its_specification_asks() -> None:
     """RFC 7946: rings closed, outer ones counter-clockwise, holes clockwise; and it says that these are not degrees."""
     told = geojson(drawing(driven(circling())))
     assert told["type"] == "FeatureCollection"
-    assert "metres" in told["coordinate_frame"]
+    assert told["crs"]["properties"]["name"].startswith("ENGCRS[")
+    assert "Coordinates: metres; x along the first heading" in told["notes"][-1]
     for feature in told["features"]:
         if feature["geometry"]["type"] == "Polygon":
             edge, *holes = feature["geometry"]["coordinates"]
@@ -122,11 +123,20 @@ def test_dxf_opens_without_errors_in_metres_on_named_layers(tmp_path: Path) -> N
     assert document.header["$INSUNITS"] == 6
     assert document.header["$MEASUREMENT"] == 1
     assert document.header["$ACADVER"] == "AC1024"
+    low, high = np.array(document.header["$EXTMIN"])[:2], np.array(document.header["$EXTMAX"])[:2]
+    assert low[0] < -11.0 < 11.0 < high[0]  # the ring that a front corner drives
+    assert (high - low < 60.0).all()
+    scale = document.header["$PSVPSCALE"]
+    page = np.array(document.header["$PLIMMAX"])  # A3 in metres, as LibreCAD reads it: the drawing is on it
+    assert page.tolist() == [0.42, 0.297]
+    assert (scale * (high - low) < page).all()
+    np.testing.assert_allclose(np.array(document.header["$PINSBASE"])[:2] + scale * low, 0.01)
     by_layer: dict[str, list[Any]] = {}
     for entity in document.modelspace():
         by_layer.setdefault(entity.dxf.layer, []).append(entity)
-    body = unit_layer(BODY.name)
-    assert body == "VEHICLE_TRUCK_1_"
+    body = unit_layers([BODY.name])[BODY.name]
+    assert body == "VEHICLE_TRUCK_1_A"
+    assert len(set(unit_layers(["Ä", "A", "a", "挂车"]).values())) == 4
     closed = dict.fromkeys((drawings.SWEPT, body, drawings.WHEELS), True)
     closed |= dict.fromkeys((drawings.COURSE, drawings.FRONT_AXLE), False)
     for layer, is_closed in closed.items():

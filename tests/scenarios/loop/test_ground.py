@@ -256,6 +256,43 @@ def test_wheels_and_cameras_meet_the_same_hump(tmp_path: Path) -> None:
         assert z[near].max() == pytest.approx(height, abs=0.005)
 
 
+@pytest.mark.parametrize(
+    "name", ["hump.crg", "../{}/hump.crg ! there", "* a remark\n../\n{}/hump.crg", "$$ROADS/hump.crg"]
+)
+def test_a_file_may_refer_to_another_one(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Relative to its own folder, in one line or several, or through a variable of the environment."""
+    monkeypatch.setenv("ROADS", str(tmp_path))
+    own = read_crg(crg_written(tmp_path / "hump.crg"))
+    (tmp_path / "refers.crg").write_text(f"$CT\n$\n$ROAD_CRG_FILE\n{name.format(tmp_path.name)}\n$\n", encoding="utf-8")
+    assert np.array_equal(read_crg(tmp_path / "refers.crg").heights, own.heights)
+
+
+def test_a_coarse_file_is_connected_by_straight_lines(tmp_path: Path) -> None:
+    """Heights and reference line every 20 m, in steps of a metre between; the length along the line is the file's."""
+    heights = 0.1 * np.arange(12.0)[:, None] ** 2 * np.ones(len(V))
+    pyopencrg.CrgRoad(heights, u_inc=20.0, v=V, heading=np.linspace(0.0, 0.5, 11)).save(
+        tmp_path / "coarse.crg", fmt="LDFI"
+    )
+    surface = read_crg(tmp_path / "coarse.crg")
+    assert (surface.length, surface.u_step, surface.line_step) == pytest.approx((220.0, 1.0, 1.0))
+    assert surface.heights[20 * 7 + 5, 3] == pytest.approx(0.1 * (49.0 + 0.25 * 15.0))
+    assert np.hypot(*np.diff(surface.line, axis=0).T) == pytest.approx(1.0)
+
+
+def test_a_reference_line_needs_no_heights(tmp_path: Path) -> None:
+    """Two long sections without a height, every 10 m; a surface of it is refused."""
+    path = tmp_path / "line.crg"
+    road = pyopencrg.CrgRoad(np.zeros((30, 2)), u_inc=10.0, v=np.array([-1.0, 1.0]), heading=np.linspace(0.3, 0.9, 29))
+    road.z[:] = np.nan
+    road.save(path, fmt="KRBI")
+    places = read_path(path).places
+    legs = np.diff(places, axis=0)
+    assert np.hypot(*legs.T) == pytest.approx(10.0)
+    assert np.ptp(np.arctan2(legs[:, 1], legs[:, 0])) == pytest.approx(0.6, abs=1e-6)
+    with pytest.raises(ValueError, match="only NaN"):
+        read_crg(path)
+
+
 BAD: Final[dict[str, tuple[Callable[[Path], object], str]]] = {
     "empty": (lambda path: path.write_bytes(b""), "not a readable OpenCRG file"),
     "cut binary": (lambda path: _cut(path, "KRBI", -4000), "not a readable OpenCRG file"),

@@ -267,7 +267,7 @@ REFUSED: Final = {
     "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "hdg = 'nan' is not a finite number"),
     "backwards": (changed('length="30.0">', 'length="-30">'), "must be positive"),
     "a gap": (changed('x="30.0"', 'x="35"'), "a gap of 5 m in the reference line at s = 30.0 m"),
-    "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "m from the point"),
+    "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "m from "),
     "gap of s": (changed('s="30.0"', 's="40"'), "ends at s = 30.000 m, this one begins at 40.000 m"),
     "late begin": (file(road("1", (Piece(50.0),), TWO_LANES)).replace('s="0.0"', 's="7"'), "must be 0"),
     "no plan view": (ROAD.replace("planView", "plan"), "<road> has no <planView>"),

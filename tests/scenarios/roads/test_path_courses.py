@@ -114,7 +114,7 @@ def test_many_close_points_are_one_path() -> None:
 def test_the_tangent_plane_keeps_distances_of_the_ellipsoid() -> None:
     """30 m along the parallel and the meridian at 52.2 deg, by their radii of curvature."""
     longitude, latitude = on_earth(np.array([[0.0, 0.0], [30.0, 0.0], [0.0, 30.0]])).T
-    x, y = tangent_plane(latitude, longitude, np.zeros(3)).T
+    x, y = tangent_plane(latitude, longitude, np.zeros(3))[0].T
     assert (x[1] - x[0], y[2] - y[0]) == pytest.approx((30.0, 30.0), abs=1e-5)
 
 

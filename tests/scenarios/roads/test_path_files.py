@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.roads.path_file import read_path
+from scenarios.options.course import PathOptions
+from scenarios.roads.fitted_path import Fit, fitted_path
+from scenarios.roads.path_file import PathPoints, read_path
+from scenarios.roads.standstill import means, standstills
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 RADIUS = 50.0
@@ -248,3 +252,123 @@ def test_a_track_is_chosen_by_name_or_number(tmp_path: Path, name: str, text: st
     """A name goes before a number; segments with a gap of 1 km are tracks of their own."""
     (tmp_path / name).write_text(text, encoding="utf-8")
     assert len(read_path(tmp_path / name, track).places) == count
+
+
+STRAIGHT = np.stack([np.arange(0.0, 200.0, 4.0), np.zeros(50)], axis=1)
+TURN = 4.0 * np.stack([np.sin(np.arange(0.0, 3.1, 0.1)), 1.0 - np.cos(np.arange(0.0, 3.1, 0.1))], axis=1)
+LINE = geodetic(STRAIGHT, GOTHENBURG)
+BACK = np.concatenate([STRAIGHT[:40], STRAIGHT[10:39][::-1]])
+TIGHT = np.concatenate([STRAIGHT[:10], TURN + STRAIGHT[9]])
+GAP = np.concatenate([LINE[:20], LINE[20:] + np.array([0.005, 0.0])])
+CORNER = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0], [40.0, 20.0], [40.0, 40.0]])
+
+
+def climbing(height: Callable[[int], object]) -> str:
+    points = (trackpoints(LINE[k : k + 1], f"<ele>{height(k)}</ele>") for k in range(len(LINE)))
+    return gpx(trk("".join(points)))
+
+
+def as_json(places: FloatArray) -> str:
+    return json.dumps(line_string(places[:, ::-1].tolist()))
+
+
+METRES = [[565_000 + 4 * k, 6_395_000] for k in range(40)]
+REFUSED: dict[str, tuple[str, str | bytes, str]] = {  # with what the line says, in the words of the file
+    "gap": ("gpx", gpx(trk(trackpoints(GAP))), "line 21 (lat 57.7000000, lon 11.9712746) and line 22 (lat 57.705"),
+    "gap in JSON": ("geojson", as_json(GAP), "556.9 m between point 20 ([11.9712746, 57.7000000]) and point 21"),
+    "gap in a table": ("csv", table(GAP, "lat,lon", form="{:.7f}"), "between line 21 (lat 57.7000000, lon 11.9712746)"),
+    "way back": ("gpx", gpx(trk(trackpoints(geodetic(BACK, GOTHENBURG)))), "180 deg at line 41 (lat 57.7000000, lon"),
+    "way back in a table": ("csv", table(BACK + SHIFTED[0]), "180 deg at line 41 (565206.00, 6395000.00)"),
+    "corner": ("geojson", as_json(geodetic(CORNER, GOTHENBURG)), "aside between point 2 ([11.9703354, 57.7"),
+    "too tight": ("csv", table(TIGHT), "near line 41 (36.96, "),
+    "too narrow": ("csv", table(np.column_stack([STRAIGHT, 0 * STRAIGHT + 1.0]), "x,y,left_width,right_width"),
+                   "too narrow from 0.0 m on, near line 2 (0.00, 0.00)"),
+    "wall": ("gpx", climbing(lambda k: 20 * (k > 25)), "near line 27 (lat 57.7000000, lon 11.9716771)"),
+    "height of a text": ("gpx", climbing(lambda k: "NaN" if k == 7 else 2), "line 9 (lat 57.7000000, lon 11.9704696)"),
+    "height of an aircraft": ("gpx", climbing(lambda k: 123456), "elevation = 123456 must be within -10000 to 10000 m"),
+    "some heights": ("gpx", climbing(lambda k: "" if k == 3 else 2), "line 5 (lat 57.7000000, lon 11.9702013) has"),
+    "null height": ("geojson", as_json(np.insert(LINE, 0, 2.0, axis=1)).replace("2.0]", "null]", 1),
+                    "49 of 50 points have a height, point 1 ([11.9700000, 57.7000000]) has none"),
+    "blank height": ("csv", "x,y,z\n0,0,1\n20,0,\n40,0,2\n", "line 3: z = '' is not a finite number; course.h"),
+    "several tracks": ("gpx", KNOWN, "choose one by course.track: 1 (2 m), 2 '7' (4 m), 3 'Gate & yard' (6 m)"),
+    "several lines": ("geojson", LINES, "has 3 tracks, lines or segments far apart"),
+    "segments far apart": ("gpx", gpx(trk(f"{trackpoints(LINE)}</trkseg><trkseg>{trackpoints(LINE + 1)}")), "1 (195"),
+    "waypoints": ("gpx", gpx(trackpoints(LINE, tag="wpt")), "0 tracks, 0 routes and 50 waypoints"),
+    "one point": ("gpx", gpx(trk(trackpoints(LINE[:1]))), "has no track or line of two points or more"),
+    "latitude of 157": ("gpx", gpx(trk(trackpoints(LINE + 100.0))), "line 2: latitude = 157.7"),
+    "Web Mercator": ("geojson", collection(feature(line_string(METRES)), crs=crs("urn:ogc:def:crs:EPSG::3857")),
+                     "EPSG:3857 (Web Mercator): must be in degrees (EPSG:4326) or UTM"),
+    "British grid": ("geojson", collection(feature(line_string(METRES)), crs=crs("EPSG:27700")), "British National"),
+    "unknown system": ("geojson", collection(feature(line_string(METRES)), crs=crs("local")), "system is 'local'"),
+    "linked system": ("geojson", collection(feature(line_string()), crs={"properties": {"href": "x"}}), "'href'"),
+    "metres without a system": ("geojson", json.dumps(line_string(METRES)), "point 1: longitude = 565000 must be"),
+    "polygon": ("geojson", json.dumps({"type": "Polygon", "coordinates": [LON_LAT]}), "it has 1 Polygon"),
+    "other JSON": ("json", "[1, 2]", "it has no geometry"),
+    "kilometres": ("csv", table(STRAIGHT, "x [km],y [km]"), "column 'x [km]' is in km: must be in m"),
+    "degrees as x, y": ("csv", table(LINE, ""), "columns lat and lon"),
+    "commas twice": ("csv", german(table(STRAIGHT, "x;y", ";")).replace(";", ","), "separate the columns by semi"),
+    "two decimal signs": ("csv", "x;y\n0,5;0\n100;0.25\n", "line 2 has '0,5' and line 3 '0.25': write all"),
+    "inconsistent groups": ("csv", "x;y\n1.234,5;0\n1.23;0\n", "line 3: '1.23' is no number: ',' is the decimal sign"),
+    "index without a name": ("csv", table(NUMBERED, ""), "its first column counts the lines"),
+    "four columns": ("csv", table(np.column_stack([STRAIGHT, STRAIGHT]), ""), "names no columns and it has 4"),
+    "degrees and minutes": ("csv", "lat,lon\n57°42'00N,11°58'12E\n", "'57°42'00N' is not a finite number (decimal"),
+    "x twice": ("csv", table(np.column_stack([STRAIGHT, STRAIGHT]), "x,y,X,Y"), "the columns 'x' and 'X' are both x"),
+    "two pairs": ("csv", table(np.column_stack([STRAIGHT, LINE]), "x,y,lat,lon"), "and of lat or lon: keep one pair"),
+    "latitude alone": ("csv", table(LINE, "lat,name"), "column 'lon' is missing"),
+    "cut row": ("csv", "x,y\n0,0\n10\n", "line 3 has 1 values for 2 columns"),
+    "null bytes": ("csv", b"x,y\n\x00\x01", "not a text in UTF-8"),
+    "unknown track": ("gpx", KNOWN, "course.track = 9 is none of its 3 tracks"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_refusal_names_the_place_in_the_file(tmp_path: Path, case: str) -> None:
+    """One line, with the line or number of the point and its coordinates as they are written there."""
+    suffix, content, wanted = REFUSED[case]
+    path = tmp_path / f"path.{suffix}"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    track = "9" if case == "unknown track" else None
+    options = PathOptions(kind="path", file=str(path), track=track)
+    with pytest.raises(ValueError, match=r"^[^\n]{1,500}$") as refusal:
+        options.course(load_vehicle("uk_longer_semitrailer").units[0], 4.0)
+    assert path.name in str(refusal.value)
+    assert wanted in str(refusal.value)
+
+
+@pytest.mark.parametrize("case", ["wall", "height of a text", "height of an aircraft", "some heights", "null height"])
+def test_heights_that_are_not_wanted_are_not_read(tmp_path: Path, case: str) -> None:
+    suffix, content, _ = REFUSED[case]
+    path = tmp_path / f"path.{suffix}"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    course = PathOptions(kind="path", file=str(path), heights=False).course(
+        load_vehicle("uk_longer_semitrailer").units[0], 4.0
+    )
+    assert course.relief is None
+    assert course.length == pytest.approx(196.0, abs=0.01)
+
+
+@pytest.mark.parametrize("where", [0, 30, 60])
+@pytest.mark.parametrize(("jitter", "count"), [(0.0, 5), (0.05, 300), (0.4, 40), (0.4, 300), (1.0, 6)])
+@pytest.mark.parametrize("spacing", [1.0, 3.0])
+def test_a_standstill_is_one_point(where: int, jitter: float, count: int, spacing: float) -> None:
+    """At the begin, on the way and at the end of a bend of 25 m: the path is as long as without, and keeps to it."""
+    angles = np.arange(0.0, 61.0) * spacing / 40.0
+    driven = 40.0 * np.stack([np.sin(angles), 1.0 - np.cos(angles)], axis=1)
+    stood = driven[where] + jitter * np.random.default_rng(count).normal(size=(count, 2))
+    points = np.concatenate([driven[:where], stood, driven[where:]])
+    groups = standstills(points, 4.0)
+    places = means(groups, points)
+    fit = Fit(source="points", smoothing=8.0, tolerance=max(0.1, jitter), shortest=10.0)
+    smooth, _ = fitted_path(PathPoints(places=places), fit)
+    assert smooth.path.length == pytest.approx(60.0 * spacing, abs=max(0.1, 2.0 * jitter))
+    assert np.ptp(groups) < 62
+
+
+def test_what_is_driven_is_no_standstill() -> None:
+    """Circles, reversals of more than some metres, and dense points with noise: no point is lost, or few."""
+    assert len(np.unique(standstills(CIRCLE, 4.0))) == len(CIRCLE)
+    assert len(np.unique(standstills(4.0 * CIRCLE / RADIUS, 4.0))) == len(CIRCLE)
+    back = means(standstills(BACK, 4.0), BACK)
+    assert np.abs(back[:, 0]).max() > 150.0  # the tip at 156 m stays within two spacings
+    with pytest.raises(ValueError, match="turns back"):
+        fitted_path(PathPoints(places=back), Fit(source="points", smoothing=8.0, tolerance=0.1, shortest=10.0))
