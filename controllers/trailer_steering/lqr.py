@@ -244,6 +244,8 @@ class Lqr(SteeringLaw[LqrMemory]):
     ) -> None:
         check_steered("lqr", trailer)
         check_towed("lqr", combination)
+        if _steered_beside(combination):
+            self.outside = "one steered trailer: with several, each knows nothing of the others, and they swing further"
         given = parameters or self.Parameters()
         self._trailer, self._combination = trailer, combination
         self._band = KMH * given.from_speed_kmh, KMH * given.full_speed_kmh
@@ -314,9 +316,10 @@ class AllSpeedsMemory(NamedTuple):
 
 
 class AllSpeeds(SteeringLaw[AllSpeedsMemory]):
-    """A law that is for low speed, and another above its range: the LQR, or straight axles where nothing is towed.
+    """A law that is for low speed, and another above its range.
 
-    Over the range the command changes from one to the other.
+    The other is the LQR; axles are straight where nothing is towed or several trailers are steered. Over the range the
+    command changes from one to the other.
     """
 
     def __init__(
@@ -339,10 +342,8 @@ class AllSpeeds(SteeringLaw[AllSpeedsMemory]):
     def _other(self) -> TrailerSteering[Any]:
         """The law above; designed at the first use, which takes a second."""
         if self._above is None:
-            try:
-                self._above = Lqr(self._trailer, combination=self._combination)
-            except ValueError:  # nothing is towed
-                self._above = Unsteered(self._trailer)
+            alone = self._combination.unit > 0 and not _steered_beside(self._combination)
+            self._above = Lqr(self._trailer, combination=self._combination) if alone else Unsteered(self._trailer)
         other: TrailerSteering[Any] = self._above
         return other
 
@@ -397,6 +398,21 @@ class AllSpeeds(SteeringLaw[AllSpeedsMemory]):
     def close(self) -> None:
         """Close the law for low speed."""
         close_part(self.law)
+
+
+def law_warnings(law: object, fastest: float) -> list[str]:
+    """Lines on a drive with this largest speed [m/s]: where its law gave way to another, or is for other vehicles."""
+    if isinstance(law, AllSpeeds):
+        return law.gave_way(fastest)
+    if isinstance(law, Lqr) and law.outside is not None and law.authority(fastest) > 0.0:
+        return [f"lqr is for {law.outside}"]
+    return []
+
+
+def _steered_beside(combination: Combination) -> bool:
+    """True if other trailers of the combination are steered as well."""
+    towed = enumerate(combination.vehicle.units[1:], start=1)
+    return any(unit.steered_axles for k, unit in towed if k != combination.unit)
 
 
 def _words(law: object) -> str:

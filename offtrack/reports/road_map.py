@@ -149,7 +149,8 @@ def _track_row(one: dict[str, Any]) -> tuple[str, ...]:
 def _remark(one: dict[str, Any], drive: Drive, chosen: int) -> str:
     """Where a track begins, and whether it can be driven."""
     needs = [setting for setting in drive.settings[chosen + 2 :] if not setting.startswith("course.track=")]
-    can = f"can be driven{' with ' * bool(needs)}{', '.join(needs)}" if drive.reason is None else f"no: {drive.reason}"
+    can = f"can be driven{' with ' * bool(needs)}{', '.join(needs)}"
+    can = can if drive.reason is None else f"cannot be driven: {drive.reason}"
     place = f"begins at {one['begin']}, largest jump after {one['largest_jump_after']}"
     return f"track {one['track']} {place}; {can}"
 
@@ -212,9 +213,8 @@ def _draw_tracks(ax: Axes, lines: Sequence[FloatArray], can: Sequence[bool]) -> 
 
 
 def _label(ax: Axes, place: FloatArray, text: str, colour: str) -> None:
-    ax.annotate(
-        text, (place[0], place[1]), (4, 4), textcoords="offset points", color=colour, fontsize=8.0, annotation_clip=True
-    )
+    place_of_text: Any = {"xytext": (4, 4), "textcoords": "offset points"}
+    ax.annotate(text, (place[0], place[1]), color=colour, fontsize=8.0, bbox=_PAPER, **place_of_text)
 
 
 # OpenDRIVE
@@ -344,7 +344,7 @@ def _middle(road: Road, lane: int, begin: float, end: float) -> FloatArray:
 
 
 def _draw_roads(ax: Axes, network: Network, lanes: Sequence[Stretch], driven: FloatArray | None) -> None:
-    """Reference lines in grey, lanes in blue, red where they cannot be driven, the longest drive in orange."""
+    """Reference lines in grey, lanes in blue, red where they cannot be driven, the longest drive in orange; things."""
     roads = list(network.roads.values())
     places = [road.reference.poses(np.linspace(0.0, road.reference.length, 65))[:, :2] for road in roads]
     ax.add_collection(LineCollection(places, colors=GREY, linewidths=0.6, label="reference line"))
@@ -356,6 +356,15 @@ def _draw_roads(ax: Axes, network: Network, lanes: Sequence[Stretch], driven: Fl
             ax.add_collection(LineCollection([line for _, line in drawn], colors=colour, linewidths=1.2, label=name))
         for lane, line in drawn if len(lanes) <= _MOST_LABELS else ():
             _label(ax, line[len(line) * (abs(lane.lane) % 5 + 3 * (lane.lane > 0) + 1) // 10], str(lane.lane), colour)
+    things = [thing for road in roads for thing in road.things()]
+    outlines = [one.outline for one in things if len(one.outline) > 1]
+    points = np.array([one.outline[0] for one in things if len(one.outline) == 1]).reshape(-1, 2)
+    if outlines:
+        ax.add_collection(LineCollection(outlines, colors=INK, linewidths=0.8, label="object: kerb, island, building"))
+    if len(points):
+        ax.plot(
+            *points.T, color=INK, marker="^", markersize=3.0, linestyle="none", label="signal, or object of no size"
+        )
     if driven is not None:
         ax.plot(*driven.T, color=ESTIMATED, linewidth=3.0, alpha=0.5, label="longest drive that needs no choice")
         ax.plot(*driven[0], color=ESTIMATED, marker="o")

@@ -11,7 +11,7 @@ import numpy as np
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from controllers.trailer_steering.actuators import ActuatorFinding
-from controllers.trailer_steering.lqr import AllSpeeds
+from controllers.trailer_steering.lqr import law_warnings
 from controllers.trailer_steering.safeguarded import SafeguardedCommand
 from estimators.estimates import CameraOffTracking, OffTracking, lost_motion
 from estimators.off_tracking.signal_monitor import Finding
@@ -468,13 +468,10 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
 
 
 def _speed_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:
-    """A line for every trailer whose law gave way above the speeds that it is for."""
+    """Lines on laws outside of what they are for."""
     fastest = float(np.nanmax(log[f"v_x_{parts.vehicle.units[0].name}"], initial=0.0))
     return tuple(
-        f"{trailer.name}: {line}"
-        for trailer in parts.trailers
-        if isinstance(trailer.law.law, AllSpeeds)
-        for line in trailer.law.law.gave_way(fastest)
+        f"{trailer.name}: {line}" for trailer in parts.trailers for line in law_warnings(trailer.law.law, fastest)
     )
 
 

@@ -15,6 +15,7 @@ from controllers.trailer_steering.lqr import (
     Lqr,
     Weights,
     at_speed,
+    law_warnings,
     path_nodes,
     plant,
     schedule,
@@ -232,6 +233,18 @@ def test_a_law_for_low_speed_is_itself_below_its_range_and_the_lqr_above(low_spe
         f"{low_speed} is for up to {3.6 * low:.0f} km/h and fades out up to {3.6 * high:.0f} km/h, the drive reached "
         "86 km/h: lqr steered there"
     ]
+
+
+def test_axles_are_straight_at_speed_where_several_trailers_are_steered() -> None:
+    """Each LQR knows nothing of the others: they swing further than unsteered; who chooses it is told."""
+    vehicle = load_vehicle("b_double_steered")
+    geometry, combination = trailer_geometry(vehicle, 2), Combination(vehicle, 2)
+    law = AllSpeeds(VirtualDriver(geometry), VirtualDriver.Parameters().speeds, geometry, combination)
+    assert "no law steered there" in law_warnings(law, 24.0)[0]
+    lqr = Lqr(geometry, combination=combination)
+    assert law_warnings(lqr, 10.0) == []
+    assert "lqr is for one steered trailer" in law_warnings(lqr, 24.0)[0]
+    assert law_warnings(Lqr(TRAILER, combination=COMBINATION), 24.0) == []
 
 
 def test_speeding_up_and_slowing_down_is_seamless() -> None:

@@ -39,7 +39,6 @@ _FILES: Final = ("calib.txt", "rig.toml", "poses.txt", "readings.csv", "slip.csv
 class MovingBody(NamedTuple):
     """A unit or a rover over time."""
 
-    name: str
     frame: str  # its name in letters that every format takes
     ending: str  # of its signals
     positions: FloatArray  # (n, 3) in W [m]
@@ -54,25 +53,20 @@ def moving_bodies(log: Log, scenario_file: Path) -> list[MovingBody]:
     """
     scenario = load_any_scenario(str(scenario_file))
     endings = [name.removeprefix("psi") for name in log.names if name == "psi" or name.startswith("psi_")]
-    names = [ending.removeprefix("_") or "rover" for ending in endings]
-    frames = plain_names(names)
+    frames = plain_names(ending.removeprefix("_") or "rover" for ending in endings).values()
+    if isinstance(scenario, Scenario):  # no seed changes the smooth ground
+        ground, _ = opened_ground(scenario, course_of(scenario, vehicle_of(scenario)), 0)
     bodies = []
-    for name, ending in zip(names, endings, strict=True):
+    for frame, ending in zip(frames, endings, strict=True):
         x, y, psi = (log[f"{quantity}{ending}"] for quantity in ("x", "y", "psi"))
-        if isinstance(scenario, RoverScenario):
-            z, pitch, roll = _rover_attitude(scenario, log)
-        else:
-            z = _height(scenario, x, y)
+        if isinstance(scenario, Scenario):
             tilt = (f"{angle}{ending}" for angle in ("pitch", "roll"))
-            pitch, roll = (log[signal] if signal in log else np.zeros(len(log)) for signal in tilt)
+            z, pitch, roll = ground.height(x, y), *(log[one] if one in log else np.zeros(len(log)) for one in tilt)
+        else:
+            z, pitch, roll = _rover_attitude(scenario, log)
         turns = Rotation.from_euler("ZYX", np.column_stack([psi, pitch, roll])).as_quat()
-        bodies.append(MovingBody(name, frames[name], ending, np.column_stack([x, y, z]), turns))
+        bodies.append(MovingBody(frame, ending, np.column_stack([x, y, z]), turns))
     return bodies
-
-
-def _height(scenario: Scenario, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Height of the smooth ground at places (n,) [m]; no seed changes it."""
-    return opened_ground(scenario, course_of(scenario, vehicle_of(scenario)), 0)[0].height(x, y)
 
 
 def _rover_attitude(scenario: RoverScenario, log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -177,18 +177,9 @@ def _handling_rows(handling: Handling | None) -> Rows:
         (f"understeer gradient {at}", f"{gradient:+.2f} °/g"),
         ("characteristic speed", _speed(handling.characteristic_speed, "none, it oversteers")),
         ("critical speed", _speed(handling.critical_speed, "none up to 250 km/h")),
-        (f"yaw damping ratio {at}, least damped mode, no lags", f"{handling.yaw_damping:.2f}"),
-        *(
-            []
-            if amplification is None
-            else [
-                (
-                    f"rearward amplification {at}, peak over frequency, last over first body, no lags",
-                    f"{amplification:.2f}",
-                )
-            ]
-        ),
-        ("static rollover threshold, steady turn on the level", f"{handling.rollover_threshold / GRAVITY:.2f} g"),
+        (f"yaw damping ratio {at}, no lags", f"{handling.yaw_damping:.2f}"),
+        *([] if amplification is None else [(f"rearward amplification {at}, no lags", f"{amplification:.2f}")]),
+        ("static rollover threshold, level turn", f"{handling.rollover_threshold / GRAVITY:.2f} g"),
     ]
 
 

@@ -1,7 +1,8 @@
 """Read the roads of an OpenDRIVE file."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -24,6 +25,7 @@ from scenarios.roads.opendrive.network import (
     RoadMarks,
     Section,
     Span,
+    Thing,
     clothoid,
     parametric,
     polynomial,
@@ -32,7 +34,7 @@ from scenarios.roads.path_file import Element, read_xml
 from scenarios.roads.placement import UNPLACED, Placement
 from vehicle.foundation.data_file import Column
 from vehicle.foundation.user_file import shown
-from vehicle.frames import Pose2
+from vehicle.frames import FloatArray, Pose2
 
 _GAP: Final = 0.1  # largest distance between two pieces of a reference line [m]: files are rounded to millimetres
 _LARGEST: Final = 1e8  # number of any kind: projected coordinates of the earth [m]
@@ -114,6 +116,7 @@ class _Reader:
             predecessor=self._link(link, "predecessor"),
             successor=self._link(link, "successor"),
             faults=tuple(self._faults),
+            things=partial(self._things, element, reference),
         )
 
     def connections(self, element: Element) -> tuple[Connection, ...]:
@@ -305,6 +308,46 @@ class _Reader:
     def _contact(self, element: Element) -> Contact | None:
         contact = element.attributes.get("contactPoint")
         return "start" if contact == "start" else "end" if contact == "end" else None
+
+    def _things(self, road: Element, line: ReferenceLine) -> Iterator[Thing]:
+        """Signals and objects; those that are wrong are left out, since nothing drives on them."""
+        groups = [group for name in ("signals", "objects") for group in road.all(name)]
+        for one in (one for group in groups for one in group.children if one.name in ("signal", "object")):
+            try:
+                yield Thing(
+                    "signal" if one.name == "signal" else one.attributes.get("type", ""), self._outline(one, line)
+                )
+            except ValueError:
+                continue
+
+    def _outline(self, thing: Element, line: ReferenceLine) -> FloatArray:
+        """Outline of a thing from above, see ``Thing``."""
+
+        def at(s: FloatArray, t: FloatArray) -> FloatArray:
+            x, y, psi = line.poses(s).T
+            return np.column_stack([x - t * np.sin(psi), y + t * np.cos(psi)])
+
+        repeat, outlines = thing.first("repeat"), [*thing.all("outline")]
+        outlines += [outline for group in thing.all("outlines") for outline in group.all("outline")]
+        if repeat is not None:
+            begin, length, first, last = (self._number(repeat, name) for name in ("s", "length", "tStart", "tEnd"))
+            share = np.linspace(0.0, 1.0, int(np.clip(length, 2.0, 1000.0)))
+            return at(begin + share * length, first + share * (last - first))
+        corners = outlines[0].children if outlines else []
+        if corners and corners[0].name == "cornerRoad":
+            return at(*np.array([[self._number(corner, name) for corner in [*corners, corners[0]]] for name in "st"]))
+        s, t = (np.array([self._number(thing, name)]) for name in "st")
+        if corners:
+            local = np.array([[self._number(corner, name) for corner in [*corners, corners[0]]] for name in "uv"])
+        else:
+            radius = self.number_or(thing, "radius", 0.0)
+            length, width = (self.number_or(thing, name, 2.0 * radius) for name in ("length", "width"))
+            square = np.array([[0.5, 0.5, -0.5, -0.5, 0.5], [0.5, -0.5, -0.5, 0.5, 0.5]])
+            local = square * [[length], [width]] if length and width and thing.name == "object" else np.zeros((2, 1))
+        heading = line.poses(s)[0, 2] + self.number_or(thing, "hdg", 0.0)
+        c, sine = math.cos(heading), math.sin(heading)
+        outline: FloatArray = at(s, t) + local.T @ np.array([[c, sine], [-sine, c]])
+        return outline
 
     def _cross_sections(self, profile: Element | None, scope: Fault) -> CrossSections:
         """Shapes, and the crossfall of files before OpenDRIVE 1.6."""

@@ -1,7 +1,7 @@
 """Roads as data: reference lines, cross sections, lanes and links, and where a lane lies."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Literal, NamedTuple
@@ -258,6 +258,13 @@ class Fault(NamedTuple):
     of_heights: bool = False  # matters where heights are driven
 
 
+class Thing(NamedTuple):
+    """A signal or an object of a road, such as an island or a kerb, for plans."""
+
+    kind: str  # signal, or the object's type
+    outline: FloatArray  # (n, 2) [m], closed; a row of objects is an open line, one without a size a point
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Road:
     """A road."""
@@ -273,6 +280,7 @@ class Road:
     predecessor: Link | None
     successor: Link | None
     faults: tuple[Fault, ...] = ()
+    things: Callable[[], Iterable[Thing]] = tuple  # read on demand
 
     def places(self, s: FloatArray, t: FloatArray, section: Section) -> FloatArray:
         """Positions and the reference line's heading (n, 4) [m, rad] at s in a section, t to the left of that line."""

@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import importlib
 import json
 import re
 import subprocess
@@ -21,10 +22,12 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange.exports.catalogue import EXPORT, plain_names
+from offtrack.exchange.exports.scene import moving_bodies
 from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.assembly.trailer_run import opened_ground
-from scenarios.options.scenario import load_scenario
-from scenarios.results.log import Log, Signal, write_log
+from scenarios.loop.runner import run as run_scenario
+from scenarios.options.scenario import load_any_scenario, load_scenario
+from scenarios.results.log import Log, Signal, read_log, write_log
 from vehicle.frames import FloatArray
 
 HOSTILE = (  # pairs of unit names; the first ones of some pairs would be the second ones in plain letters
@@ -64,8 +67,6 @@ def finished_run(folder: Path, names: tuple[str, str] = ("tractor", "semitrailer
 
 
 def log_of(run: Path) -> Log:
-    from scenarios.results.log import read_log
-
     return read_log(run / "signals.parquet")
 
 
@@ -245,6 +246,12 @@ def test_a_decimal_comma_makes_cells_of_numbers(tmp_path: Path) -> None:
     assert_the_same(by_pandas(path, log_of(run), sep=";", decimal=","), log_of(run))
     with path.open(encoding="utf-8-sig", newline="") as file:
         assert len(next(csv.reader(file, delimiter=";"))) == len(log_of(run).names)
+
+
+@pytest.mark.parametrize("kind", EXPORT)
+def test_a_writer_is_one_short_file(kind: str) -> None:
+    module = importlib.import_module(EXPORT[kind].partition(":")[0])
+    assert Path(str(module.__file__)).read_text(encoding="utf-8").count("\n") <= 200
 
 
 @pytest.mark.slow
@@ -479,3 +486,88 @@ def test_nothing_is_said_where_no_home_can_be_written(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "offtrack", "export", str(run), "--quiet"]
     done = subprocess.run(command, env={"PATH": "", "PYTHONPATH": ":".join(sys.path), **homeless}, capture_output=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+class Seen:
+    """Recorder of the true poses of the body that carries the camera, and of the images that a run sees."""
+
+    def __init__(self) -> None:
+        self.poses: list[FloatArray] = []
+        self.ticks: list[int] = []
+
+    def __enter__(self) -> "Seen":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def add(self, message: Any, capture: Any) -> None:
+        self.poses.append(getattr(capture, "X_WB", capture))
+        self.ticks.append(message.tick)
+
+    def end(self) -> None:
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        (
+            "roundabout",
+            [*SLOPE, "course.turn_deg=30", "course.entry=20", "course.exit=5", "rig.width=160", "rig.height=120"],
+        ),
+        ("rover-craters", ["course.length=1.5"]),
+    ],
+)
+def test_bodies_are_where_they_were(tmp_path: Path, name: str, keys: list[str]) -> None:
+    """The true poses of the body under the camera: within the heave of its springs, and 0.05 deg."""
+    seen, scenario = Seen(), load_any_scenario(name, keys)
+    log = run_scenario(scenario, 1, record=lambda _: seen).log
+    (tmp_path / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
+    body = moving_bodies(log, tmp_path / "scenario.toml")[-1]
+    rows = np.searchsorted(log["tick"], seen.ticks)
+    assert len(rows) > 10
+    places, turns = body.positions[rows], Rotation.from_quat(body.turns[rows]).as_matrix()
+    true = np.array(seen.poses)
+    assert np.ptp(true[:, 2, 3]) > 0.01
+    np.testing.assert_allclose(places, true[:, :3, 3], atol=0.012)
+    angles = Rotation.from_matrix(np.swapaxes(turns, 1, 2) @ true[:, :3, :3]).magnitude()
+    assert np.degrees(angles).max() < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["mcap", "rosbag2"])
+def test_a_rover_s_camera_is_exported(tmp_path: Path, kind: str) -> None:
+    """With its images, its lens and its place on the body; a stereo recording is not taken for it."""
+    highlevel = pytest.importorskip("rosbags.highlevel", reason="bags need the extra 'export'")
+    foxglove = pytest.importorskip("mcap_protobuf.decoder", reason="not installed: pip install mcap-protobuf-support")
+    from mcap.reader import make_reader
+
+    folder, images = tmp_path / "run", tmp_path / "images"
+    options = ["--set", "course.length=0.5", "--record", str(images), "--no-video", "--quiet", "--out", str(folder)]
+    answer = CliRunner().invoke(app, ["run", "rover-slope", *options])
+    assert answer.exit_code == 0, answer.output
+    path, found = exported(folder, kind, "--images", str(images)), dict[str, list[Any]]()
+    if kind == "mcap":
+        with path.open("rb") as file:
+            reader = make_reader(file, decoder_factories=[foxglove.DecoderFactory()])
+            for _, channel, _, told in reader.iter_decoded_messages(topics=["/camera", "/camera/calibration", "/tf"]):
+                found.setdefault(channel.topic, []).append(told)
+        frames, calibration = found["/camera"], found["/camera/calibration"][0]
+        told = [cv2.imdecode(np.frombuffer(one.data, np.uint8), cv2.IMREAD_UNCHANGED) for one in frames]
+        focal, lens = calibration.K[0], calibration.D[0]
+        fixed = next(one for one in found["/tf"][0].transforms if one.child_frame_id == "camera").translation
+    else:
+        with highlevel.AnyReader([path]) as reader:
+            for connection, _, data in reader.messages():
+                if connection.topic.startswith(("/camera", "/tf_static")):
+                    found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+        told = [one.data.reshape(one.height, one.width) for one in found["/camera/image_raw"]]
+        focal, lens = found["/camera/camera_info"][0].k[0], found["/camera/camera_info"][0].d[0]
+        fixed = found["/tf_static"][0].transforms[0].transform.translation
+    files = sorted((images / "images").iterdir())
+    for image, recorded_file in zip(told, files, strict=True):
+        np.testing.assert_array_equal(image, cv2.imread(str(recorded_file), cv2.IMREAD_UNCHANGED))
+    assert (focal, lens) == (620.0, -0.09)
+    assert (fixed.x, fixed.y, fixed.z) == (-0.4, 0.275, 0.75)

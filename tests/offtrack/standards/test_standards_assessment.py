@@ -109,10 +109,10 @@ def test_a_steered_trailer_needs_less_room() -> None:
 def test_a_law_is_assessed_with_its_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without gain the tail swings out at the exit; the page says what the law had."""
     monkeypatch.chdir(tmp_path)
-    law = "--trailer-steering path_preview --set steering.gain=0 --set steering.integral=0"
+    law = "--trailer-steering path_preview --set steering.gain=0 --set steering.slip_distance=4"
     answer = CliRunner().invoke(APP, f"uk_longer_semitrailer {law} --manoeuvres turn --out out --json".split())
     assert answer.exit_code == 0, answer.output
-    assert "path_preview gain=0 integral=0" in (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "path_preview gain=0 slip_distance=4" in (tmp_path / "out" / "report.html").read_text("utf-8")
     usual = turn(load_vehicle("uk_longer_semitrailer"), "path_preview").figures["tail_swing_exit_m"]
     assert json.loads(answer.output)["manoeuvres"]["turn"]["tail_swing_exit_m"] > usual + 0.05
     chosen = pickle.loads(pickle.dumps(ChosenLaw("path_preview", {"gain": 0.1})))

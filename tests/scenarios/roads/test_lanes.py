@@ -314,12 +314,17 @@ def test_a_lane_that_splits_in_two_or_two_that_merge_are_driven(tmp_path: Path, 
 
 
 def test_the_longest_drive_is_the_default(tmp_path: Path) -> None:
-    """Not the first road, not a lane of no width, not a road that is refused; of two as long the outermost lane."""
+    """Not the first road, no lane of no width, no road that is refused; of lanes as long the outermost for all."""
     link = NEXT.format("road", "9")
     text = file(
         road("1", (Piece(20.0),), TWO_LANES),
         road("2", (Piece(300.0),), lanes([], [lane(-1, width=0.0)]), start=Start(0.0, 50.0)),
-        road("3", (Piece(100.0),), lanes([], [lane(-1), lane(-2), lane(-3, kind="sidewalk")]), start=Start(0.0, 90.0)),
+        road(
+            "3",
+            (Piece(100.0),),
+            lanes([], [lane(-1), lane(-2), lane(-3, kind="bus"), lane(-4, kind="sidewalk")]),
+            start=Start(0.0, 90.0),
+        ),
         road("4", (Piece(100.0),), ONE, start=Start(0.0, 130.0), link=link),
         road("9", (Piece(100.0),), ONE, start=Start(110.0, 130.0)),
     )
@@ -431,3 +436,38 @@ def test_features_of_other_files_are_driven(
         "<header", "<header><geoReference><![CDATA[+proj=utm <>]]></geoReference></header><old"
     )
     assert driven(tmp_path, text, **request_).places[-1] == pytest.approx(end)
+
+
+CORNERS: Final = "".join(f'<cornerRoad s="{s}" t="{t}"/>' for s, t in ((50, 0), (54, 0), (54, 1), (50, 1)))
+LOCAL: Final = "".join(f'<cornerLocal u="{u}" v="{v}"/>' for u, v in ((0, 0), (2, 0), (2, 1)))
+THINGS: Final = {
+    '<signals><signal id="1" s="10" t="-3"/></signals>': ("signal", [(10.0, -3.0)]),
+    f'<objects><object type="trafficIsland" s="50" t="0"><outline>{CORNERS}</outline></object></objects>': (
+        "trafficIsland",
+        [(50.0, 0.0), (54.0, 0.0), (54.0, 1.0), (50.0, 1.0)],
+    ),
+    f'<objects><object type="a" s="50" t="2" hdg="{math.pi / 2}"><outlines><outline>{LOCAL}</outline></outlines>'
+    "</object></objects>": ("a", [(50.0, 2.0), (50.0, 4.0), (49.0, 4.0)]),
+    '<objects><object type="curb" s="0" t="4"><repeat s="10" length="2" tStart="4" tEnd="5"/></object></objects>': (
+        "curb",
+        [(10.0, 4.0), (12.0, 5.0)],
+    ),
+    '<objects><object type="building" s="20" t="9" length="4" width="2"/></objects>': (
+        "building",
+        [(22.0, 10.0), (22.0, 8.0), (18.0, 8.0), (18.0, 10.0)],
+    ),
+    '<objects><object type="tree" s="20" t="x"/></objects>': None,
+}
+
+
+@pytest.mark.parametrize("inside", THINGS)
+def test_things_beside_the_road_are_known_for_plans(tmp_path: Path, inside: str) -> None:
+    """Signals, and objects by their corners along the road or their own axes, their size, or as a row."""
+    (tmp_path / "road.xodr").write_text(straight(ONE + inside), encoding="utf-8")
+    things = list(read_opendrive(tmp_path / "road.xodr").roads["1"].things())
+    wanted = THINGS[inside]
+    assert [thing.kind for thing in things] == ([wanted[0]] if wanted else [])
+    for thing in things:
+        assert wanted is not None
+        closed = [*wanted[1], wanted[1][0]] if len(wanted[1]) > 2 else wanted[1]
+        assert thing.outline == pytest.approx(np.array(closed))
