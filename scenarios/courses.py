@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal, NamedTuple, Protocol
+from typing import Final, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -37,6 +37,7 @@ _WAVE_PIECES = 32  # linear pieces of a sine of curvature; their error is 0.5 % 
 _GENTLE = 0.2  # largest offset over length of a lane change: heading up to 0.4 rad, path 3 % longer
 
 
+@runtime_checkable  # a course stands in options of environments, which pydantic checks
 class Placed(Protocol):
     """Place of the world in the coordinates of a course's file."""
 

@@ -6,6 +6,7 @@ They are never forked: a child of a process with an OpenGL context hangs.
 import atexit
 import ctypes
 import gc
+import logging
 import os
 import re
 import resource
@@ -17,9 +18,6 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, wait
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Final, TypeVar
-
-from vehicle.engine.compiler import warn_if_interpreted
-from vehicle.foundation.user_cache import silence
 
 if TYPE_CHECKING:
     from loky import ProcessPoolExecutor
@@ -169,6 +167,8 @@ def _pool(together: int) -> "ProcessPoolExecutor":
     """A pool of one process, which ends after some time without a task; ``together`` pools work at the same time."""
     from loky import ProcessPoolExecutor
 
+    from vehicle.engine.compiler import warn_if_interpreted
+
     warn_if_interpreted()
     # Several processes use the cores better than the threads of the renderer in each of them.
     environment = {"LP_NUM_THREADS": os.environ.get("LP_NUM_THREADS", "1")} if together > 1 else {}
@@ -219,6 +219,7 @@ def save_time() -> None:
     """
     for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it says that it can't keep its list of fonts
     gc.set_threshold(_ALLOCATIONS)
     atexit.register(gc.freeze)  # with the process everything goes, and need not be searched
 
@@ -247,9 +248,11 @@ def _begin(parent: int) -> None:
         signal.signal(number, signal.SIG_IGN)
     if sys.platform == "linux":  # also while a library's function holds the interpreter and no thread can look
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    save_time()
-    silence()
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    save_time()
+    from vehicle.foundation.user_cache import silence  # imports NumPy, when the worker can end with its parent
+
+    silence()
 
 
 def _end_with(parent: int) -> None:

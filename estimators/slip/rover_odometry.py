@@ -115,6 +115,7 @@ class RoverOdometry:
         self._rover = rover
         self._places = rover.places()
         self._left = self._places[:, 1] > 0.0
+        self._rolled: tuple[RoverReadings | None, Rolling] = (None, Rolling(0.0, 0.0, 0.0))  # the last motion
 
     def init(self, x: float, y: float, psi: float) -> OdometryMemory:
         """Memory at a known pose in W [m, rad]."""
@@ -168,6 +169,11 @@ class RoverOdometry:
 
     def rolling(self, readings: RoverReadings) -> Rolling:
         """Rigid motion by wheel speeds and steer angles, without slip."""
+        if readings is not self._rolled[0]:  # several odometries take the same readings
+            self._rolled = readings, self._rolling(readings)
+        return self._rolled[1]
+
+    def _rolling(self, readings: RoverReadings) -> Rolling:
         speed = self._rover.wheel_radius * readings.wheel_speeds
         rolling = wheel_motion(self._places, speed, readings.steer)
         if self._rover.steered:

@@ -107,6 +107,10 @@ class OneLineGroup(TyperGroup):
             arguments = [argument for argument in arguments if argument != _OPTION]
             os.environ[_DEBUG] = "1"  # worker processes too
         args = arguments
+        foreign = [one for one in arguments if re.search("[\udc80-\udcff]", one)]
+        if foreign and sys.getfilesystemencoding() != "utf-8":
+            remark(f"{foreign[0]}: this locale has no such letter: set LC_ALL=C.UTF-8, or PYTHONUTF8=1")
+            sys.exit(BAD_INPUT)
         if not standalone_mode:
             return super().main(args, *more, **options, standalone_mode=False)  # type: ignore[misc]
         try:

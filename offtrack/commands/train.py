@@ -272,7 +272,10 @@ def tune(
         ),
     ] = None,
     judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging runs.")] = "1-3",
-    jobs: Annotated[int | None, typer.Option(help="Number of parallel trials.", show_default="one per core")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(help="Number of parallel trials; another number is another search.", show_default="one per core"),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Random seed of the search.")] = 1,
     storage: Annotated[
         str | None,
@@ -301,7 +304,7 @@ def tune(
     check_number("--jobs", jobs, 1, MOST_JOBS)
     check_number("--seed", seed, 0, 2**31)
     check_extra("tune", "tuning needs", "optuna")
-    from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
+    from offtrack.studies.trials import JOURNAL, database, former, in_database, optimise
 
     subject = subject_of(scenario)
     controller = controller or subject.part
@@ -336,7 +339,7 @@ def tune(
                 outcomes = run_cases(cases, directory / CELLS, RunOptions(jobs=workers, remark=remark))
                 compared[name] = objective_means(tuning.objectives, outcomes)
             comparing(len(candidates), len(candidates))
-        write_result(tuning, finished(tuning, directory), best, directory)
+        write_result(tuning, results, best, directory)
         replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
     if as_json:
         result = {

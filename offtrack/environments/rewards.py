@@ -6,7 +6,7 @@ Rewards and endings of trailer episodes are functions of ground truth at a momen
 import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from functools import partial, reduce
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -66,8 +66,9 @@ def kerb(moment: Moment) -> FloatArray:
 
 def steer_effort(moment: Moment) -> FloatArray:
     """Minus the mean square of the trailer axles' steer rates [rad2/s2]."""
-    effort: FloatArray = np.einsum("ij,ij->i", moment.steer_rate, moment.steer_rate) / moment.steer_rate.shape[1]
-    return -effort
+    rates = moment.steer_rate.T
+    squares: FloatArray = reduce(np.add, rates * rates, np.zeros(rates.shape[1]))  # in the same order for any number n
+    return -squares / len(rates)
 
 
 def weighted(parts: Mapping[Callable[[M], FloatArray], float]) -> Callable[[M], FloatArray]:

@@ -149,7 +149,8 @@ def _track_row(one: dict[str, Any]) -> tuple[str, ...]:
 def _remark(one: dict[str, Any], drive: Drive, chosen: int) -> str:
     """Where a track begins, and whether it can be driven."""
     needs = [setting for setting in drive.settings[chosen + 2 :] if not setting.startswith("course.track=")]
-    can = f"can be driven{' with ' * bool(needs)}{', '.join(needs)}" if drive.reason is None else f"no: {drive.reason}"
+    can = f"can be driven{' with ' * bool(needs)}{', '.join(needs)}"
+    can = can if drive.reason is None else f"cannot be driven: {drive.reason}"
     place = f"begins at {one['begin']}, largest jump after {one['largest_jump_after']}"
     return f"track {one['track']} {place}; {can}"
 
@@ -212,9 +213,8 @@ def _draw_tracks(ax: Axes, lines: Sequence[FloatArray], can: Sequence[bool]) -> 
 
 
 def _label(ax: Axes, place: FloatArray, text: str, colour: str) -> None:
-    ax.annotate(
-        text, (place[0], place[1]), (4, 4), textcoords="offset points", color=colour, fontsize=8.0, annotation_clip=True
-    )
+    place_of_text: Any = {"xytext": (4, 4), "textcoords": "offset points"}
+    ax.annotate(text, (place[0], place[1]), color=colour, fontsize=8.0, bbox=_PAPER, **place_of_text)
 
 
 # OpenDRIVE

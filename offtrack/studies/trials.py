@@ -9,19 +9,22 @@ their parameters. Needs the extra ``tune``.
 import fcntl
 import hashlib
 import json
+import logging
 import os
 import platform
 import re
+import threading
+import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import optuna
-from optuna.exceptions import ExperimentalWarning
+from optuna.exceptions import ExperimentalWarning, StorageInternalError
 from optuna.storages import JournalStorage, RDBStorage, RetryHeartbeatStaleTrialCallback
 from optuna.storages.journal import JournalFileBackend
 from optuna.study import MaxTrialsCallback
@@ -36,6 +39,8 @@ from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
 from scenarios.results.run_directory import digest
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
+
+ResultT = TypeVar("ResultT")
 
 JOURNAL: Final = "journal.log"
 BEAT: Final = 15  # between two signs of life of a trial [s]
@@ -52,7 +57,7 @@ _PROCESS: Final = "process"  # of a trial: host and number of its process
 
 def journal(directory: Path) -> JournalStorage:
     """Storage in the journal of a directory."""
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
     path = directory / JOURNAL
     return JournalStorage(JournalFileBackend(str(path), _JournalLock(path)))
 
@@ -64,7 +69,8 @@ def database(url: str, *, beat: int = BEAT, grace: int = GRACE) -> RDBStorage:
     Raises:
         ValueError: one line without the password, if it can not be used.
     """
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    logging.getLogger("sqlalchemy").setLevel(logging.CRITICAL)  # of connections that are lost
     kind = url.partition(":")[0].partition("+")[0]
     if kind not in _DRIVERS:
         expected = "postgresql://USER@HOST/DATABASE"
@@ -147,21 +153,63 @@ def in_database(tuning: Tuning, storage: str) -> Tuning:
     return replace(tuning, storage=storage, shared_name=hashlib.sha256(repr(task).encode()).hexdigest()[:20])
 
 
+_AWAY: Final = (SQLAlchemyError, StorageInternalError)  # of a database that is locked or gone
+PATIENCE: Final = 60.0  # with such a database [s]
+_MOMENT: Final = 10.0  # a call that ends sooner has not worked in between [s]
+
+
+def patiently(tuning: Tuning, call: Callable[[], ResultT]) -> ResultT:
+    """Result of a call that uses the trials; while their database is locked or gone, it is made again.
+
+    Raises:
+        ValueError: one line, if the database does not come back.
+    """
+    waited = 0.0
+    while True:
+        begin = time.monotonic()
+        try:
+            return call()
+        except Exception as error:  # Optuna trips over one of its own on the way
+            cause = _of_database(error)
+            if tuning.storage is None or cause is None:
+                raise
+            lasted = time.monotonic() - begin
+            waited = waited + lasted if lasted < _MOMENT else 0.0
+            if waited > PATIENCE:
+                with _refusals(tuning.storage):
+                    raise cause from None
+            time.sleep(1.0)
+            waited += 1.0
+
+
+def _of_database(error: BaseException | None) -> SQLAlchemyError | None:
+    """The error of a database behind another; None if there is none."""
+    while error is not None and not isinstance(error, SQLAlchemyError):
+        error = error.__cause__ or error.__context__
+    return error
+
+
+class _EnoughError(Exception):
+    """There are enough trials without this one."""
+
+
 def optimise(
     tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
 ) -> list[Trial]:
-    """Run trials until the journal or database holds at least ``trials`` finished ones, and return all of those.
+    """Run trials until the journal holds ``trials`` finished ones, a database at least so many; return all of those.
 
-    A worker process that dies costs its trial, whose parameters are tried again.
+    A worker process that dies costs its trial, whose parameters are tried again. The number of ``jobs`` changes the
+    search: every trial follows from those that are finished when it begins.
 
     Raises:
         ChildProcessError: one line, if a second process dies in the place of the first.
     """
-    resume(tuning, directory)
+    patiently(tuning, lambda: resume(tuning, directory))
     tasks = {str(k): (tuning, directory, trials, seed + k) for k in range(jobs)}
 
     def report() -> None:
-        progress(len(finished(tuning, directory)), trials)
+        with suppress(*_AWAY):  # the workers wait for it
+            progress(len(finished(tuning, directory)), trials)
 
     with closing(each_in_a_worker(work, tasks, jobs=jobs, meanwhile=report)) as results:
         for _, result in results:
@@ -169,17 +217,30 @@ def optimise(
                 raise ChildProcessError(f"a worker process: {result}; what is finished is kept") from result
             if isinstance(result, BaseException):
                 raise result
-    return finished(tuning, directory)
+    return patiently(tuning, lambda: finished(tuning, directory))
 
 
 def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
     """Run trials until there are enough, in parallel with other workers; called in a worker."""
-    study = _study(tuning, directory, seed)
-    _fail_dead_trials(study)
-    if len(finished(tuning, directory)) < trials:
-        enough = MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))
-        with without_warnings():
-            study.optimize(lambda trial: _values(tuning, trial), callbacks=[enough])
+    threading.excepthook = _silent_beats
+
+    def run_trials() -> None:
+        study = _study(tuning, directory, seed)
+        _fail_dead_trials(study)
+        if len(finished(tuning, directory)) < trials:
+            enough = MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))
+            with without_warnings():
+                study.optimize(
+                    lambda trial: _values(tuning, trial, study, trials), callbacks=[enough], catch=(_EnoughError,)
+                )
+
+    patiently(tuning, run_trials)
+
+
+def _silent_beats(raised: threading.ExceptHookArgs) -> None:
+    """Print the error of a thread, but not of one that shows signs of life in a database that is gone."""
+    if not issubclass(raised.exc_type, _AWAY):
+        threading.__excepthook__(raised)
 
 
 def former(tuning: Tuning, directory: Path) -> int:
@@ -213,8 +274,16 @@ def finished(tuning: Tuning, directory: Path) -> list[Trial]:
     return [Trial(number=t.number, parameters=dict(t.params), values=tuple(t.values)) for t in complete]
 
 
-def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
-    """Run the tuning set with the suggested parameters, and return the objectives."""
+def _values(tuning: Tuning, trial: optuna.Trial, study: optuna.Study, trials: int) -> tuple[float, ...]:
+    """Run the tuning set with the suggested parameters, and return the objectives.
+
+    In a journal ``trials`` are enough, of which other workers may be making the last ones.
+    """
+    if tuning.storage is None:
+        others = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.RUNNING))
+        if sum(other.number < trial.number for other in others) >= trials:
+            study.stop()
+            raise _EnoughError
     parameters = {
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)
         for name, range_ in tuning.ranges.items()

@@ -64,8 +64,10 @@ class TraceView:
         self._driven: list[RoverTruth] = []  # since the last image
 
     def follow(self, truth: RoverTruth) -> None:
-        """Remember the motion of the wheels."""
+        """Remember the motion of the wheels; sand ahead is made while the estimator works on the last image."""
         self._driven.append(truth)
+        if len(self._driven) == 2:
+            self._world.prepare(truth)
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
         """Ignore messages: they do not change the sand."""

@@ -161,7 +161,7 @@ class StraightOptions(CourseOptions):
     """Straight ahead."""
 
     kind: Literal["straight"] = option("Kind of the course.")
-    length: float = quantity(200.0, "m", 20.0, 5000.0, "Length of the course.")
+    length: float = quantity(200.0, "m", 20.0, 30_000.0, "Length of the course.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
         """Build the course for a tractor at a set speed [m/s]."""

@@ -83,7 +83,7 @@ class NoiseBank:
         shape = image.shape[:2]
         start = int(rng.integers(self.samples.size - math.prod(shape)))
         noise = self.samples[start : start + math.prod(shape)].reshape(shape)
-        compiled = kernel("sensors.camera", "noisy_grey.c", "noisy_grey") if image.shape[2:] == (4,) else None
+        compiled = kernel("sensors.camera", "noise.c", "noisy_grey") if image.shape[2:] == (4,) else None
         if compiled is None or not image.flags.c_contiguous:
             return np.asarray(cv2.add(grey(image), noise, dtype=cv2.CV_8U), dtype=np.uint8)
         noisy = np.empty(shape, np.uint8)
@@ -106,11 +106,17 @@ class LightNoise:
 
     def sensed(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator) -> GreyImage:
         """Noisy image (h, w) of the light [grey levels at a gain of 1], amplified by ``gain``."""
-        level = light * np.float32(gain)
-        start = int(rng.integers(self.samples.size - level.size))
-        noise = self.samples[start : start + level.size].reshape(level.shape)
+        start = int(rng.integers(self.samples.size - light.size))
+        noise = self.samples[start : start + light.size].reshape(light.shape)
         # Photon noise before the amplifier has a variance of shot^2 light/255; the amplifier squares its gain into it.
-        std = cv2.sqrt(np.float32(self.read**2) + np.float32(self.shot**2 * gain / 255.0) * np.clip(level, 0.0, 255.0))
+        numbers = np.array([gain, self.read**2, self.shot**2 * gain / 255.0], np.float32)
+        compiled = kernel("sensors.camera", "noise.c", "sensed")
+        if compiled is not None and light.flags.c_contiguous:
+            image = np.empty(light.shape, np.uint8)
+            compiled(light.size, numbers, light, noise, image)
+            return image
+        level = light * numbers[0]
+        std = cv2.sqrt(numbers[1] + numbers[2] * np.clip(level, 0.0, 255.0))
         return np.asarray(cv2.add(level, noise * std, dtype=cv2.CV_8U), dtype=np.uint8)
 
 

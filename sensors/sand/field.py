@@ -13,23 +13,21 @@ from sensors.sand.grid import (
     TEXEL,
     Bytes,
     Floats,
+    Imprint,
     Roll,
     Sand,
-    Strip,
     Tread,
     Window,
-    imprinted,
-    slumped,
-    strip_of,
+    rolled_over,
     window_of,
 )
 from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.solids import Rock
 from sensors.world.sky import Sunlight
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray, arc_length
 
 _OFFSET: Final = (0.17, 0.33)  # of a track along the route from the rover's own left wheels [m]
-_SWEEPS: Final = 4  # of slumping after an imprint
 _SPACING: Final = 0.95  # of tracks across the route [m]
 
 
@@ -43,28 +41,24 @@ class Track(NamedTuple):
 def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand:
     """Sand of a window after a track was pressed into it."""
     roll, tread = track
-    reach = roll.reach(tread)
-    part = window.common(window_of(roll, reach))
+    part = window.common(window_of(roll, roll.reach(tread)))
     if part.is_empty:
-        return sand
-    strip = strip_of(roll, part, reach)
-    if not strip.inside.any():
         return sand
     at = part.within(window)
     before = Sand(sand.height[at], sand.packed[at])
     height, packed = sand.height.copy(), sand.packed.copy()
-    (height[at], packed[at]), _ = rolled_over(before, roll, tread, strip, part, relief, roll.sinkage * tread.width)
+    (height[at], packed[at]), _ = rolled(before, track, part, relief, roll.sinkage * tread.width)
     return Sand(height, packed)
 
 
-def rolled_over(
-    sand: Sand, roll: Roll, tread: Tread, strip: Strip, window: Window, relief: Relief, displaced: float
-) -> tuple[Sand, float]:
-    """Sand of a window after a wheel rolled along its strip, and what it removed; see ``grid.imprinted``."""
-    large, crumbs = relief.large(window)[strip.inside], relief.crumbs(window).texels(strip.inside)
-    after, removed = imprinted(roll, tread, strip, sand.texels(strip.inside), large, crumbs, displaced)
-    new = sand.with_texels(strip.inside, after)
-    return Sand(slumped(new.height, strip.inside, _SWEEPS), new.packed), removed
+def rolled(sand: Sand, track: Track, window: Window, relief: Relief, displaced: float) -> tuple[Sand, float]:
+    """Sand of a window after a wheel rolled through it, and what it removed per length [m2].
+
+    ``displaced`` is the sand per length that feeds the berms [m2].
+    """
+    numbers = Imprint.of(*track, window, displaced)
+    after, removed = rolled_over(sand, numbers, relief.large(window), relief.crumbs(window), window)
+    return after, removed / track.roll.length
 
 
 def foreign_tracks(rng: np.random.Generator, route: FloatArray, wheel_left: float) -> tuple[Track, ...]:
@@ -152,6 +146,11 @@ class Reach:
         )
 
 
+def _mean(height: Floats, side: int) -> Floats:
+    """Mean height of the surroundings."""
+    return np.asarray(cv2.blur(height, (side, side)), dtype=np.float32)
+
+
 def _outward(length: float) -> int:
     """Next whole number away from 0."""
     return math.ceil(length) if length > 0.0 else math.floor(length)
@@ -190,21 +189,27 @@ def sunlit(height: Floats, reach: Reach, light: Sunlight) -> tuple[Floats, Float
         hidden = np.clip((over - here) / _PENUMBRA + np.float32(0.5), 0.0, 1.0)
         facing *= 1.0 - hidden
     middle = (slice(top, top + h), slice(left, left + w))
-    hollow = np.maximum(cv2.blur(height, (_NARROW, _NARROW))[middle] - here, 0.0) * np.float32(60.0)
-    hollow += np.maximum(cv2.blur(height, (_BROAD, _BROAD))[middle] - here, 0.0) * np.float32(22.0)
+    hollow = np.maximum(_mean(height, _NARROW)[middle] - here, 0.0) * np.float32(60.0)
+    hollow += np.maximum(_mean(height, _BROAD)[middle] - here, 0.0) * np.float32(22.0)
     open_sky = np.clip(1.0 - hollow, 0.35, 1.0) * (0.75 + 0.25 * upright)
     return np.asarray(facing, dtype=np.float32), np.asarray(open_sky, dtype=np.float32)
 
 
-def encoded(albedo: Bytes, packed: Bytes, sun: Floats, sky: Floats) -> Bytes:
-    """Reflected shares of sun and sky (2, h, w) as bytes: square roots, which are as fine in the dark as needed."""
+_NUMBERS: Final = (
+    *(f"TEXEL={TEXEL}f", f"PENUMBRA={_PENUMBRA}f", f"PACKED_ALBEDO={ALBEDO * (1.0 - _PACKED)}f"),
+    *(f"COVERED={_COVERED}f", f"ALBEDO={ALBEDO}f"),
+)
+
+
+def encoded(albedo: Bytes, packed: Bytes, past_rocks: Bytes, sun: Floats, sky: Floats) -> Bytes:
+    """Reflected shares of sun and sky (h, w, 2) as bytes: square roots, which are as fine in the dark as needed."""
     own = albedo.astype(np.float32)
     pressed = packed.astype(np.float32) * np.float32(1.0 / 255.0)
     own += (np.float32(ALBEDO * (1.0 - _PACKED)) - own) * (np.float32(_COVERED) * pressed)
     share = own * np.float32(0.5 / ALBEDO)
-    roots = np.empty((2, *share.shape), np.uint8)
-    for plane, light in zip(roots, (sun, sky), strict=True):
-        plane[...] = np.minimum(255.0 * cv2.sqrt(share * light), 255.0)
+    roots = np.empty((*share.shape, 2), np.uint8)
+    for k, light in enumerate((sun * (past_rocks * np.float32(1.0 / 255.0)), sky)):
+        roots[..., k] = np.minimum(255.0 * cv2.sqrt(share * light), 255.0)
     return roots
 
 
@@ -212,11 +217,13 @@ _SHARES: Final = np.square(np.arange(256.0), dtype=np.float32) * np.float32(2.0 
 
 
 def decoded(roots: Bytes) -> Floats:
-    """Reflected share (h, w) of sun or sky from the output of ``encoded``."""
+    """Reflected shares (h, w, 2) of sun and sky from the output of ``encoded``."""
     return np.asarray(cv2.LUT(roots, _SHARES), dtype=np.float32)
 
 
 TILE: Final = 512  # texels a side
+_MOST: Final = 256  # tiles in memory: 67 m2, of 2.3 MB each; a view takes 10
+_ALL_LIGHT: Final = np.broadcast_to(np.full(TILE, 255, np.uint8), (TILE, TILE))  # without memory for each tile
 _BLOCK: Final = 32  # texels a side of the blocks whose light is updated together
 _NEW, _CHANGED = 2, 1  # flags of blocks: never seen; shaped by a wheel since
 _AHEAD: Final = 5  # blocks beyond the view whose light is made with that of new ground in it: fewer and larger pieces
@@ -230,14 +237,14 @@ class Tile:
     albedo: Bytes
     tint: Bytes
     packed: Bytes  # 255 where a wheel has compacted it
-    light: Bytes  # (2, n, n) reflected light of sun and sky, see ``light.encoded``
+    light: Bytes  # (n, n, 2) reflected light of sun and sky, see ``encoded``
     stale: NDArray[np.uint8]  # (blocks, blocks) why the light is out of date: _NEW, _CHANGED; 0: it is not
-    rock_light: Bytes | None  # share of the sun's light past the rocks; None: all
+    rock_light: Bytes  # share of the sun's light past the rocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """Tiles of sand that exist so far, with what new ones are made from."""
+    """Tiles of sand that were used last, with what new ones are made from; those left out lose their imprints."""
 
     relief: Relief
     sun: Sunlight
@@ -255,10 +262,10 @@ class Field:
 
     def sand(self, window: Window) -> Sand:
         """Copy of the sand in a window."""
-        packed = np.empty(window.shape, np.uint8)
+        sand = Sand(np.empty(window.shape, np.float32), np.empty(window.shape, np.uint8))
         for tile, here, there in self._parts(window):
-            packed[there] = tile.packed[here]
-        return Sand(self.height(window), packed)
+            sand.height[there], sand.packed[there] = tile.height[here], tile.packed[here]
+        return sand
 
     def write(self, window: Window, sand: Sand) -> None:
         """Write new sand to a window; its light is updated when it is next seen."""
@@ -273,11 +280,11 @@ class Field:
             ] |= _CHANGED
 
     def light(self, window: Window) -> Bytes:
-        """Light of sun and sky that a window reflects (2, h, w), see ``light.encoded``."""
+        """Light of sun and sky that a window reflects (h, w, 2), see ``encoded``."""
         self._update_light(window)
-        out = np.empty((2, *window.shape), np.uint8)
+        out = np.empty((*window.shape, 2), np.uint8)
         for tile, here, there in self._parts(window):
-            out[:, *there] = tile.light[:, *here]
+            out[there] = tile.light[here]
         return out
 
     def tint(self, window: Window) -> Bytes:
@@ -306,12 +313,24 @@ class Field:
                     self._bake(_texels(group))
 
     def _bake(self, window: Window) -> None:
-        sun, sky = sunlit(self.height(around(window, self.reach.before)), self.reach, self.sun)
-        for tile, here, there in self._parts(window):
-            direct = sun[there]
-            if tile.rock_light is not None:
-                direct = direct * (tile.rock_light[here] * np.float32(1.0 / 255.0))
-            tile.light[:, *here] = encoded(tile.albedo[here], tile.packed[here], direct, sky[there])
+        before = self.reach.before
+        height = self.height(around(window, before))
+        compiled = kernel("sensors.sand", "light.c", "bake", _NUMBERS)
+        means = [] if compiled is None else [_mean(height, side) for side in (_NARROW, _BROAD)]
+        lights = sunlit(height, self.reach, self.sun) if compiled is None else ()
+        for tile, here, (rows, columns) in self._parts(window):
+            parts = tile.albedo[here], tile.packed[here], tile.rock_light[here]
+            if compiled is None:
+                tile.light[here] = encoded(*parts, *(light[rows, columns] for light in lights))
+            else:
+                ground = [part[before.top + rows.start :, before.left + columns.start :] for part in (height, *means)]
+                steps = (height.shape[1], TILE, tile.rock_light.strides[0])
+                light = (
+                    len(self.reach.rays),
+                    np.array(self.reach.rays, np.float32),
+                    self.sun.direction.astype(np.float32),
+                )
+                compiled(*parts[0].shape, *steps, *light, *ground, *parts, tile.light[here])
             tile.stale[_in_blocks(here)] = 0
 
     def _parts(
@@ -327,9 +346,19 @@ class Field:
                 yield self._tile(i, j), common.within(extent), common.within(window)
 
     def _tile(self, i: int, j: int) -> Tile:
-        if (i, j) not in self.tiles:
-            self.tiles[i, j] = self._new_tile(_extent(i, j))
-        return self.tiles[i, j]
+        tile = self.tiles.pop((i, j), None) or self._new_tile(_extent(i, j))
+        self.tiles[i, j] = tile  # the last one of the dictionary is the one used last
+        if len(self.tiles) > _MOST:
+            del self.tiles[next(iter(self.tiles))]
+        return tile
+
+    def make_one(self, window: Window) -> None:
+        """Make one tile of a window, if one is missing."""
+        for i in range(window.top // TILE, (window.bottom - 1) // TILE + 1):
+            for j in range(window.left // TILE, (window.right - 1) // TILE + 1):
+                if (i, j) not in self.tiles:
+                    self._tile(i, j)
+                    return
 
     def _new_tile(self, window: Window) -> Tile:
         ground = self.relief.ground(window)
@@ -341,16 +370,16 @@ class Field:
             albedo=ground.albedo,
             tint=ground.tint,
             packed=sand.packed,
-            light=np.zeros((2, *window.shape), np.uint8),
+            light=np.zeros((*window.shape, 2), np.uint8),
             stale=np.full((TILE // _BLOCK, TILE // _BLOCK), _NEW, np.uint8),
             rock_light=self._rock_light(window, sand.height),
         )
 
-    def _rock_light(self, window: Window, height: Floats) -> Bytes | None:
-        """Share of the sun's light past the rocks; None if none is near."""
+    def _rock_light(self, window: Window, height: Floats) -> Bytes:
+        """Share of the sun's light past the rocks."""
         lights = [light for rock in self.rocks if (light := rock.light(window, height, self.sun.direction)) is not None]
         if not lights:
-            return None
+            return _ALL_LIGHT
         return np.asarray(255.0 * np.prod(lights, axis=0), dtype=np.uint8)
 
 

@@ -14,12 +14,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 TEXEL: Final = 1e-3  # [m]
 _STEEPEST: Final = np.float32(0.75 * TEXEL)  # height between texels at the slope of repose of dry sand, tan 37 deg [m]
+_SWEEPS: Final = 4  # of slumping after an imprint
 _SHARE: Final = np.float32(0.24)  # of the excess height that moves in a sweep; above a quarter it is unstable
 
 
@@ -139,15 +141,66 @@ class Roll(NamedTuple):
         return 0.5 * tread.width + _contact(tread, self.sinkage) + 0.05
 
 
+class Imprint(NamedTuple):
+    """Numbers of the imprint of a path, in the order of imprint.c; places from the window's first texel [m]."""
+
+    ends: FloatArray  # (4, 2) a and b of the path, and the unit vectors of travel there
+    reach: float  # see ``Roll.reach`` [m]
+    edge: float  # half the width of the floor [m]
+    wall: float  # width of a wall before it slumps [m]
+    brink: float  # from the middle to a wall at half its height, before and after it slumps [m]
+    sinkage: float  # [m]
+    turned: float  # angle rolled at a [rad]
+    rolled: float  # from a to b [rad]
+    skew: float  # of lug marks: shares of the path, by metre across [1/m]
+    lugs: float  # by radian [1/rad]
+    lug_width: float  # of a mark over the distance of lugs [-]
+    smeared: float  # width over which the ends of marks fade [m]
+    depth: float  # of marks [m]
+    left: float  # crests of the berms [m]
+    right: float
+
+    @classmethod
+    def of(cls, roll: Roll, tread: Tread, window: Window, displaced: float) -> "Imprint":
+        """Imprint in a window; ``displaced`` is the sand per length that feeds the berms [m2].
+
+        Lugs lie across the heading, not across the direction of travel: side slip skews their marks. A wheel that spins
+        or drags smears them by the distance it slides while a lug is in the sand; side slip smears their ends.
+        """
+        slide, length, contact = math.sin(roll.slip_angle), max(roll.length, 1e-6), _contact(tread, roll.sinkage)
+        edge, flank = 0.5 * tread.width * abs(math.cos(roll.slip_angle)), contact * abs(slide)
+        rolled, spacing = roll.turned_b - roll.turned_a, 2.0 * math.pi * tread.radius / tread.lugs
+        slid = contact * abs(tread.radius * rolled / length - 1.0) / spacing  # while a lug is in the sand [lugs]
+        ploughed = (2.0 / 3.0) * roll.sinkage * flank  # by the wheel's side [m2]
+        left, right = (
+            (_BERM_SHARE * displaced * max(1.0 + 2.0 * to_side, 0.2) + 0.5 * ploughed * (to_side > 0.0))
+            / (math.sqrt(math.pi) * _BERM)
+            for to_side in (slide, -slide)
+        )
+        return cls(
+            np.array([roll.a - window.corner, roll.b - window.corner, roll.towards_a, roll.towards_b]),
+            reach=roll.reach(tread),
+            edge=edge,
+            wall=max(roll.sinkage / _REPOSE, 0.004) + 0.5 * flank,
+            brink=edge + _FLANK * flank,
+            sinkage=roll.sinkage,
+            turned=roll.turned_a,
+            rolled=rolled,
+            skew=math.tan(max(min(roll.slip_angle, 1.2), -1.2)) / length,
+            lugs=tread.lugs / (2.0 * math.pi),
+            lug_width=0.075 + 0.35 * min(slid, 0.5),
+            smeared=0.006 + 0.5 * flank,
+            depth=tread.lug_height * min(1.0, roll.sinkage / tread.lug_height) / (1.0 + 2.0 * slid),
+            left=left,
+            right=right,
+        )
+
+
 class Crumbs(NamedTuple):
     """Noise of unit standard deviation that makes the edges of an imprint ragged."""
 
     fine: Floats  # wavelengths of some millimetres
     broad: Floats  # of some centimetres
-
-    def texels(self, inside: NDArray[np.bool_]) -> "Crumbs":
-        """Chosen texels (n,) of a window."""
-        return Crumbs(self.fine[inside], self.broad[inside])
 
 
 class Strip(NamedTuple):
@@ -165,21 +218,20 @@ def window_of(roll: Roll, reach: float) -> Window:
     return window_around(np.array(sides), 2.0 * TEXEL)
 
 
-def strip_of(roll: Roll, window: Window, reach: float) -> Strip:
+def strip_of(p: Imprint, window: Window) -> Strip:
     """Strip of a path; successive paths cover every texel along them once, also in curves."""
     x, y = window.places()
-    a, b = (roll.a - window.corner).astype(np.float32), (roll.b - window.corner).astype(np.float32)
-    ta, tb = roll.towards_a.astype(np.float32), roll.towards_b.astype(np.float32)
-    behind_a = (x - a[0]) * ta[0] + (y - a[1]) * ta[1]
-    before_b = (b[0] - x) * tb[0] + (b[1] - y) * tb[1]
+    (a_x, a_y), (b_x, b_y), (ta_x, ta_y), (tb_x, tb_y) = p.ends.astype(np.float32)
+    behind_a = (x - a_x) * ta_x + (y - a_y) * ta_y
+    before_b = (b_x - x) * tb_x + (b_y - y) * tb_y
     between = (behind_a >= 0.0) & (before_b > 0.0)
     rows, columns = np.nonzero(between)
-    p, q = behind_a[between], before_b[between]
-    along = p / np.maximum(p + q, np.float32(1e-9))
-    tx, ty = ta[0] + along * (tb[0] - ta[0]), ta[1] + along * (tb[1] - ta[1])
-    left_x, left_y = x[0, columns] - a[0] - along * (b[0] - a[0]), y[rows, 0] - a[1] - along * (b[1] - a[1])
+    f, g = behind_a[between], before_b[between]
+    along = f / np.maximum(f + g, np.float32(1e-9))
+    tx, ty = ta_x + along * (tb_x - ta_x), ta_y + along * (tb_y - ta_y)
+    left_x, left_y = x[0, columns] - a_x - along * (b_x - a_x), y[rows, 0] - a_y - along * (b_y - a_y)
     across = left_y * tx - left_x * ty
-    near = np.abs(across) < reach
+    near = np.abs(across) < p.reach
     between[between] = near
     return Strip(between, along[near], across[near])
 
@@ -201,28 +253,21 @@ class Sand(NamedTuple):
         return Sand(height, packed)
 
 
-def imprinted(
-    roll: Roll, tread: Tread, strip: Strip, sand: Sand, large: Floats, crumbs: Crumbs, displaced: float
-) -> tuple[Sand, float]:
-    """Texels (n,) of a strip after a wheel has rolled through, and the sand removed from its rut per length [m2].
+def imprinted(p: Imprint, strip: Strip, sand: Sand, large: Floats, crumbs: Crumbs) -> tuple[Sand, float]:
+    """Texels (n,) of a strip after a wheel has rolled through, and the sand removed from its rut [m3].
 
-    ``large`` is the ground without its relief [m], ``displaced`` the sand per length that feeds the berms [m2].
+    ``large`` is the ground without its relief [m].
     """
     height = sand.height
     across = strip.across + np.float32(0.0011) * crumbs.fine + np.float32(0.0014) * crumbs.broad
-    lateral = np.abs(across)
-    edge = 0.5 * tread.width * abs(math.cos(roll.slip_angle))
-    flank = _contact(tread, roll.sinkage) * abs(math.sin(roll.slip_angle))
-    wall = max(roll.sinkage / _REPOSE, 0.004) + 0.5 * flank
-    brink = edge + _FLANK * flank  # at half the height of the wall, before and after it slumps
-    share = np.clip((brink + 0.5 * wall - lateral) / wall, 0.0, 1.0)
+    share = np.clip((p.brink + 0.5 * p.wall - np.abs(across)) / p.wall, 0.0, 1.0)
     cut = share * share * (3.0 - 2.0 * share)
-    marks, slots = _lug_marks(roll, tread, strip, crumbs, edge)
+    marks, slots = _lug_marks(p, strip, crumbs)
     relief = _KEPT * np.clip(height - large, LOWEST_RELIEF, HIGHEST_RELIEF)
-    floor = large - roll.sinkage + relief + 0.0006 * crumbs.broad + 0.00012 * crumbs.fine + marks
+    floor = large - p.sinkage + relief + 0.0006 * crumbs.broad + 0.00012 * crumbs.fine + marks
     rut = height + (np.minimum(floor, height + 0.002) - height) * cut
-    removed = float(np.maximum(height - rut, 0.0).sum()) * TEXEL**2 / roll.length
-    new = rut + _berms(roll, tread, across, brink, displaced, crumbs) * (1.0 - cut)
+    removed = float(np.maximum(height - rut, 0.0).sum()) * TEXEL**2
+    new = rut + _berms(p, across, crumbs) * (1.0 - cut)
     pressed = np.maximum(sand.packed, (255.0 * cut * (0.75 + 0.25 * slots)).astype(np.uint8))
     return Sand(np.asarray(new, dtype=np.float32), pressed), removed
 
@@ -233,46 +278,59 @@ def _contact(tread: Tread, sinkage: float) -> float:
     return math.sqrt(depth * (2.0 * tread.radius - depth))
 
 
-def _lug_marks(roll: Roll, tread: Tread, strip: Strip, crumbs: Crumbs, edge: float) -> tuple[Floats, Floats]:
-    """Heights of lug marks, slots and the ridges behind them [m], and the slots alone (0 to 1).
-
-    Lugs lie across the heading, not across the direction of travel: side slip skews their marks. A wheel that spins or
-    drags smears them by the distance it slides while a lug is in the sand; side slip smears their ends.
-    """
-    rolled = roll.turned_b - roll.turned_a
-    length = max(roll.length, 1e-6)
-    skew = math.tan(max(min(roll.slip_angle, 1.2), -1.2))
-    turned = roll.turned_a + (strip.along - strip.across * (skew / length)) * rolled
-    count = turned * (tread.lugs / (2.0 * math.pi)) + 0.03 * crumbs.broad + 0.022 * crumbs.fine
+def _lug_marks(p: Imprint, strip: Strip, crumbs: Crumbs) -> tuple[Floats, Floats]:
+    """Heights of lug marks, slots and the ridges behind them [m], and the slots alone (0 to 1)."""
+    turned = p.turned + (strip.along - strip.across * p.skew) * p.rolled
+    count = turned * p.lugs + 0.03 * crumbs.broad + 0.022 * crumbs.fine
     number = np.floor(count)
     phase = count - number
-    contact = _contact(tread, roll.sinkage)
-    spacing = 2.0 * math.pi * tread.radius / tread.lugs
-    slid = contact * abs(tread.radius * rolled / length - 1.0)  # while a lug is in the sand [m]
-    clear = 1.0 / (1.0 + 2.0 * slid / spacing)
-    width = 0.075 + 0.35 * min(slid / spacing, 0.5)
     odd = np.sin(number * 12.9898) * 43758.5453
     odd -= np.floor(odd)  # 0 to 1: every lug presses a little differently
-    slots = np.exp(-np.square(np.square((phase - 0.28) / width)))
+    slots = np.exp(-np.square(np.square((phase - 0.28) / p.lug_width)))
     ridges = np.exp(-(((phase - 0.50) / 0.085) ** 2)) + 0.3 * np.exp(-(((phase - 0.05) / 0.055) ** 2))
-    smeared = 0.006 + 0.5 * contact * abs(math.sin(roll.slip_angle))
-    ends = np.clip((edge - 0.002 - np.abs(strip.across)) / smeared, 0.0, 1.0)
-    depth = tread.lug_height * min(1.0, roll.sinkage / tread.lug_height) * clear
-    marks = depth * ends * (0.5 * ridges * (0.7 + 0.5 * odd) * (1.0 + 0.2 * crumbs.fine) - slots * (0.75 + 0.5 * odd))
+    ends = np.clip((p.edge - 0.002 - np.abs(strip.across)) / p.smeared, 0.0, 1.0)
+    marks = p.depth * ends * (0.5 * ridges * (0.7 + 0.5 * odd) * (1.0 + 0.2 * crumbs.fine) - slots * (0.75 + 0.5 * odd))
     return np.asarray(marks, dtype=np.float32), np.asarray(slots * ends, dtype=np.float32)
 
 
-def _berms(roll: Roll, tread: Tread, across: Floats, edge: float, displaced: float, crumbs: Crumbs) -> Floats:
+def _berms(p: Imprint, across: Floats, crumbs: Crumbs) -> Floats:
     """Heights of the berms on both sides of the rut [m]."""
-    slide = math.sin(roll.slip_angle)
-    ploughed = (2.0 / 3.0) * roll.sinkage * _contact(tread, roll.sinkage) * abs(slide)  # by the wheel's side [m2]
-    left = _BERM_SHARE * displaced * max(1.0 + 2.0 * slide, 0.2) + 0.5 * ploughed * (slide > 0.0)
-    right = _BERM_SHARE * displaced * max(1.0 - 2.0 * slide, 0.2) + 0.5 * ploughed * (slide < 0.0)
-    crest = np.where(across > 0.0, left, right) / (math.sqrt(math.pi) * _BERM)
-    outside = np.abs(across) - edge
+    crest, outside = np.where(across > 0.0, np.float32(p.left), np.float32(p.right)), np.abs(across) - p.brink
     profile = np.exp(-(((outside - 0.013) / _BERM) ** 2)) * np.clip((outside + 0.006) / 0.006, 0.0, 1.0)
     ragged = np.clip(1.0 + 0.4 * crumbs.broad + 0.2 * crumbs.fine, 0.15, 2.2)
     thrown = (
         np.exp(-np.clip(outside - 0.012, 0.0, None) / 0.012) * (outside > 0.012) * np.clip(crumbs.fine - 1.0, 0.0, 2.0)
     )
     return np.asarray(np.minimum(crest * profile * ragged, 0.014) + 0.25 * crest * thrown, dtype=np.float32)
+
+
+_NUMBERS: Final = tuple(
+    f"{name}={float(value)!r}f"
+    for name, value in (
+        ("TEXEL", TEXEL),
+        ("BERM", _BERM),
+        ("KEPT", _KEPT),
+        ("LOWEST", LOWEST_RELIEF),
+        ("HIGHEST", HIGHEST_RELIEF),
+        ("SHARE", _SHARE),
+        ("STEEPEST", _STEEPEST),
+    )
+)
+
+
+def rolled_over(sand: Sand, p: Imprint, large: Floats, crumbs: Crumbs, window: Window) -> tuple[Sand, float]:
+    """Sand of a window after a wheel has rolled over it and its walls slumped, and the sand removed [m3]."""
+    compiled = kernel("sensors.sand", "imprint.c", "imprint", _NUMBERS)
+    if compiled is None:
+        strip = strip_of(p, window)
+        of_these = (part[strip.inside] for part in (large, *crumbs))
+        after, removed = imprinted(p, strip, sand.texels(strip.inside), next(of_these), Crumbs(*of_these))
+        new = sand.with_texels(strip.inside, after)
+        return Sand(slumped(new.height, strip.inside, _SWEEPS), new.packed), removed
+    new, removed_here = Sand(*map(np.array, sand)), np.empty(1)
+    arrays = (
+        np.array([*p.ends.ravel(), *p[1:]], np.float32),
+        *(np.ascontiguousarray(part) for part in (large, *crumbs)),
+    )
+    compiled(*window.shape, _SWEEPS, *arrays, *new, np.empty(window.shape, np.uint8), removed_here)
+    return new, float(removed_here[0])

@@ -257,7 +257,8 @@ class Relief:
     def ground(self, window: Window) -> UndisturbedSand:
         """Sand of a window; its borders must be multiples of its size, as pebbles are drawn by windows."""
         grain, patches = self.grain.over(window), self.patches.over(window)
-        height = self._ripples(window) + np.float32(0.0003) * self.rough.over(window) + np.float32(0.00006) * grain
+        height = self._ripples(window, patches) + np.float32(0.0003) * self.rough.over(window)
+        height += np.float32(0.00006) * grain
         height += self.kind.low_relief * self.low.over(window) - self._cracks(window, patches)
         albedo = 1.0 + 0.6 * self.kind.blotches * grain + self.kind.blotches * patches
         albedo -= 0.35 * np.clip(3.0 * (np.abs(grain) - 2.6), 0.0, 1.0) * np.sign(grain)  # dark and bright grains
@@ -286,11 +287,11 @@ class Relief:
         fine = cv2.resize(coarse, (columns * _COARSE, rows * _COARSE), interpolation=cv2.INTER_LINEAR)
         return np.asarray(fine[_COARSE:, _COARSE:][: window.shape[0], : window.shape[1]], dtype=np.float32)
 
-    def _ripples(self, window: Window) -> Floats:
+    def _ripples(self, window: Window, patches: Floats) -> Floats:
         """Heights of wind ripples, whose crests wind and end [m]."""
         cycles = self._across_crests(window, RIPPLE_LENGTH) + np.float32(0.012 / RIPPLE_LENGTH) * self.warp.over(window)
         phase = np.float32(2.0 * math.pi) * cycles
-        strength = np.clip(0.8 + 0.35 * self.patches.over(window), 0.1, 1.6)
+        strength = np.clip(0.8 + 0.35 * patches, 0.1, 1.6)
         return np.asarray(self.kind.ripples * strength * (np.sin(phase) + 0.25 * np.sin(2.0 * phase + 0.9)), np.float32)
 
     def _cracks(self, window: Window, patches: Floats) -> Floats:

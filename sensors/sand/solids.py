@@ -261,7 +261,7 @@ class Casters:
             target = far if above.mean() > 0.5 else near
             cv2.fillConvexPoly(target, np.round(hull * 16.0).astype(np.int32), (0.0,), cv2.LINE_AA, 4)
         blurred = (
-            cv2.GaussianBlur(layer, (0, 0), max(0.5 * _SUN_DISC * height / _CELL, 0.6))
+            cv2.GaussianBlur(layer, (0, 0), max(0.5 * _SUN_DISC * height / _CELL, 0.6)) if layer.min() < 255 else layer
             for layer, height in ((near, 0.4), (far, 1.2))
         )
         return np.asarray(np.minimum(*blurred), dtype=np.uint8)

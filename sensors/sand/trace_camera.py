@@ -24,6 +24,7 @@ from sensors.sand.grid import TEXEL, Floats, Window, window_around
 from sensors.sand.solids import Casters, Hits
 from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import LUGS, SandWorld
+from vehicle.engine.compiler import kernel
 from vehicle.frames import FloatArray
 from vehicle.rover.truth import RoverTruth
 
@@ -32,6 +33,7 @@ _AROUND: Final = 0.05  # margin around the ground that is visible by plane geome
 _BORDER: Final = 4  # of rays around the image [px]
 _NEAREST: Final = 0.1  # smallest depth of a body [m]
 _BOWED: Final = 6  # largest bend of a straight edge by the lens [px]
+_NUMBERS: Final = (f"TEXEL={TEXEL}f",)
 _LEAST_FALL: Final = 0.05  # smallest descent of a ray to the ground, over its depth
 
 
@@ -47,12 +49,12 @@ class Body(Protocol):
 
 
 class VisibleGround(NamedTuple):
-    """Place on the ground that each pixel of an image shows."""
+    """Places (h / 2, w / 2) on the ground that are seen: one for four pixels, and a border around the image."""
 
     window: Window
-    u: Floats  # (h, w) column and row in the window [texels]
+    u: Floats  # column and row in the window [texels]
     v: Floats
-    x: Floats  # (h / 2, w / 2) in W, of one ray for four pixels, and a border around the image [m]
+    x: Floats  # in W [m]
     y: Floats
     z: Floats
 
@@ -104,28 +106,47 @@ class GroundView:
         """Visible ground from X_WC (4, 4)."""
         window = window_around(self.footprint(X_WC, world), _AROUND)
         height, eye, corner = world.field.height(window), X_WC[:3, 3], window.corner
+        a, bx, by = _plane(world, eye)
+        ex, ey = ((eye[:2] - corner) / TEXEL).tolist()
+        below = a + bx * eye[0] + by * eye[1] - eye[2]  # the plane under the eye [m]
+        compiled = kernel("sensors.sand", "view.c", "look", _NUMBERS)
+        if compiled is None:
+            u, v, z = self._traced(X_WC, height, (ex, ey, below, bx, by))
+        else:
+            u, v, z = places = np.empty((3, *self.between.shape[1:]), np.float32)
+            numbers = np.array([*X_WC[:3, :3].ravel(), ex, ey, eye[2], below, bx, by], np.float32)
+            compiled(u.size, _STEPS, *height.shape, self.between, numbers, height, places)
+        x, y = u * np.float32(TEXEL) + np.float32(corner[0]), v * np.float32(TEXEL) + np.float32(corner[1])
+        return VisibleGround(window, u, v, x, y, z)
+
+    def _traced(self, X_WC: FloatArray, height: Floats, plane: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:
+        """Column and row [texels] and height [m] of the places that the rays meet; iterated from a plane."""
+        ex, ey, below, bx, by = (np.float32(number) for number in plane)
         rx, ry, rz = _turned(self.between, X_WC)
         kx, ky = rx / rz, ry / rz  # horizontal distance of a ray per metre of rise
-        a, bx, by = _plane(world, eye)
-        below = np.float32(a + bx * eye[0] + by * eye[1] - eye[2])  # the plane under the eye [m]
-        down: Floats = np.divide(below, 1.0 - np.float32(bx) * kx - np.float32(by) * ky, dtype=np.float32)
-        ex, ey = ((eye[:2] - corner) / TEXEL).astype(np.float32)
+        down: Floats = np.divide(below, 1.0 - bx * kx - by * ky, dtype=np.float32)
         kx *= np.float32(1.0 / TEXEL)
         ky *= np.float32(1.0 / TEXEL)
+        eye_z = np.float32(X_WC[2, 3])
         for _ in range(_STEPS):
-            down = _looked_up(height, ex + kx * down, ey + ky * down) - np.float32(eye[2])
-        u, v = ex + kx * down, ey + ky * down
-        x, y = u * np.float32(TEXEL) + np.float32(corner[0]), v * np.float32(TEXEL) + np.float32(corner[1])
-        return VisibleGround(window, self.full(u), self.full(v), x, y, down + np.float32(eye[2]))
+            down = _looked_up(height, ex + kx * down, ey + ky * down) - eye_z
+        return ex + kx * down, ey + ky * down, down + eye_z
 
-    def light(self, ground: VisibleGround, world: SandWorld) -> tuple[Floats, Floats]:
-        """Shares of the light of sun and sky that open ground reflects to every pixel."""
-        direct, ambient = (decoded(_looked_up(plane, ground.u, ground.v)) for plane in world.field.light(ground.window))
-        return direct, ambient
+    def light(self, ground: VisibleGround, shade: Floats, world: SandWorld) -> tuple[Floats, Floats]:
+        """Shares of the light of sun and sky that open ground reflects to every pixel; ``shade`` as the places."""
+        lit = world.field.light(ground.window)
+        compiled = kernel("sensors.sand", "view.c", "reflect", _NUMBERS)
+        if compiled is not None:
+            direct, ambient = np.empty((2, *self.rays.shape[1:]), np.float32)
+            sizes = (*direct.shape, _BORDER, shade.shape[1], *lit.shape[:2])
+            compiled(*sizes, ground.u, ground.v, shade, lit, direct, ambient)
+            return direct, ambient
+        direct, ambient = cv2.split(decoded(_looked_up(lit, self.full(ground.u), self.full(ground.v))))
+        return np.asarray(direct * self.full(shade), dtype=np.float32), np.asarray(ambient, dtype=np.float32)
 
     def tint(self, ground: VisibleGround, world: SandWorld) -> Floats:
         """Greyness of the ground at every pixel, 0 to 1."""
-        tint = _looked_up(world.field.tint(ground.window), ground.u, ground.v)
+        tint = _looked_up(world.field.tint(ground.window), self.full(ground.u), self.full(ground.v))
         return np.asarray(tint / 255.0, dtype=np.float32)
 
     def draw(
@@ -273,17 +294,11 @@ class TraceCamera:
     def _light(self, truth: RoverTruth) -> _Light:
         """Light that reaches the pixels."""
         X_WC, world, view = truth.X_WB @ self.rig.X_RC, self._world, self._view
-        ground, shade = self._ground(truth)
-        direct, ambient = view.light(ground, world)
-        direct *= shade
+        ground = view.look(X_WC, world)
+        shade = self._casters.shadows(truth, world.light.direction, ground.x, ground.y, ground.z)
+        direct, ambient = view.light(ground, shade, world)
         hidden = view.draw(self._bodies(truth), X_WC, ground, world.light.direction, direct, ambient)
         return _Light(ground, direct, ambient, hidden)
-
-    def _ground(self, truth: RoverTruth) -> tuple[VisibleGround, Floats]:
-        """Visible ground, and the share of the sun's light that reaches it past the rover."""
-        ground = self._view.look(truth.X_WB @ self.rig.X_RC, self._world)
-        shade = self._casters.shadows(truth, self._world.light.direction, ground.x, ground.y, ground.z)
-        return ground, self._view.full(shade)
 
     def _bodies(self, truth: RoverTruth) -> Iterator[Body]:
         """Rocks around the rover, and the watched wheel."""

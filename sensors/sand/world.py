@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.sand.field import Field, Reach, foreign_tracks, rolled_over
-from sensors.sand.grid import Roll, Tread, strip_of, window_of
+from sensors.sand.field import Field, Reach, Track, foreign_tracks, rolled
+from sensors.sand.grid import Roll, Tread, window_around, window_of
 from sensors.sand.relief import Relief, SandKind, kind_named
 from sensors.sand.solids import Rock, scattered
 from sensors.world.sky import daylight
@@ -81,10 +81,8 @@ class Wheel:
         roll = _roll(a, b)
         if roll.sinkage < _SHALLOWEST:
             return
-        reach = roll.reach(self.tread)
-        window = window_of(roll, reach)
-        strip, sand = strip_of(roll, window, reach), field.sand(window)
-        after, removed = rolled_over(sand, roll, self.tread, strip, window, field.relief, self.displaced)
+        window = window_of(roll, roll.reach(self.tread))
+        after, removed = rolled(field.sand(window), Track(roll, self.tread), window, field.relief, self.displaced)
         self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
         field.write(window, after)
 
@@ -115,6 +113,7 @@ def _roll(a: Stand, b: Stand) -> Roll:
     )
 
 
+_PREPARED, _BESIDE = 0.3, 0.2  # sand is made this far ahead of the wheels, with this margin [m]
 NEAREST, FARTHEST = 0.12, 0.60  # behind the wheel's centre: between the wheel and the far edge of the view [m]
 _STEP: Final = 0.02  # [m]
 _STANDS_APART: Final = 0.004  # distance between remembered stands [m]
@@ -239,6 +238,12 @@ class SandWorld:
             for k, wheel in enumerate(self._wheels):
                 wheel.roll_on(self.field, now[k], then[k] if then else None)
             self._history = self._history.extended(now[self._watched], now[self._watched].sinkage > 0.0)
+
+    def prepare(self, truth: RoverTruth) -> None:
+        """Make some sand that the rover is about to reach; without it, it is made then."""
+        v_x, v_y = truth.X_WB[:2, :2] @ truth.velocity[:2]
+        ahead = truth.wheel_positions[:, :2] + _PREPARED * np.array([v_x, v_y]) / max(math.hypot(v_x, v_y), 1e-3)
+        self.field.make_one(window_around(ahead, _BESIDE))
 
     def trace_truth(self, truth: RoverTruth) -> TraceTruth:
         """Trace of the left rear wheel relative to the rover's present pose."""

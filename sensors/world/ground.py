@@ -33,7 +33,8 @@ _BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of the 
 _CORNERS = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
 _CELLS = 300  # most fine cells along the longer side, which limits the mesh of long courses
 _MAP_CELL = 0.25  # the error of interpolated distances is then h^2/8R = 1 mm at R = 6 m [m]
-_MAP_SIDE = 4096  # OpenGL 4.1 drivers accept at least 16384; memory limits it to less [px]
+_MAP_SIDE = 8000  # with its coarser levels beside it under 16384, which OpenGL 4.1 drivers accept at least [px]
+_MAP_NODES = 1 << 24  # memory limits it to these: cells of 0.25 m on 2 km of straight road, or 1 km square
 _MAP_REACH = 16.0  # greatest distance from the road's edge in the map [m]
 _SPACING = 0.05  # of the centreline's points: distance error below 0.1 mm at the road's edge [m]
 
@@ -144,13 +145,14 @@ class RoadMap:
 
 def road_map(rng: np.random.Generator, centreline: Centreline, low: FloatArray, high: FloatArray) -> RoadMap:
     """Map of a road along a centreline, without shadows, that covers the box from ``low`` to ``high`` [m]."""
-    cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE)
+    cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE, math.sqrt(float((high - low).prod()) / _MAP_NODES))
     nx, ny = (scipy.fft.next_fast_len(int(side / cell) + 2, real=True) for side in high - low)
     nodes = np.stack(np.meshgrid(low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)), axis=-1)
     reach = centreline.greatest_half_width + _MAP_REACH
     edge_distance = centreline.edge_distance(nodes, up_to=reach)
-    blotches = fractal_noise(rng, (ny, nx), 1.0, (cell / 12.0, 0.4))
-    lushness = 0.5 + 0.19 * fractal_noise(rng, (ny, nx), 1.1, (cell / 60.0, cell / 1.5))
+    longest = np.minimum(cell / np.array([12.0, 60.0]), 0.2)  # wide cells show longer waves only [cycles/cell]
+    blotches = fractal_noise(rng, (ny, nx), 1.0, (longest[0], 0.4))
+    lushness = 0.5 + 0.19 * fractal_noise(rng, (ny, nx), 1.1, (longest[1], cell / 1.5))
     off_road = 0.40 + 0.13 * blotches + 0.2 * (0.5 - lushness) + 0.42 * np.clip(1.4 - edge_distance, 0.0, 1.0)
     middle = edge_distance + centreline.greatest_half_width  # distance from it, of a road of one width
     wheels = np.clip(1.0 - np.abs(np.abs(middle) - 1.0) / 0.6, 0.0, 1.0)

@@ -1,7 +1,7 @@
 """Time and memory of long and large runs: ``python -m tests.benchmarks.scaling`` writes docs/long-and-large.md.
 
 Every run is made in a process of its own, whose processor time and largest memory count. The hour is one run, in parts
-of five simulated minutes.
+of five simulated minutes. Workers share a study of short runs with cameras.
 """
 
 import argparse
@@ -9,10 +9,12 @@ import itertools
 import json
 import subprocess
 import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import matplotlib.pyplot as plt
+import numpy as np
 
 _ROOT: Final = Path(__file__).parents[2]
 _RUN: Final = """
@@ -30,7 +32,7 @@ with tempfile.TemporaryDirectory() as folder:
 memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 print(json.dumps([run.summary["timing"]["simulated_s"], ran - begin, saved - ran, size, memory]))
 """
-_HOUR: Final = """
+_HOUR_CODE: Final = """
 import json, time
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.trailer_session import TrailerSession
@@ -45,6 +47,26 @@ with TrailerSession(assemble(load_scenario("cambered-road", [*settings, "off_tra
         seconds = (session.tick - tick) / 1000
         print(json.dumps([seconds, time.process_time() - begin, 0.0, 0.0, usage().memory]), flush=True)
 """
+_WORLD: Final = """
+import json, resource, time
+from scenarios.assembly.trailer_run import assemble
+from scenarios.loop.trailer_session import TrailerSession
+from scenarios.options.scenario import load_scenario
+begin = time.process_time()
+with TrailerSession(assemble(load_scenario(*{!r}), 1)) as session:
+    while session.tick < 5000:
+        session.advance()
+memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(json.dumps([session.tick / 1000, time.process_time() - begin, 0.0, 0.0, memory]))
+"""
+_STUDY: Final = """
+import json, tempfile
+from pathlib import Path
+from tests.benchmarks.studies import cases, study
+with tempfile.TemporaryDirectory() as folder:
+    print(json.dumps(study(cases({runs}, "viso_ot"), {jobs}, Path(folder) / "cells")))
+"""
+_RUNS: Final = 4  # of the study of each number of workers
 _TRUTH: Final = {"off_tracking": "truth", "reference_unit": False}
 _SHORT: Final = {"course.entry": 20.0, "course.turn_deg": 30.0, "course.exit": 5.0}
 
@@ -63,7 +85,7 @@ class Cost(NamedTuple):
 SERIES: Final[dict[str, tuple[str, dict[float, tuple[str, dict[str, Any]]]]]] = {
     "road, no cameras": (
         "length [m]",
-        {length: ("cambered-road", _TRUTH | {"course.length": length}) for length in (100.0, 300.0, 1000.0, 5000.0)},
+        {length: ("cambered-road", _TRUTH | {"course.length": length}) for length in (100.0, 1000.0, 5000.0, 30_000.0)},
     ),
     "road, cameras": (
         "length [m]",
@@ -90,73 +112,98 @@ SERIES: Final[dict[str, tuple[str, dict[float, tuple[str, dict[str, Any]]]]]] = 
 }
 
 
+_LONG: Final = "first five seconds of a road, cameras"
+_WORKERS: Final = "workers"
+_HOUR: Final = "one hour"
+_HEAD: Final = """# Long and large runs
+
+`python -m tests.benchmarks.scaling` measures this and writes this page; `--only TEXT` measures some of its series.
+
+Processor time of a run with its assembly, of its report, size of its files, largest memory of its process.
+Of the hour: every five minutes of the loop alone. Two cores that other programs shared: times vary by a tenth or two.
+
+The rendered world is bounded. Its map of the road has cells of 0.25 m up to 2 km of straight road or 1 km square;
+beyond, an 8000th of the length (3.75 m at 30 km), or a 4096th of a square's side. The mesh of the ground has cells of
+2.5 m near a course of up to 750 m, beyond a 300th of its length. A rover's sand keeps the last ground that it saw
+([rover](rover.md)).
+
+![Time and memory](../.pictures/scaling.png)
+"""
+_COLUMNS: Final = ("simulated [s]", "run [s]", "a simulated second [s]", "report [s]", "files [MB]", "memory [MB]")
+_OF_WORKERS: Final = (
+    "workers",
+    "wall time of a run [s]",
+    "processor time of a run [s]",
+    "runs an hour",
+    "times one worker",
+)
+
+
 def main() -> int:
     """Measure, and write the page and its picture."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="", help="series whose title contains this; nothing is written")
+    parser.add_argument("--only", default="", help="series whose title contains this; the page keeps the others")
     options = parser.parse_args()
-    rows: dict[str, list[tuple[float, Cost]]] = {}
-    for title, (_, runs) in SERIES.items():
+    page = _ROOT / "docs" / "long-and-large.md"
+    _, *sections = page.read_text(encoding="utf-8").split("\n## ")
+    tables = {title.lower(): table for title, _, table in (section.partition("\n\n") for section in sections)}
+    titles = (*SERIES, _LONG, _WORKERS, _HOUR)
+    for title in titles:
         if options.only in title:
-            rows[title] = [(value, _costs(_RUN.format(*run))[0]) for value, run in runs.items()]
-            print(title, *rows[title], sep="\n", flush=True)
-    if options.only in "one hour":
-        ends = itertools.count(5.0, 5.0)
-        rows["one hour"] = [(next(ends), cost) for cost in _costs(_HOUR)]
-        print("one hour", *rows["one hour"], sep="\n", flush=True)
-    if not options.only:
-        (_ROOT / "docs" / "long-and-large.md").write_text(_page(rows), encoding="utf-8")
-        _draw(rows)
+            tables[title] = _measured(title)
+            print(title, tables[title], sep="\n", flush=True)
+    parts = (f"\n## {title.capitalize()}\n\n{tables[title]}" for title in titles if title in tables)
+    page.write_text(_HEAD + "".join(parts), encoding="utf-8")
+    _draw({title: tables[title] for title in titles if title in tables and title != _WORKERS})
     return 0
 
 
-def _costs(code: str) -> list[Cost]:
-    """Costs that a program prints, one a line."""
+def _measured(title: str) -> str:
+    """Table of a series."""
+    if title == _WORKERS:
+        costs = [(jobs, *_printed(_STUDY.format(runs=_RUNS, jobs=jobs))[0]) for jobs in (1, 2, 4)]
+        first = costs[0][1]
+        rows = [(f"{n}", f"{w:.2f}", f"{cpu:.2f}", f"{3600.0 / w:.0f}", f"{first / w:.2f}") for n, w, cpu in costs]
+        return _table(_OF_WORKERS, rows)
+    if title == _HOUR:
+        return _of_costs("after [min]", zip(itertools.count(5.0, 5.0), _printed(_HOUR_CODE)))
+    if title == _LONG:
+        runs = ((length, [f"course.length={length}", "speed_kmh=40"]) for length in (100.0, 1000.0, 5000.0, 30_000.0))
+        return _of_costs("length [m]", ((n, _printed(_WORLD.format(("cambered-road", s)))[0]) for n, s in runs))
+    quantity, given = SERIES[title]
+    return _of_costs(quantity, ((value, _printed(_RUN.format(*run))[0]) for value, run in given.items()))
+
+
+def _printed(code: str) -> list[list[float]]:
+    """Lines of JSON that a program prints."""
     done = subprocess.run([sys.executable, "-c", code], cwd=_ROOT, capture_output=True, text=True, check=True)
-    return [Cost(*json.loads(line)) for line in done.stdout.splitlines()]
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def _unit(title: str) -> str:
-    return SERIES[title][0] if title in SERIES else "after [min]"
+def _of_costs(quantity: str, costs: Iterable[tuple[float, list[float]]]) -> str:
+    rows = []
+    for value, numbers in costs:
+        c = Cost(*numbers)
+        run = (f"{c.simulated:.0f}", f"{c.run:.1f}", f"{c.run / c.simulated:.3f}")
+        rows.append((f"{value:g}", *run, f"{c.report:.1f}", f"{c.size:.1f}", f"{c.memory:.0f}"))
+    return _table((quantity, *_COLUMNS), rows)
 
 
-def _page(rows: dict[str, list[tuple[float, Cost]]]) -> str:
-    parts = [
-        "# Long and large runs\n\n`python -m tests.benchmarks.scaling` measures this and writes this page.\n\n"
-        "Processor time of a run with its assembly, of its report, size of its files, largest memory of its process.\n"
-        "Of the hour: every five minutes of the loop alone. Two cores that other programs shared: times vary by a"
-        " tenth or two.\n\n![Time and memory](../.pictures/scaling.png)\n"
-    ]
-    for title, series in rows.items():
-        head = (
-            _unit(title),
-            "simulated [s]",
-            "run [s]",
-            "a simulated second [s]",
-            "report [s]",
-            "files [MB]",
-            "memory [MB]",
-        )
-        lines = [
-            f"| {value:g} | {c.simulated:.0f} | {c.run:.1f} | {c.run / c.simulated:.3f} | {c.report:.1f} "
-            f"| {c.size:.1f} | {c.memory:.0f} |"
-            for value, c in series
-        ]
-        parts.append(
-            "\n".join([f"\n## {title.capitalize()}\n", f"| {' | '.join(head)} |", "|---" * 7 + "|", *lines, ""])
-        )
-    return "".join(parts)
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = (f"| {' | '.join(row)} |" for row in rows)
+    return "\n".join([f"| {' | '.join(head)} |", "|---" * len(head) + "|", *lines, ""])
 
 
-def _draw(rows: dict[str, list[tuple[float, Cost]]]) -> None:
-    figure, axes = plt.subplots(2, len(rows), figsize=(3.0 * len(rows), 5.0), layout="constrained")
-    for (top, bottom), (title, series) in zip(axes.T, rows.items(), strict=True):
-        values = [value for value, _ in series]
-        top.plot(values, [cost.run / cost.simulated for _, cost in series], "o-", label="run")
-        top.plot(values, [cost.report / cost.simulated for _, cost in series], "o-", label="report")
-        bottom.plot(values, [cost.memory for _, cost in series], "o-")
+def _draw(tables: dict[str, str]) -> None:
+    figure, axes = plt.subplots(2, len(tables), figsize=(3.0 * len(tables), 5.0), layout="constrained")
+    for (top, bottom), (title, table) in zip(axes.T, tables.items(), strict=True):
+        head, _, *lines = table.splitlines()
+        rows = np.array([line.strip("| ").split(" | ") for line in lines], dtype=float)
+        top.plot(rows[:, 0], rows[:, 3], "o-", label="run")
+        top.plot(rows[:, 0], rows[:, 4] / rows[:, 1], "o-", label="report")
+        bottom.plot(rows[:, 0], rows[:, 6], "o-")
         top.set(title=title, ylim=(0.0, 1.1 * top.get_ylim()[1]))
-        bottom.set(xlabel=_unit(title), ylim=(0.0, 1.1 * bottom.get_ylim()[1]))
+        bottom.set(xlabel=head.strip("| ").split(" | ")[0], ylim=(0.0, 1.1 * bottom.get_ylim()[1]))
     axes[0, 0].legend()
     axes[0, 0].set_ylabel("processor time of\na simulated second [s]")
     axes[1, 0].set_ylabel("memory [MB]")

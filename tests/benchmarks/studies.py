@@ -32,37 +32,38 @@ def main() -> int:
     source = "viso_ot" if options.cameras else "truth"
     own = _own_seconds(source)
     with tempfile.TemporaryDirectory(prefix="offtrack-studies-") as folder:
-        slow, _ = _study(_cases(options.of_one_process, source), 1, Path(folder) / "one")
-        fast, seconds = _study(_cases(options.runs, source), 2, Path(folder) / "two")
+        slow, _ = study(cases(options.of_one_process, source), 1, Path(folder) / "one")
+        fast, seconds = study(cases(options.runs, source), 2, Path(folder) / "two")
     print(f"a run alone: {own:.3f} s of processor time; in a study of {options.runs} with 2 processes: {seconds:.3f} s")
     print(f"overhead: {100.0 * (seconds / own - 1.0):.1f} % (bar 10 %)")
     print(f"wall time of a run: {slow:.3f} s with 1 process, {fast:.3f} s with 2: scaling {slow / fast:.2f} (bar 1.8)")
     return 0
 
 
-def _cases(count: int, source: str) -> list[Case]:
+def cases(count: int, source: str) -> list[Case]:
+    """Short runs of one scenario with this source of the off-tracking."""
     fixed = (*_FIXED, ("off_tracking", source))
     return [Case(scenario="roundabout", fixed=fixed, axes=(), seed=seed) for seed in range(1, count + 1)]
 
 
 def _own_seconds(source: str) -> float:
     """Processor time of a run alone [s]."""
-    first, *cases = _cases(_ALONE + 1 if source == "truth" else 3, source)
+    first, *others = cases(_ALONE + 1 if source == "truth" else 3, source)
     run(first.resolved(), first.seed)  # imports, and the engine's compilation
     begin = time.process_time()
-    for case in cases:
+    for case in others:
         run(case.resolved(), case.seed).summary()
-    return (time.process_time() - begin) / len(cases)
+    return (time.process_time() - begin) / len(others)
 
 
-def _study(cases: list[Case], jobs: int, cells: Path) -> tuple[float, float]:
+def study(planned: list[Case], jobs: int, cells: Path) -> tuple[float, float]:
     """Wall time and processor time of a run in a study [s]."""
     begin, before = time.monotonic(), _seconds()
-    outcomes = run_cases(cases, cells, RunOptions(jobs=jobs))
+    outcomes = run_cases(planned, cells, RunOptions(jobs=jobs))
     wall = time.monotonic() - begin
     if not all(outcome.completed for outcome in outcomes):
         raise RuntimeError("a run is not completed")
-    return wall / len(cases), (_seconds() - before) / len(cases)
+    return wall / len(planned), (_seconds() - before) / len(planned)
 
 
 def _seconds() -> float:

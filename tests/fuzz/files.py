@@ -38,6 +38,11 @@ def rover(*pairs: str) -> tuple[str, ...]:
 
 
 _FINISHED: Final = (("fit-surrogate", "run"), ("draw", "run", "--to", "both", "--out", "out"))
+_VIEWED: Final = (
+    ("view", "run", "other", "--out", "page.html"),
+    ("compare", "other", "run", "--quiet", "--out", "out"),
+    ("export", "run", "--out", "out.csv"),
+)
 _AS_OUT: Final = ("--quiet", "--out", "out")
 _ESTIMATE: Final = ("--no-video", *_AS_OUT)
 _RAW: Final = ("estimate", "off-tracking", "raw", "--calibration", "raw/rig.toml", *_ESTIMATE)
@@ -138,6 +143,12 @@ FILES: Final[Sequence[Read]] = (
     Read("tuning", FileKind.RECORD, "study", ("tuning/tuning.toml", "tuning/journal.log"), "text", (TUNING,)),
     Read("training", FileKind.CHECKPOINT, "ground", ("training/checkpoint.zip",), "binary",
          (("train", "--out", "training"),)),
+    Read("others' summary", FileKind.RECORD, "run", ("run/summary.json", "run/manifest.json"), "json", _VIEWED),
+    Read("others' page", FileKind.IMAGE, "run", ("run/report.html",), "text", _VIEWED),
+    Read("others' signals", FileKind.SIGNALS, "run", ("run/signals.parquet",), "parquet", _VIEWED),
+    Read("bag", None, "bag", ("bag/*.db3",), "binary", (("estimate", "off-tracking", "bag", *_ESTIMATE),)),
+    Read("metadata of a bag", FileKind.PARAMETERS, "bag", ("bag/metadata.yaml",), "text",
+         (("estimate", "off-tracking", "bag", *_ESTIMATE),)),
     Read("compiled code", None, "", ("planted.so",), "binary", (), (_LIBRARY,)),
 )  # fmt: skip
 

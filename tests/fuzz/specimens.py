@@ -180,6 +180,24 @@ def _study(folder: Path) -> None:
             raise RuntimeError(f"{case.title()}: {done}")
 
 
+def _run(folder: Path) -> None:
+    """A finished run with its page, and another to compare it with."""
+    from tests.fuzz.files import trailer  # which names the specimens
+
+    case = Case(kind="specimen", command=trailer(), steps=1_000_000)
+    ((_, done),) = each_in_a_worker(result_of, {"": (case, folder)}, jobs=1)
+    if isinstance(done, BaseException) or done.code != 0:
+        raise RuntimeError(f"{case.title()}: {done}")
+    shutil.copytree(folder / "out", folder / "other")
+    (folder / "out").rename(folder / "run")
+
+
+def _bag(folder: Path) -> None:
+    from tests.offtrack.recordings.test_rosbag2 import bag, stereo
+
+    bag(folder / "bag", stereo())
+
+
 SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {
     "parameters": _parameters,
     "ground": _ground,
@@ -188,4 +206,6 @@ SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {
     "photographs": _photographs,
     "results": _results,
     "study": _study,
+    "run": _run,
+    "bag": _bag,
 }

@@ -74,7 +74,7 @@ def test_a_saved_run_is_loaded_again(run: offtrack.Run, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="copy that directory"):
         again.save(tmp_path / "b")
     (tmp_path / "a" / "summary.json").write_text("[1]")
-    with pytest.raises(ValueError, match=r"summary\.json: is no summary of a run"):
+    with pytest.raises(ValueError, match=r"summary\.json: must hold a JSON object"):
         offtrack.load_run(tmp_path / "a")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sensors.sand.field import TILE, Field, Reach, foreign_tracks
-from sensors.sand.grid import Window
+from sensors.sand.grid import Sand, Window
 from sensors.sand.relief import KINDS, Pebbles, Relief, SandKind
 from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches, labelled_sequence, route_of
 from sensors.sand.solids import scattered
@@ -141,6 +141,23 @@ def test_ground_is_continuous_across_tiles() -> None:
     height = field.height(Window(0, TILE - 100, TILE, TILE + 100))
     steps = np.abs(np.diff(height, axis=1)).mean(axis=0)
     assert steps[99] < 1.5 * np.median(steps)  # the mean of 512 rows, of which any column has its own pebbles
+
+
+def test_sand_forgets_what_was_used_least_recently(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory is bounded: the sand in use keeps its imprints, far sand comes back undisturbed."""
+    monkeypatch.setattr("sensors.sand.field._MOST", 4)
+    light = daylight(0.4)
+    relief = Relief.draw(np.random.default_rng(3), SandKind(stones=0.0), Terrain(), 0.0)
+    field = Field(relief=relief, sun=light, tracks=(), rocks=(), reach=Reach.of(light))
+    first, last = Window(0, 0, TILE, TILE), Window(0, 9 * TILE, TILE, 10 * TILE)
+    undisturbed = field.height(first)
+    field.write(first, Sand(undisturbed - 0.01, np.full(first.shape, 255, np.uint8)))
+    for k in range(10):
+        field.light(Window(100, k * TILE + 200, 300, k * TILE + 300))
+        assert len(field.tiles) <= 4
+    field.write(last, Sand(field.height(last) - 0.01, np.full(last.shape, 255, np.uint8)))
+    assert field.sand(last).packed.all()
+    assert np.array_equal(field.height(first), undisturbed)
 
 
 def test_neighbouring_tiles_share_the_pebbles_on_their_border() -> None:

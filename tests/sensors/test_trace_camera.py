@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from sensors.sand.solids import Casters
 from sensors.sand.trace_camera import GroundView, TraceCamera, VisibleGround, Webcam
 from sensors.sand.trace_rig import TraceRig, nominal_rig
 from sensors.sand.world import SandWorld, Sun
+from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.terrain import Terrain
@@ -76,10 +78,32 @@ def test_visible_points_lie_on_the_ground_and_project_back_to_their_pixels(
     assert np.abs(error).max() < 0.6
     assert np.abs(error).mean() < 0.06
     ground = sand.field.height(visible.window)
-    at = [part[tuple(pixels[:, ::-1].astype(int).T)].round().astype(int) for part in (visible.v, visible.u)]
+    shown = tuple(pixels[:, ::-1].astype(int).T)
+    at = [view.full(part)[shown].round().astype(int) for part in (visible.v, visible.u)]
     assert np.abs(ground[at[0], at[1]] - places[:, 2]).mean() < 0.0005  # roughness from texel to texel
     plane = SLOPE.height(places[:, 0], places[:, 1])
     assert np.abs(places[:, 2] - plane).max() > 0.008  # the rut in the view is 11 mm deep
+
+
+@pytest.mark.parametrize("overcast", [False, True])
+def test_compiled_and_plain_code_see_the_same_sand(
+    rover: Rover, rig: TraceRig, truths: list[RoverTruth], monkeypatch: pytest.MonkeyPatch, overcast: bool
+) -> None:
+    """OpenCV looks up at a 32nd of a texel and rounds the light to bytes; compiled code does neither."""
+
+    def images() -> list[GreyImage]:
+        world = world_of(rover, truths, LEFT, overcast=overcast)
+        world.drive(truths)
+        return [camera_of(world, rig, webcam).sample(truths[-1]) for webcam in (PLAIN, noisy)]
+
+    noisy = replace(PLAIN, read_noise=2.0, shot_noise=3.0)
+    compiled, is_compiled = images(), compiler() is not None
+    monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    for one, plain in zip(compiled, images(), strict=True):
+        difference = cv2.absdiff(one, plain)
+        assert difference.any() == is_compiled  # a source that does not compile would go unnoticed
+        assert difference.mean() < 0.4  # [grey levels]: they round by up to half a level each
+        assert np.quantile(difference, 0.999) <= 2.0  # at edges of lug marks
 
 
 def test_nominal_camera_has_the_field_of_view_of_the_paper(rover: Rover, rig: TraceRig) -> None:
@@ -126,9 +150,9 @@ def test_trace_in_the_image_is_on_the_true_line(sand: SandWorld, rig: TraceRig, 
     for u, v in rig.camera.pixels(rays)[4:-6]:
         band = image[int(v) - 25 : int(v) + 26]
         rough = np.abs(np.diff(band, axis=0)).mean(axis=0)
-        inside = np.flatnonzero(rough > 0.5 * (rough.min() + rough.max()))
-        inside = inside[np.abs(inside - u) < 90]
-        offsets.append(inside.mean() - u)
+        column = np.arange(len(rough))
+        weight = np.clip(rough - 0.5 * (rough.min() + rough.max()), 0.0, None) * (np.abs(column - u) < 90)
+        offsets.append(np.average(column, weights=weight) - u)
     # 1 px is 1.3 mm; edges of the rough band are ragged, and 0.2 deg of the camera move the ground by 3 mm.
     assert abs(np.mean(offsets)) < 6.0
 

@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import scipy
 
-from sensors.world.ground import Centreline
+from sensors.world.ground import Centreline, RoadMap, road_map
 from sensors.world.scenery import Instances
 from sensors.world.sky import HIGHEST, LOWEST, daylight, panorama
 from sensors.world.things import Mesh, blob, inside, massed
@@ -120,6 +121,31 @@ def test_road_map_holds_the_distance_from_the_edge(world: World) -> None:
     near = expected < 10.0
     error = np.abs(road.edge_distance - expected)[near & (expected > -3.5)]
     assert error.max() < 2e-3  # [m] points every 50 mm and a polygon of 400 corners: 0.3 mm each
+
+
+def test_road_map_of_a_long_road_is_complete_and_bounded() -> None:
+    """30 km: cells are narrower than half the road, so the nodes around an edge are on its side of the middle."""
+    road, half_width = _map_over((30_000.0, 0.0)), 4.5
+    assert road.cell < half_width
+    assert max(road.light.shape) < 8192  # with its coarser levels beside it, 16384
+    u = (np.linspace(100.0, 29_900.0, 999) - road.origin[0]) / road.cell
+    v = np.full(999, (half_width - road.origin[1]) / road.cell)
+    assert np.abs(scipy.ndimage.map_coordinates(road.edge_distance, [v, u], order=1)).max() < 0.01
+
+
+def test_road_map_of_wide_cells_has_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A course 30 km wide has cells of 7 m, which show no wave of 12 m; here fewer nodes do the same."""
+    monkeypatch.setattr("sensors.world.ground._MAP_NODES", 1 << 16)
+    road = _map_over((1800.0, 1800.0))
+    assert 7.0 < road.cell < 7.5
+    assert road.light.size < 1.2 * 2**16  # whole cells, and sides that are quickly transformed
+    assert all(np.isfinite(layer).all() for layer in (road.edge_distance, road.gravel, road.lushness))
+
+
+def _map_over(end: tuple[float, float]) -> RoadMap:
+    """Map of a straight road of 9 m from W's origin."""
+    line = Centreline(np.array([[0.0, 0.0], end]), 4.5)
+    return road_map(np.random.default_rng(1), line, np.array([-20.0, -20.0]), np.array(end) + 20.0)
 
 
 def test_a_crossing_centreline_is_near_to_both_arms() -> None:

@@ -113,13 +113,13 @@ def read_json(path: Path, kind: FileType) -> dict[str, Any]:
     text = read_text(path, kind)
     try:
         found = json.loads(text, parse_constant=_no_constant)
-        if not isinstance(found, dict):
-            raise ValueError("it has no object {…}")
-        return found
     except RecursionError:
         raise ValueError(f"{path}: not JSON: {_TOO_DEEP}") from None
     except ValueError as error:
         raise ValueError(f"{path}: not JSON: {shown(str(error))}") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"{path}: must hold a JSON object {{…}}")
+    return found
 
 
 def _no_constant(name: str) -> None:

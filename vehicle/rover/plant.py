@@ -123,6 +123,7 @@ class RoverPlant:
         self._unsteered = np.array([not wheel.steered for wheel in rover.wheels])
         self._in_state = RoverState(*slices(state_sizes(len(rover.wheels))))
         self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
+        self._looked: tuple[Pose2 | None, FloatArray] = (None, np.empty(0))  # the last place, and its input
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
 
     def __reduce__(self) -> "tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]":
@@ -217,7 +218,10 @@ class RoverPlant:
         """Input vector of this place, without demands."""
         if self._everywhere is not None:
             return self._everywhere.copy()
-        return self._look(Pose2(*state[:3].tolist()))
+        pose = Pose2(*state[:3].tolist())
+        if pose != self._looked[0]:  # a step begins where the last observation was
+            self._looked = pose, self._look(pose)
+        return self._looked[1].copy()
 
     def _look(self, pose: Pose2) -> FloatArray:
         """Input vector for a pose; the wheels' places on the map are those of a level rover."""

@@ -155,7 +155,7 @@ def channels(patch: NDArray[np.uint8]) -> FloatImage:
 
 
 def _normalised(patch: NDArray[np.uint8]) -> FloatImage:
-    log = np.log(np.arange(256, dtype=np.float32) + _DARK)[patch]
+    log = np.asarray(cv2.LUT(patch, np.log(np.arange(256, dtype=np.float32) + _DARK)), dtype=np.float32)
     log -= _smooth(log, _ACROSS)
     np.clip(log, -_SATURATION, _SATURATION, out=log)
     log -= _smooth(log, _SURROUNDINGS)

@@ -221,7 +221,7 @@ def write_images(images: Mapping[Path, NDArray[Any]]) -> None:
     """
     try:
         for path, image in images.items():
-            path.write_bytes(cv2.imencode(path.suffix, image, _FAST_PNG)[1].tobytes())
+            path.write_bytes(cv2.imencode(path.suffix, image, _FAST_PNG if path.suffix == ".png" else [])[1].tobytes())
     except OSError:
         for path in images:
             path.unlink(missing_ok=True)

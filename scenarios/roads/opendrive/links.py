@@ -546,7 +546,7 @@ def starts(network: Network, request: Request, source: str) -> list[Leg]:
         return fitting
     known: dict[tuple[str, int, int], float] = {}
     reach = {leg: round(_reach(network, leg, request.narrowest, known)) for leg in fitting}
-    return sorted(fitting, key=lambda leg: (-reach[leg], -leg.direction, -abs(leg.lane)))
+    return sorted(fitting, key=lambda leg: (-reach[leg], leg.data.kind != "driving", -leg.direction, -abs(leg.lane)))
 
 
 def _no_start(roads: Sequence[Road], begins: Sequence[Leg], request: Request) -> str:

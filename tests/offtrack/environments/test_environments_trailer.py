@@ -1,7 +1,7 @@
 """Physics of environments: that of the scenarios, for any number of vehicles."""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -176,3 +176,16 @@ def test_endings_are_met_at_their_limits() -> None:
     ):
         assert not ending(moment(**{name: np.array(harmless)}))[0]
         assert ending(moment(**{name: np.array(bad)}))[0]
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("axles", [1, 2, 3, 5])
+def test_rewards_do_not_depend_on_the_number_of_environments(axles: int, order: Literal["C", "F"]) -> None:
+    """Bitwise: sums over axles are taken in one order."""
+    rng = np.random.default_rng(axles)
+    values: dict[str, Any] = {name: rng.normal(size=40) for name in Moment._fields}
+    many = Moment(**values)._replace(steer_rate=np.asarray(rng.normal(size=(40, axles)), order=order))
+    reward = rewards.weighted(rewards.USUAL)
+    alone = [Moment(**{name: part[k : k + 1] for name, part in many._asdict().items()}) for k in range(40)]
+    single = [float(reward(one)[0]) for one in alone]
+    assert reward(many).tolist() == single

@@ -201,7 +201,7 @@ def test_a_page_without_pictures_costs_no_time(content: str | None, tmp_path: Pa
 SUMMARIES = {
     "[" * 100_000 + "]" * 100_000: "not JSON: tables and lists must be nested",
     "{}": "is no summary of a run",
-    "[]": "not JSON: it has no object",
+    "[]": "must hold a JSON object",
     '{"outcome": "completed", "scenario": "a", "seed": null}': "needs outcome, scenario and seed",
     '{"outcome": "completed", "scenario": [], "seed": 1}': "needs outcome, scenario and seed",
     '{"outcome": "completed", "scenario": "a", "seed": NaN}': "not JSON: it has no NaN",

@@ -12,10 +12,13 @@ from pydantic import BaseModel
 
 from offtrack.studies import case as identity
 from offtrack.studies.case import Case
+from offtrack.studies.cluster_workshop import shipment
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.study import settings_of
 from scenarios.options.scenario import RoverScenario, Scenario, load_any_scenario
 from scenarios.results.run_inputs import own_modules
+from tests.vehicle.ground.test_property_files import TEXT, on_files
+from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import tables_in
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))
@@ -186,3 +189,18 @@ def test_files_opened_are_told_from_those_that_are_named_or_written(
     os.utime(tmp_path / "table.txt", (1, 1))
     with pytest.raises(ValueError, match=r"table\.txt has changed while the study ran"):
         identity.opened_files(set())
+
+
+def test_the_tyre_file_of_a_vehicle_counts_and_goes_to_workers(tmp_path: Path) -> None:
+    """Its content is a part of the identity; a worker finds the copy by the name in the copy of the vehicle's file."""
+    on_files(tmp_path, TEXT["61"])
+    file = str(tmp_path / "truck.toml")
+    before = identity_of("roundabout", f"vehicle={file}", "trailer_steering=none")
+    sent = shipment([file])
+    for name, content in sent.contents.items():
+        (tmp_path / "worker" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "worker" / name).write_bytes(content)
+    there = load_vehicle(str(tmp_path / "worker" / sent.names[file]))
+    assert there == load_vehicle(file)
+    on_files(tmp_path, TEXT["61"].replace("PDY1 = 0.84", "PDY1 = 0.85"))
+    assert identity_of("roundabout", f"vehicle={file}", "trailer_steering=none") != before

@@ -3,6 +3,8 @@
 import json
 import os
 import platform
+import sqlite3
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,17 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.studies.study import Study
-from offtrack.studies.trials import database, finished, former, hidden, in_database, resume, study_name, work
+from offtrack.studies.trials import (
+    database,
+    finished,
+    former,
+    hidden,
+    in_database,
+    patiently,
+    resume,
+    study_name,
+    work,
+)
 from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_directory import digest
@@ -151,6 +163,46 @@ def test_trials_in_a_database_are_shared_and_dead_ones_are_tried_again(tmp_path:
     assert study.trials[2].user_attrs["process"] == [platform.node(), os.getpid()]
     (trial,) = finished(task, tmp_path / "elsewhere")
     assert trial.values == tuple(study.trials[2].values)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Heartbeat of storage")
+@pytest.mark.parametrize("gone", ["locked", "locked for long", "deleted"])
+def test_a_database_that_is_locked_or_gone_is_waited_for_and_then_one_line(
+    gone: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Locked between two calls for 8 s, of which SQLite itself waits 5; then for longer than the patience."""
+    monkeypatch.setattr("offtrack.studies.trials.PATIENCE", 20.0 if gone == "locked" else 2.0)
+    file = tmp_path / f"{gone}.db"
+    task = replace(tuning("x", ranges={"gain": Range(low=0.1, high=1.0)}), storage=f"sqlite:///{file}")
+    storage = database(task.storage or "")
+    storage.get_all_studies()
+    lock = sqlite3.connect(file, check_same_thread=False)
+    lock.execute("BEGIN EXCLUSIVE")
+    timer = threading.Timer(8.0 if gone == "locked" else 30.0, lock.rollback)
+    if gone == "deleted":
+        lock.rollback()
+        file.unlink()
+        storage.engine.dispose()
+    timer.start()
+    if gone == "locked":
+        assert patiently(task, lambda: finished(task, tmp_path)) == []
+    else:
+        line = rf"^--storage sqlite:///{file}: the database can not be used: .*(locked|no such table)"
+        with pytest.raises(ValueError, match=line) as refused:
+            patiently(task, lambda: finished(task, tmp_path))
+        assert "\n" not in str(refused.value)
+    timer.cancel()
+    timer.join()
+    lock.close()
+
+
+@pytest.mark.slow
+def test_a_journal_gets_as_many_trials_as_asked_for_by_any_number_of_jobs(tmp_path: Path) -> None:
+    """The last worker to begin one would make a trial too many."""
+    done = CliRunner().invoke(app, [*arguments(tmp_path / "out", 3), "--jobs", "2"])
+    assert done.exit_code == 0, done.output
+    assert len((tmp_path / "out" / "trials.csv").read_text().splitlines()) == 1 + 3
 
 
 def test_a_password_is_never_shown() -> None:

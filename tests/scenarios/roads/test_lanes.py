@@ -314,12 +314,17 @@ def test_a_lane_that_splits_in_two_or_two_that_merge_are_driven(tmp_path: Path, 
 
 
 def test_the_longest_drive_is_the_default(tmp_path: Path) -> None:
-    """Not the first road, not a lane of no width, not a road that is refused; of two as long the outermost lane."""
+    """Not the first road, no lane of no width, no road that is refused; of lanes as long the outermost for all."""
     link = NEXT.format("road", "9")
     text = file(
         road("1", (Piece(20.0),), TWO_LANES),
         road("2", (Piece(300.0),), lanes([], [lane(-1, width=0.0)]), start=Start(0.0, 50.0)),
-        road("3", (Piece(100.0),), lanes([], [lane(-1), lane(-2), lane(-3, kind="sidewalk")]), start=Start(0.0, 90.0)),
+        road(
+            "3",
+            (Piece(100.0),),
+            lanes([], [lane(-1), lane(-2), lane(-3, kind="bus"), lane(-4, kind="sidewalk")]),
+            start=Start(0.0, 90.0),
+        ),
         road("4", (Piece(100.0),), ONE, start=Start(0.0, 130.0), link=link),
         road("9", (Piece(100.0),), ONE, start=Start(110.0, 130.0)),
     )
