@@ -7,9 +7,12 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from offtrack.studies.pool import made_run
 from scenarios.processes import WorkerDiedError, as_finished, each_in_a_worker
 from scenarios.progress import no_progress, postponed_interrupts
 
@@ -124,3 +127,20 @@ def test_a_process_that_dies_costs_its_own_task_one_more_try(tmp_path: Path) -> 
     ):
         assert isinstance(results[key], WorkerDiedError)
         assert str(results[key]) == line
+
+
+@pytest.mark.parametrize(("tracebacks", "calls"), [(["FmuKilledError: a", ""], 2), (["KilledError"] * 2, 2), ([""], 1)])
+def test_a_run_whose_part_was_killed_is_tried_once_more(
+    tracebacks: list[str], calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system kills the process of an FMU when memory runs out, perhaps only then."""
+    made = list[str]()
+
+    def run(*_: object) -> SimpleNamespace:
+        made.append(tracebacks[len(made)])
+        return SimpleNamespace(traceback=made[-1])
+
+    monkeypatch.setattr("offtrack.studies.pool.run", run)
+    scenario: Any = None
+    assert made_run(scenario, 1).traceback == tracebacks[-1]
+    assert len(made) == calls

@@ -149,7 +149,7 @@ def test_left_and_right_roundabout_are_mirror_images() -> None:
 
 @pytest.mark.slow
 def test_a_lane_change_seen_by_cameras_keeps_the_trailer_on_its_path() -> None:
-    """At 25 km/h path preview has its full authority, and all signals are sound: it needs no fallback.
+    """At 25 km/h path preview and virtual driver share the axles; all signals are sound: they need no fallback.
 
     The unsteered trailer leaves its path by 0.396 m, this one by 0.12 to 0.14 m (seeds 1, 2, 3, 101); the bar is half
     of the unsteered one's.
@@ -158,7 +158,7 @@ def test_a_lane_change_seen_by_cameras_keeps_the_trailer_on_its_path() -> None:
     course = ("speed_kmh=25", "course.entry=20", "course.exit=20", "trailer_steering=path_preview")
     result = run(load_scenario("lane-change", (*quick, *course)), 1)
     assert result.outcome == "completed"
-    assert result.warnings == ()
+    assert [line for line in result.warnings if "virtual_driver steered there" not in line] == []
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < 0.198
     assert np.degrees(np.abs(result.log["steer_trailer_1"]).max()) > 3.0  # it steers
 
