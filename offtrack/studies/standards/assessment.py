@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from controllers.trailer_steering.lqr import law_warnings
 from offtrack.studies.standards.braking_and_drive import (
     braking,
     braking_in_turn,
@@ -29,7 +30,16 @@ from offtrack.studies.standards.open_loop import (
     sine_with_dwell,
     theoretical_peak,
 )
-from offtrack.studies.standards.proving_ground import KINDS, STANDARD, Conditions, Figures, Kind, Manoeuvre, read_tables
+from offtrack.studies.standards.proving_ground import (
+    KINDS,
+    STANDARD,
+    Conditions,
+    Figures,
+    Kind,
+    Manoeuvre,
+    read_tables,
+    steered_trailer,
+)
 from offtrack.studies.standards.static_rollover import closing_curve, tilt
 from offtrack.studies.standards.steady_driving import crosswind, steady_circle, straight
 from scenarios.processes import as_finished, default_jobs
@@ -255,6 +265,13 @@ class Assessment:
         }
         return compared_with_limits(applicable)
 
+    @property
+    def law(self) -> list[str]:
+        """Lines on a law that gave way to another one at the speeds of the manoeuvres."""
+        steered = steered_trailer(self.vehicle, self.trailer_steering)
+        fastest = max((KINDS[one.key].under(self.conditions).speed for one in self.manoeuvres), default=0.0)
+        return [] if steered is None else law_warnings(steered.law.law, fastest)
+
     def disagreements(self, named: Callable[[str], str] = str) -> tuple[str, ...]:
         """Lines on the quantities that differ from linear theory by more than 3 %, with the reason."""
         lines = []
@@ -287,8 +304,8 @@ class AssessmentMatrix:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Contradictions between the vehicle's numbers, in any load case."""
-        lines = ((case.load, line) for case in self.cases for line in data_sheet(case.vehicle).warnings)
+        """Contradictions between the vehicle's numbers, in any load case, and speeds that the law is not for."""
+        lines = [(case.load, line) for case in self.cases for line in (*data_sheet(case.vehicle).warnings, *case.law)]
         return tuple(dict.fromkeys(line if load == AS_IN_FILE else f"{load}: {line}" for load, line in lines))
 
     @property

@@ -113,8 +113,16 @@ def test_a_law_is_assessed_with_its_parameters(tmp_path: Path, monkeypatch: pyte
     answer = CliRunner().invoke(APP, f"uk_longer_semitrailer {law} --manoeuvres turn --out out --json".split())
     assert answer.exit_code == 0, answer.output
     assert "path_preview gain=0 slip_distance=4" in (tmp_path / "out" / "report.html").read_text("utf-8")
-    usual = turn(load_vehicle("uk_longer_semitrailer"), "path_preview").figures["tail_swing_exit_m"]
-    assert json.loads(answer.output)["manoeuvres"]["turn"]["tail_swing_exit_m"] > usual + 0.05
+    vehicle = load_vehicle("uk_longer_semitrailer")
+    usual = turn(vehicle, "path_preview")
+    there = json.loads(answer.output)["manoeuvres"]["turn"]["tail_swing_exit_m"]
+    assert there > usual.figures["tail_swing_exit_m"] + 0.05
+    slow, quick = (
+        Assessment(vehicle=vehicle, trailer_steering="path_preview", manoeuvres=(usual,), linear={}, conditions=one)
+        for one in (Conditions(), Conditions(speed=10.0))
+    )
+    assert slow.law == []
+    assert "the drive reached 36 km/h: virtual_driver steered there" in quick.law[0]
     chosen = pickle.loads(pickle.dumps(ChosenLaw("path_preview", {"gain": 0.1})))
     assert (chosen, chosen.parameters) == ("path_preview", {"gain": 0.1})
 
