@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.equations import settle
-from controllers.trailer import Combination, Linkage, TrailerGeometry
+from controllers.trailer import Actuation, Combination, Linkage, TrailerGeometry
 from estimators.estimates import OffTracking
 from estimators.hitch_motion import HitchMotion, hitch_motions
 from estimators.off_tracking.hitch_path import crossing, tangent
@@ -228,6 +228,44 @@ def slip_between(before: OffTracking, estimate: OffTracking, axles: AxleGroup, h
     return axles.mean_slip(max(estimate.v_x, MEASURABLE), estimate.v_y, estimate.yaw_rate, angles)
 
 
+_STIRRED: Final = math.radians(1.0)  # distance from the demand, ten times the encoders' noise [rad]
+_AT_RATE: Final = 0.9  # of the rate limit: what moves faster may be held by it
+_EXPECTED: Final = 2e-5  # weight of the data sheet: of two axles 2 deg from their demands for 0.4 s [rad2 s2]
+_REMEMBERED: Final = 1e-3  # most that is remembered, 20 s of that; older answers are forgotten [rad2 s2]
+_KNOWN: Final = 0.3  # share by which the data sheet may be wrong before the measured lag takes its place
+_LARGEST_LAG: Final = 1.0  # [s]
+
+
+class Answers(NamedTuple):
+    """How fast the actuators have answered so far: least squares of their rate over the distance from the demand."""
+
+    stirred: float = 0.0  # sum of squared distances times periods [rad2 s2]
+    moved: float = 0.0  # sum of movements times distances times periods [rad2 s]
+
+    def with_reading(self, trailer: TrailerGeometry, history: SteerHistory, actuation: Actuation | None) -> "Answers":
+        """With the movement between the last two readings, towards the goal of that time."""
+        if actuation is None or len(history) < 2:
+            return self
+        before, now = history[-2:]
+        elapsed = (now.tick - before.tick) * TICK
+        stirred, moved = self
+        for goal, able, was, angle in zip(actuation.goal, actuation.able, before.angles, now.angles, strict=True):
+            distance, movement = goal - was, angle - was
+            if able and abs(distance) > _STIRRED and abs(movement) < _AT_RATE * trailer.max_steer_rate * elapsed:
+                stirred += (distance * elapsed) ** 2
+                moved += movement * distance * elapsed
+        kept = min(1.0, _REMEMBERED / stirred) if stirred > 0.0 else 1.0
+        return Answers(kept * stirred, kept * moved)
+
+    def lag(self, trailer: TrailerGeometry) -> float:
+        """Lag of the actuators [s]: that of the data sheet, unless they clearly have another one."""
+        known = trailer.actuator_lag
+        if known <= 0.0 or self.stirred == 0.0:
+            return known
+        measured = (self.stirred + _EXPECTED) / max(self.moved + _EXPECTED / known, 1e-9)
+        return known if abs(measured - known) < _KNOWN * known else min(measured, _LARGEST_LAG)
+
+
 class Ahead(NamedTuple):
     """The trailer at a later time, in its frame S at an estimate's tick."""
 
@@ -246,15 +284,24 @@ class Predictor:
         self._trailer, self._axles = trailer, axles
 
     def ahead(
-        self, estimate: OffTracking, mean_slip: float, history: SteerHistory, demand: FloatArray, until: int
+        self,
+        estimate: OffTracking,
+        mean_slip: float,
+        history: SteerHistory,
+        demand: FloatArray,
+        until: int,
+        lag: float | None = None,
     ) -> Ahead:
-        """The trailer at the tick ``until``, with its steering on the way to ``demand`` (n_steered,) [rad]."""
+        """The trailer at the tick ``until``, with its steering on the way to ``demand`` (n_steered,) [rad].
+
+        ``lag`` is that of the actuators [s], by default that of the data sheet.
+        """
         speed = math.hypot(estimate.v_x, estimate.v_y)
         course_rate = estimate.hitch_direction_rate + estimate.yaw_rate
         steps = max(1, math.ceil((until - estimate.tick) * TICK / _STEP))
         dt = (until - estimate.tick) * TICK / steps
         middles: FloatArray = estimate.tick + (np.arange(steps, dtype=np.float64) + 0.5) * (dt / TICK)
-        moments = self._axles.steer_moment(self._angles(history, demand, middles)).tolist()
+        moments = self._axles.steer_moment(self._angles(history, demand, middles, lag)).tolist()
         yaw_per_metre, first, advance = self._axles.yaw_per_metre, estimate.hitch_direction, dt * speed
         half_advance = 0.5 * dt * speed
         x = y = psi = 0.0
@@ -266,13 +313,14 @@ class Predictor:
             y += advance * math.sin(course)
         return Ahead(Pose2(x, y, psi), limited_direction(wrap(first + course_rate * steps * dt - psi)))
 
-    def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray) -> FloatArray:
+    def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray, lag: float | None) -> FloatArray:
         """Steer angles (n, n_steered) [rad] at past and future ticks."""
         newest, t = history[-1], self._trailer
         coming = int(ticks.searchsorted(newest.tick, side="right"))
         angles = angles_at(history, ticks)
         waits = (ticks[coming:, None] - newest.tick) * TICK
-        angles[coming:] = settle(newest.angles, demand, waits, lag=t.actuator_lag, max_rate=t.max_steer_rate)
+        lag = t.actuator_lag if lag is None else lag
+        angles[coming:] = settle(newest.angles, demand, waits, lag=lag, max_rate=t.max_steer_rate)
         return angles
 
 

@@ -55,6 +55,7 @@ from controllers.trailer import (
 from controllers.trailer_steering.kinematics import (
     MEASURABLE,
     Ahead,
+    Answers,
     AxleGroup,
     Predictor,
     SteerHistory,
@@ -90,6 +91,8 @@ class PathLawMemory(NamedTuple):
     other_slip: float = 0.0  # the part of it that the path's curvature does not explain, low-passed [-]
     bias: float = 0.0  # integral part of the follow point's turn [rad]
     actuation: Actuation | None = None  # None: the axles follow their demands
+    answers: Answers = Answers()  # of the actuators to their demands
+    lag: float = 0.0  # of the actuators [s]
 
 
 class PathLaw(SteeringLaw[PathLawMemory]):
@@ -120,7 +123,9 @@ class PathLaw(SteeringLaw[PathLawMemory]):
     ) -> tuple[PathLawMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = elapsed_since(memory.tick, tick)
-        memory = memory._replace(tick=tick, history=recorded(memory.history, signals, _HISTORY))
+        history = recorded(memory.history, signals, _HISTORY)
+        answers = memory.answers.with_reading(self._trailer, history, memory.actuation)
+        memory = memory._replace(tick=tick, history=history, answers=answers, lag=answers.lag(self._trailer))
         before = memory.estimate
         is_new = off_tracking is not None and (before is None or off_tracking.tick > before.tick)
         if off_tracking is not None and is_new and self._is_usable(off_tracking):
@@ -130,8 +135,8 @@ class PathLaw(SteeringLaw[PathLawMemory]):
         estimate, along = memory.estimate, memory.along
         if estimate and along is not None and tick - estimate.tick <= _OLDEST and estimate.v_x >= _CREEP:
             goal = last if memory.actuation is None else memory.actuation.goal
-            until = self._predicted_until(tick, estimate)
-            ahead = self._predictor.ahead(estimate, memory.slip, memory.history, goal, until)
+            until = self._predicted_until(tick, estimate, memory.lag)
+            ahead = self._predictor.ahead(estimate, memory.slip, memory.history, goal, until, memory.lag)
             target = self._target(ahead.frame.inverse().apply(estimate.path), along)
             memory, wanted = self._wanted(memory, estimate, ahead, target, elapsed)
         demand = reachable(self._trailer, last, wanted, elapsed)
@@ -144,9 +149,9 @@ class PathLaw(SteeringLaw[PathLawMemory]):
     def _target(self, path: FloatArray, along: FloatArray | None = None) -> Target | None:
         return target_on(path, arc_length(path) if along is None else along, self._trailer.follow_distance)
 
-    def _predicted_until(self, tick: int, estimate: OffTracking) -> int:
-        """Tick at which the axles have answered to a demand."""
-        return tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD
+    def _predicted_until(self, tick: int, estimate: OffTracking, lag: float) -> int:
+        """Tick at which the axles have answered to a demand, with a ``lag`` of the actuators [s]."""
+        return tick + round(lag / TICK) + _HALF_PERIOD
 
     def _integral_waits(self, memory: PathLawMemory) -> bool:
         """True at full steer, and while no axle answers."""
@@ -186,8 +191,8 @@ class PathPreview(PathLaw):
     class Parameters(LowSpeedParameters):
         """Parameters; the defaults come from `offtrack tune`, whose study is in scenarios/data/tuning/path_preview.
 
-        The range of speeds is measured: with actuators slower than the data sheet says, 0.5 s for 0.15 s, the loop
-        swings in a lane change of 0.4 Hz from 28 km/h on; the virtual driver, whose gain falls with speed, does not.
+        The range of speeds is measured, in lane changes of 0.4 Hz with actuators slower than the data sheet says: above
+        it the virtual driver, whose gain falls with speed, is the calmer one.
         """
 
         full_up_to_kmh: float = quantity(20.0, "km/h", 1.0, 129.0, "speed up to which the law steers alone")
@@ -288,10 +293,10 @@ class VirtualDriver(PathLaw):
         self._gain, self._integral, self._derivative = given.gain / given.preview, given.integral, given.derivative
         self._x_c = self._axles.second_moment / self._axles.first_moment
 
-    def _predicted_until(self, tick: int, estimate: OffTracking) -> int:
+    def _predicted_until(self, tick: int, estimate: OffTracking, lag: float) -> int:
         """Tick at which the axles have answered, or the trailer has come to the end of the measured path."""
         farthest = round(_FARTHEST * self._trailer.follow_distance / estimate.v_x / TICK)
-        return min(super()._predicted_until(tick, estimate), estimate.tick + farthest)
+        return min(super()._predicted_until(tick, estimate, lag), estimate.tick + farthest)
 
     def _with_slip(self, memory: PathLawMemory, tick: int, estimate: OffTracking) -> PathLawMemory:
         """Memory with the drift since the estimate before."""
@@ -308,10 +313,10 @@ class VirtualDriver(PathLaw):
         self, memory: PathLawMemory, estimate: OffTracking, ahead: Ahead, target: Target | None, elapsed: float
     ) -> tuple[PathLawMemory, FloatArray]:
         """Memory and wanted angles [rad], not yet limited in rate."""
-        share, drift = self._angle_share(estimate.v_x, memory.delay), self._derivative * memory.slip
+        share, drift = self._angle_share(estimate.v_x, memory.delay, memory.lag), self._derivative * memory.slip
         if target is None:
             return memory, share * self._axles.slip_angles(drift)
-        gain, bias = self._scheduled(estimate.v_x, memory.delay), memory.bias
+        gain, bias = self._scheduled(estimate.v_x, memory.delay, memory.lag), memory.bias
         if self._gain > 0.0 and not self._integral_waits(memory):
             bias += self._integral * (gain / self._gain) ** 2 * (target.offset * estimate.v_x * elapsed)
             bias = max(-_MOST_BIAS, min(_MOST_BIAS, bias))
@@ -319,14 +324,14 @@ class VirtualDriver(PathLaw):
         angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, drift)
         return memory._replace(bias=bias), share * angles
 
-    def _scheduled(self, speed: float, delay: float) -> float:
+    def _scheduled(self, speed: float, delay: float, lag: float) -> float:
         """Proportional gain [rad/m] at a speed [m/s] with estimates of this mean age [s]."""
-        lags = _tyre_lag(speed) + _UNPREDICTED * (delay + self._trailer.actuator_lag)
+        lags = _tyre_lag(speed) + _UNPREDICTED * (delay + lag)
         return min(self._gain, _PHASE / (lags * speed))
 
-    def _angle_share(self, speed: float, delay: float) -> float:
+    def _angle_share(self, speed: float, delay: float, lag: float) -> float:
         """Share of the angles [-] that leaves a trailer enough of its alignment."""
-        lags = _tyre_lag(speed) + delay + self._trailer.actuator_lag
+        lags = _tyre_lag(speed) + delay + lag
         return min(1.0, 0.5 * _PHASE * self._x_c / (speed * lags))
 
 

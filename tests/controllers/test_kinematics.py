@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from controllers.equations import settle
 from controllers.trailer import Actuation, Combination, Linkage, no_axle_answers
 from controllers.trailer_steering.kinematics import (
+    Answers,
     AxleGroup,
     Predictor,
     SteerHistory,
@@ -262,3 +263,27 @@ def test_axles_at_their_grip_answer_no_more() -> None:
     for at_grip, held in (([True, False], False), ([True, True], True)):
         known = Actuation(goal=np.zeros(2), able=np.ones(2, np.bool_), at_grip=np.array(at_grip))
         assert no_axle_answers(known) is held
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@pytest.mark.parametrize(("true", "measured"), [(0.15, 0.15), (0.17, 0.15), (0.05, 0.15), (0.5, 0.5), (0.8, 0.8)])
+def test_the_lag_of_actuators_is_measured_where_they_are_slow(true: float, measured: float, noise: float) -> None:
+    """Sine demands of 5 deg and 0.3 Hz, noise of the encoders in degrees; actuators that cannot move tell nothing.
+
+    Quick ones follow so closely that nothing can be measured, and nothing is lost.
+    """
+    trailer, rng = replace(TRAILER, actuator_lag=0.15), np.random.default_rng(1)
+    angles, goal = np.zeros(3), np.zeros(3)
+    history: SteerHistory = ()
+    answers = stuck = Answers()
+    for tick in range(0, 20_000, 20):
+        angles = angles + (goal - angles) * (1.0 - math.exp(-0.02 / true))
+        history = recorded(history, signals(tick, angles=angles + np.radians(noise) * rng.normal(size=3)), 100)
+        answers = answers.with_reading(trailer, history, Actuation(goal=goal, able=np.ones(3, dtype=bool)))
+        stuck = stuck.with_reading(trailer, history, Actuation(goal=goal, able=np.zeros(3, dtype=bool)))
+        goal = np.full(3, math.radians(5.0) * math.sin(2.0 * math.pi * 0.3 * tick / 1000.0))
+    assert answers.lag(trailer) == pytest.approx(measured, rel=0.15)
+    assert stuck.lag(trailer) == 0.15
+    at_limit = replace(trailer, max_steer_rate=1e-4)
+    beyond = Answers().with_reading(at_limit, history, Actuation(goal=goal + 1.0, able=np.ones(3, dtype=bool)))
+    assert beyond.lag(at_limit) == 0.15
