@@ -151,7 +151,7 @@ def test_a_trailer_that_begins_on_a_slippery_slope_does_not_begin_beside_its_pat
 
 @pytest.mark.parametrize("law", ["path_preview", "virtual_driver", "command_steer", "ct_at", "mpc", "combined"])
 def test_no_law_makes_a_trailer_swing_at_speed(law: str) -> None:
-    """At 80 km/h their own loops would swing up (yaw damping below zero); with the LQR it swings less than unsteered."""
+    """At 80 km/h their own loops would swing up (yaw damping below zero); with the LQR it swings less."""
     settings = ("off_tracking=truth", "reference_unit=false", "speed_kmh=80", "course.exit=60")
     followed = run(load_scenario("lane-change", (*settings, f"trailer_steering={law}")), 1)
     unsteered = run(load_scenario("lane-change", settings), 1)
