@@ -4,24 +4,19 @@
 run directory, and a ``Session`` is stepped by hand. The import registers the gymnasium environments:
 ``gymnasium.make("offtrack/TrailerSteering-v0")``.
 
-The names are imported at their first use: commands and worker processes need none of them. The environments are
-registered as soon as gymnasium is imported, too.
+The names are imported at their first use: commands and worker processes need none of them.
 """
 
 from __future__ import annotations
 
 import importlib
-import sys
-from importlib.abc import MetaPathFinder
 from typing import TYPE_CHECKING, Any, Final
+
+import gymnasium
 
 from offtrack.hidden import check_packages
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from importlib.machinery import ModuleSpec
-    from types import ModuleType
-
     from offtrack.runs import Run, Session, load_run, run
     from offtrack.sweeps import Sweep, sweep
 
@@ -41,47 +36,14 @@ _ENVIRONMENTS: Final = {  # with their usual observation, which every spec recor
     "RoverSteering-v0": {"observation": "surrogate"},
 }
 
-
-def _register() -> None:
-    import gymnasium  # takes as long as all else that a list of commands needs
-
-    for name, observed in _ENVIRONMENTS.items():
-        gymnasium.register(
-            f"offtrack/{name}",
-            entry_point="offtrack.environments.registry:single",
-            vector_entry_point="offtrack.environments.registry:vector",
-            kwargs={"name": name, **observed},
-        )
-
-
-class _AfterGymnasium(MetaPathFinder):
-    """Registers the environments at the end of gymnasium's import."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None, /
-    ) -> ModuleSpec | None:
-        """Spec of gymnasium as others find it, with the registration behind its code; None for other modules."""
-        if fullname != "gymnasium":
-            return None
-        others = (finder.find_spec(fullname, path, target) for finder in sys.meta_path if finder is not self)
-        spec = next(filter(None, others), None)
-        if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
-
-            def execute_and_register(module: ModuleType) -> None:
-                execute(module)
-                sys.meta_path.remove(self)
-                _register()
-
-            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
-        return spec
-
-
 check_packages()
-if "gymnasium" in sys.modules:
-    _register()
-else:
-    sys.meta_path.insert(0, _AfterGymnasium())
+for _name, _observed in _ENVIRONMENTS.items():
+    gymnasium.register(
+        f"offtrack/{_name}",
+        entry_point="offtrack.environments.registry:single",
+        vector_entry_point="offtrack.environments.registry:vector",
+        kwargs={"name": _name, **_observed},
+    )
 
 
 def __getattr__(name: str) -> Any:

@@ -12,13 +12,7 @@ from itertools import pairwise
 from typing import Any, Final, cast
 
 import matplotlib
-import matplotlib.artist
 import numpy as np
-
-# Docstrings for ``set`` list all properties of every class: a third of the time of matplotlib's import.
-if hasattr(matplotlib.artist.Artist, "_update_set_signature_and_docstring"):
-    setattr(matplotlib.artist.Artist, "_update_set_signature_and_docstring", classmethod(lambda _: None))  # noqa: B010
-
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import PolyCollection

@@ -50,22 +50,6 @@ def test_a_notebook_shows_the_numbers_with_units_and_without_markup_of_others(ru
     assert "<i>" not in sly
 
 
-@pytest.mark.parametrize("program", ["import offtrack, gymnasium", "import gymnasium, offtrack"])
-def test_the_environments_are_registered_with_gymnasium_which_the_import_leaves_to_the_user(program: str) -> None:
-    """Asking whether gymnasium is there, as libraries do, is not its import."""
-    looks = "importlib.util.find_spec('gymnasium')"
-    checked = f"import importlib.util, sys; {program.replace(',', f'; {looks}; import')}; {looks}"
-    shown = "print(*sorted(name for name in gymnasium.registry if name.startswith('offtrack/')))"
-    found = subprocess.run([sys.executable, "-c", f"{checked}; {shown}"], capture_output=True, text=True, check=True)
-    assert found.stdout.split() == [
-        "offtrack/RoverSteering-v0",
-        "offtrack/TractorTrailerDriving-v0",
-        "offtrack/TrailerSteering-v0",
-    ]
-    alone = [sys.executable, "-c", "import offtrack, sys; print('gymnasium' in sys.modules, 'numpy' in sys.modules)"]
-    assert subprocess.run(alone, capture_output=True, text=True, check=True).stdout == "False False\n"
-
-
 def test_a_saved_run_is_loaded_again(run: offtrack.Run, tmp_path: Path) -> None:
     run.save(tmp_path / "a")
     again = offtrack.load_run(tmp_path / "a")
