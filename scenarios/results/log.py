@@ -227,10 +227,10 @@ def _with_nulls(values: FloatArray) -> Any:
 
 
 def read_log(path: Path) -> Log:
-    """The log written by :func:`write_log`, equal to the original.
+    """The log of a run, written by :func:`write_log`, equal to the original.
 
     Raises:
-        ValueError: one line, if the file cannot be read or is not such a log.
+        ValueError: one line, if the file cannot be read or is not such a log, or its time runs back.
     """
     table = read_table(path)
     signals = tuple(_signal(path, field.name, field.metadata or {}) for field in table.schema)

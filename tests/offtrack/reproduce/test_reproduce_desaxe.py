@@ -36,7 +36,7 @@ from scenarios.assembly.adapters import course_of
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress, no_progress
-from scenarios.results.log import Log, Signal, read_log
+from scenarios.results.log import Log, Signal, read_log, read_table
 from sensors.camera.rig import StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.world.ground import Centreline, Landscape, road_map
@@ -94,7 +94,7 @@ def test_every_figure_is_drawn_and_written(name: str, cheap: list[Case], tmp_pat
     unknown = [one.quantity for one in made.comparisons if not math.isfinite(one.own)]
     # no baseline is short of matches here, and an error that never changes has nothing to explain
     assert all("under 250 matches" in quantity or quantity.startswith("share") for quantity in unknown)
-    assert len(read_log(tmp_path / "made" / f"{name}.parquet")) > 0
+    assert len(read_table(tmp_path / "made" / f"{name}.parquet")) > 0
     assert (tmp_path / "made" / f"{name}.png").stat().st_size > 20_000
     make(name, quick=True)
     assert {load_scenario(case.scenario, case.settings).trailer_steering for case in cheap} == {"none"}
