@@ -139,6 +139,10 @@ def _of_tracks(path: Path, chosen: list[str]) -> RoadMap:
 _TRACK_HEAD: Final = ("track", "points", "length [m]", "radius [m]", "grade [%]", "jump [m]", "heights [m]")
 
 
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def _track_row(one: dict[str, Any]) -> tuple[str, ...]:
     grade, heights = one["steepest_grade"], one["heights_m"]
     sizes = (one["length_m"], one["smallest_radius_m"], None if grade is None else 100.0 * grade, one["largest_jump_m"])
@@ -246,7 +250,7 @@ def _of_opendrive(path: Path, chosen: list[str], tractor: Unit) -> RoadMap:
     if not tried:
         remarks.append("too many lanes to try a drive on each: only their widths and the file's faults were judged")
     return RoadMap(
-        summary=f"{path.name}: {len(roads)} roads, {len(network.junctions)} junctions",
+        summary=f"{path.name}: {_counted(len(roads), 'road')}, {_counted(len(network.junctions), 'junction')}",
         tables={
             "Lanes": [_LANE_HEAD, *(_lane_row(lane, roads[lane.road]) for lane in lanes)],
             "Ways through junctions": [_WAY_HEAD, *(tuple(map(str, way.values())) for way in through)],
