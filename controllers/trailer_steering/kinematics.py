@@ -290,11 +290,11 @@ class Predictor:
         history: SteerHistory,
         demand: FloatArray,
         until: int,
-        lag: float | None = None,
+        lag: float,
     ) -> Ahead:
         """The trailer at the tick ``until``, with its steering on the way to ``demand`` (n_steered,) [rad].
 
-        ``lag`` is that of the actuators [s], by default that of the data sheet.
+        ``lag`` is that of the actuators [s].
         """
         speed = math.hypot(estimate.v_x, estimate.v_y)
         course_rate = estimate.hitch_direction_rate + estimate.yaw_rate
@@ -313,14 +313,13 @@ class Predictor:
             y += advance * math.sin(course)
         return Ahead(Pose2(x, y, psi), limited_direction(wrap(first + course_rate * steps * dt - psi)))
 
-    def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray, lag: float | None) -> FloatArray:
+    def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray, lag: float) -> FloatArray:
         """Steer angles (n, n_steered) [rad] at past and future ticks."""
-        newest, t = history[-1], self._trailer
+        newest = history[-1]
         coming = int(ticks.searchsorted(newest.tick, side="right"))
         angles = angles_at(history, ticks)
         waits = (ticks[coming:, None] - newest.tick) * TICK
-        lag = t.actuator_lag if lag is None else lag
-        angles[coming:] = settle(newest.angles, demand, waits, lag=lag, max_rate=t.max_steer_rate)
+        angles[coming:] = settle(newest.angles, demand, waits, lag=lag, max_rate=self._trailer.max_steer_rate)
         return angles
 
 

@@ -19,9 +19,9 @@ of all its steered axles; only the ratios of the weights matter. Derived here, s
 
 Longitudinal speed, load and friction are nominal; the ground is level.
 
-`AllSpeeds` makes a law for all speeds of one for towns and yards and the LQR for the open road. The former fades out
-over its range of speeds and the LQR fades in over its own; the command is their sum. Between them little steering is
-needed: a low-speed law would oscillate there, and the trailer itself is well damped.
+`AllSpeeds` makes a law for all speeds of one for towns and yards and another for the open road, by default the LQR.
+Over the range of the first the command changes from one to the other; the LQR itself fades in over a range of its own.
+In between little steering is needed: a low-speed law would oscillate there, and the trailer itself is well damped.
 """
 
 import math

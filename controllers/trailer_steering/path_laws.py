@@ -34,8 +34,8 @@ uphill on a cross-fall of 5 %) the hitch slides downhill, that estimate is wrong
 is steered at all, and the rear is steered off its path. Path preview does the same with it; neither does with a
 measured one.
 
-Both are for low speed (`controllers.trailer.SpeedRange`): the loop with its delay of 0.3 s is well damped at 30 km/h
-and oscillates at 40 km/h.
+Each is for a range of speeds (`controllers.trailer.SpeedRange`): a loop with a delay of 0.3 s and full gains is well
+damped at 30 km/h and oscillates at 40 km/h. The virtual driver takes over from path preview.
 """
 
 import math
@@ -92,7 +92,6 @@ class PathLawMemory(NamedTuple):
     bias: float = 0.0  # integral part of the follow point's turn [rad]
     actuation: Actuation | None = None  # None: the axles follow their demands
     answers: Answers = Answers()  # of the actuators to their demands
-    lag: float = 0.0  # of the actuators [s]
 
 
 class PathLaw(SteeringLaw[PathLawMemory]):
@@ -125,7 +124,7 @@ class PathLaw(SteeringLaw[PathLawMemory]):
         elapsed = elapsed_since(memory.tick, tick)
         history = recorded(memory.history, signals, _HISTORY)
         answers = memory.answers.with_reading(self._trailer, history, memory.actuation)
-        memory = memory._replace(tick=tick, history=history, answers=answers, lag=answers.lag(self._trailer))
+        memory = memory._replace(tick=tick, history=history, answers=answers)
         before = memory.estimate
         is_new = off_tracking is not None and (before is None or off_tracking.tick > before.tick)
         if off_tracking is not None and is_new and self._is_usable(off_tracking):
@@ -135,8 +134,9 @@ class PathLaw(SteeringLaw[PathLawMemory]):
         estimate, along = memory.estimate, memory.along
         if estimate and along is not None and tick - estimate.tick <= _OLDEST and estimate.v_x >= _CREEP:
             goal = last if memory.actuation is None else memory.actuation.goal
-            until = self._predicted_until(tick, estimate, memory.lag)
-            ahead = self._predictor.ahead(estimate, memory.slip, memory.history, goal, until, memory.lag)
+            lag = answers.lag(self._trailer)
+            until = self._predicted_until(tick, estimate, lag)
+            ahead = self._predictor.ahead(estimate, memory.slip, memory.history, goal, until, lag)
             target = self._target(ahead.frame.inverse().apply(estimate.path), along)
             memory, wanted = self._wanted(memory, estimate, ahead, target, elapsed)
         demand = reachable(self._trailer, last, wanted, elapsed)
@@ -313,10 +313,11 @@ class VirtualDriver(PathLaw):
         self, memory: PathLawMemory, estimate: OffTracking, ahead: Ahead, target: Target | None, elapsed: float
     ) -> tuple[PathLawMemory, FloatArray]:
         """Memory and wanted angles [rad], not yet limited in rate."""
-        share, drift = self._angle_share(estimate.v_x, memory.delay, memory.lag), self._derivative * memory.slip
+        lag = memory.answers.lag(self._trailer)
+        share, drift = self._angle_share(estimate.v_x, memory.delay, lag), self._derivative * memory.slip
         if target is None:
             return memory, share * self._axles.slip_angles(drift)
-        gain, bias = self._scheduled(estimate.v_x, memory.delay, memory.lag), memory.bias
+        gain, bias = self._scheduled(estimate.v_x, memory.delay, lag), memory.bias
         if self._gain > 0.0 and not self._integral_waits(memory):
             bias += self._integral * (gain / self._gain) ** 2 * (target.offset * estimate.v_x * elapsed)
             bias = max(-_MOST_BIAS, min(_MOST_BIAS, bias))

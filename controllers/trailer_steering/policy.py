@@ -58,7 +58,7 @@ class TrainedFor(NamedTuple):
     actuator_lag: tuple[float, float] = (0.0, math.inf)  # [s]
 
     def lacks(self, trailer: TrailerGeometry) -> str | None:
-        """What a trailer has that the training had not, in words; None if it had all."""
+        """What the training was for, where a trailer is outside of it, in words; None if it is within."""
         for words, value, unit, (low, high) in (
             ("follow distance", trailer.follow_distance, "m", self.follow_distance),
             ("lag of the actuators", trailer.actuator_lag, "s", self.actuator_lag),

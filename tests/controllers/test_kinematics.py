@@ -137,7 +137,7 @@ def test_a_trailer_that_circles_steadily_goes_on_circling() -> None:
     angles = TWO_OF_THREE_AXLES.steer_angles(half, -half, -0.02)
     turned = speed / radius * span
     circling = seen(direction=half, direction_rate=0.0, speed=speed, yaw_rate=speed / radius)
-    ahead = PREDICTOR.ahead(circling, -0.02, history(np.tile(angles, (11, 1))), angles, 1400)
+    ahead = PREDICTOR.ahead(circling, -0.02, history(np.tile(angles, (11, 1))), angles, 1400, TRAILER.actuator_lag)
     chord = 2.0 * radius * math.sin(0.5 * turned)
     expected = (chord * math.cos(half + 0.5 * turned), chord * math.sin(half + 0.5 * turned), turned)
     assert tuple(ahead.frame) == pytest.approx(expected, abs=1e-5)  # the midpoint rule: v h (r h)^2/24 a step
@@ -150,7 +150,7 @@ def test_angles_read_meanwhile_and_on_their_way_turn_the_trailer() -> None:
     demand = np.array([-0.3, -0.2])
     speed, direction, course_rate = 3.0, 0.2, 0.1
     start = seen(direction=direction, direction_rate=course_rate, speed=speed, yaw_rate=0.0)
-    ahead = PREDICTOR.ahead(start, 0.01, history(ramp), demand, 1400)
+    ahead = PREDICTOR.ahead(start, 0.01, history(ramp), demand, 1400, TRAILER.actuator_lag)
     psi = 0.0
     for k in range(400):
         t = (k + 0.5) * 1e-3

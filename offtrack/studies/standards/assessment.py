@@ -7,6 +7,7 @@ memory, not from the text of the standards; the tables that show them say so.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -266,11 +267,12 @@ class Assessment:
         return compared_with_limits(applicable)
 
     @property
-    def law(self) -> list[str]:
-        """Lines on a law that gave way to another one at the speeds of the manoeuvres."""
+    def warnings(self) -> list[str]:
+        """Contradictions between the vehicle's numbers, and a law that gave way at the speeds of the manoeuvres."""
         steered = steered_trailer(self.vehicle, self.trailer_steering)
         fastest = max((KINDS[one.key].under(self.conditions).speed for one in self.manoeuvres), default=0.0)
-        return [] if steered is None else law_warnings(steered.law.law, fastest)
+        of_law = [] if steered is None else law_warnings(steered.law.law, fastest)
+        return [*data_sheet(self.vehicle).warnings, *of_law]
 
     def disagreements(self, named: Callable[[str], str] = str) -> tuple[str, ...]:
         """Lines on the quantities that differ from linear theory by more than 3 %, with the reason."""
@@ -295,17 +297,17 @@ class Assessment:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AssessmentMatrix:
     """A combination in all chosen load cases and hands."""
 
     vehicle: Vehicle  # as its file describes it
     cases: tuple[Assessment, ...]
 
-    @property
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Contradictions between the vehicle's numbers, in any load case, and speeds that the law is not for."""
-        lines = [(case.load, line) for case in self.cases for line in (*data_sheet(case.vehicle).warnings, *case.law)]
+        """Warnings of all load cases; laws are constructed for them."""
+        lines = ((case.load, line) for case in self.cases for line in case.warnings)
         return tuple(dict.fromkeys(line if load == AS_IN_FILE else f"{load}: {line}" for load, line in lines))
 
     @property

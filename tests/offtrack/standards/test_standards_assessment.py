@@ -121,8 +121,8 @@ def test_a_law_is_assessed_with_its_parameters(tmp_path: Path, monkeypatch: pyte
         Assessment(vehicle=vehicle, trailer_steering="path_preview", manoeuvres=(usual,), linear={}, conditions=one)
         for one in (Conditions(), Conditions(speed=10.0))
     )
-    assert slow.law == []
-    assert "the drive reached 36 km/h: virtual_driver steered there" in quick.law[0]
+    assert slow.warnings == []
+    assert "the drive reached 36 km/h: virtual_driver steered there" in quick.warnings[0]
     chosen = pickle.loads(pickle.dumps(ChosenLaw("path_preview", {"gain": 0.1})))
     assert (chosen, chosen.parameters) == ("path_preview", {"gain": 0.1})
 
