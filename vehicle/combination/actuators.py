@@ -114,8 +114,8 @@ def air_drag(air: AirDrag | None, v_x: Num) -> Num:
 class BrakeStates(NamedTuple):
     """States of the brakes, or their rates."""
 
-    pressure: list[Num]  # of every channel
-    valve: list[Num]  # of every modulator
+    pressure: Sequence[Num]  # of every channel
+    valve: Sequence[Num]  # of every modulator
 
 
 def service_demand(chain: Chain, s: State[ca.SX]) -> Num:

@@ -24,7 +24,8 @@ def semi_implicit_step(rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float | ca.S
     """
     f_1 = rate(x)
     half, damped = half_weight(relaxation, h), damped_rate(relaxation)
-    return after(x, f_1, rate(halfway(x, f_1, half)), damped, half)
+    later: ca.SX = after(x, f_1, rate(halfway(x, f_1, half)), damped, half)
+    return later
 
 
 # The step in parts, for numbers or vectors, SX or MX.
