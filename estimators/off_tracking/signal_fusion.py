@@ -199,7 +199,7 @@ class FusionMemory(NamedTuple):
     history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
     monitor: MonitorMemory  # of the signals
     reference: Known  # last pose that was measured and believed
-    recent: Signals = ()  # as received since the reference, and one before it
+    recent: Signals = ()  # as received since the reference, and one before it; not older than `REMEMBERED`
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
@@ -236,7 +236,7 @@ class SignalFusion:
         memory, corrected_signals = self._monitored(memory._replace(reference=start), motion, signals)
         rows = [self._reckoning.row(one) for one in corrected_signals]
         memory = memory._replace(history=extended_history(memory.history, rows, start.tick, tick))
-        if _found(monitor_before) != _found(memory.monitor):
+        if memory.monitor.faults != monitor_before.faults:
             memory, path = self._reckoned_again(memory, path)
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
@@ -273,7 +273,8 @@ class SignalFusion:
         if motion is not None and motion.health is Health.OK:
             reference = MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
             monitor = self._monitor.compared(monitor, reference)
-        since = memory.reference.tick
+        newest = signals[-1].tick if signals else 0
+        since = max(memory.reference.tick, newest - REMEMBERED)
         known = [one for one in memory.recent if one.tick <= since][-1:]
         recent = (*known, *(one for one in (*memory.recent, *signals) if one.tick > since))
         memory = memory._replace(monitor=monitor, recent=recent)
@@ -295,7 +296,7 @@ class SignalFusion:
         history = memory.history[: np.searchsorted(memory.history[:, 0], since, side="right")]
         memory = memory._replace(history=extended_history(history, rows, since, newest))
         ticks = [sample.tick for sample in reversed(path.samples) if sample.tick >= since]
-        if not path.reckoned or since not in ticks:
+        if not path.reckoned or since not in ticks or newest - since > REMEMBERED:
             return memory, path
         path = path._replace(samples=pose_chain.up_to(path.samples, since))
         for tick in ticks[1:]:
@@ -407,7 +408,3 @@ class SignalFusion:
             is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
             parameters=self._reckoning.with_own_slip(corrected, own_slip, math.hypot(own_std, _ROLLING_STD)),
         )
-
-
-def _found(monitor: MonitorMemory) -> tuple[bool, tuple[int, ...]]:
-    return monitor.contradicted, monitor.distrusted

@@ -111,6 +111,11 @@ class MonitorMemory(NamedTuple):
         """Numbers of the signals at fault."""
         return tuple(k for k, error in enumerate(self.errors) if error is not None)
 
+    @property
+    def faults(self) -> tuple[bool, tuple[int, ...]]:
+        """All that is known to be at fault."""
+        return self.contradicted, self.distrusted
+
 
 class SignalMonitor:
     """Monitor of the signals for the steering of one trailer."""
