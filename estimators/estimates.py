@@ -176,10 +176,11 @@ def check_estimate(estimate: object, kinds: tuple[type, ...]) -> None:
 
 
 def _check_fields(estimate: object) -> None:
-    for name, annotation, types in _fields_of(type(estimate)):
+    kind: type = type(estimate)
+    for name, annotation, types in _fields_of(kind):
         value = getattr(estimate, name)
         if types and not isinstance(value, types):
-            raise TypeError(f"returned {type(estimate).__name__}.{name} = {value!r}, not {annotation}")
+            raise TypeError(f"returned {kind.__name__}.{name} = {value!r}, not {annotation}")
         _check_fields(value)
 
 
