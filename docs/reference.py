@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
+import gymnasium
 import typer
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -22,9 +23,9 @@ MODULES: Final = (  # what users import, or derive their own parts from
     *("sensors.messages", "sensors.context", "sensors.faults.fault"),
     *("vehicle.option", "vehicle.clock", "vehicle.combination.truth"),
 )
-TINY: Final = {"course.length": 20, "rig.width": 128, "rig.height": 64, "rig.self_calibration": True}
+TINY: Final = {"course.length": 20, "rig.width": 128, "rig.height": 64}
 RUNS: Final = {  # short ones that have all signals
-    "trailer": ("constant-slip", {**TINY, "faults": "dropout:0.1"}),
+    "trailer": ("constant-slip", {**TINY, "rig.self_calibration": True, "faults": "dropout:0.1"}),
     "rover": ("rover-slope", {"slip_estimator": "truth", "course.length": 1}),
 }
 
@@ -41,13 +42,18 @@ def code(text: object) -> str:
     return f"`{text}`" if str(text) else ""
 
 
+def default(value: object) -> str:
+    """What an option is where it is not given; empty for flags and what has no default."""
+    return code(value) if isinstance(value, str | int | float) and not isinstance(value, bool) else ""
+
+
 def cells(key: Key) -> tuple[str, ...]:
     """Name, default, unit, range and meaning."""
     return code(key.name), code(key.default), key.unit, key.range, key.meaning
 
 
 def keys_page() -> Iterator[str]:
-    """All keys, by their tables."""
+    """What ``--set`` and scenario files may contain, by tables."""
     for kind, scenario in (("trailer", None), ("rover", "rover-slope")):
         yield f"## Keys of a {kind}'s scenario\n"
         for name, listed in groupby(keys(scenario), lambda key: key.name.rpartition(".")[0].partition(".")[0]):
@@ -56,7 +62,7 @@ def keys_page() -> Iterator[str]:
 
 
 def parts_page() -> Iterator[str]:
-    """All parts, by kind, with their parameters."""
+    """What can be replaced, by kind, with parameters."""
     for kind in KINDS:
         yield f"## {code(kind)}\n"
         yield table("name, meaning", ((code(part.name), part.meaning) for part in parts(kind)))
@@ -65,28 +71,33 @@ def parts_page() -> Iterator[str]:
 
 
 def signals_page() -> Iterator[str]:
-    """Signals of short runs; those of the trailer are listed without its name."""
+    """Columns of ``signals.parquet`` in short runs; those of the trailer without its name."""
     for kind, (scenario, settings) in RUNS.items():
         signals = {signal.name: signal for signal in offtrack.run(scenario, settings=settings).log.signals}
-        own = [
-            s
-            for name, s in signals.items()
-            if (short := name.removesuffix("_semitrailer")) == name or short not in signals
-        ]
+        copies = {f"{name}_semitrailer" for name in signals}
+        own = (signal for name, signal in signals.items() if name not in copies)
         yield f"## Signals of a {kind}'s run\n"
         yield table("signal, unit, meaning", ((code(s.name), s.unit, s.description) for s in own))
 
 
 def summary_page() -> Iterator[str]:
-    """Numbers of the summary, by group."""
+    """Numbers of ``summary.json``, by group."""
     for name, group in groups().items():
         yield f"## {code(name)}: {group.title}\n"
         rows = ((code(key), number.own_unit, number.label, number.meaning) for key, number in group.numbers.items())
         yield table("number, unit, label, meaning", rows)
 
 
+def environments_page() -> Iterator[str]:
+    """Observations of the environments, in order."""
+    for name in ("TrailerSteering-v0", "TractorTrailerDriving-v0", "RoverSteering-v0"):
+        environment: Any = gymnasium.make(f"offtrack/{name}").unwrapped
+        rows = ((code(feature.name), feature.unit, f"± {feature.limit:g}") for feature in environment.core.features)
+        yield f"## {code(name)}\n\n" + table("observation, unit, limit", rows)
+
+
 def commands_page(context: click.Context | None = None) -> Iterator[str]:
-    """Arguments, options and examples of a command, and of those below it."""
+    """Arguments, options and examples of the commands."""
     context = context or click.Context(typer.main.get_command(command_line), info_name="offtrack")
     command: Any = context.command
     if hasattr(command, "commands"):
@@ -95,37 +106,25 @@ def commands_page(context: click.Context | None = None) -> Iterator[str]:
         return
     usage, text = " ".join(command.collect_usage_pieces(context)), inspect.cleandoc(command.help).replace("\b\n", "")
     yield f"## {code(context.command_path)}\n\n`{context.command_path} {usage}`\n\n{text}\n"
-    rows = ((code(", ".join([*p.opts, *p.secondary_opts])), default(p), p.help or "") for p in command.params)
+    rows = ((code(", ".join([*p.opts, *p.secondary_opts])), default(p.default), p.help or "") for p in command.params)
     yield table("argument or option, default, meaning", rows)
     yield f"```text\n{inspect.cleandoc(command.epilog)}\n```\n" if command.epilog else ""
 
 
-def default(parameter: Any) -> str:
-    """What a parameter is where it is not given; empty for flags that are off and what has no default."""
-    value = parameter.default
-    return "" if value in (None, False, [], ()) or callable(value) else code(value)
-
-
 def python_page() -> Iterator[str]:
-    """Documented names of the modules."""
+    """What users import, or derive their own parts from."""
     return (f"## {code(module)}\n\n```{{eval-rst}}\n.. automodule:: {module}\n```\n" for module in MODULES)
 
 
-PAGES: Final = {
-    "keys": ("Keys", "What `--set` and scenario files may contain.", keys_page),
-    "parts": ("Parts", "What can be replaced, with parameters.", parts_page),
-    "signals": ("Signals", "Columns of `signals.parquet`.", signals_page),
-    "summary": ("Summary", "Numbers of `summary.json`.", summary_page),
-    "commands": ("Commands", "Arguments, options and examples.", commands_page),
-    "python": ("Python", "What users import, or derive their own parts from.", python_page),
-}
+PAGES: Final = (keys_page, parts_page, signals_page, summary_page, environments_page, commands_page, python_page)
 
 
 def write(_: object) -> None:
     """Write all pages; one that is as it was keeps its time, so that Sphinx does not read it again."""
     FOLDER.mkdir(exist_ok=True)
-    for name, (title, line, page) in PAGES.items():
-        file, text = FOLDER / f"{name}.md", f"# {title}\n\n{line}\n\n" + "\n".join(page())
+    for page in PAGES:
+        name = page.__name__.removesuffix("_page")
+        file, text = FOLDER / f"{name}.md", f"# {name.capitalize()}\n\n{page.__doc__}\n\n" + "\n".join(page())
         if not file.exists() or file.read_text("utf-8") != text:
             file.write_text(text, "utf-8")
 
