@@ -126,7 +126,7 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
             sensing.sensor, sensing.schedule, sensing.estimator, self.worker, stopwatch, SlipAngle
         )
         self.pictures = TracePictures(
-            parts.view.camera if parts.view else None, stopwatch, keep=keep_frames, recorder=recorder
+            parts.view.camera if parts.view else None, self.worker, stopwatch, keep=keep_frames, recorder=recorder
         )
         channels = [self.channel]
         if parts.recording is not None:
