@@ -66,7 +66,7 @@ def programs(page: str) -> list[str]:
 
 @pytest.mark.parametrize("place", range(3))
 def test_a_program_of_the_environments_prints_what_its_comment_says(place: int, tmp_path: Path) -> None:
-    """The number in the comment of the last line is printed, within a fifth: changes of the physics move its last digits."""
+    """The number in the comment of the last line, within a fifth: changes of the physics move its last digits."""
     program = programs("environments.md")[place]
     output = run(f"python - <<'END'\n{program}END\n", tmp_path)
     said, *_ = (float(number) for number in re.findall(r"-?\d+\.\d+", program.rpartition("#")[2]))
