@@ -17,6 +17,7 @@ from offtrack.commands.console import (
     Quiet,
     ScenarioName,
     SettingsOfAll,
+    continuable,
     progress_bar,
     progress_display,
     remark,
@@ -46,7 +47,8 @@ from offtrack.environments.training.training_directory import (
     trained_for,
 )
 from offtrack.studies.pool import RunOptions, run_cases
-from offtrack.studies.run_study import CELLS, check_study_directory, opened_study
+from offtrack.studies.rehearsal import rehearse, time_text
+from offtrack.studies.run_study import CELLS, check_study_directory, opened_study, own_directory
 from offtrack.studies.study import subject_of
 from offtrack.studies.tuning import (
     Trial,
@@ -63,7 +65,7 @@ from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
 from scenarios.progress import Progress, postponed_interrupts
-from scenarios.results.run_directory import check_new_file, replaced
+from scenarios.results.run_directory import check_new_file, new_run_directory, replaced
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text
@@ -287,7 +289,7 @@ TUNE_EXAMPLES = (
     "offtrack tune rover-slope --set slip_estimator=truth --trials 10   "
     "offtrack tune roundabout-low-friction --controller path_preview --trials 100 "
     "--objectives off_tracking.true_rms_m,steer.max_rate_deg_s --vary surface.friction=0.8,0.2 "
-    "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview/tuned.toml"
+    "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview-1/tuned.toml"
 )
 _FILE = "tuning.toml"  # identifies the task of a directory
 
@@ -345,7 +347,10 @@ def tune(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
+        typer.Option(
+            help="Output directory; an existing study is resumed.",
+            show_default="runs/tune-SCENARIO-LAW-N; the same study's own",
+        ),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -360,14 +365,17 @@ def tune(
     check_number("--jobs", jobs, 1, MOST_JOBS)
     check_number("--seed", seed, 0, 2**31)
     check_extra("tune", "tuning needs", "optuna")
-    from offtrack.studies.trials import JOURNAL, database, former, in_database, optimise
+    from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
 
-    subject = subject_of(scenario)
-    controller = controller or subject.part
     sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
-    names = objectives or ",".join(subject.objectives)
-    tuning = tuning_of(scenario, controller, names, ranges or [], settings or [], sets)
-    directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+    tuning = tuning_of(scenario, controller, objectives, ranges or [], settings or [], sets)
+    controller, workers = tuning.law, jobs or default_jobs()
+    sides = (tuning.tuned_on, tuning.judged_on)
+    identity = " ".join(study.identity() for study in sides)
+    title = f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+    directory = out or own_directory(
+        title, _FILE, lambda file: read_text(file, FileKind.RECORD) == description(tuning), identity
+    )
     if not (directory / JOURNAL).is_file():
         check_study_directory(directory, _FILE)
     if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != description(tuning):
@@ -378,13 +386,25 @@ def tune(
         database(storage)  # refuses one that does not answer
         tuning = in_database(tuning, storage)
     unusable = former(tuning, directory)
-    with opened_study(directory, _FILE, description(tuning)):
+    with continuable(), progress_display(shown=not (quiet or as_json)) as bar:
+        cases = [case for study in sides for case in study.cases()]
+        count = trials * len(tuning.tuned_on.cases()) + 2 * len(tuning.judged_on.cases())
+        seconds = rehearse(cases, progress_bar(bar, "check"), elsewhere=False, runs=count)
+    if not (out or directory.exists()):
+        directory = new_run_directory(title)
+    if not (quiet or as_json):
+        needed = f", about {time_text(seconds / workers)} in all" if seconds else ""
+        remark(f"{trials} trials of {len(tuning.tuned_on.cases())} runs, {workers} at a time{needed}; in {directory}")
+    with continuable(), opened_study(directory, _FILE, description(tuning), "" if out else identity):
         if unusable:
             remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
-        workers = jobs or default_jobs()
         with progress_display(shown=not (quiet or as_json)) as bar:
             progress = progress_bar(bar, f"tune {controller}")
-            results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            try:
+                results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            except KeyboardInterrupt:
+                kept = min(trials, len(finished(tuning, directory)))
+                raise KeyboardInterrupt(f"{kept} of {trials} trials are kept in {directory}") from None
             progress(trials, trials)
             best, compared = chosen(results), {}
             candidates = {"defaults": {}, "tuned": best.parameters}

@@ -135,6 +135,8 @@ def rover_report_html(result: RoverResult, summary: Summary) -> str:
 
 
 def _rover_sections(result: RoverResult, summary: Summary) -> Iterator[Section]:
+    if warnings := result.all_warnings():
+        yield Section("Warnings", content=[Items(warnings)])
     if len(result.log) > 1:
         yield from _rover_drawn(result)
     yield Section("All numbers", content=[number_table(summary)])
