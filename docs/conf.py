@@ -19,6 +19,7 @@ html_theme_options = {
     name: {"color-brand-primary": colour, "color-brand-content": colour}
     for name, colour in (("light_css_variables", "#1f5f99"), ("dark_css_variables", "#7db7ea"))
 }
+html_static_path, html_css_files = [str(ROOT / "docs/static")], ["site.css"]
 html_copy_source = False
 html_math_renderer = "mathml"  # shown without a script and without a network
 myst_enable_extensions = ["dollarmath"]

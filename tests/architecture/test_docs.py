@@ -148,7 +148,7 @@ def check(name: str, parameters: dict[str, Any]) -> None:
         check_vehicle(parameters["name"])
     elif name == "assess":
         check_vehicle(parameters["vehicle"])
-    elif name == "campaign" and parameters["target"]:
+    elif name == "campaign" and parameters["target"] and not parameters["target"].endswith(".toml"):
         assert parameters["target"] in (*campaign_names(), *scenario_names())
     elif name == "parts" and parameters["kind"]:
         assert parameters["kind"] in KINDS
@@ -159,8 +159,8 @@ def check(name: str, parameters: dict[str, Any]) -> None:
 
 
 def is_made_before(line: str) -> bool:
-    """Whether a command names a file that one before it, or the reader, makes."""
-    return bool(re.search(r"[\w./-]+\.(toml|csv|xodr|fmu|npz)\b|driver=", line))
+    """Whether a command names a file that one before it, or the reader, makes, or needs a bench beside it."""
+    return bool(re.search(r"[\w./-]+\.(toml|csv|xodr|fmu|npz)\b|driver=|--udp|--can", line))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))

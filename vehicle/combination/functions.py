@@ -71,29 +71,29 @@ def symbolic_twin(vehicle: Vehicle) -> SymbolicTwin:
         symbols.append(ca.SX.sym(path))
         return symbols[-1]
 
-    twin = _with_numbers(vehicle, symbol)
+    twin = with_numbers(vehicle, symbol)
     return SymbolicTwin(twin, ca.vertcat(ca.SX(0, 1), *symbols), numbers(vehicle))
 
 
 def numbers(vehicle: Vehicle) -> FloatArray:
     """Every physical number of a vehicle, in the order of its symbols."""
     values: list[float] = []
-    _with_numbers(vehicle, lambda _, value: values.append(value))
+    with_numbers(vehicle, lambda _, value: values.append(value))
     return np.array(values)
 
 
 @lru_cache(maxsize=64)
 def topology(vehicle: Vehicle) -> Vehicle:
     """The vehicle without numbers and names: equal for vehicles with the same equations."""
-    bare: Vehicle = _with_numbers(vehicle, lambda *_: 0.0, words=False)
+    bare: Vehicle = with_numbers(vehicle, lambda *_: 0.0, words=False)
     return bare
 
 
-def _with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "", *, words: bool = True) -> Any:
+def with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "", *, words: bool = True) -> Any:
     """A copy with every number replaced by ``number(path, value)``; not validated, as numbers may be symbols."""
 
     def copied(part: Any, key: object) -> Any:
-        return _with_numbers(part, number, f"{path}.{key}", words=words)
+        return with_numbers(part, number, f"{path}.{key}", words=words)
 
     if isinstance(thing, BaseModel):
         fields: dict[str, Any] = {

@@ -28,7 +28,7 @@ from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Chart, Line, Playback, PlayedRun, Reading, Trail, curves, unit_body
 from offtrack.reports.run_files import write_json
 from offtrack.reports.sections import groups
-from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
+from offtrack.studies.standards.assessment import UNDECIDED, Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
 from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration
 from offtrack.studies.standards.static_rollover import threshold
@@ -241,7 +241,7 @@ def _readings(vehicle: Vehicle) -> Iterator[Reading]:
 def write_drawings(case: Assessment, folder: Path, before: str, kinds: Sequence[str]) -> None:
     """Write ``<before><manoeuvre>.<format>`` of every manoeuvre that has a path and moved along it."""
     for manoeuvre in case.manoeuvres:
-        if manoeuvre.course is not None and len(manoeuvre.log) > 1:
+        if kinds and manoeuvre.course is not None and len(manoeuvre.log) > 1:
             drawn = drawing(_driven(case, manoeuvre))
             for kind in kinds:
                 write_drawing(drawn, folder / f"{before}{manoeuvre.key}.{kind}", kind)
@@ -376,8 +376,13 @@ def judged_cell(case: Assessment, name: str, value: float) -> Cell:
     text = BY_NAME[name].text(value)
     if not judgements or not math.isfinite(value):
         return Cell(text)
-    bad = any(one in _BAD for one in reached)
-    return Cell(f"{text} ({', '.join(dict.fromkeys(reached))})", "bad" if bad else "good")
+    return _reached_cell(f"{text} ({', '.join(dict.fromkeys(reached))})", reached)
+
+
+def _reached_cell(text: str, reached: Sequence[str]) -> Cell:
+    if any(one in _BAD for one in reached):
+        return Cell(text, "bad")
+    return Cell(text) if UNDECIDED in reached else Cell(text, "good")
 
 
 def levels_table(assessment: Assessment) -> Table:
@@ -385,9 +390,10 @@ def levels_table(assessment: Assessment) -> Table:
     rows: list[Row] = []
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        reached = Cell(judgement.reached, "bad" if judgement.reached in _BAD else "good")
+        reached = _reached_cell(judgement.reached, (judgement.reached,))
+        measured = " … ".join(map(quantity.text, judgement.ends or (judgement.measured,)))
         standard = f"{criterion.standard} ({criterion.source})"
-        rows.append([quantity.label, quantity.text(judgement.measured), reached, bounds_text(judgement), standard])
+        rows.append([quantity.label, measured, reached, bounds_text(judgement), standard])
     columns = [Column("name", "quantity"), Column("number", "measured"), Column("text", "reached")]
     return Table([*columns, Column("note", "limits"), Column("note", "standard")], rows)
 
