@@ -304,7 +304,7 @@ def tune(
     check_number("--jobs", jobs, 1, MOST_JOBS)
     check_number("--seed", seed, 0, 2**31)
     check_extra("tune", "tuning needs", "optuna")
-    from offtrack.studies.trials import JOURNAL, database, former, in_database, optimise
+    from offtrack.studies.trials import JOURNAL, database, former, importances, in_database, optimise
 
     subject = subject_of(scenario)
     controller = controller or subject.part
@@ -340,7 +340,8 @@ def tune(
                 compared[name] = objective_means(tuning.objectives, outcomes)
             comparing(len(candidates), len(candidates))
         write_result(tuning, results, best, directory)
-        replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
+        page = tuning_page(tuning, results, best, compared, importances(tuning, directory))
+        replaced(directory / "report.html", page)
     if as_json:
         result = {
             "law": tuning.law,
