@@ -171,7 +171,7 @@ def test_every_limit_says_where_it_comes_from() -> None:
 def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assessment) -> None:
     page = assessment_page(AssessmentMatrix(vehicle=assessed.vehicle, cases=(assessed,)))
     assert not PAGE_LINK.search(page)
-    assert page.count("<svg") == 2 * 6  # for wide pages and for phones
+    assert page.count("<svg") == 2 * 5  # for wide pages and for phones
     assert re.findall(r'<span class="outcome[^>]*>(.*?)</span>', page)[0].endswith("limits met")
     for manoeuvre in assessed.manoeuvres:
         assert manoeuvre.title in page
