@@ -9,10 +9,10 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 TEST_PACKAGES := build-essential chromium cmake postgresql
 EXTRAS := video,tune,cad,gis,fmi,roads,hil,cluster,sensitivity,dev
-TEST_EXTRAS := $(EXTRAS),export,rl,zig,oracles
+TEST_EXTRAS := $(EXTRAS),export,rl,zig,oracles,docs
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-all install install-all system system-all lint benchmarks fuzz kills mutations soak soak-hour clean
+.PHONY: demo test test-all docs install install-all system system-all lint benchmarks fuzz kills mutations soak soak-hour clean
 
 demo: $(DEMO_STAMP)
 	@rm -rf runs/demo
@@ -26,6 +26,15 @@ test: install lint
 # The rest: slow tests, and comparisons with other programs, which are installed. Only Wine may be missing.
 test-all: install-all
 	$(BIN)/pytest -m slow --no-skips --dist worksteal
+
+# The site, from the pages and the code: two minutes, without a network once it is installed.
+docs: $(STAMP)-docs
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees -c docs . build/site
+	@echo "Open build/site/index.html"
+
+$(STAMP)-docs: $(STAMP)
+	$(PIP) --editable '.[$(EXTRAS),docs]'
+	@touch $@
 
 lint: install
 	$(BIN)/ruff check .

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -175,11 +176,15 @@ def check_estimate(estimate: object, kinds: tuple[type, ...]) -> None:
 
 
 def _check_fields(estimate: object) -> None:
-    if not is_dataclass(estimate):
-        return
-    for field in fields(estimate):
-        value = getattr(estimate, field.name)
-        types = _TYPES.get(field.type)
+    kind: type = type(estimate)
+    for name, annotation, types in _fields_of(kind):
+        value = getattr(estimate, name)
         if types and not isinstance(value, types):
-            raise TypeError(f"returned {type(estimate).__name__}.{field.name} = {value!r}, not {field.type}")
+            raise TypeError(f"returned {kind.__name__}.{name} = {value!r}, not {annotation}")
         _check_fields(value)
+
+
+@cache
+def _fields_of(kind: type) -> tuple[tuple[str, object, tuple[type, ...]], ...]:
+    """Name, annotation and permitted classes, if only some are, of the fields of a dataclass; none of other classes."""
+    return tuple((one.name, one.type, _TYPES.get(one.type, ())) for one in fields(kind)) if is_dataclass(kind) else ()

@@ -67,7 +67,7 @@ def sweep(
         vary: lists of values by dotted keys: ``{"surface.friction": [0.8, 0.3]}``.
         seeds: seeds that each point of the grid is run with.
         settings: values by dotted keys for all runs.
-        out: directory of the study; None: ``runs/sweep-<scenario>``.
+        out: directory of the study; None: its own, ``runs/sweep-<scenario>-<n>``.
         jobs: number of parallel runs; None: one per core.
 
     Raises:
@@ -82,9 +82,8 @@ def sweep(
         fixed = tuple((key, text_of(key, value)) for key, value in (settings or {}).items())
         study = Study(scenario=name, fixed=fixed, axes=axes, seeds=tuple(checked_seed(seed) for seed in seeds))
     title = f"sweep-{Path(name).stem}"
-    directory = Path("runs") / title if out is None else Path(out)
-    _, rows = run_study(title, study, directory, RunOptions(jobs=jobs or default_jobs()))
-    return Sweep(rows, directory)
+    made = run_study(title, study, None if out is None else Path(out), RunOptions(jobs=jobs or default_jobs()))
+    return Sweep(made.rows, made.directory)
 
 
 def _listed(key: str, values: Sequence[Any]) -> Sequence[Any]:

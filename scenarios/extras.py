@@ -11,8 +11,10 @@ def check_extra(extra: str, what: str, *packages: str) -> None:
     Raises:
         ValueError: one line that says how to install it.
     """
-    if any(importlib.util.find_spec(package.partition(".")[0]) is None for package in packages):
-        raise ValueError(f"{what} the extra '{extra}': pip install 'offtrack[{extra}]'")
+    missing = [one for one in packages if importlib.util.find_spec(one.partition(".")[0]) is None]
+    if missing:
+        lacks = f" ({', '.join(missing)} is missing)" if missing != list(packages) else ""
+        raise ValueError(f"{what} the extra '{extra}'{lacks}: pip install 'offtrack[{extra}]'")
 
 
 def import_extra(extra: str, what: str, *modules: str) -> Any:

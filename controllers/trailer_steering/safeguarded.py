@@ -154,6 +154,7 @@ class GuardMemory(NamedTuple):
     tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
     travel: Travel
+    bridged: bool  # True: the path was dead-reckoned in part since the last good estimate
     sound: OffTracking | None  # newest estimate that agrees with the one before
     sound_since: int | None  # since when all estimates have agreed [ticks]; None: the newest does not
     good: OffTracking | None  # newest estimate for the law
@@ -185,6 +186,7 @@ class EstimateGuard:
             tick=None,
             demand=straight,
             travel=Travel(),
+            bridged=False,
             sound=None,
             sound_since=None,
             good=None,
@@ -229,7 +231,9 @@ class EstimateGuard:
             return memory, memory.expected
         if not memory.law_steers and memory.sound_since is not None and memory.sound is not None:
             return memory, self._expected(memory.sound)
-        return memory, None if off_tracking is None else replace(off_tracking, health=Health.LOST)
+        if off_tracking is None or memory.bridged:  # it shows nothing that the signals do not
+            return memory, None
+        return memory, replace(off_tracking, health=Health.LOST)
 
     def _expected(self, estimate: OffTracking) -> OffTracking:
         """The off-tracking that is to be expected with a vague estimate: the least squares of it and of none at all."""
@@ -263,7 +267,7 @@ class EstimateGuard:
         """Memory with a new estimate, which is good if it and those before it are plausible."""
         d, length = self._degradation, self._trailer.follow_distance
         travel = travel_with(memory.travel, estimate, motion, length)
-        memory = memory._replace(travel=travel)
+        memory = memory._replace(travel=travel, bridged=memory.bridged or estimate.bridged > 0.0)
         if not (usable(estimate, tick, d) and motion_agrees(estimate, travel, motion, length)):
             return memory._replace(sound_since=None)
         before = memory.sound
@@ -276,7 +280,7 @@ class EstimateGuard:
             memory = memory._replace(trusted=True, law_steers=True, changed_at=tick)
         if not memory.trusted:
             return memory
-        return memory._replace(good=estimate, expected=self._expected(estimate), good_at=tick)
+        return memory._replace(good=estimate, expected=self._expected(estimate), good_at=tick, bridged=False)
 
     def _with_handover(self, memory: GuardMemory, tick: int, motion: HitchMotion) -> GuardMemory:
         """Memory after a handover to the fallback, if the last good estimate is out of date.

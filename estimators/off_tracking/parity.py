@@ -57,16 +57,17 @@ def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float
     return level if level > _NOISIER else 1.0
 
 
-def agree(history: FloatArray, unit: int) -> bool:
+def agree(history: FloatArray, unit: int, *, speed_is_held: bool = False) -> bool:
     """Test the signals of ``history`` (n, columns): articulations change by the difference of two yaw rates.
 
     A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed has
-    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy.
+    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not a
+    value that is known to be held in its place.
     """
     if len(history) < 2:
         return True
     gyros, newest = slice(FIRST + unit, FIRST + 2 * unit + 1), history[-_LEVEL_OF:]
-    repeats = len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
+    repeats = not speed_is_held and len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
     if repeats and np.median(_white_noise(newest[:, gyros])) > _VISIBLE * GYRO_NOISE:
         return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]

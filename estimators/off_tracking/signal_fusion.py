@@ -17,7 +17,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 - The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
   frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
 - Signals that contradict each other are not used; the camera is then alone. What depends on a single signal at fault
-  (``estimators.off_tracking.signal_monitor``) is no evidence; outages are bridged with its corrected value.
+  (``estimators.off_tracking.signal_monitor``) is no evidence; outages are bridged with its corrected value, and what
+  was bridged before it was found is reckoned again.
 - A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
   asks for errors of sensors that are out of the question, no motion is believed.
 """
@@ -31,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking import pose_chain
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
@@ -163,6 +165,7 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
+_UNKNOWN_ACCELERATION = 0.5  # of a combination without a wheel speed, 1 sigma: assumed, a driver who keeps going [m/s2]
 _IMPOSSIBLE = 4.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
 # Errors of a signal at fault [m/s], [rad], [rad/s]: what depends on it is no evidence.
@@ -196,6 +199,7 @@ class FusionMemory(NamedTuple):
     history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
     monitor: MonitorMemory  # of the signals
     reference: Known  # last pose that was measured and believed
+    recent: Signals = ()  # as received since the reference, and one before it; not older than `REMEMBERED`
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
@@ -228,9 +232,12 @@ class SignalFusion:
         start = memory.reference
         if start.tick < 0:
             start = start._replace(tick=tick if motion is None else motion.previous_tick)
-        memory, signals = self._monitored(memory, motion, signals)
-        history = extended_history(memory.history, [self._reckoning.row(one) for one in signals], start.tick, tick)
-        memory = memory._replace(history=history, reference=start)
+        monitor_before = memory.monitor
+        memory, corrected_signals = self._monitored(memory._replace(reference=start), motion, signals)
+        rows = [self._reckoning.row(one) for one in corrected_signals]
+        memory = memory._replace(history=extended_history(memory.history, rows, start.tick, tick))
+        if memory.monitor.faults != monitor_before.faults:
+            memory, path = self._reckoned_again(memory, path)
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
             before = memory
@@ -247,6 +254,7 @@ class SignalFusion:
             path, estimate = self._bridged(memory, path, tick) or (path, estimate)
         if estimate is None and path.samples:
             path, estimate = self._buffer.step(path, BodyMotion.lost(tick, path.samples[0].tick))
+            estimate = replace(estimate, bridged=(tick - memory.reference.tick) * TICK)
         if estimate is None:
             return memory, path, None
         is_turned, doubts = memory.turned > 0.0, self._monitor.doubts(memory.monitor)
@@ -265,33 +273,60 @@ class SignalFusion:
         if motion is not None and motion.health is Health.OK:
             reference = MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
             monitor = self._monitor.compared(monitor, reference)
-        memory = memory._replace(monitor=monitor)
+        newest = signals[-1].tick if signals else 0
+        since = max(memory.reference.tick, newest - REMEMBERED)
+        known = [one for one in memory.recent if one.tick <= since][-1:]
+        recent = (*known, *(one for one in (*memory.recent, *signals) if one.tick > since))
+        memory = memory._replace(monitor=monitor, recent=recent)
         if monitor.distrusted != before.distrusted:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
-        signals = tuple(self._monitor.corrected(monitor, message) for message in signals)
-        if STEER_ANGLE in self._monitor.doubts(monitor):  # front wheels that do not slip need no angle
-            signals = tuple(replace(message, steer=0.0) for message in signals)
-        return memory, signals
+        return memory, self._without_faulty_steer(monitor, [self._monitor.corrected(monitor, one) for one in signals])
+
+    def _without_faulty_steer(self, monitor: MonitorMemory, signals: Sequence[CombinationSignals]) -> Signals:
+        """Signals with a steer angle of 0 if it is at fault: front wheels that do not slip need no angle."""
+        if STEER_ANGLE not in self._monitor.doubts(monitor):
+            return tuple(signals)
+        return tuple(replace(message, steer=0.0) for message in signals)
+
+    def _reckoned_again(self, memory: FusionMemory, path: BufferMemory) -> tuple[FusionMemory, BufferMemory]:
+        """Memory and path with all since the reference as the signals say by what is known of them now."""
+        since, newest = memory.reference.tick, path.samples[0].tick if path.samples else -1
+        signals = self._monitor.corrected_again(memory.monitor, memory.recent)
+        rows = [self._reckoning.row(one) for one in self._without_faulty_steer(memory.monitor, signals)]
+        history = memory.history[: np.searchsorted(memory.history[:, 0], since, side="right")]
+        memory = memory._replace(history=extended_history(history, rows, since, newest))
+        ticks = [sample.tick for sample in reversed(path.samples) if sample.tick >= since]
+        if not path.reckoned or since not in ticks or newest - since > REMEMBERED:
+            return memory, path
+        path = path._replace(samples=pose_chain.up_to(path.samples, since))
+        for tick in ticks[1:]:
+            path, _ = self._bridged(memory, path, tick) or (path, None)
+        return memory, path
 
     def _bridged(self, memory: FusionMemory, path: BufferMemory, tick: int) -> tuple[BufferMemory, OffTracking] | None:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
         reference, history = memory.reference, memory.history
         newest = path.samples[0].tick if path.samples else reference.tick
         misleading = set(self._monitor.doubts(memory.monitor)) - {STEER_ANGLE}
+        holds_speed = self._monitor.holds_speed(memory.monitor)
 
         def reckoned(since: int) -> Reckoned | None:
             parameters = self._since(reference, path, since)
             known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
             if known is None or not misleading:
                 return known
-            return known._replace(covariance=_CORRECTED * known.covariance)
+            covariance = _CORRECTED * known.covariance
+            if holds_speed:
+                by_speed = 0.5 * _UNKNOWN_ACCELERATION * (tick - reference.tick) * TICK * known.by_signals[:, 0]
+                covariance += np.outer(by_speed, by_speed)
+            return known._replace(covariance=covariance)
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
             return None if whole is None else spatial_covariance(whole.covariance, _OUT_OF_PLANE)
 
         step = reckoned(newest)
-        if step is None or tick <= newest or not agree(history, self._unit):
+        if step is None or tick <= newest or not agree(history, self._unit, speed_is_held=holds_speed):
             return None
         covariance = spatial_covariance(step.covariance, _OUT_OF_PLANE)
         motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)

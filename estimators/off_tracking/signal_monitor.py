@@ -6,11 +6,14 @@ itself exactly while others are noisy, is further evidence. A signal that is fou
 its fault, which goes on being measured, and is trusted again when that is small. Without evidence against a single
 signal none is distrusted: the reference then is the one to doubt.
 
-Without a reference a hitch angle and the gyro behind it may contradict each other, and nothing tells which one is at
-fault. Both are then replaced by those of a trailer whose axles roll, towed as the tractor's signals say.
+Without a reference the size of a fault is not measured. A hitch angle that is at fault then goes on by the gyros, and
+the yaw rate of a gyro that is at fault is that of a trailer whose axles roll, towed as the other signals say. The two
+may also contradict each other, and nothing tells which one is at fault: both are replaced in this way, from the last
+comparison with a reference on. Wheels whose speed jumps and then stays exactly the same have the speed of before.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -37,6 +40,7 @@ from vehicle.frames import FloatArray
 
 STEER_ANGLE: Final = "steer angle"
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
+_MEAN_OF: Final = 5  # values before a fault
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
 _VALUE, _SLOPE = 0.5, 0.1  # gains of an alpha-beta filter [-]
 _AHEAD: Final = 0.3  # longest extrapolation of an error [s]
@@ -67,7 +71,7 @@ class SignalError(NamedTuple):
 
 _KEPT: Final = 2500  # history [ticks]
 _WINDOW: Final = 1500  # over which articulations are compared with yaw rates [ticks]
-_ALONE: Final = 500  # time without a reference after which the signals are compared with each other alone [ticks]
+_ALONE: Final = 300  # time without a reference after which the signals are compared with each other alone [ticks]
 _LONGEST: Final = 500  # duration of a motion to compare with [ticks]
 _DETECTED: Final = 1.0  # value of a relation that is a contradiction [its tolerance]
 _BETTER: Final = 0.6  # a fault explains a contradiction if it leaves this share of it at most
@@ -95,16 +99,22 @@ class MonitorMemory(NamedTuple):
     jumped: tuple[int, ...]  # tick of the last jump of each signal; far in the past: none
     errors: tuple[SignalError | None, ...]  # of each signal that is at fault; None: it is sound
     suspect: tuple[int, int] = (-1, 0)  # signal that explains the last contradictions, and their number in a row
-    compared_at: int = 0  # tick of the last comparison with a reference
+    compared_at: int = 0  # tick of the last reference that they were compared with
+    speed: float = 0.0  # of the wheels before they were found at fault [m/s]
     at_odds: bool = False  # the hitch angle and its gyro at the last comparison; once may be noise
     contradicted: bool = False  # True: nothing tells whether the hitch angle or its gyro is at fault
-    towed: tuple[float, float] = (0.0, 0.0)  # meanwhile: articulation [rad] and yaw rate [rad/s] if the axles roll
+    towed: tuple[float, float] = (0.0, 0.0)  # meanwhile: articulation [rad] and yaw rate [rad/s] by other signals
     findings: tuple[Finding, ...] = ()
 
     @property
     def distrusted(self) -> tuple[int, ...]:
         """Numbers of the signals at fault."""
         return tuple(k for k, error in enumerate(self.errors) if error is not None)
+
+    @property
+    def faults(self) -> tuple[bool, tuple[int, ...]]:
+        """All that is known to be at fault."""
+        return self.contradicted, self.distrusted
 
 
 class SignalMonitor:
@@ -139,7 +149,7 @@ class SignalMonitor:
         if not all(map(math.isfinite, row.tolist())) or (len(history) and signals.tick <= history[-1, 0]):
             return memory
         jumped = self._jumped(memory, row) if len(history) >= _LEAST else memory.jumped
-        towed = self._towed(memory, row) if memory.contradicted else memory.towed
+        towed = self._towed(memory, row, history[-1], memory.towed) if len(history) else memory.towed
         kept = history[history[:, 0].searchsorted(signals.tick - _KEPT) :]
         memory = memory._replace(history=np.concatenate([kept, row[None]]), jumped=jumped, towed=towed)
         if signals.tick - memory.compared_at > _ALONE and signals.tick % 100 == 0:
@@ -154,16 +164,31 @@ class SignalMonitor:
         ticks, span = memory.history[:, 0], reference.tick - reference.previous_tick
         if not len(ticks) or ticks[0] > reference.previous_tick or ticks[-1] < reference.tick or span > _LONGEST:
             return memory
-        return self._compared(memory._replace(compared_at=int(ticks[-1])), reference, reference.tick)
+        return self._compared(memory._replace(compared_at=reference.tick), reference, reference.tick)
 
     def corrected(self, memory: MonitorMemory, signals: CombinationSignals) -> CombinationSignals:
-        """The message with corrected values of signals at fault; the same object if there are none."""
+        """The newest message with corrected values of signals at fault; the same object if there are none."""
+        return self._corrected(memory, signals, memory.towed)
+
+    def corrected_again(
+        self, memory: MonitorMemory, messages: Sequence[CombinationSignals]
+    ) -> tuple[CombinationSignals, ...]:
+        """Past messages, oldest first, corrected by what is known now; the first one is of before the fault."""
+        towed, before, corrected = (0.0, 0.0), None, []
+        for message in messages:
+            row = self._row(message)
+            if all(map(math.isfinite, row.tolist())):
+                towed = self._towed(memory, row, before, towed)
+                before = row
+            corrected.append(self._corrected(memory, message, towed))
+        return tuple(corrected)
+
+    def _corrected(
+        self, memory: MonitorMemory, signals: CombinationSignals, towed: tuple[float, float]
+    ) -> CombinationSignals:
         if not (memory.contradicted or memory.distrusted):
             return signals
         articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
-        if memory.contradicted:
-            articulation[self._unit - 1], yaw_rates[self._unit] = memory.towed
-            return replace(signals, articulation=articulation, yaw_rates=yaw_rates)
         n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
         repeats = self._stuck(memory)
         yaw_rates[: n + 1] -= errors[1 + n : -1]
@@ -171,8 +196,19 @@ class SignalMonitor:
         for k, error in enumerate(memory.errors[1 : 1 + n]):
             if error is not None and repeats[1 + k]:  # the gyros know how it goes on
                 articulation[k] = signals.articulation[k] - error.value + self._turned(memory, k, error.tick)
+        without_angle, without_gyro = self._unknown(memory)
+        if without_angle:
+            articulation[n - 1] = towed[0]
+        if without_gyro:
+            yaw_rates[n] = towed[1]
         speed, steer = signals.speed - float(errors[0]), signals.steer - float(errors[-1])
+        if self.holds_speed(memory):
+            speed = memory.speed
         return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
+
+    def holds_speed(self, memory: MonitorMemory) -> bool:
+        """True while the speed of the wheels is that of before a fault, whose size is not known."""
+        return memory.errors[0] is not None and memory.errors[0].tick < 0
 
     def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
         """Names of the signals at fault, or of the two that contradict each other."""
@@ -190,6 +226,8 @@ class SignalMonitor:
             memory = self._suspected(memory, parity, left, is_alone=reference is None)
         else:
             memory = memory._replace(suspect=(-1, 0))
+        if 0 not in memory.distrusted and memory.history[-1, 0] - memory.jumped[0] < _RECENT and self._stuck(memory)[0]:
+            memory = self._distrusted(memory, 0)
         of_hitch = abs(float(parity.values[self._unit - 1])) > _DETECTED  # the relation A of the trailer's own hitch
         is_suspect = memory.suspect[0] >= 0 and not memory.contradicted  # a contradiction lasts until one is found
         unexplained = left > _DETECTED and not is_suspect and not memory.distrusted
@@ -223,25 +261,50 @@ class SignalMonitor:
         contradicted, memory = at_odds and memory.at_odds, memory._replace(at_odds=at_odds)
         if contradicted == memory.contradicted:
             return memory
-        towed = self._towed(memory, memory.history[-1]) if contradicted else memory.towed
         findings = (*memory.findings, Finding(int(memory.history[-1, 0]), self._either, contradicted))
-        return memory._replace(contradicted=contradicted, towed=towed, findings=findings)
+        return self._with_towed(memory._replace(contradicted=contradicted, findings=findings))
 
-    def _towed(self, memory: MonitorMemory, row: FloatArray) -> tuple[float, float]:
-        """Articulation and yaw rate of a trailer whose axles roll, from the last ones or at first from the measured."""
-        angle = FIRST + self._unit - 1
-        gamma = float(row[angle])
-        if memory.contradicted:
-            elapsed = float(row[0] - memory.history[-1, 0]) * TICK
-            gamma = memory.towed[0] + (float(row[self._columns[self._unit + self._unit]]) - memory.towed[1]) * elapsed
+    def _unknown(self, memory: MonitorMemory) -> tuple[bool, bool]:
+        """True for the trailer's hitch angle, and for its gyro, where it is at fault by an amount that is not known."""
+        angle, gyro = (memory.errors[k] for k in (self._unit, 1 + 2 * self._unit))
+        return (
+            memory.contradicted or (angle is not None and angle.tick < 0),
+            memory.contradicted or (gyro is not None and gyro.tick < 0),
+        )
+
+    def _with_towed(self, memory: MonitorMemory) -> MonitorMemory:
+        """Memory with the trailer by other signals, since the last comparison with a reference."""
+        before, towed = None, memory.towed
+        for row in memory.history[memory.history[:, 0].searchsorted(memory.compared_at) :]:
+            towed = self._towed(memory, row, before, towed)
+            before = row
+        return memory._replace(towed=towed)
+
+    def _towed(
+        self, memory: MonitorMemory, row: FloatArray, before: FloatArray | None, towed: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Articulation and yaw rate at a row, where needed by other signals and their last values ``towed``.
+
+        Without a row ``before`` the articulation is the measured one.
+        """
+        without_angle, without_gyro = self._unknown(memory)
+        if not (without_angle or without_gyro):
+            return towed
+        angle, gyro = self._columns[self._unit], self._columns[1 + 2 * self._unit]
         reckoned = row.copy()
-        reckoned[angle] = gamma
-        return gamma, self._relations.rolling_rate(reckoned)
+        if without_angle and before is not None:
+            ahead = 0.5 * float(before[gyro - 1] + row[gyro - 1])
+            reckoned[angle] = towed[0] + (ahead - towed[1]) * float(row[0] - before[0]) * TICK
+        rate = self._relations.rolling_rate(reckoned) if without_gyro else float(row[gyro])
+        return float(reckoned[angle]), rate
 
     def _distrusted(self, memory: MonitorMemory, signal: int) -> MonitorMemory:
         errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])
         finding = Finding(int(memory.history[-1, 0]), self.names[signal], True)
-        return memory._replace(errors=errors, suspect=(-1, 0), findings=(*memory.findings, finding))
+        if signal == 0:
+            before = memory.history[memory.history[:, 0] < memory.jumped[0], SPEED][-_MEAN_OF:]
+            memory = memory._replace(speed=float(before.mean()) if len(before) else 0.0)
+        return self._with_towed(memory._replace(errors=errors, suspect=(-1, 0), findings=(*memory.findings, finding)))
 
     def _measured(self, memory: MonitorMemory, parity: Parity, tick: int) -> MonitorMemory:
         """Memory with the sizes of the known faults measured anew, and without those that are over."""

@@ -75,14 +75,16 @@ def campaign(
         raise typer.Exit(0 if listed else BAD_INPUT)
     chosen = _campaign(target, settings or [], seeds, controllers)
     title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
-    directory = options.directory(title)
+    if options.status:
+        options.tell_status(title, chosen)
+        return
     with options.opened(title) as run_options:
-        found = run_campaign(title, chosen, directory, run_options)
+        found = run_campaign(title, chosen, options.out, run_options)
     broken = [_not_accepted(chosen, cell) for cell in unaccepted(chosen, found.cells)]
     if options.as_json:
         typer.echo(json.dumps(results_json(chosen, found), indent=2, allow_nan=False))
     elif not options.quiet:
-        _print(chosen, found, broken, directory)
+        _print(chosen, found, broken)
     if broken:
         for line in broken if options.quiet or options.as_json else ():
             remark(line)
@@ -113,7 +115,7 @@ def _list(*, as_json: bool) -> None:
     PlainConsole().print(listing((name, f"{len(one.cases())} runs", one.description) for name, one in loaded.items()))
 
 
-def _print(campaign: Campaign, found: Results, broken: list[str], directory: Path) -> None:
+def _print(campaign: Campaign, found: Results, broken: list[str]) -> None:
     console = PlainConsole()
     console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
     console.print("failed/runs, and the 95 % interval of the probability [%]")
@@ -128,7 +130,7 @@ def _print(campaign: Campaign, found: Results, broken: list[str], directory: Pat
         console.print(f"{lost} runs were completed before their fault began; they are left out")
     for line in broken:
         console.print(line, soft_wrap=True)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+    console.print(f"Report: {found.directory / 'report.html'}", soft_wrap=True)
 
 
 def _not_accepted(campaign: Campaign, cell: Cell) -> str:

@@ -40,6 +40,7 @@ _COMMANDS: Final = {
     "campaign": Entry("campaign", "Run a fault campaign: how often a loop fails requirements.", "EXAMPLES"),
     "tune": Entry("train", "Tune the parameters of a steering law or rover driver.", "TUNE_EXAMPLES"),
     "train": Entry("train", "Train a trailer steering policy with PPO.", "TRAIN_EXAMPLES"),
+    "benchmark": Entry("benchmark", "Evaluate a policy in a task, beside the baselines.", "EXAMPLES"),
     "convert-policy": Entry("train", "Convert a model of stable-baselines3.", "CONVERT_EXAMPLES", "convert_policy"),
     "reproduce": Entry("assess", "Reproduce a paper's table or figure.", "REPRODUCE_EXAMPLES"),
     "fit-surrogate": Entry("train", "Fit a surrogate of a camera estimator.", "FIT_EXAMPLES", "fit_surrogate"),

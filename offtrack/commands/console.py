@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,9 +11,9 @@ from typing import Annotated, Any, Final, cast
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressDisplay
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 from typer.core import TyperGroup
 
@@ -58,7 +59,7 @@ def _one_line_errors() -> Iterator[None]:
     except (BrokenPipeError, typer.Exit):  # whoever read the output has gone: no error of the command
         raise
     except KeyboardInterrupt as interrupt:
-        remark("interrupted; what is finished is kept")
+        remark(f"interrupted; {interrupt or 'what is finished is kept'}")
         raise typer.Exit(INTERRUPTED) from interrupt
     except Exception as error:
         render = sys.modules.get("sensors.render")  # its import takes long, and without it nothing was rendered
@@ -174,22 +175,27 @@ class LazyDisplay(ProgressDisplay):
     def __enter__(self) -> "LazyDisplay":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        if self.live.is_started:
+    def __exit__(self, _: object, error: object, __: object) -> None:
+        if not self.live.is_started:
+            return
+        if isinstance(error, ValueError | OSError):  # one line, and no more
+            self.live.transient = True
+            self.live.stop()
+        else:
             self.stop()
 
 
 def progress_display(*, shown: bool) -> LazyDisplay:
     """A rich progress display on standard error; its tasks carry a field ``detail``."""
     columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
+        TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, ratio=2)),
+        BarColumn(bar_width=16),
         TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[detail]}", markup=False),
-    )
-    return LazyDisplay(*columns, console=PlainConsole(stderr=True), disable=not shown)
+        TextColumn("left"),
+        TextColumn("{task.fields[detail]}", markup=False, table_column=Column(no_wrap=True, ratio=3)),
+    )  # those with a ratio get what the others leave
+    return LazyDisplay(*columns, console=PlainConsole(stderr=True), disable=not shown, expand=True)
 
 
 def progress_bar(display: ProgressDisplay, title: str) -> Progress:
@@ -203,6 +209,16 @@ def progress_bar(display: ProgressDisplay, title: str) -> Progress:
         display.update(tasks[0], completed=done, total=total, detail=printable(note))
 
     return report
+
+
+@contextmanager
+def continuable() -> Iterator[None]:
+    """Add to an interrupt the command that continues."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        command = shlex.join(["offtrack", *sys.argv[1:]])
+        raise KeyboardInterrupt(f"{interrupt or 'what is finished is kept'}; continue: {command}") from None
 
 
 def lines(examples: str) -> str:

@@ -22,6 +22,7 @@ from offtrack.commands.console import (
     PlainConsole,
     Quiet,
     SettingsOfAll,
+    continuable,
     progress_bar,
     progress_display,
     remark,
@@ -30,8 +31,8 @@ from offtrack.commands.console import (
 from offtrack.studies.case import Outcome, Settings, listed, parameters_beside, seeds_of
 from offtrack.studies.draws import Sensitivity, analysed, analysis_json
 from offtrack.studies.pool import Executor, RunOptions
-from offtrack.studies.run_study import compare_runs, run_study
-from offtrack.studies.study import TRAILER, Study, load_study, settings_of, subject_of
+from offtrack.studies.run_study import compare_runs, run_study, standing_of
+from offtrack.studies.study import TRAILER, Study, axes_of, load_study, settings_of, subject_of
 from offtrack.studies.study_page import HEADINGS, remarks
 from offtrack.studies.table import Row, shown_quantities, text_of
 from scenarios.catalogue import resolve
@@ -63,7 +64,15 @@ JobQueue = Annotated[
 Patience = Annotated[
     float, typer.Option(help="Time without any worker of Dask after which the rest of the runs is given up [s].")
 ]
-Out = Annotated[Path | None, typer.Option(help="Output directory; an existing study is resumed.", show_default=False)]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Output directory; an existing study is resumed.", show_default="runs/COMMAND-NAME-N; the same study's own"
+    ),
+]
+OnlyStatus = Annotated[
+    bool, typer.Option("--status", help="Print how many runs are finished, and how long the rest takes; run nothing.")
+]
 Where = Annotated[
     list[str] | None, typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated.")
 ]
@@ -80,6 +89,7 @@ class StudyOptions:
     patience: Patience = 60.0
     where: Where = None
     out: Out = None
+    status: OnlyStatus = False
     quiet: Quiet = False
     as_json: AsJson = False
 
@@ -102,10 +112,6 @@ class StudyOptions:
         if self.job_queue is not None and self.jobs is None:
             raise ValueError("--dask-jobqueue: needs --jobs, the number of jobs")
 
-    def directory(self, title: str) -> Path:
-        """Directory of the study."""
-        return self.out or Path("runs") / title
-
     @contextmanager
     def opened(self, title: str) -> Iterator[RunOptions]:
         """How to make the runs, with a progress bar of this title; a cluster is connected meanwhile.
@@ -114,7 +120,8 @@ class StudyOptions:
             ValueError: one line, for a value of ``--where`` that is none, or a cluster that does not answer.
         """
         again, jobs = settings_of(self.where or [], "--where"), self.jobs or default_jobs()
-        with progress_display(shown=not (self.quiet or self.as_json)) as bar, self._executor(jobs) as executor:
+        shown = not (self.quiet or self.as_json)
+        with continuable(), progress_display(shown=shown) as bar, self._executor(jobs) as executor:
             yield RunOptions(
                 jobs=jobs,
                 timeout=self.timeout,
@@ -122,7 +129,17 @@ class StudyOptions:
                 again=again,
                 progress=progress_bar(bar, title),
                 remark=remark,
+                announce=remark if shown else lambda line: None,
             )
+
+    def tell_status(self, title: str, study: Study) -> None:
+        """Print how far a study has come."""
+        standing = standing_of(title, study, self.out, self.jobs or default_jobs())
+        if self.as_json:
+            fields = dataclasses.asdict(standing) | {"directory": str(standing.directory)}
+            typer.echo(json.dumps(fields, indent=2))
+        else:
+            typer.echo(standing)
 
     @contextmanager
     def _executor(self, jobs: int) -> Iterator[Executor | None]:
@@ -184,6 +201,7 @@ def print_rows(rows: Sequence[Row], directory: Path) -> None:
     """Print a table of a study's points with their numbers, as many as the terminal is wide."""
     quantities = shown_quantities(rows)
     varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
+    same = [f"{key} = {value}" for key, value in rows[0].axes if key not in varied]
     columns = [(key.rpartition(".")[2], [dict(row.axes)[key] for row in rows]) for key in varied]
     columns.append(("done", [f"{row.completed}/{row.runs}" for row in rows]))
     numbers = [(f"{q.label} [{q.unit}]", [text_of(q, row.numbers[q.path]) for row in rows]) for q in quantities]
@@ -194,6 +212,8 @@ def print_rows(rows: Sequence[Row], directory: Path) -> None:
         table.add_column(heading, justify="left" if k < len(varied) else "right", width=least_width(heading, cells))
     for row in zip(*(cells for _, cells in (*columns, *shown)), strict=True):
         table.add_row(*row)
+    if same:
+        console.print(f"All runs: {', '.join(same)}", soft_wrap=True)
     console.print(table)
     if left_out := [heading for heading, _ in numbers[len(shown) :]]:
         console.print(f"Left out, as the terminal is narrow: {', '.join(left_out)}", soft_wrap=True)
@@ -287,11 +307,14 @@ def compare(
         ),
     ] = None,
     estimators: Annotated[
-        str,
+        str | None,
         typer.Option(
-            "--off-tracking", "--slip-estimators", help="Comma-separated off-tracking sources, or slip estimators."
+            "--off-tracking",
+            "--slip-estimators",
+            help="Comma-separated off-tracking sources, or slip estimators.",
+            show_default="truth",
         ),
-    ] = "truth",
+    ] = None,
     settings: SettingsOfAll = None,
     vary: Annotated[
         list[str] | None, typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated.")
@@ -309,16 +332,21 @@ def compare(
         _compare_runs([Path(target) for target in targets], options)
         return
     (scenario,) = targets
-    subject = subject_of(scenario)
-    chosen = subject.controllers if controllers is None else listed(controllers, "--controllers")
-    sources = listed(estimators, "--off-tracking")
-    for law in chosen if subject is TRAILER else ():
+    subject, fixed = subject_of(scenario), settings_of(settings or [], "--set")
+    given = {subject.compared: ("--controllers", controllers), subject.estimator: ("--off-tracking", estimators)}
+    axes = {key: listed(text, option) for key, (option, text) in given.items() if text is not None}
+    varied = axes_of(vary or [])
+    if twice := set(axes) & set(varied):
+        raise ValueError(f"--vary {min(twice)}: is {given[min(twice)][0]} as well: choose one")
+    # what is set for all runs takes the place of what is usually compared
+    usual = {subject.compared: subject.controllers, subject.estimator: ("truth",)}
+    usual = {key: (dict(fixed)[key],) if key in dict(fixed) else values for key, values in usual.items()}
+    axes = usual | axes | varied
+    for law in axes[subject.compared] if subject is TRAILER else ():
         resolve("--controllers", parameters_beside(law)[0], subject.parts)
-    for source in sources:
+    for source in axes[subject.estimator]:
         resolve("--off-tracking", source, subject.estimators)
-    axes = {subject.compared: chosen, subject.estimator: sources}
-    axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
-    study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
+    study = Study(scenario=scenario, fixed=fixed, axes=axes, seeds=seeds_of(seeds))
     _run_study(f"compare-{Path(scenario).stem if scenario.endswith('.toml') else scenario}", study, options)
 
 
@@ -348,19 +376,21 @@ def sweep(
 def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
     if len(runs) < 2:
         raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")
-    directory = options.directory(f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME])
-    rows = compare_runs(runs, directory)
+    title = f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME]
+    made = compare_runs(title, runs, options.out)
     if options.as_json:
-        typer.echo(json.dumps([plain(row) for row in rows], indent=2))
+        typer.echo(json.dumps([plain(row) for row in made.rows], indent=2))
     elif not options.quiet:
-        print_rows(rows, directory)
+        print_rows(made.rows, made.directory)
 
 
 def _run_study(title: str, study: Study, options: StudyOptions) -> None:
     """Run the study, write its directory and print its table."""
-    directory = options.directory(title)
+    if options.status:
+        options.tell_status(title, study)
+        return
     with options.opened(title) as run_options:
-        outcomes, rows = run_study(title, study, directory, run_options)
+        directory, outcomes, rows = run_study(title, study, options.out, run_options)
     design = study.draws.sensitivity
     if options.as_json:
         analyses = sensitivity_of(design, outcomes) if design else {}

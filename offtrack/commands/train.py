@@ -6,31 +6,40 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast, get_args
 
 import typer
 
-from controllers.trailer_steering.policy import load_network
+from controllers.trailer_steering.policy import feature_names, load_network
 from offtrack.commands.console import (
     AsJson,
     PlainConsole,
     Quiet,
     ScenarioName,
     SettingsOfAll,
+    continuable,
     progress_bar,
     progress_display,
     remark,
     table_of,
 )
 from offtrack.environments import registry
+from offtrack.environments.tasks import EPISODES, task_of
+from offtrack.environments.training import benchmark
+from offtrack.environments.training.benchmark import evaluated, write_results
 from offtrack.environments.training.evaluation import described, evaluate
 from offtrack.environments.training.training_directory import (
     DEFAULT_DOMAIN,
-    ENVIRONMENT,
     NETWORK,
+    PICTURE,
+    RESULTS,
+    SUMMARY,
+    Algorithm,
     Plan,
+    Point,
     Scores,
     check_directory,
+    draw_curve,
     keep_network,
     keep_summary,
     opened_directory,
@@ -38,7 +47,8 @@ from offtrack.environments.training.training_directory import (
     trained_for,
 )
 from offtrack.studies.pool import RunOptions, run_cases
-from offtrack.studies.run_study import CELLS, check_study_directory, opened_study
+from offtrack.studies.rehearsal import rehearse, time_text
+from offtrack.studies.run_study import CELLS, check_study_directory, opened_study, own_directory
 from offtrack.studies.study import subject_of
 from offtrack.studies.tuning import (
     Trial,
@@ -54,20 +64,29 @@ from offtrack.studies.tuning import (
 from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
-from scenarios.progress import postponed_interrupts
-from scenarios.results.run_directory import check_new_file, replaced
+from scenarios.progress import Progress, postponed_interrupts
+from scenarios.results.run_directory import check_new_file, new_run_directory, replaced
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
 from vehicle.foundation.user_file import FileKind, read_text
 
 TRAIN_EXAMPLES = (
-    "Examples: offtrack train   offtrack train --observation truth --steps 4000000 --out runs/quick   Then: "
+    "Examples: offtrack train   offtrack train --observation truth --steps 4000000 --out runs/quick   "
+    "offtrack train --task roundabouts-driver --minutes 10   offtrack train --task gate --algorithm sac   Then: "
     "offtrack run roundabout --set trailer_steering=policy --set policy.path=runs/train-surrogate-1/policy.npz"
 )
 _DEFAULT_STEPS = 16_000_000
+_PPO_ENVS, _SAC_ENVS = 512, 32
 
 
 def train(
+    task: Annotated[
+        str | None,
+        typer.Option(
+            help="Task of the benchmark (see: offtrack benchmark).", show_default="steering on courses of many kinds"
+        ),
+    ] = None,
+    algorithm: Annotated[str, typer.Option(help="Algorithm of stable-baselines3: ppo or sac.")] = "ppo",
     observation: Annotated[
         str, typer.Option(help="Observation of the policy: surrogate (with estimation errors) or truth.")
     ] = "surrogate",
@@ -80,24 +99,28 @@ def train(
     minutes: Annotated[
         float | None, typer.Option(help="Time limit [min]; training ends earlier once all steps are done.")
     ] = None,
-    envs: Annotated[int, typer.Option(help="Number of environments in parallel.")] = 512,
+    envs: Annotated[
+        int | None, typer.Option(help="Number of environments in parallel.", show_default="512; sac: 32")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of networks, noise and episodes.")] = 1,
     episodes: Annotated[int, typer.Option(help="Episodes per condition of the final comparison.")] = 4,
     threads: Annotated[int | None, typer.Option(help="Threads of the learner.", show_default="one per core")] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Output directory; an existing training is resumed.", show_default="runs/train-OBSERVATION-SEED"
+            help="Output directory; an existing training is resumed.",
+            show_default="runs/train-OBSERVATION-SEED, or runs/train-TASK-ALGORITHM-SEED",
         ),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a policy for offtrack/TrailerSteering-v0 with PPO, and compare it with steering laws.
+    """Train a policy with PPO or SAC for trailer steering or a task, and compare it with laws and drivers.
 
     After an interrupt the same command resumes from the last checkpoint. Writes policy.npz (for
     trailer_steering=policy), learning_curve.parquet and .png, checkpoint.zip, and summary.json with the comparison on
-    courses, frictions and speeds outside the training. Needs the extra rl.
+    courses, frictions and speeds outside the training; for a task, benchmark.json with the benchmark's results. Needs
+    the extra rl.
     """
     check_number("--steps", steps, 1000, 1e12)
     check_number("--minutes", minutes, 0.05, 1e6, "min")
@@ -108,29 +131,61 @@ def train(
     check_extra("rl", "training needs", "stable_baselines3", "torch")
     if observation not in ("surrogate", "truth"):
         raise ValueError(f"--observation {observation}: must be surrogate or truth")
+    if algorithm not in get_args(Algorithm) or (algorithm != "ppo" and task is None):
+        raise ValueError(f"--algorithm {algorithm}: must be ppo, or with a --task sac")
+    if task is not None:
+        task_of(task)
     import torch
 
     from offtrack.environments.training.learner import Budget, learn
 
     torch.set_num_threads(threads or os.cpu_count() or 1)
-    plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
-    directory = out or Path("runs") / f"train-{observation}-{seed}"
+    plan = Plan(
+        observation=observation,
+        vehicle=vehicle,
+        envs=envs or (_SAC_ENVS if algorithm == "sac" else _PPO_ENVS),
+        seed=seed,
+        task=task,
+        algorithm=cast(Algorithm, algorithm),
+    )
+    directory = out or Path("runs") / f"train-{observation if task is None else f'{task}-{algorithm}'}-{seed}"
     network = directory / NETWORK
     check_directory(plan, directory)
-    registry.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
+    registry.vector(plan.name, 1, **plan.environment()).close()  # refuses what can not be trained
     with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
         budget = Budget(steps, None if minutes is None else 60.0 * minutes)
         learned, curve = learn(plan, budget, directory, progress_bar(display, "train"))
         with postponed_interrupts():
             keep_network(learned, network)
-        scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
         command = shlex.join(["offtrack", *sys.argv[1:]])
+        if plan.task is not None:
+            result = _benchmark(plan, curve, directory, progress_bar(display, "compare"), command)
+            if as_json:
+                typer.echo(json.dumps(result, indent=2))
+            elif not quiet:
+                typer.echo(f"{directory / RESULTS}: {100.0 * result['success']:.0f} % success; the table beside the")
+                typer.echo(f"baselines: offtrack benchmark {plan.task} --policy {directory / RESULTS}")
+            return
+        scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
         result = summary(plan, curve, scores, described(), command)
         keep_summary(result, curve, scores, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     elif not quiet:
         _print(result, scores, network)
+
+
+def _benchmark(plan: Plan, curve: list[Point], directory: Path, progress: Progress, command: str) -> dict[str, Any]:
+    """Evaluate the network in its task; the summary, which is kept in the directory."""
+    name, policy = str(plan.task), str(directory / NETWORK)
+    choice = task_of(name).observation and plan.observation
+    results = evaluated(name, policy, EPISODES, None, lambda _: None, progress, observation=choice)
+    write_results(results, directory / RESULTS)
+    success = benchmark.summary(results)["success"].mean
+    result = {**summary(plan, curve, {}, [], command), "success": success}
+    replaced(directory / SUMMARY, json.dumps(result, indent=2) + "\n")
+    draw_curve(curve, {}, directory / PICTURE)
+    return result
 
 
 CONVERT_EXAMPLES = (
@@ -167,7 +222,10 @@ def convert_policy(
     written = out or model.with_suffix(".npz")
     check_new_file(written)
     trained = load_vehicle(vehicle)
-    network = saved_network(model, trained, trained_for(trained, replace(DEFAULT_DOMAIN, speed=_speeds(speed_kmh))))
+    steered = len(trained.units[-1].steered_axles)
+    names = feature_names(steered, [unit.name for unit in trained.units])
+    domain = trained_for(trained, replace(DEFAULT_DOMAIN, speed=_speeds(speed_kmh)))
+    network = saved_network(model, names, steered, domain)
     keep_network(network, written)
     layers = " x ".join(str(len(biases)) for biases in network.biases)
     typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
@@ -231,7 +289,7 @@ TUNE_EXAMPLES = (
     "offtrack tune rover-slope --set slip_estimator=truth --trials 10   "
     "offtrack tune roundabout-low-friction --controller path_preview --trials 100 "
     "--objectives off_tracking.true_rms_m,steer.max_rate_deg_s --vary surface.friction=0.8,0.2 "
-    "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview/tuned.toml"
+    "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview-1/tuned.toml"
 )
 _FILE = "tuning.toml"  # identifies the task of a directory
 
@@ -289,7 +347,10 @@ def tune(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
+        typer.Option(
+            help="Output directory; an existing study is resumed.",
+            show_default="runs/tune-SCENARIO-LAW-N; the same study's own",
+        ),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -304,14 +365,17 @@ def tune(
     check_number("--jobs", jobs, 1, MOST_JOBS)
     check_number("--seed", seed, 0, 2**31)
     check_extra("tune", "tuning needs", "optuna")
-    from offtrack.studies.trials import JOURNAL, database, former, importances, in_database, optimise
+    from offtrack.studies.trials import JOURNAL, database, finished, former, importances, in_database, optimise
 
-    subject = subject_of(scenario)
-    controller = controller or subject.part
     sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
-    names = objectives or ",".join(subject.objectives)
-    tuning = tuning_of(scenario, controller, names, ranges or [], settings or [], sets)
-    directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+    tuning = tuning_of(scenario, controller, objectives, ranges or [], settings or [], sets)
+    controller, workers = tuning.law, jobs or default_jobs()
+    sides = (tuning.tuned_on, tuning.judged_on)
+    identity = " ".join(study.identity() for study in sides)
+    title = f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+    directory = out or own_directory(
+        title, _FILE, lambda file: read_text(file, FileKind.RECORD) == description(tuning), identity
+    )
     if not (directory / JOURNAL).is_file():
         check_study_directory(directory, _FILE)
     if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != description(tuning):
@@ -322,13 +386,25 @@ def tune(
         database(storage)  # refuses one that does not answer
         tuning = in_database(tuning, storage)
     unusable = former(tuning, directory)
-    with opened_study(directory, _FILE, description(tuning)):
+    with continuable(), progress_display(shown=not (quiet or as_json)) as bar:
+        cases = [case for study in sides for case in study.cases()]
+        count = trials * len(tuning.tuned_on.cases()) + 2 * len(tuning.judged_on.cases())
+        seconds = rehearse(cases, progress_bar(bar, "check"), elsewhere=False, runs=count)
+    if not (out or directory.exists()):
+        directory = new_run_directory(title)
+    if not (quiet or as_json):
+        needed = f", about {time_text(seconds / workers)} in all" if seconds else ""
+        remark(f"{trials} trials of {len(tuning.tuned_on.cases())} runs, {workers} at a time{needed}; in {directory}")
+    with continuable(), opened_study(directory, _FILE, description(tuning), "" if out else identity):
         if unusable:
             remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
-        workers = jobs or default_jobs()
         with progress_display(shown=not (quiet or as_json)) as bar:
             progress = progress_bar(bar, f"tune {controller}")
-            results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            try:
+                results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            except KeyboardInterrupt:
+                kept = min(trials, len(finished(tuning, directory)))
+                raise KeyboardInterrupt(f"{kept} of {trials} trials are kept in {directory}") from None
             progress(trials, trials)
             best, compared = chosen(results), {}
             candidates = {"defaults": {}, "tuned": best.parameters}

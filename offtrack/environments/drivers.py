@@ -69,6 +69,8 @@ class Tracks:
         centres = [(np.nan, np.nan) if c.surface_centre is None else c.surface_centre for c in courses]
         self.centres = np.array(centres)  # apex of a conical cross-fall [m]
         self._stations, self._headings = self._table[:, 0].copy(), self._table[:, 3].copy()
+        self._points = self._table[:, 1] + 1j * self._table[:, 2]
+        self._directions = np.exp(1j * self._headings)
         self._bends = self._table[:, 4] + 0.5 * _SPACING * self._table[:, 5]  # mean curvature of a piece [1/m]
         self.bends = np.array([float(np.abs(table[:, 4]).max()) for table in tables])  # sharpest curvature [1/m]
 
@@ -83,6 +85,16 @@ class Tracks:
         u = np.fmin(stations - self._stations[rows], _SPACING)
         headings: FloatArray = self._headings[rows] + u * self._bends[rows]
         return headings
+
+    def offsets(
+        self, course: NDArray[np.intp], stations: FloatArray, points: NDArray[np.complex128]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Stations and lateral offsets, + left, (n, m) [m] of points x + iy near the ``stations`` (n, m) [m]."""
+        rows = self._rows(self._first[course, None], self._last[course, None], stations)
+        place, bend = (points - self._points[rows]) * self._directions[rows].conj(), self._bends[rows]
+        along, across = place.real, place.imag
+        along = along / np.fmax(1.0 - bend * across, 0.5)
+        return self._stations[rows] + along, across - 0.5 * bend * along * along
 
     @staticmethod
     def _rows(first: NDArray[np.intp], last: NDArray[np.intp], station: FloatArray) -> NDArray[np.intp]:

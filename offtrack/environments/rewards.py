@@ -7,12 +7,12 @@ import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial, reduce
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, ClassVar, Final, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from offtrack.environments.core import Info
+from offtrack.environments.core import EnvironmentOptions, Info
 from scenarios.loop.referee import FOLDED, LIFTED
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import symbolic_twin
@@ -31,6 +31,7 @@ class Moment(NamedTuple):
     road_offset: FloatArray  # (n,) of the tractor from its course, + left [m]
     speed: FloatArray  # (n,) of the tractor [m/s]
     finite: NDArray[np.bool_]  # (n,) False once the physics diverged
+    clearance: FloatArray  # (n,) of all bodies from the road's edges, least; infinite without edges [m]
 
 
 Reward = Callable[[Moment], FloatArray]  # (n,)
@@ -64,6 +65,11 @@ def kerb(moment: Moment) -> FloatArray:
     return -on_kerb
 
 
+def near_edge(moment: Moment) -> FloatArray:
+    """Minus the distance by which the bodies are closer than half a metre to an edge of the road [m]."""
+    return -np.minimum(np.maximum(_KERB - moment.clearance, 0.0), _MAX_ERROR)
+
+
 def steer_effort(moment: Moment) -> FloatArray:
     """Minus the mean square of the trailer axles' steer rates [rad2/s2]."""
     rates = moment.steer_rate.T
@@ -82,6 +88,8 @@ def _sum(terms: tuple[tuple[Callable[[M], FloatArray], float], ...], moment: M) 
         total += weight * part(moment)
     return total
 
+
+PARTS: Final = (follow_error, off_path, outside_path, kerb, near_edge, steer_effort)
 
 # 0.1 m off the path costs 0.01 a step, 0.1 m to the outside another 0.01; axles at 6 deg/s cost 0.0002.
 USUAL: Final[Mapping[Reward, float]] = {follow_error: 1.0, outside_path: 0.1, steer_effort: 0.02}
@@ -105,9 +113,15 @@ def rolled_over(moment: Moment) -> NDArray[np.bool_]:
 
 
 def left_the_road(moment: Moment) -> NDArray[np.bool_]:
-    """True if the tractor's guided point is off its course by more than half the road."""
+    """True if the tractor's guided point is off its course by more than 4.5 m."""
     off_road: NDArray[np.bool_] = np.abs(moment.road_offset) > _ROAD
     return off_road
+
+
+def over_the_edge(moment: Moment) -> NDArray[np.bool_]:
+    """True if that, or if a body is over an edge of the road."""
+    over: NDArray[np.bool_] = left_the_road(moment) | (moment.clearance < 0.0)
+    return over
 
 
 def diverged(moment: Moment) -> NDArray[np.bool_]:
@@ -237,7 +251,7 @@ def narrowed(domain: DomainT, options: Mapping[str, Any], others: tuple[str, ...
     known = [declared.name for declared in fields(domain)]
     for name in options:
         if name not in known:
-            raise ValueError(f"unknown reset option '{name:.80}'{nearest(name, (*known, *others))}")
+            raise ValueError(f"unknown option '{name:.80}'{nearest(name, (*known, *others))}")
     ranges = {name: _range(name, value) for name, value in options.items()}
     return replace(domain, **ranges)
 
@@ -248,6 +262,37 @@ def _range(name: str, value: Any) -> Range:
         raise ValueError(f"option {name} = {value!r:.80} must be a number or two bounds")
     low, high = (float(min(max(bound, -_HUGE), _HUGE)) for bound in bounds)  # a whole number may exceed all floats
     return low, high
+
+
+class EpisodeOptions(EnvironmentOptions):
+    """Options with a domain and, where there is a choice, a reward; both also as plain values."""
+
+    parts: ClassVar[Sequence[Callable[[Any], FloatArray]]] = ()  # of a reward, which their names stand for
+
+    @classmethod
+    def of(cls, given: dict[str, Any], environment: str) -> Self:
+        """The options, with ``domain={"friction": (0.2, 0.4)}`` and ``reward={"follow_error": 1.0}`` understood.
+
+        Raises:
+            ValueError: one line naming the option, its value and what is allowed.
+        """
+        plain = dict(given)
+        try:
+            if isinstance(given.get("domain"), Mapping):
+                plain["domain"] = narrowed(cls.model_fields["domain"].default, given["domain"])
+            if isinstance(given.get("reward"), Mapping):
+                plain["reward"] = {cls._part(part): weight for part, weight in given["reward"].items()}
+        except ValueError as error:
+            raise ValueError(f"{environment}: {error}") from None
+        return super().of(plain, environment)
+
+    @classmethod
+    def _part(cls, part: Any) -> Any:
+        """The part of a reward that a name stands for; anything else stays as it is."""
+        known = {function.__name__: function for function in cls.parts}
+        if isinstance(part, str) and part not in known:
+            raise ValueError(f"reward: unknown part '{part:.80}'{nearest(part, known)}")
+        return known[part] if isinstance(part, str) else part
 
 
 class Variation:

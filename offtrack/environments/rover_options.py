@@ -10,10 +10,10 @@ import numpy as np
 
 from controllers.path import Path
 from estimators.estimates import SlipAngle
-from offtrack.environments.core import EnvironmentOptions, Feature
+from offtrack.environments.core import Feature
 from offtrack.environments.observations import ObservationKind
 from offtrack.environments.pictures import SensedChannel
-from offtrack.environments.rewards import Range, Ranges, drawn_from
+from offtrack.environments.rewards import EpisodeOptions, Range, Ranges, drawn_from
 from offtrack.reports.canvas import ESTIMATED, SOFT, Picture, blank, curve, write
 from scenarios.assembly.adapters import check_schedule, rig_schedule
 from scenarios.assembly.rover_run import PERIOD, rover_mount, rover_sensing
@@ -185,6 +185,8 @@ def misalignment(moment: RoverMoment) -> FloatArray:
     return np.asarray(-((moment.heading_error + moment.slip_angle) ** 2))
 
 
+PARTS: Final = (cross_track_error, off_path, slowness, turn_effort, misalignment)
+
 # 0.1 m off the path costs 1 a step, standing still 0.1
 USUAL: Final[Mapping[RoverReward, float]] = {cross_track_error: 1.0, slowness: 0.1, turn_effort: 0.01}
 MISHAP: Final = -100.0  # once
@@ -205,8 +207,10 @@ class RoverDomain(Ranges):
     sensor_error: Range = drawn_from((0.5, 1.5), 0.0, 10.0)  # of the surrogate's slip angle, over the nominal error [-]
 
 
-class RoverSteeringOptions(EnvironmentOptions):
+class RoverSteeringOptions(EpisodeOptions):
     """Options of the environment."""
+
+    parts = PARTS
 
     vehicle: str = "el_dorado_ii_skid"  # name or file of a rover without steered wheels
     soils: Sequence[str] | None = None  # "none": firm ground; None: two sands and, except for ``estimate``, firm ground

@@ -123,10 +123,10 @@ class RoverSteering:
             ValueError: one line, if an option does not fit.
         """
         self.n, self._options = n, options
-        self._rover = load_rover(options.vehicle)
-        if self._rover.steered:
-            raise ValueError(f"rover {self._rover.name} steers its wheels: RoverSteering is for skid-steered ones")
-        self._left = self._rover.wheel_places[:, 1] > 0.0
+        self.rover = load_rover(options.vehicle)
+        if self.rover.steered:
+            raise ValueError(f"rover {self.rover.name} steers its wheels: RoverSteering is for skid-steered ones")
+        self._left = self.rover.wheel_places[:, 1] > 0.0
         self._names = options.soil_names()
         self._soils: list[Soil | None] = [None if name == FIRM else load_soil(name) for name in self._names]
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -137,7 +137,7 @@ class RoverSteering:
         self.observation_space: spaces.Space[Any] = self._space
         self._images: ImageObservation | None = None
         if options.observation == "camera":
-            camera = nominal_rig(self._rover).camera
+            camera = nominal_rig(self.rover).camera
             self._images = ImageObservation((1, camera.height, camera.width), options.image_scale, self.features)
             self.observation_space = self._images.space
         level, first = RoverDomain(cross_fall=(0.0, 0.0), grade=(0.0, 0.0)), self._names[0]
@@ -194,7 +194,7 @@ class RoverSteering:
     def picture(self, lane: int) -> Picture:
         """The rover on its path from above, next to its camera image."""
         episode = self._episodes[lane]
-        plan = rover_picture(self._rover, episode.truth, episode.path, episode.elapsed)
+        plan = rover_picture(self.rover, episode.truth, episode.path, episode.elapsed)
         return side_by_side(plan, None if episode.sensed is None else episode.sensed.view())
 
     def close(self) -> None:
@@ -207,7 +207,7 @@ class RoverSteering:
         cross_fall, grade, speed, curvature, sensor_error = domain.values(uniform[1:]).tolist()
         number = int(uniform[0] * len(self._soils)) if soil is None else self._names.index(soil)
         terrain = Terrain(slope_x=grade, slope_y=cross_fall)
-        plant = RoverPlant(self._rover, terrain, self._soils[number], self._options.engine)
+        plant = RoverPlant(self.rover, terrain, self._soils[number], self._options.engine)
         start = Pose2(0.0, 0.0, 0.0)
         state = plant.initial_state(start, speed)
         path = Path(start, (line(_ENTRY), arc(_LENGTH - _ENTRY, curvature)))
@@ -216,7 +216,7 @@ class RoverSteering:
         if self._scenario is not None and open_sensors:
             sensed = SensedRover(
                 self._scenario,
-                self._rover,
+                self.rover,
                 terrain,
                 path,
                 seed=int(rng.integers(_SEEDS)),
@@ -247,7 +247,7 @@ class RoverSteering:
         """Terminated, truncated and outcome of a control step."""
         if not episode.finite:
             return True, False, "diverged"
-        fastest = _MAX_WHEEL_SPEED * episode.speed / self._rover.radius
+        fastest = _MAX_WHEEL_SPEED * episode.speed / self.rover.radius
         left, right = (fastest * max(-1.0, min(1.0, float(a))) for a in action)
         speeds = tuple(left if is_left else right for is_left in self._left)
         command = RoverCommand(wheel_speed=speeds, steer=(0.0,) * len(speeds))
@@ -302,8 +302,8 @@ class RoverSteering:
             path.curvature(episode.station + _PREVIEW),
             episode.slip_estimate,
             float(truth.velocity[2]),
-            float(truth.wheel_speeds[self._left].mean()) * self._rover.radius / episode.speed,
-            float(truth.wheel_speeds[~self._left].mean()) * self._rover.radius / episode.speed,
+            float(truth.wheel_speeds[self._left].mean()) * self.rover.radius / episode.speed,
+            float(truth.wheel_speeds[~self._left].mean()) * self.rover.radius / episode.speed,
             float(up[0]),
             float(up[1]),
             episode.speed,

@@ -15,12 +15,17 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
 
 from offtrack.environments import registry
 from offtrack.environments.core import Observation
 from offtrack.environments.registry import CoreVectorEnv
 from offtrack.reports.canvas import Picture
+
+try:
+    import torch as _torch  # noqa: F401  # stable-baselines3's own error does not say where to get it
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as error:
+    raise ImportError(f"{error}: pip install 'offtrack[rl]', which brings stable-baselines3 and torch") from error
 
 Indices = int | Iterable[int] | None
 

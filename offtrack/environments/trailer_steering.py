@@ -40,7 +40,7 @@ releases them. Use few trailers; spawn processes, do not fork them.
 
 Reward of a step: ``rewards.USUAL``, minus the squared off-tracking [m2], a tenth of the follow point's distance to the
 outside of the turn [m] and 0.02 of the mean squared steer rate [rad2/s2]; ``rewards.MISHAP`` once at a mishap.
-``reward={part: weight}`` replaces it.
+``reward={part: weight}`` replaces it; ``rewards.PARTS`` may be named, as in ``reward={"follow_error": 1.0}``.
 
 Start: straight at the start of a course, rolling at set speed, with the path behind known. With "estimate" the trailer
 has driven straight to the start at that speed with cameras on, over a follow distance and 2 m; if there is still no
@@ -49,11 +49,12 @@ length, lag, sensor error) are drawn from the episode's seed, equally for all ob
 0.3, "speed": (2.0, 3.0), "course": "roundabout"})`` sets some of it. In turns the driver uses half of the friction.
 
 End: terminated on jackknifing, rollover, leaving the road or divergence of the physics (``endings``); truncated when
-the course is completed, or after 1.5 times its nominal time plus 10 s.
+the course is completed, or after 1.5 times its nominal time plus 10 s. With ``road_width`` the road has edges, and it
+is left when a body is beyond one (``road_edges``).
 
 Info: ``off_tracking`` [m] and the metrics of a run's ``summary.json`` so far: ``true_rms_m``, ``true_max_m``,
 ``steer_max_deg``, ``steer_max_rate_deg_s``; ``outside_max_m``, the follow point's largest distance to the outside of a
-turn; ``outcome`` at the end.
+turn; ``edge_clearance_min_m`` of all bodies where the road has edges; ``outcome`` at the end.
 """
 
 import math
@@ -67,7 +68,7 @@ from numpy.typing import NDArray
 from controllers.driver import PERIOD
 from offtrack.environments import rewards
 from offtrack.environments.camera_observations import CameraObservations
-from offtrack.environments.core import EnvironmentOptions, Info, Lanes, Observation, Result, is_whole
+from offtrack.environments.core import Info, Lanes, Observation, Result, is_whole
 from offtrack.environments.drivers import Drivers, Tracks
 from offtrack.environments.observations import (
     EpisodeStart,
@@ -77,16 +78,30 @@ from offtrack.environments.observations import (
     TrueOrSurrogate,
 )
 from offtrack.environments.pictures import TopView, axle_angles, side_by_side
-from offtrack.environments.rewards import N_DRAWN, Domain, Ending, Moment, Reward, RunningMetrics, Variation, narrowed
+from offtrack.environments.rewards import (
+    N_DRAWN,
+    Circumstances,
+    Domain,
+    Ending,
+    EpisodeOptions,
+    Moment,
+    Reward,
+    RunningMetrics,
+    Variation,
+    narrowed,
+)
+from offtrack.environments.road_edges import RoadEdges
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import course_of, outlines, tractor_guided_at
 from scenarios.assembly.surrogate import SurrogateParameters, load_surrogate
 from scenarios.courses import Course, Turn, turns
+from scenarios.options.course import CourseTable
 from scenarios.options.scenario import Scenario, load_scenario, stream
 from vehicle.clock import to_ticks
 from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.engine.kernels import Engine
+from vehicle.foundation.quantity import Frozen, checked, option
 from vehicle.frames import FloatArray
 
 _RANDOM = "random-"
@@ -94,15 +109,28 @@ _TURNS = 5  # 150 m on average: a minute at 10 km/h
 _ENTRY = 10.0  # [m]
 
 
-def named_course(name: str, vehicle: Vehicle) -> Course:
-    """Course of a scenario (name or file), or ``random-K``: five smooth turns drawn with seed K.
+class _CourseTable(Frozen):
+    """A course by plain values."""
+
+    course: CourseTable = option("Course of the guided point of the tractor.")
+
+
+def named_course(name: str | Mapping[str, Any], vehicle: Vehicle) -> Course:
+    """Course of a scenario (name or file), of a table as in its file, or drawn with seed K.
+
+    ``random-K`` has five smooth turns, ``roundabout-K`` a roundabout of 12.5 to 20 m that is left after 90 to 270 deg.
 
     Raises:
         ValueError: one line, if there is no such course.
     """
+    if isinstance(name, Mapping):
+        table = checked(_CourseTable, {"course": dict(name)}, "courses").course
+        return course_of(load_scenario("roundabout").model_copy(update={"course": table}), vehicle)
+    kind, _, number = name.rpartition("-")
+    if kind == "roundabout" and number.isdecimal():
+        return named_course(_drawn_roundabout(stream(int(number), "course")), vehicle)
     if not name.startswith(_RANDOM):
         return course_of(load_scenario(name), vehicle)
-    number = name.removeprefix(_RANDOM)
     if not number.isdecimal():
         raise ValueError(f"course {name}: must be random-K with an integer K")
     rng, tractor = stream(int(number), "course"), vehicle.units[0]
@@ -116,6 +144,18 @@ def named_course(name: str, vehicle: Vehicle) -> Course:
         for _ in range(_TURNS)
     ]
     return turns(front_x=tractor.front_x, width=tractor.width, sequence=sequence, entry=_ENTRY)
+
+
+def _drawn_roundabout(rng: np.random.Generator) -> dict[str, Any]:
+    """Table of a roundabout."""
+    return {
+        "kind": "roundabout",
+        "direction": "left" if rng.random() < 0.5 else "right",
+        "radius": float(rng.uniform(12.5, 20.0)),
+        "turn_deg": float(rng.uniform(90.0, 270.0)),
+        "entry": 20.0,
+        "exit": 25.0,
+    }
 
 
 COURSES: Final = (
@@ -133,11 +173,14 @@ _GRIP = 0.5  # fraction of the friction that the driver uses in turns
 _TIME_LIMIT, _GRACE = 1.5, 10.0  # as in a scenario: relative to the course at set speed [-], and added [s]
 
 
-class TrailerSteeringOptions(EnvironmentOptions):
+class TrailerSteeringOptions(EpisodeOptions):
     """Options of the environment."""
 
+    parts = rewards.PARTS
+
     vehicle: str = "uk_longer_semitrailer"  # name or file; its last unit must have steered axles and a follow point
-    courses: Sequence[str | Course] = COURSES
+    courses: Sequence[str | Course | Mapping[str, Any]] = COURSES
+    road_width: float | None = None  # between the edges of the road [m]; None: it has none
     observation: ObservationKind = "surrogate"
     domain: Domain = Domain()
     reward: Mapping[Reward, float] | None = None  # None: ``rewards.USUAL``
@@ -162,19 +205,13 @@ class TrailerSteering:
         """
         self.n, self._options = n, options
         vehicle = self._vehicle = load_vehicle(options.vehicle)
-        limit, n_steered = _limit(vehicle, options)
-        courses = [named_course(c, vehicle) if isinstance(c, str) else c for c in options.courses]
-        self._names = tuple(c if isinstance(c, str) else f"course {k}" for k, c in enumerate(options.courses))
-        for name, course in zip(self._names, courses, strict=True):
-            if course.relief is not None or course.friction is not None:
-                raise ValueError(
-                    f"course {name}: its file has heights, banks or frictions: an environment has a plane or cone "
-                    "of one friction; set course.heights = false, or leave these columns out"
-                )
+        limit, n_steered = _limit(vehicle)
+        self._names, courses = opened_courses(options.courses, vehicle)
         self._limit = limit
         self.action_space = spaces.Box(-1.0, 1.0, (n_steered,), np.float32)
         self._reward = rewards.weighted(rewards.USUAL if options.reward is None else options.reward)
-        self._endings = rewards.ENDINGS if options.endings is None else options.endings
+        edged = {} if options.road_width is None else {"left the road": rewards.over_the_edge}
+        self._endings = {**rewards.ENDINGS, **edged} if options.endings is None else options.endings
         self._variation = Variation(vehicle)
         self._tracks = Tracks(courses)
         self._drivers = Drivers(tractor_guided_at(vehicle, courses[0].reference), self._tracks, n, options.engine)
@@ -186,6 +223,9 @@ class TrailerSteering:
         self._n_tractor_axles = len(vehicle.units[0].steered_axles)
         self._n_axles_between = sum(len(unit.steered_axles) for unit in vehicle.units[1:-1])
         self._metrics = RunningMetrics(n)
+        self._edges = None if options.road_width is None else RoadEdges(vehicle, self._tracks, options.road_width, n)
+        self._clearance = np.full(n, np.inf)  # of a road without edges [m]
+        self._length = -(vehicle.units[-1].follow_x or 0.0)
         self._top_view = TopView(outlines(vehicle), courses)
         self._elapsed, self._allowed, self._lengths = np.zeros(n), np.ones(n), np.ones(n)
         self._motion = self._fleet.observe()
@@ -204,7 +244,7 @@ class TrailerSteering:
         drawn = domain.drawn(uniform[:, 1:])
         drawn_course = (uniform[:, 0] * len(self._names)).astype(np.intp)
         number = drawn_course if course is None else np.full(len(lanes), course)
-        speed = np.minimum(drawn.speed, np.sqrt(_GRIP * GRAVITY * drawn.friction / (self._tracks.bends[number] + 1e-9)))
+        speed = turning_speed(drawn, self._tracks.bends[number])
         ground = BatchGround(drawn.friction, drawn.cross_fall, self._tracks.centres[number])
         self._motion = self._fleet.place(lanes, self._variation.numbers(drawn), ground, speed)
         self._drivers.begin(lanes, number, speed)
@@ -213,6 +253,8 @@ class TrailerSteering:
         self._lengths[lanes] = self._tracks.lengths[number]
         self._elapsed[lanes], self._allowed[lanes] = 0.0, _TIME_LIMIT * self._tracks.lengths[number] / speed + _GRACE
         self._metrics.begin(lanes)
+        if self._edges is not None:
+            self._edges.begin(lanes, number, follow - self._length)
         offset = self._paths.step(self._motion.poses[:, -1])
         self._source.begin(EpisodeStart(lanes, generators, number, drawn, follow), self._motion, offset)
         self._top_view.begin(lanes, number)
@@ -237,7 +279,10 @@ class TrailerSteering:
 
     def info(self) -> Info:
         """Metrics so far."""
-        return self._metrics.info()
+        info = self._metrics.info()
+        if self._edges is not None:
+            info["edge_clearance_min_m"] = self._edges.least.copy()
+        return info
 
     def picture(self, lane: int) -> Picture:
         """The combination on its course from above, next to its camera images."""
@@ -268,7 +313,7 @@ class TrailerSteering:
         return motion.steer[:, self._n_tractor_axles + self._n_axles_between :]
 
     def _moment(self, before: BatchMotion, now: BatchMotion, offset: PathOffset) -> Moment:
-        speed = np.maximum(np.abs(now.velocities[:, -1, 0]), 0.1)
+        edges, speed = self._edges, np.maximum(np.abs(now.velocities[:, -1, 0]), 0.1)
         return Moment(
             off_tracking=offset.offset,
             curvature=now.velocities[:, -1, 2] / speed,
@@ -278,6 +323,7 @@ class TrailerSteering:
             road_offset=self._drivers.state.offset,
             speed=now.velocities[:, 0, 0],
             finite=self._fleet.finite,
+            clearance=self._clearance if edges is None else edges.step(self._drivers.course, now.poses),
         )
 
     def _result(self, moment: Moment) -> Result:
@@ -299,13 +345,37 @@ class TrailerSteering:
         return Result(reward, terminated, truncated, outcome)
 
 
-def _limit(vehicle: Vehicle, options: TrailerSteeringOptions) -> tuple[float, int]:
+def turning_speed(drawn: Circumstances, bends: FloatArray) -> FloatArray:
+    """Set speeds (k,) [m/s]: as drawn, or lower where the sharpest curvature (k,) [1/m] needs half of the friction."""
+    return np.minimum(drawn.speed, np.sqrt(_GRIP * GRAVITY * drawn.friction / (bends + 1e-9)))
+
+
+def opened_courses(
+    named: Sequence[str | Course | Mapping[str, Any]], vehicle: Vehicle
+) -> tuple[tuple[str, ...], list[Course]]:
+    """Names and courses of the options of an environment.
+
+    Raises:
+        ValueError: one line, if there is none, or one does not fit.
+    """
+    if not named:
+        raise ValueError("courses is empty: it must have at least one")
+    courses = [course if isinstance(course, Course) else named_course(course, vehicle) for course in named]
+    names = tuple(course if isinstance(course, str) else f"course {k}" for k, course in enumerate(named))
+    for name, course in zip(names, courses, strict=True):
+        if course.relief is not None or course.friction is not None:
+            raise ValueError(
+                f"course {name}: its file has heights, banks or frictions: an environment has a plane or cone "
+                "of one friction; set course.heights = false, or leave these columns out"
+            )
+    return names, courses
+
+
+def _limit(vehicle: Vehicle) -> tuple[float, int]:
     """Largest angle of the trailer's axles [rad], and the number of steered ones."""
     trailer = vehicle.units[-1]
     if len(vehicle.units) < 2 or trailer.steering is None or trailer.follow_x is None or not trailer.steered_axles:
         raise ValueError(f"vehicle {vehicle.name}: its last unit must be a trailer with steered axles and follow_x [m]")
-    if not options.courses:
-        raise ValueError("courses is empty: it must have at least one")
     return trailer.steering.limit, len(trailer.steered_axles)
 
 

@@ -41,6 +41,8 @@ def _trailer_sections(result: RunResult, summary: Summary) -> Iterator[Section]:
 
 
 def _rover_sections(result: RoverResult, summary: Summary) -> Iterator[Section]:
+    if warnings := result.all_warnings():
+        yield Section("Warnings", content=[Items(warnings)])
     if len(result.log) > 1:
         yield Section("Playback", _ROVER, [Player(encoded(rover_playback(result)))])
     yield Section("All numbers", content=[number_table(summary)])

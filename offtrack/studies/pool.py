@@ -5,6 +5,7 @@ A run is saved as ``<identity>.json`` (summary, and digests of the files that it
 """
 
 import json
+import shutil
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
@@ -53,6 +54,7 @@ class RunOptions:
     again: Settings = ()  # runs whose axes have these values are made again
     progress: Progress = no_progress  # of the runs
     remark: Callable[[str], None] = lambda line: None  # receives a line on every damaged run, which is made again
+    announce: Callable[[str], None] = lambda line: None  # receives a line on what is to be done, before it begins
 
 
 def run_cases(
@@ -143,6 +145,22 @@ def is_saved(cells: Path, identity: str, remark: Callable[[str], None]) -> bool:
     if damaged:
         remark(f"{damaged} is damaged: its run is repeated")
     return not damaged and all(digest(Path(file)) == known for file, known in files.items())
+
+
+def adopt(names: Sequence[str], folder: Path, cells: Path) -> None:
+    """Copy those of the runs that another study has saved in its folder."""
+    cells.mkdir(exist_ok=True)
+    for name in names:
+        if not is_saved(cells, name, lambda line: None) and is_saved(folder, name, lambda line: None):
+            for path in (_signals, summary_file):  # the summary is the last
+                with replacing(path(cells, name)) as unfinished:
+                    shutil.copyfile(path(folder, name), unfinished)
+
+
+def run_seconds(cells: Path, name: str) -> float | None:
+    """Wall time that a saved run has taken [s]; None: not known."""
+    made = Provenance.of(_read(summary_file(cells, name)).get(_PROVENANCE))
+    return made.seconds if made else None
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -10,7 +10,17 @@ from typing import Annotated, Any, ClassVar, Final
 import tomli_w
 from pydantic import Field, field_validator
 
-from offtrack.studies.case import Case, Outcome, Settings, cases_of, identities, is_word, parameters_beside
+from offtrack.studies.case import (
+    Case,
+    Outcome,
+    Settings,
+    cases_of,
+    expanded,
+    identities,
+    is_word,
+    listed,
+    parameters_beside,
+)
 from offtrack.studies.draws import Draws, Sample, Sensitivity, Stop, number_of, read_draws
 from offtrack.studies.table import QUANTITIES, exceeding
 from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
@@ -87,6 +97,22 @@ class Study:
     draws: Draws = field(default_factory=Draws)
     limits: Mapping[str, float] = field(default_factory=dict)  # of numbers of the summary, by their paths
     stop: Stop | None = None  # None: all draws are made
+
+    def __post_init__(self) -> None:
+        """Refuse a key that two places of the study give different values.
+
+        Raises:
+            ValueError: one line.
+        """
+        varied = [(f"{key} = {shown(', '.join(v))} is varied", key, v) for key, v in self.axes.items()]
+        drawn = [(f"{key} is drawn", key, ("",)) for key in self.draws.distributions if not is_word(key)]
+        known = [(f"{key} = {shown(value)} is set", key, value) for key, value in dict(self.fixed).items()]
+        for place, key, values in (*varied, *drawn):
+            pairs = [pair for value in values for pair in expanded(key, value)]
+            for earlier, first, value in known:
+                if any((first == name and value != text) or first.startswith(f"{name}.") for name, text in pairs):
+                    raise ValueError(f"{earlier}, and {place}: choose one")
+            known += [(place, *pair) for pair in pairs]
 
     def cases(self) -> list[Case]:
         """All runs; a law that does not use the off-tracking runs with the first off-tracking source only."""
@@ -235,6 +261,20 @@ def settings_of(pairs: Sequence[str], option: str) -> Settings:
             raise ValueError(f"{option} {pair}: expected KEY=VALUE")
         settings.append((key.strip(), value.strip()))
     return tuple(settings)
+
+
+def axes_of(pairs: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Values by key of every ``--vary KEY=VALUE,VALUE``.
+
+    Raises:
+        ValueError: one line, for a malformed pair, or a key that is named twice.
+    """
+    axes: dict[str, tuple[str, ...]] = {}
+    for key, text in settings_of(pairs, "--vary"):
+        if key in axes:
+            raise ValueError(f"--vary {key}: is named twice: give all its values at once")
+        axes[key] = listed(text, f"--vary {key}")
+    return axes
 
 
 def _uses_off_tracking(case: Case) -> bool:

@@ -4,7 +4,7 @@ A trial is a tuning set of runs. The result is compared with the default paramet
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,7 @@ from offtrack.reports.page import Cell, Column, Figure, Page, Row, Section, Tabl
 from offtrack.reports.plots import ESTIMATED, GREY, INK, TRUE, drawn
 from offtrack.reports.sections import changes, course_title, scenario_facts, shown_number
 from offtrack.studies.case import Outcome, Settings, identities, listed, seeds_of
-from offtrack.studies.study import Study, settings_of, subject_of
+from offtrack.studies.study import Study, axes_of, settings_of, subject_of
 from offtrack.studies.table import QUANTITIES
 from scenarios.catalogue import resolve
 from scenarios.options.scenario import load_any_scenario
@@ -119,8 +119,12 @@ def defaults_of(law: Callable[..., object]) -> dict[str, float]:
     }
 
 
-def ranges_of(name: str, law: Callable[..., object], given: Sequence[str]) -> dict[str, Range]:
+def ranges_of(
+    name: str, law: Callable[..., object], given: Sequence[str], decided: Collection[str] = ()
+) -> dict[str, Range]:
     """Search ranges by parameter: the given ones, NAME=LOW:HIGH, or else those that the law declares.
+
+    Parameters whose value is ``decided`` elsewhere are not searched.
 
     Raises:
         ValueError: one line, for an unknown parameter, or if there is no range.
@@ -131,8 +135,12 @@ def ranges_of(name: str, law: Callable[..., object], given: Sequence[str]) -> di
     for parameter in ranges:
         if parameter not in known:
             raise ValueError(f"--range {parameter}: {name} has no such parameter{nearest(parameter, known)}")
+        if parameter in decided:
+            raise ValueError(f"--range {parameter}: --set or --vary gives it a value: choose one")
     ranges = ranges or {
-        option.name: Range(low=option.tune[0], high=option.tune[1]) for option in options if option.tune
+        option.name: Range(low=option.tune[0], high=option.tune[1])
+        for option in options
+        if option.tune and option.name not in decided
     }
     if not ranges:
         raise ValueError(f"--controller {name}: declares no parameters to tune; use --range PARAMETER=LOW:HIGH")
@@ -152,28 +160,33 @@ RunSet = tuple[Sequence[str], str]  # axes as KEY=VALUE,…, and seeds
 
 def tuning_of(
     scenario: str,
-    controller: str,
-    objectives: str,
+    controller: str | None,
+    objectives: str | None,
     ranges: Sequence[str],
     settings: Sequence[str],
     sets: tuple[RunSet, RunSet],
 ) -> Tuning:
     """The tuning task of a command's options; ``sets`` are the tuning set and the set of the comparison.
 
+    Without a controller it is the one that the settings name, or else the usual one.
+
     Raises:
         ValueError: one line, for the first invalid option.
     """
-    subject = subject_of(scenario)
+    subject, given = subject_of(scenario), settings_of(settings, "--set")
+    part = dict(given).get(subject.tuned)
+    if part and controller not in (None, part):
+        raise ValueError(f"--set {subject.tuned}={part}: --controller is {controller}: choose one")
+    controller = controller or part or subject.part
     law = resolve("--controller", controller, subject.parts)
-    searched = ranges_of(controller, law, ranges)
-    fixed = (*settings_of(settings, "--set"), (subject.tuned, controller))
-    studies = []
-    for axes, seeds in sets:
-        values = {key: listed(text, f"--vary {key}") for key, text in settings_of(axes, "--vary")}
-        study = Study(scenario=scenario, fixed=fixed, axes=values, seeds=seeds_of(seeds))
-        identities(study.cases())  # refuses invalid scenarios
-        studies.append(study)
-    names = listed(objectives, "--objectives")
+    prefix = f"{subject.parameters}."
+    keys = (*dict(given), *(key for axes, _ in sets for key in axes_of(axes)))
+    decided = [key.removeprefix(prefix) for key in keys if key.startswith(prefix)]
+    searched = ranges_of(controller, law, ranges, decided)
+    fixed = (*given, (subject.tuned, controller))
+    studies = [Study(scenario=scenario, fixed=fixed, axes=axes_of(axes), seeds=seeds_of(seeds)) for axes, seeds in sets]
+    identities(studies[1].cases())  # refuses invalid scenarios
+    names = listed(objectives, "--objectives") if objectives else subject.objectives
     paths = tuple(quantity.path for quantity in QUANTITIES)
     for name in names:
         if name not in paths:

@@ -15,6 +15,7 @@ from estimators.context import RoverContext, RoverGeometry, SlipEstimator
 from estimators.odometry.repeated_frames import NewViews
 from scenarios.assembly.adapters import rig_schedule
 from scenarios.assembly.applied_faults import refuse_loop_faults, sensor_faults
+from scenarios.assembly.unreached import rover_unreached
 from scenarios.catalogue import (
     ROVER_DRIVER,
     ROVER_SENSOR,
@@ -153,6 +154,7 @@ class RoverAssembly:
     sensing: RoverSensing
     rig: TraceRig
     recording: TraceView | None  # a camera that only records
+    remarks: tuple[str, ...] = ()  # on the inputs, for the result's warnings
 
     @property
     def view(self) -> TraceView | None:
@@ -204,6 +206,7 @@ def assemble_rover(
         sensing=sensing,
         rig=mount.rig,
         recording=TraceCameraSensor.of(mount).view if record and sensing.view is None else None,
+        remarks=rover_unreached(scenario.surface, path, terrain.height_map, rover.wheelbase),
     )
 
 

@@ -47,6 +47,7 @@ from scenarios.assembly.trailer_sensors import (
     built_world,
     traffic_around,
 )
+from scenarios.assembly.unreached import unreached
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, check_made, constructed, opened_sensor, resolve
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario, stream
@@ -100,7 +101,8 @@ def measured_ground(options: SurfaceOptions, course: Course) -> tuple[MeasuredRo
             f"surface.crg = {options.crg}: is {road.highest:.2f} m higher or lower than its mean profile: must be at "
             f"most {_HIGHEST:g} m (heights are metres)"
         )
-    return road, tuple(_remarks(surface, course))
+    end = options.crg_start + (len(surface.heights) - 1) * surface.u_step
+    return road, tuple(_remarks(surface, course, options, end))
 
 
 def _path_start(line: FloatArray, course: Course) -> float:
@@ -109,9 +111,14 @@ def _path_start(line: FloatArray, course: Course) -> float:
     return int(np.argmin(np.hypot(*(first - np.array(course.path.start[:2])).T))) * float(math.dist(line[0], line[1]))
 
 
-def _remarks(surface: CrgSurface, course: Course) -> list[str]:
-    """One line for each way in which the file does not cover the road."""
+def _remarks(surface: CrgSurface, course: Course, options: SurfaceOptions, end: float) -> list[str]:
+    """One line for each way in which the file, which ends at a station of the course, does not cover the road."""
     remarks = []
+    if options.crg_beyond == "level" and not (end > 0.0 and options.crg_start < course.length):
+        remarks.append(
+            f"surface.crg_start = {options.crg_start:g} m: the course of {course.length:.1f} m never meets the "
+            f"measured surface, which ends at {end:.1f} m"
+        )
     if surface.missing:
         remarks.append(
             f"surface.crg: {100.0 * surface.missing:.2g} % of its heights are missing: filled in from beside"
@@ -417,7 +424,7 @@ def _assembled(
         recording=recording,
         brake_faults=brakes,
         schedule=schedule,
-        remarks=(*course.remarks, *remarks),
+        remarks=(*course.remarks, *remarks, *unreached(scenario, course.path, nominal.length)),
     )
 
 

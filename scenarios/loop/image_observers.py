@@ -5,6 +5,7 @@ from array import array
 from bisect import bisect_right
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from functools import partial
 from typing import Final, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -159,14 +160,15 @@ class TracePictures(Pictures[RoverTruth]):
     def __init__(
         self,
         camera: TraceCamera | None,
+        worker: Executor,
         stopwatch: Stopwatch,
         *,
         keep: PictureSize | bool,
         recorder: RoverRecorder | None,
     ) -> None:
-        """Create the observer of a camera; kept pictures are rendered again in colour."""
+        """Create the observer of a camera; kept pictures are rendered again in colour, and compressed by a worker."""
         super().__init__(records=recorder is not None, keep=keep)
-        self._recorder, self._camera, self._stopwatch = recorder, camera, stopwatch
+        self._recorder, self._camera, self._worker, self._stopwatch = recorder, camera, worker, stopwatch
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
         """Hash, record and keep the view while the estimator works."""
@@ -177,7 +179,8 @@ class TracePictures(Pictures[RoverTruth]):
             self._recorder.add(message, self._truth(message.tick))
         if self._size and self._camera is not None:
             with self._stopwatch.timed("render"):
-                self._kept.append((truth.tick, self._size.jpeg(self._camera.colour(truth))))
+                colour = self._camera.colour(truth)
+            self.compress(self._worker, truth.tick, partial(self._size.jpeg, colour))
 
 
 def _stereo_jpeg(frame: StereoFrame, size: PictureSize) -> bytes:

@@ -14,6 +14,7 @@ from scenarios.loop.image_observers import RoverRecorder, TracePictures
 from scenarios.loop.session import RunSession
 from scenarios.results.rover_result import RoverRecord, RoverResult, TraceFrame, rover_log
 from scenarios.results.run_inputs import RunInputs
+from scenarios.results.run_warnings import fault_warnings
 from sensors.messages import LaserFix, Message, RoverReadings
 from vehicle.clock import TICK
 from vehicle.rover.command import RoverCommand
@@ -125,7 +126,7 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
             sensing.sensor, sensing.schedule, sensing.estimator, self.worker, stopwatch, SlipAngle
         )
         self.pictures = TracePictures(
-            parts.view.camera if parts.view else None, stopwatch, keep=keep_frames, recorder=recorder
+            parts.view.camera if parts.view else None, self.worker, stopwatch, keep=keep_frames, recorder=recorder
         )
         channels = [self.channel]
         if parts.recording is not None:
@@ -167,6 +168,10 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
             timing=self.stopwatch.timing(self.tick * TICK),
             frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in self.pictures.frames),
             manifest={"frames_sha256": self.pictures.sha256 if parts.view else "none"},
+            warnings=(
+                *parts.remarks,
+                *fault_warnings(((f.kind, f.start) for f in scenario.faults), self.outcome, self.tick * TICK),
+            ),
             traceback=self.traceback,
             inputs=inputs,
         )

@@ -34,6 +34,7 @@ from scenarios.results.run_warnings import (
     actuator_warnings,
     calibration_warnings,
     doubt_warnings,
+    fault_warnings,
     signal_warnings,
     steer_warnings,
 )
@@ -337,6 +338,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             warnings=(
                 *filter(None, (self.reason,)),
                 *parts.remarks,
+                *fault_warnings(((f.kind, f.start) for f in scenario.faults), self.outcome, self.tick * TICK),
                 *data_sheet(vehicle).warnings,
                 *_steer_warnings(parts, log),
                 *_camera_warnings(self),

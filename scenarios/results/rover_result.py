@@ -40,6 +40,11 @@ class RoverResult(Result):
     path: FloatArray  # (n, 2) reference path [m]
     rig: TraceRig
     frames: tuple[TraceFrame, ...]
+    warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
+
+    def all_warnings(self) -> tuple[str, ...]:
+        """The warnings, with those of missed deadlines."""
+        return (*self.warnings, *(self.paced.warnings if self.paced else ()))
 
     @property
     def slip_error(self) -> FloatArray:
@@ -56,7 +61,8 @@ class RoverResult(Result):
             "position": _position(self.log),
             "wheels": _wheels(self),
             "timing": timing_numbers(self.timing),
-            **({"paced": self.paced.numbers(), "warnings": list(self.paced.warnings)} if self.paced else {}),
+            **({"paced": self.paced.numbers()} if self.paced else {}),
+            "warnings": list(self.all_warnings()),
         }
 
 

@@ -143,7 +143,7 @@ def results_directory(
         return
     check_run_directory(next_run_directory(name, root))
     made = _made(root)
-    directory = _taken(name, root)
+    directory = new_run_directory(name, root)
     try:
         with claimed(directory, space):
             yield directory
@@ -151,12 +151,12 @@ def results_directory(
         _remove_empty([directory, *made])
 
 
-def _taken(name: str, root: Path) -> Path:
+def new_run_directory(name: str, root: Path = Path("runs")) -> Path:
     """The next directory, made by this process."""
     while True:
         directory = next_run_directory(name, root)
         with suppress(FileExistsError):
-            directory.mkdir()
+            directory.mkdir(parents=True)
             return directory
 
 

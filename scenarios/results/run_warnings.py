@@ -291,3 +291,10 @@ def doubt_warnings(estimates: Iterable[OffTracking], known: Container[str] = ())
                 findings.append(Finding(estimate.tick, name, name in estimate.doubts))
         before = estimate.doubts
     yield from signal_warnings(findings)
+
+
+def fault_warnings(faults: Iterable[tuple[str, float]], outcome: str | None, end: float) -> Iterator[str]:
+    """A line for each fault, by kind and start [s], that had not begun when a completed run ended, ``end`` [s]."""
+    for k, (kind, start) in enumerate(faults):
+        if outcome == "completed" and start >= end:
+            yield f"faults.{k} ({kind}): begins at {start:g} s, and the run was completed at {end:.1f} s"

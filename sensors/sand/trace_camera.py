@@ -146,8 +146,8 @@ class GroundView:
 
     def tint(self, ground: VisibleGround, world: SandWorld) -> Floats:
         """Greyness of the ground at every pixel, 0 to 1."""
-        tint = _looked_up(world.field.tint(ground.window), self.full(ground.u), self.full(ground.v))
-        return np.asarray(tint / 255.0, dtype=np.float32)
+        tint = _looked_up(world.field.tint(ground.window), ground.u, ground.v)
+        return self.full(np.asarray(tint, dtype=np.float32)) * np.float32(1.0 / 255.0)
 
     def draw(
         self,
@@ -285,11 +285,16 @@ class TraceCamera:
         gain = 1.0 if self._exposure.last is None else self._exposure.last[1]
         tint = self._view.tint(light.ground, self._world)
         tint[light.hidden] = 1.0
-        channels = []
-        for k in range(3):
-            albedo = tint * np.float32(_STONE[k] - _SAND[k]) + np.float32(_SAND[k])
-            channels.append(cv2.convertScaleAbs(self._level(light, albedo, self._sun[k], self._sky[k]), alpha=gain))
-        return np.asarray(cv2.merge(channels), dtype=np.uint8)
+        channels = np.empty((3, *tint.shape), np.uint8)
+        compiled = kernel("sensors.sand", "view.c", "paint", _NUMBERS)
+        for channel, sun, sky, sand, stone in zip(channels, self._sun, self._sky, _SAND, _STONE, strict=True):
+            if compiled is None:
+                albedo = tint * np.float32(stone - sand) + np.float32(sand)
+                cv2.convertScaleAbs(self._level(light, albedo, sun, sky), channel, alpha=gain)
+            else:
+                numbers = np.array([_SUN * sun, _SKY * sky, sand, stone - sand, 255.0 * gain], np.float32)
+                compiled(tint.size, numbers, light.direct, light.ambient, tint, channel)
+        return np.asarray(cv2.merge(list(channels)), dtype=np.uint8)
 
     def _light(self, truth: RoverTruth) -> _Light:
         """Light that reaches the pixels."""

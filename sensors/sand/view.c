@@ -64,3 +64,12 @@ void reflect(long rows, long columns, long border, long half, long height, long 
     }
   }
 }
+
+/* Levels of one colour at n pixels. Numbers: light of sun and sky, albedo of sand, that of stone less it, and white. */
+void paint(long n, const float *restrict number, const float *restrict direct, const float *restrict ambient,
+           const float *restrict tint, uint8_t *restrict level) {
+  for (long k = 0; k < n; k++) {
+    const float light = direct[k] * number[0] + ambient[k] * number[1];
+    level[k] = (int)fminf(rintf(sqrtf(light * (tint[k] * number[3] + number[2])) * number[4]), 255.0f);
+  }
+}

@@ -274,6 +274,30 @@ def test_a_first_estimate_that_does_not_come_is_not_waited_for() -> None:
     assert np.abs(np.diff(commands[:, 0])).max() / 0.02 <= 0.05 * (1.0 + 4.0)  # it is there after 4 s
 
 
+def test_a_path_that_begins_by_dead_reckoning_is_not_given_to_the_law() -> None:
+    """What a law learns from it, as the slip, is the error of a signal."""
+    seen: list[OffTracking | None] = []
+
+    class Watching(Law):
+        def step(
+            self, memory: LawMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+        ) -> tuple[LawMemory, SteerCommand]:
+            seen.append(off_tracking)
+            return super().step(memory, tick, off_tracking, signals)
+
+    safeguarded = Safeguarded(Watching(to_the_path), "mine", TRAILER, COMBINATION, COMMAND_STEER)
+    memory = safeguarded.init()
+    for tick in range(100, 3000, PERIOD):
+        captured = tick - tick % CAMERA
+        newest = estimate(captured, value=0.1, v_x=SPEED, v_y=0.0)
+        if captured <= 2000:
+            bridged = 0.1 if captured < 1500 else 0.0
+            newest = replace(newest, health=Health.LOST, std=math.inf, bridged=bridged)
+        memory, _ = safeguarded.step(memory, tick, newest, signals(tick, speed=SPEED))
+    assert all(one is None for one in seen[: 1900 // PERIOD])
+    assert seen[-1] is not None
+
+
 def test_the_laws_moves_after_a_handover_are_followed_in_full() -> None:
     """Held back to the slow rate they would lag a quarter of a period, and a closed loop would swing on that."""
     calm, moving = (

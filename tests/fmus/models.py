@@ -115,7 +115,7 @@ LAW_CODE: Final = "v[1] = v[2] = v[3] * v[0];"
 
 
 def proportional_law(folder: Path) -> Path:
-    """The law of docs/own-parts.md for a trailer with two steered axles, without its limit."""
+    """The law of docs/tutorials/own-law.md for a trailer with two steered axles, without its limit."""
     return build_fmu(folder, "law", LAW, LAW_CODE)
 
 

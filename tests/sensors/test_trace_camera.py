@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sensors.messages import GreyImage
+from sensors.messages import ColourImage, GreyImage
 from sensors.sand.rover_pass import RoverPass, route_of
 from sensors.sand.solids import Casters
 from sensors.sand.trace_camera import GroundView, TraceCamera, VisibleGround, Webcam
@@ -91,10 +91,11 @@ def test_compiled_and_plain_code_see_the_same_sand(
 ) -> None:
     """OpenCV looks up at a 32nd of a texel and rounds the light to bytes; compiled code does neither."""
 
-    def images() -> list[GreyImage]:
+    def images() -> list[GreyImage | ColourImage]:
         world = world_of(rover, truths, LEFT, overcast=overcast)
         world.drive(truths)
-        return [camera_of(world, rig, webcam).sample(truths[-1]) for webcam in (PLAIN, noisy)]
+        cameras = [camera_of(world, rig, webcam) for webcam in (PLAIN, noisy)]
+        return [*(camera.sample(truths[-1]) for camera in cameras), cameras[0].colour(truths[-1])]
 
     noisy = replace(PLAIN, read_noise=2.0, shot_noise=3.0)
     compiled, is_compiled = images(), compiler() is not None

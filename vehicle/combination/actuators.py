@@ -111,11 +111,11 @@ def air_drag(air: AirDrag | None, v_x: Num) -> Num:
     return (0.5 * air.density * air.drag_area) * v_x * ca.fabs(v_x)
 
 
-class BrakeRates(NamedTuple):
-    """Rates of the states of brakes."""
+class BrakeStates(NamedTuple):
+    """States of the brakes, or their rates."""
 
-    pressure: list[Num]  # of every channel [1/s]
-    valve: list[Num]  # of every modulator [1/s]
+    pressure: Sequence[Num]  # of every channel
+    valve: Sequence[Num]  # of every modulator
 
 
 def service_demand(chain: Chain, s: State[ca.SX]) -> Num:
@@ -163,27 +163,54 @@ def brake_decelerations(chain: Chain, s: State[ca.SX], u: Input[ca.SX]) -> list[
     return rates
 
 
-def brake_rates(chain: Chain, s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]) -> BrakeRates:
-    """Rates of pressures and valves; ``travel`` and ``spin_rates`` as for ``valve_commands``."""
+def brake_rates(chain: Chain, s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]) -> BrakeStates:
+    """Rates of pressures and valves [1/s]; ``travel`` and ``spin_rates`` as for ``valve_commands``."""
     system = chain.vehicle.brakes
     if system is None:
-        return BrakeRates([], [])
+        return BrakeStates([], [])
     commands = valve_commands(chain, system, s, travel, spin_rates)
-    demand = -service_demand(chain, s)
-    shares = _pressure_shares(chain)
-    pressures: list[Num] = []
-    for number, channel in enumerate(chain.channels):
+    valves = ca.vertsplit(s.brake_valve)
+    closing = [
+        (1.0 / system.abs_valve_lag) * (command - valve) for command, valve in zip(commands, valves, strict=True)
+    ]
+    return BrakeStates(_pressure_rates(chain, system, s, ca.vertsplit(s.brake_pressure), valves), closing)
+
+
+def brakes_later(
+    chain: Chain, s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num], step: Num
+) -> BrakeStates:
+    """Pressures and valves after a ``step`` [s], of second order in it.
+
+    ``s`` has the brakes at the start of the step and all else in its middle, as ``spin_rates`` [rad/s2]; ``travel`` is
+    as for ``valve_commands``. A command is held over the step; under it the valve's exponential is exact.
+    """
+    system = chain.vehicle.brakes
+    if system is None:
+        return BrakeStates([], [])
+    commands = valve_commands(chain, system, s, travel, spin_rates)
+    valves, pressures = ca.vertsplit(s.brake_valve), ca.vertsplit(s.brake_pressure)
+    kept = ca.exp((-1.0 / system.abs_valve_lag) * step)
+    later = [command + kept * (valve - command) for command, valve in zip(commands, valves, strict=True)]
+    middle = [0.5 * (valve + then) for valve, then in zip(valves, later, strict=True)]
+    first = _pressure_rates(chain, system, s, pressures, valves)
+    halfway = [pressure + (0.5 * step) * rate for pressure, rate in zip(pressures, first, strict=True)]
+    rates = _pressure_rates(chain, system, s, halfway, middle)
+    return BrakeStates([pressure + step * rate for pressure, rate in zip(pressures, rates, strict=True)], later)
+
+
+def _pressure_rates(
+    chain: Chain, system: Brakes, s: State[ca.SX], pressures: Sequence[Num], valves: Sequence[Num]
+) -> list[Num]:
+    """Rate of every channel's pressure [1/s]."""
+    demand, shares = -service_demand(chain, s), _pressure_shares(chain)
+    rates: list[Num] = []
+    for channel, pressure in zip(chain.channels, pressures, strict=True):
         target = ca.fmin(shares[channel.unit, channel.axles[0]] * demand, 1.0)
-        pressure = s.brake_pressure[number]
         rate = ca.fmin((1.0 / channel.brake.lag) * (target - pressure), channel.brake.fill_rate)
         if channel.valve is not None:
-            released = s.brake_valve[channel.valve]
-            rate = rate - released * (rate + (1.0 / system.abs_release_lag) * pressure)
-        pressures.append(rate)
-    valves: list[Num] = [
-        (1.0 / system.abs_valve_lag) * (command - s.brake_valve[k]) for k, command in enumerate(commands)
-    ]
-    return BrakeRates(pressures, valves)
+            rate = rate - valves[channel.valve] * (rate + (1.0 / system.abs_release_lag) * pressure)
+        rates.append(rate)
+    return rates
 
 
 def valve_commands(

@@ -1,6 +1,6 @@
 """The chain's equations as CasADi functions of vectors, also with the vehicle's numbers as symbols.
 
-Brakes are controlled once a tick, by a function of their own.
+Brakes are controlled in the middle of a step, by a function of their own: a command of the ABS switches.
 
 A third argument takes the vehicle's numbers, in the order of ``symbolic.numbers``: such a function is built once for
 all vehicles of one topology.
@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from vehicle.clock import TICK
-from vehicle.combination.actuators import brake_rates
+from vehicle.combination.actuators import brakes_later
 from vehicle.combination.chain import (
     SmoothGround,
     body_poses,
@@ -71,29 +71,29 @@ def symbolic_twin(vehicle: Vehicle) -> SymbolicTwin:
         symbols.append(ca.SX.sym(path))
         return symbols[-1]
 
-    twin = _with_numbers(vehicle, symbol)
+    twin = with_numbers(vehicle, symbol)
     return SymbolicTwin(twin, ca.vertcat(ca.SX(0, 1), *symbols), numbers(vehicle))
 
 
 def numbers(vehicle: Vehicle) -> FloatArray:
     """Every physical number of a vehicle, in the order of its symbols."""
     values: list[float] = []
-    _with_numbers(vehicle, lambda _, value: values.append(value))
+    with_numbers(vehicle, lambda _, value: values.append(value))
     return np.array(values)
 
 
 @lru_cache(maxsize=64)
 def topology(vehicle: Vehicle) -> Vehicle:
     """The vehicle without numbers and names: equal for vehicles with the same equations."""
-    bare: Vehicle = _with_numbers(vehicle, lambda *_: 0.0, words=False)
+    bare: Vehicle = with_numbers(vehicle, lambda *_: 0.0, words=False)
     return bare
 
 
-def _with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "", *, words: bool = True) -> Any:
+def with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "", *, words: bool = True) -> Any:
     """A copy with every number replaced by ``number(path, value)``; not validated, as numbers may be symbols."""
 
     def copied(part: Any, key: object) -> Any:
-        return _with_numbers(part, number, f"{path}.{key}", words=words)
+        return with_numbers(part, number, f"{path}.{key}", words=words)
 
     if isinstance(thing, BaseModel):
         fields: dict[str, Any] = {
@@ -108,8 +108,8 @@ def _with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = "
     return thing
 
 
-def sampled_states(vehicle: Vehicle) -> range:
-    """Numbers of the states of brakes, which are controlled once a tick; they are the last ones."""
+def brake_states(vehicle: Vehicle) -> range:
+    """Numbers of the states of brakes, which advance by a rule of their own; they are the last ones."""
     at = State(*slices(state_sizes(vehicle)))
     return range(at.brake_pressure.start, at.brake_valve.stop)
 
@@ -123,24 +123,23 @@ def step_in_calls(
     input of a ``timed`` step is its length [s].
     """
     chain, s, at = Chain.of(vehicle), _named(vehicle, x), State(*slices(state_sizes(vehicle)))
-    sampled = sampled_states(vehicle)
-    n = sampled.start
-    travel = wheel_travel(chain, s, u) if sampled else ca.SX(0, 1)
-    rates = _Rates(ca.vertcat(*derivative(chain, s, u))[:n], ca.vertcat(*relaxation(chain, s, u))[:n], travel)
+    n, step = brake_states(vehicle).start, v[-1] if timed else TICK
+    rates = _Rates(chain, s, u, n)
     of_rates = ca.Function("rates", [x, v, numbers], [rates.entries])
-    calls = [
+    now, middle, then = (ca.SX.sym("v", size) for size in (rates.entries.numel(), x.numel() + n, n))
+    halfway_there = _named(vehicle, middle[: x.numel()])._replace(
+        brake_pressure=s.brake_pressure, brake_valve=s.brake_valve
+    )
+    brakes = brakes_later(chain, halfway_there, ca.vertsplit(rates.travel(now)), ca.vertsplit(then[at.omega]), step)
+    later = ca.vertcat(ca.SX(0, 1), *brakes.pressure, *brakes.valve)
+    calls = (
         Call(of_rates),
         Call(_halfway(rates, of_rates, timed=timed), results=(1,)),
         Call(of_rates, state=2, needed=n),
-    ]
-    if sampled:
-        now = ca.SX.sym("now", rates.entries.numel())
-        spin = ca.vertsplit(rates.rate(now)[at.omega])
-        brakes = brake_rates(chain, s, ca.vertsplit(rates.travel(now)), spin)
-        later = x[n:] + (v[-1] if timed else TICK) * ca.vertcat(*brakes.pressure, *brakes.valve)
-        calls.append(Call(ca.Function("brakes", [x, v, numbers, now], [ca.cse(later)]), results=(1,)))
-    calls.append(Call(_after(rates, of_rates, len(sampled)), results=tuple(range(1, len(calls) + 1))))
-    return Composite("step", tuple(calls))
+        Call(ca.Function("brakes", [x, v, numbers, now, middle, then], [ca.cse(later)]), results=(1, 2, 3)),
+        Call(_after(rates, of_rates), results=(1, 2, 3, 4)),
+    )
+    return Composite("step", calls)
 
 
 # CasADi's machine runs every operation of these two functions on a whole vector.
@@ -149,22 +148,23 @@ def step_in_calls(
 def _halfway(rates: "_Rates", of_rates: Any, *, timed: bool) -> Any:
     """Function (state, input, numbers, rates) -> state halfway, and the weights of half a step."""
     x, v, numbers = _arguments(of_rates)
-    now = ca.MX.sym("now", of_rates.numel_out(0))
-    step = v[-1] if timed else TICK
+    now, step = ca.MX.sym("now", of_rates.numel_out(0)), v[-1] if timed else TICK
     half = _chosen(half_weight(rates.relaxing(now), step), rates.places, half_weight(0.0, step))
     continuous = halfway(x[: rates.n], rates.rate(now), half)
-    return ca.Function("halfway", [x, v, numbers, now], [ca.vertcat(continuous, x[rates.n :], half)])
+    filling = rates.filling(now)
+    valves = rates.n + filling.numel()
+    pressures = halfway(x[rates.n : valves], filling, half_weight(0.0, step))
+    return ca.Function("halfway", [x, v, numbers, now], [ca.vertcat(continuous, pressures, x[valves:], half)])
 
 
-def _after(rates: "_Rates", of_rates: Any, n_sampled: int) -> Any:
-    """Function (state, input, numbers, rates, halfway, rates halfway, brakes later if any) -> state later."""
+def _after(rates: "_Rates", of_rates: Any) -> Any:
+    """Function (state, input, numbers, rates, halfway, rates halfway, brakes later) -> state later."""
     x, v, numbers = _arguments(of_rates)
     now, then = ca.MX.sym("now", of_rates.numel_out(0)), ca.MX.sym("then", rates.n)
-    between = ca.MX.sym("halfway", x.numel() + rates.n)
-    brakes = [ca.MX.sym("brakes", n_sampled)] if n_sampled else []
+    between, brakes = ca.MX.sym("halfway", x.numel() + rates.n), ca.MX.sym("brakes", x.numel() - rates.n)
     damped = _chosen(damped_rate(rates.relaxing(now)), rates.places, 0.0)
     continuous = after(x[: rates.n], rates.rate(now), then, damped, between[x.numel() :])
-    return ca.Function("after", [x, v, numbers, now, between, then, *brakes], [ca.vertcat(continuous, *brakes)])
+    return ca.Function("after", [x, v, numbers, now, between, then, brakes], [ca.vertcat(continuous, brakes)])
 
 
 def _arguments(function: Any) -> list[Any]:
@@ -172,20 +172,22 @@ def _arguments(function: Any) -> list[Any]:
 
 
 class _Rates:
-    """The result of the rates' function: rates of the n continuous states, then what relaxes, each expression once."""
+    """The result of the rates' function: rates of the n continuous states, then what else is needed, each once."""
 
-    def __init__(self, rate: ca.SX, relaxation: ca.SX, travel: ca.SX) -> None:
-        self.n = rate.numel()
-        whole = ca.vertsplit(ca.cse(ca.densify(ca.vertcat(rate, relaxation, travel))))
+    def __init__(self, chain: Chain, s: State[ca.SX], u: Input[ca.SX], n: int) -> None:
+        self.n = n
+        rate, relaxing = ca.vertcat(*derivative(chain, s, u)), ca.vertcat(*relaxation(chain, s, u))[:n]
+        travel = wheel_travel(chain, s, u) if n < rate.numel() else ca.SX(0, 1)
+        valves = n + s.brake_pressure.numel()
+        whole = ca.vertsplit(ca.cse(ca.densify(ca.vertcat(rate[:n], relaxing, rate[n:valves], travel))))
         distinct: dict[Any, int] = {}
         numbers = [
-            None if entry.is_zero() else distinct.setdefault(entry.element_hash(), len(distinct))
-            for entry in whole[self.n :]
+            None if entry.is_zero() else distinct.setdefault(entry.element_hash(), len(distinct)) for entry in whole[n:]
         ]
-        self.places, self._travel = numbers[: self.n], numbers[self.n :]  # where they are among the distinct ones
+        self.places, self._pressures, self._travel = numbers[:n], numbers[n:valves], numbers[valves:]
         self._n_relaxing = 1 + max((place for place in self.places if place is not None), default=-1)
-        first = [self.n + numbers.index(k) for k in range(len(distinct))]
-        self.entries = ca.vertcat(*whole[: self.n], *(whole[k] for k in first))
+        first = [n + numbers.index(k) for k in range(len(distinct))]
+        self.entries = ca.vertcat(*whole[:n], *(whole[k] for k in first))
 
     def rate(self, entries: Any) -> Any:
         """Rate of every continuous state."""
@@ -194,6 +196,10 @@ class _Rates:
     def relaxing(self, entries: Any) -> Any:
         """The distinct relaxation rates that are not zero; ``places`` tells whose they are."""
         return entries[self.n : self.n + self._n_relaxing]
+
+    def filling(self, entries: Any) -> Any:
+        """Rate of every brake's pressure."""
+        return _chosen(entries[self.n :], self._pressures, 0.0)
 
     def travel(self, entries: Any) -> Any:
         """``wheel_travel``."""

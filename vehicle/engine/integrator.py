@@ -7,7 +7,7 @@ up to h^2, k_1 = f + g h A f and k_2 = h J f / 2 - g h A f, whatever A is. Where
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import casadi as ca
@@ -16,24 +16,16 @@ import numpy as np
 _GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable if the Jacobian is that diagonal
 
 
-def semi_implicit_step(
-    rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float | ca.SX, relaxation: ca.SX, sampled: Collection[int] = ()
-) -> ca.SX:
+def semi_implicit_step(rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float | ca.SX, relaxation: ca.SX) -> ca.SX:
     """State after one step of h [s] from x.
 
     ``relaxation`` is the rate of every state with the others held [1/s], which is minus the diagonal A and not
-    negative. The states ``sampled``, by number, are held over the step and then change at the rate at its start
-    (Euler's rule).
+    negative.
     """
     f_1 = rate(x)
     half, damped = half_weight(relaxation, h), damped_rate(relaxation)
-    f_2 = rate(ca.vertcat(*(x[k] if k in sampled else halfway(x[k], f_1[k], half[k]) for k in range(x.numel()))))
-    return ca.vertcat(
-        *(
-            x[k] + h * f_1[k] if k in sampled else after(x[k], f_1[k], f_2[k], damped[k], half[k])
-            for k in range(x.numel())
-        )
-    )
+    later: ca.SX = after(x, f_1, rate(halfway(x, f_1, half)), damped, half)
+    return later
 
 
 # The step in parts, for numbers or vectors, SX or MX.

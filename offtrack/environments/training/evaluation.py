@@ -5,9 +5,10 @@ estimate's error, which grows linearly from hitch to follow point as in the surr
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
@@ -23,6 +24,7 @@ from offtrack.environments.core import Features
 from offtrack.environments.observations import Mark
 from offtrack.environments.rewards import Domain
 from offtrack.environments.trailer_steering import TrailerSteering as TrailerSteeringCore
+from offtrack.environments.training.pilots import Pilot
 from offtrack.environments.training.training_directory import COURSES, DOMAIN, ENVIRONMENT, POLICY, Plan, Score
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
@@ -33,6 +35,7 @@ from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray, arc_length
+from vehicle.option import Parameter
 
 _KEPT: Final = 60  # control steps: age of the oldest usable estimate
 _FITTED: Final = 1.0  # of path behind the hitch, to fit its direction [m]
@@ -51,13 +54,20 @@ class _Lane(NamedTuple):
 class LawPilot:
     """Pilot that steers all episodes of a core by laws of one name."""
 
-    def __init__(self, core: TrailerSteeringCore, vehicle: Vehicle, law: str, errors: SurrogateParameters) -> None:
-        """``errors`` give the standard deviation of the estimates.
+    def __init__(
+        self,
+        core: TrailerSteeringCore,
+        vehicle: Vehicle,
+        law: str,
+        errors: SurrogateParameters,
+        parameters: Mapping[str, Parameter] = MappingProxyType({}),
+    ) -> None:
+        """``errors`` give the standard deviation of the estimates, ``parameters`` are the law's.
 
         Raises:
             ValueError: one line, if the law is unknown, or cannot steer this vehicle.
         """
-        self._core, self._vehicle, self._law = core, vehicle, law
+        self._core, self._vehicle, self._law, self._parameters = core, vehicle, law, parameters
         self._std = float(np.sqrt(errors.bias**2 + errors.drift**2 + errors.noise**2))
         self._geometry = trailer_geometry(vehicle, len(vehicle.units) - 1)
         n_steered = len(self._geometry.steered_distances)
@@ -102,7 +112,7 @@ class LawPilot:
         distances = tuple(distance + longer for distance in self._geometry.axle_distances)
         geometry = replace(self._geometry, follow_distance=follow_distance, axle_distances=distances)
         combination = Combination(self._vehicle, len(self._vehicle.units) - 1)
-        law = trailer_law(self._law, geometry, combination, {})
+        law = trailer_law(self._law, geometry, combination, self._parameters)
         return _Lane(law, law.init(), follow_distance, None)
 
     def _updated(self, k: int, row: FloatArray) -> _Lane:
@@ -225,15 +235,13 @@ def scored(plan: Plan, condition: Condition, law: str, network: Network, episode
     with ExitStack() as cleanup:
         cleanup.callback(env.close)
         core = cast(TrailerSteeringCore, env.core)
-        pilot: LawPilot | NetworkPilot = NetworkPilot(network)
+        pilot: Pilot = NetworkPilot(network)
         if law != POLICY:
             pilot = cleanup.enter_context(closing(LawPilot(core, load_vehicle(plan.vehicle), law, load_surrogate())))
         return _score(driven(env, pilot, _SEED + plan.seed))
 
 
-def driven(
-    env: Any, pilot: LawPilot | NetworkPilot, seed: int, options: dict[str, Any] | None = None
-) -> list[dict[str, Any]]:
+def driven(env: Any, pilot: Pilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
     """Info at the end of one episode of every sub-environment."""
     observation, _ = env.reset(seed=seed, options=options)
     pilot.begin(observation)

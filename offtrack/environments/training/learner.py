@@ -17,20 +17,20 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3 import PPO
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from controllers.trailer_steering.policy import Network, TrainedFor, feature_names
+from controllers.trailer_steering.policy import Network, TrainedFor
 from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
 from offtrack.environments.training.training_directory import (
-    ACTION_REPEAT,
-    DOMAIN,
-    ENVIRONMENT,
     EXPLORATION,
     LAST_LEARNING_RATE,
     REWARD_SCALE,
+    SAC_ACTIONS_PER_UPDATE,
+    SAC_SETTINGS,
     SETTINGS,
+    TASK_GAMMA,
     Plan,
     Point,
     normalisation,
@@ -40,7 +40,7 @@ from offtrack.environments.training.training_directory import (
 )
 from scenarios.progress import Progress
 from scenarios.results.run_directory import replacing
-from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.foundation.data_file import read_archive, unpacked
 from vehicle.foundation.user_file import FileKind, shown
 from vehicle.frames import FloatArray
@@ -48,9 +48,10 @@ from vehicle.frames import FloatArray
 CHECKPOINT: Final = "checkpoint.zip"
 CURVE: Final = "learning_curve.parquet"
 _NOT_SAVED: Final = ("learning_rate", "lr_schedule")  # of a model: functions that belong to the callback
-_STATES: Final = ("policy", "policy.optimizer")  # of a checkpoint: what training changes, with the counters
 _COUNTERS: Final = ("num_timesteps", "_n_updates")
 _BETWEEN_CHECKPOINTS: Final = 15.0  # [s]
+_SAC_INTERVAL: Final = 50_000  # control steps between two points of the curve
+_NO_MISHAP: Final = ("completed", "timed out", "")
 
 
 class Budget(NamedTuple):
@@ -81,17 +82,20 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> tu
         ValueError: one line, if an option does not fit, or if the checkpoint belongs to another training.
         KeyboardInterrupt: the checkpoint is kept.
     """
-    env = sb3_vector(ENVIRONMENT, plan.envs, reward_scale=REWARD_SCALE, **plan.environment())
+    env = sb3_vector(plan.name, plan.envs, reward_scale=REWARD_SCALE, **plan.environment())
     try:
-        recorder = _Recorder(budget, directory, progress)
+        recorder = _Recorder(plan, budget, directory, progress)
         model = _model(plan, env, directory, recorder)
-        left = budget.steps // ACTION_REPEAT - model.num_timesteps
+        left = budget.steps // recorder.repeat - model.num_timesteps
         if left > 0 and recorder.share < 1.0:
             model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no states of random generators
             model.learn(left, callback=recorder, reset_num_timesteps=False)
             recorder.keep(model)
-        network = _network(model, [feature.name for feature in _features(env)])
-        return network._replace(trained_for=trained_for(load_vehicle(plan.vehicle), DOMAIN)), recorder.curve
+        state = {name: _array(tensor) for name, tensor in model.policy.state_dict().items()}
+        domain = plan.domain()
+        steers = TrainedFor() if domain is None else trained_for(load_vehicle(plan.vehicle), domain)
+        names = tuple(feature.name for feature in _features(env))
+        return _assembled(directory / CHECKPOINT, state, {}, names, steers, "tanh"), recorder.curve
     finally:
         env.close()
 
@@ -100,29 +104,34 @@ def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: "_Recorder") -
     """Model with the state of the checkpoint, if there is one."""
     s = SETTINGS
     mean, scale = zip(*(normalisation(feature.name) for feature in _features(env)), strict=True)
-    model = PPO(
-        "MlpPolicy",
-        env,
-        learning_rate=recorder.learning_rate,
-        n_steps=s.n_steps,
-        batch_size=min(s.batch_size, s.n_steps * plan.envs),
-        n_epochs=s.n_epochs,
-        gamma=s.gamma,
-        gae_lambda=s.gae_lambda,
-        clip_range=s.clip_range,
-        target_kl=s.target_kl,
-        policy_kwargs={
-            "net_arch": {"pi": list(s.layers), "vf": list(s.layers)},
-            "activation_fn": torch.nn.Tanh,
-            "features_extractor_class": Scaled,
-            "features_extractor_kwargs": {"mean": list(mean), "scale": list(scale)},
-        },
-        seed=plan.seed,
-        device="cpu",
-    )
+    scaled = {
+        "activation_fn": torch.nn.Tanh,
+        "features_extractor_class": Scaled,
+        "features_extractor_kwargs": {"mean": list(mean), "scale": list(scale)},
+    }
+    common: dict[str, Any] = {"seed": plan.seed, "device": "cpu", "gamma": s.gamma if plan.task is None else TASK_GAMMA}
+    if plan.algorithm == "sac":
+        updates = max(1, plan.envs // SAC_ACTIONS_PER_UPDATE)
+        arguments = {"net_arch": list(s.layers), **scaled}
+        model: Any = SAC("MlpPolicy", env, gradient_steps=updates, policy_kwargs=arguments, **SAC_SETTINGS, **common)
+    else:
+        model = PPO(
+            "MlpPolicy",
+            env,
+            learning_rate=recorder.learning_rate,
+            n_steps=s.n_steps,
+            batch_size=min(s.batch_size, s.n_steps * plan.envs),
+            n_epochs=s.n_epochs,
+            gae_lambda=s.gae_lambda,
+            clip_range=s.clip_range,
+            target_kl=s.target_kl,
+            policy_kwargs={"net_arch": {"pi": list(s.layers), "vf": list(s.layers)}, **scaled},
+            **common,
+        )
     if os.path.lexists(directory / CHECKPOINT):
         _resume(model, directory / CHECKPOINT)
-        recorder.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
+        steps = model.num_timesteps * recorder.repeat
+        recorder.curve = [point for point in read_curve(directory / CURVE) if point.steps <= steps]
     return model
 
 
@@ -133,7 +142,8 @@ def _resume(model: Any, file: Path) -> None:
     """
     members = read_archive(file, FileKind.CHECKPOINT)
     try:
-        model.set_parameters({name: _tensors(members[f"{name}.pth"]) for name in _STATES}, device="cpu")
+        names = model._get_torch_save_params()[0]
+        model.set_parameters({name: _tensors(members[f"{name}.pth"]) for name in names}, device="cpu")
         numbers = json.loads(members["data"])
         for name in _COUNTERS:
             setattr(model, name, int(numbers[name]))
@@ -150,8 +160,10 @@ def _tensors(content: bytes) -> Any:
 class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
     """Callback that records time, learning curve and checkpoints."""
 
-    def __init__(self, budget: Budget, directory: Path, progress: Progress) -> None:
+    def __init__(self, plan: Plan, budget: Budget, directory: Path, progress: Progress) -> None:
         super().__init__()
+        self.repeat: int = plan.environment().get("action_repeat", 1)
+        self._interval = _SAC_INTERVAL if plan.algorithm == "sac" else 1
         self.curve: list[Point] = []
         self._budget, self._directory, self._progress = budget, directory, progress
         self._ended: list[dict[str, Any]] = []
@@ -187,72 +199,60 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
         return self._budget.seconds is None or self._seconds() < self._budget.seconds
 
     def _on_rollout_start(self) -> None:
-        first, last = (math.log(deviation) for deviation in EXPLORATION)  # scheduled, of the actions
-        log_std = self.model.policy.log_std.requires_grad_(False)
-        log_std.fill_(first + (last - first) * min(self.share, 1.0))
-        self._record()
+        if hasattr(self.model.policy, "log_std"):
+            first, last = (math.log(deviation) for deviation in EXPLORATION)  # scheduled, of the actions
+            log_std = self.model.policy.log_std.requires_grad_(False)
+            log_std.fill_(first + (last - first) * min(self.share, 1.0))
+        self._record(self._interval)
         if time.monotonic() - self._kept > _BETWEEN_CHECKPOINTS:
             self.keep(self.model)
 
     def _on_training_end(self) -> None:
-        self._record()
+        self._record(1)
 
-    def _record(self) -> None:
-        """Add a point to the curve if there were steps since the last one."""
-        if _steps(self.model) <= (self.curve[-1].steps if self.curve else 0):
+    def _record(self, least: int) -> None:
+        """Add a point to the curve if there were at least this number of steps since the last one."""
+        if self._steps() - (self.curve[-1].steps if self.curve else 0) < least:
             return
         self.curve.append(self._point())
         self._ended, self._rewards = [], []
         newest = self.curve[-1]
         explored = f", {newest.rms_m:.3f} m RMS while exploring" if math.isfinite(newest.rms_m) else ""
+        explored += f", {100.0 * newest.success:.0f} % completed" if math.isfinite(newest.success) else ""
         self._progress(min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps{explored}")
+
+    def _steps(self) -> int:
+        return int(self.model.num_timesteps) * self.repeat
 
     def _seconds(self) -> float:
         before = self.curve[-1].wall_s if self.curve else 0.0
         return before if self._since is None else self._before + time.monotonic() - self._since
 
     def _point(self) -> Point:
-        logged = self.model.logger.name_to_value
+        logged, policy = self.model.logger.name_to_value, self.model.policy
         ended = self._ended or [{}]
         nan = float("nan")
         return Point(
-            steps=_steps(self.model),
+            steps=self._steps(),
             wall_s=self._seconds(),
             episodes=len(self._ended),
             rms_m=float(np.mean([one.get("true_rms_m", nan) for one in ended])),
             max_m=float(np.mean([one.get("true_max_m", nan) for one in ended])),
-            mishaps=float(np.mean([not one.get("TimeLimit.truncated", True) for one in ended])),
-            reward=float(np.mean(self._rewards or [nan])) / REWARD_SCALE / ACTION_REPEAT,
-            exploration=float(torch.exp(self.model.policy.log_std).mean()),
+            mishaps=float(np.mean([one.get("outcome", "") not in _NO_MISHAP for one in ended])),
+            reward=float(np.mean(self._rewards or [nan])) / REWARD_SCALE / self.repeat,
+            exploration=float(torch.exp(policy.log_std).mean()) if hasattr(policy, "log_std") else nan,
             divergence=float(logged.get("train/approx_kl", nan)),
             explained_variance=float(logged.get("train/explained_variance", nan)),
+            success=float(np.mean([one["outcome"] == "completed" for one in self._ended])) if self._ended else nan,
         )
-
-
-def _steps(model: Any) -> int:
-    return int(model.num_timesteps) * ACTION_REPEAT
 
 
 def _features(env: Sb3VecEnv) -> Any:
     return env.env.core.features  # type: ignore[attr-defined]  # this environment's core has them
 
 
-def _network(model: Any, features: list[str]) -> Network:
-    """Network that gives a model's mean action."""
-    policy = model.policy
-    linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
-    layers = [*linear, policy.action_net]
-    return Network(
-        tuple(_array(layer.weight) for layer in layers),
-        tuple(_array(layer.bias) for layer in layers),
-        _array(policy.features_extractor.mean),
-        _array(policy.features_extractor.scale),
-        tuple(features),
-    )
-
-
 def _array(tensor: Any) -> Any:
-    return tensor.detach().numpy()
+    return np.asarray(tensor.detach().numpy(), dtype=np.float64)
 
 
 class _Actor(NamedTuple):
@@ -274,45 +274,60 @@ _ACTIVATIONS: Final = {"Tanh": "tanh", "ReLU": "relu"}
 _EXTRACTOR: Final = re.compile(r"(?:actor\.|pi_)?features_extractor\.(.+)")
 
 
-def saved_network(path: Path, vehicle: Vehicle, domain: TrainedFor) -> Network:
-    """The mean action of a saved model (PPO, A2C, SAC, TD3, DDPG with ``MlpPolicy``) for a vehicle's last trailer.
+def saved_network(path: Path, features: tuple[str, ...], actions: int, domain: TrainedFor) -> Network:
+    """The mean action of a saved model (PPO, A2C, SAC, TD3, DDPG with ``MlpPolicy``) of an environment.
 
     The file does not say what the model was trained for: ``domain`` does.
 
     Raises:
-        ValueError: one line, if the file is no such model, or has other inputs than ``TrailerSteering-v0`` gives.
+        ValueError: one line, if the file is no such model, or has other inputs or outputs than the environment.
     """
     members = read_archive(path, FileKind.CHECKPOINT)
     for name in ("data", "policy.pth"):
         if name not in members:
             raise ValueError(f"{path}: not a model saved by stable-baselines3: it holds no '{name}'")
     data, state = _json(path, members["data"]), _state(path, members["policy.pth"])
+    arguments = data.get("policy_kwargs")
+    network = _assembled(path, state, arguments if isinstance(arguments, dict) else {}, features, domain)
+    if len(network.biases[-1]) != actions:
+        raise ValueError(
+            f"{path}: has {len(network.biases[-1])} actions, the environment {actions}: choose the --vehicle, or the "
+            "task, that it was trained with"
+        )
+    return network
+
+
+def _assembled(
+    path: Path,
+    state: dict[str, FloatArray],
+    arguments: dict[str, Any],
+    features: tuple[str, ...],
+    domain: TrainedFor,
+    activation: str | None = None,
+) -> Network:
+    """Network from the tensors of a policy and the arguments that it was made with."""
     actor = next((kind for kind in _ACTORS if f"{kind.hidden}.0.weight" in state), None)
     if actor is None or (actor.last is not None and f"{actor.last}.weight" not in state):
         raise ValueError(
             f"{path}: must be a PPO, A2C, SAC, TD3 or DDPG model with an MlpPolicy of one hidden layer or more"
         )
     names = _layers(actor, state)
-    arguments = data.get("policy_kwargs")
-    arguments = arguments if isinstance(arguments, dict) else {}
     mean, scale = _scaling(path, state, state[f"{names[0]}.weight"].shape[1])
-    network = Network(
+    if len(features) != len(mean):
+        raise ValueError(
+            f"{path}: has {len(mean)} inputs, the environment gives {len(features)}: choose the --vehicle, or the "
+            "task, that it was trained with; wrapped observations cannot be converted"
+        )
+    return Network(
         tuple(state[f"{name}.weight"] for name in names),
         tuple(state[f"{name}.bias"] for name in names),
         mean,
         scale,
-        _input_names(path, vehicle, len(mean)),
-        _activation(path, arguments, actor),
+        features,
+        activation or _activation(path, arguments, actor),
         "tanh" if arguments.get("squash_output") is True else actor.output,
         domain,
     )
-    steered = len(vehicle.units[-1].steered_axles)
-    if len(network.biases[-1]) != steered:
-        raise ValueError(
-            f"{path}: has {len(network.biases[-1])} actions, the last trailer {steered} steered axles: choose "
-            "the --vehicle that it was trained with"
-        )
-    return network
 
 
 def _json(path: Path, content: bytes) -> dict[str, Any]:
@@ -352,17 +367,6 @@ def _scaling(path: Path, state: dict[str, FloatArray], count: int) -> tuple[Floa
             f"{path}: has a features extractor with '{shown(min(parts), 40)}': only an MlpPolicy can be converted"
         )
     return parts["mean"], parts["scale"]
-
-
-def _input_names(path: Path, vehicle: Vehicle, count: int) -> tuple[str, ...]:
-    """Names of the inputs."""
-    names = feature_names(len(vehicle.units[-1].steered_axles), [unit.name for unit in vehicle.units])
-    if len(names) != count:
-        raise ValueError(
-            f"{path}: has {count} inputs, offtrack/TrailerSteering-v0 gives {len(names)} for this vehicle: choose the "
-            "--vehicle that it was trained with; wrapped observations cannot be converted"
-        )
-    return names
 
 
 def _activation(path: Path, arguments: dict[str, Any], actor: _Actor) -> str:

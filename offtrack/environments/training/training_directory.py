@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -22,7 +22,8 @@ from matplotlib.figure import Figure
 
 from controllers.trailer_steering.policy import Network, TrainedFor, save_network
 from offtrack.environments import rewards
-from offtrack.environments.rewards import Domain, Reward
+from offtrack.environments.rewards import Domain, Reward, narrowed
+from offtrack.environments.tasks import task_of
 from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
 from offtrack.studies.run_study import check_study_directory, opened_study
 from scenarios.assembly.adapters import trailer_geometry
@@ -36,6 +37,8 @@ ENVIRONMENT: Final = "TrailerSteering-v0"
 ACTION_REPEAT: Final = 4
 REWARD: Final[Mapping[Reward, float]] = {rewards.off_path: 1.0, rewards.outside_path: 0.1, rewards.steer_effort: 0.02}
 REWARD_SCALE: Final = 0.1  # gives values of the order of 1: half a metre for two seconds is -5
+TASK_REWARD: Final = {"off_path": 1.0, "near_edge": 1.0, "steer_effort": 0.02}
+Algorithm = Literal["ppo", "sac"]
 COURSES: Final = ("roundabout", "roundabout-right", "turn-90", *(f"random-{k}" for k in range(1, 17)))
 DEFAULT_DOMAIN: Final = Domain()  # of the environment
 DOMAIN: Final = Domain(friction=(0.3, 0.9), speed=(1.4, 5.0))
@@ -45,16 +48,29 @@ DOMAIN: Final = Domain(friction=(0.3, 0.9), speed=(1.4, 5.0))
 _NORMALISATION: Final = {
     "off_tracking": (0.0, 0.5),
     "path_direction": (0.0, 0.25),
+    "path_turn_": (0.0, 0.5),
     "path_": (0.0, 1.0),
     "hitch_v_x": (3.5, 1.5),
     "hitch_v_y": (0.0, 1.0),
     "trailer_yaw_rate": (0.0, 0.15),
+    "goal_ahead": (0.0, 20.0),
+    "goal_aside": (0.0, 3.0),
+    "goal_direction_cos": (1.0, 0.1),
+    "goal_direction_sin": (0.0, 0.25),
+    "edge_": (1.5, 1.5),
+    "set_speed": (3.5, 1.5),
+    "cross_track": (0.0, 0.2),
+    "heading_error": (0.0, 0.2),
+    "curvature": (0.0, 0.2),
+    "slip_angle": (0.0, 0.1),
+    "wheel_speed_": (1.0, 0.3),
+    "inclination_": (0.0, 0.1),
     "age": (0.14, 0.1),
     "usable": (1.0, 1.0),
     "steer_": (0.0, 0.2),
     "speed": (3.5, 1.5),
     "articulation_": (0.0, 0.3),
-    "yaw_rate_": (0.0, 0.15),
+    "yaw_rate": (0.0, 0.15),
     "follow_distance": (13.3, 0.8),
 }
 
@@ -74,6 +90,17 @@ class Settings(NamedTuple):
 
 
 SETTINGS: Final = Settings()
+TASK_GAMMA: Final = 0.985  # per action, in tasks with an end to reach: a horizon of 5 s
+# Of SAC, with the names of stable-baselines3; an update for every 4 actions of all environments together
+SAC_SETTINGS: Final[Mapping[str, Any]] = {
+    "learning_rate": 7e-4,
+    "buffer_size": 300_000,
+    "learning_starts": 5_000,
+    "batch_size": 512,
+    "train_freq": 1,
+    "tau": 0.01,
+}
+SAC_ACTIONS_PER_UPDATE: Final = 4
 LAST_LEARNING_RATE: Final = 0.1  # final over initial learning rate
 EXPLORATION: Final = (0.3, 0.05)  # standard deviation of the actions at start and end; scheduled, not learnt
 
@@ -86,9 +113,21 @@ class Plan:
     vehicle: str = "uk_longer_semitrailer"
     envs: int = 512
     seed: int = 1
+    task: str | None = None  # of the benchmark; None: steering on many courses, with a reward of its own
+    algorithm: Algorithm = "ppo"
+
+    @property
+    def name(self) -> str:
+        """Name of the environment."""
+        return ENVIRONMENT if self.task is None else task_of(self.task).environment
 
     def environment(self) -> dict[str, Any]:
         """Options of the training environments."""
+        if self.task is not None:
+            task = task_of(self.task)
+            steers = {"reward": TASK_REWARD} if task.role == "trailer" else {}
+            repeat = {} if task.role == "rover" else {"action_repeat": ACTION_REPEAT}
+            return {**task.environment_options(self.observation, training=True), **steers, **repeat}
         return {
             "observation": self.observation,
             "vehicle": self.vehicle,
@@ -98,10 +137,20 @@ class Plan:
             "action_repeat": ACTION_REPEAT,
         }
 
+    def domain(self) -> Domain | None:
+        """What a trailer's network is trained for; None for other tasks."""
+        if self.task is None:
+            return DOMAIN
+        task = task_of(self.task)
+        return narrowed(DEFAULT_DOMAIN, task.options["domain"]) if task.role == "trailer" else None
+
     def plain(self) -> dict[str, Any]:
         """The plan for JSON, including the fixed settings of this version."""
+        if self.task is not None:
+            settings = SAC_SETTINGS if self.algorithm == "sac" else {**SETTINGS._asdict(), "gamma": TASK_GAMMA}
+            return {**asdict(self), "environment": self.name, "options": self.environment(), self.algorithm: settings}
         return {
-            **asdict(self),
+            **{name: value for name, value in asdict(self).items() if name not in ("task", "algorithm")},
             "environment": ENVIRONMENT,
             "action_repeat": ACTION_REPEAT,
             "reward": {part.__name__: weight for part, weight in REWARD.items()},
@@ -148,6 +197,7 @@ class Point(NamedTuple):
     exploration: float  # standard deviation of the actions [-]
     divergence: float  # of the policy from the previous one (Kullback-Leibler)
     explained_variance: float  # by the value function [-]
+    success: float  # share of the episodes that were completed
 
 
 def write_curve(curve: Sequence[Point], path: Path) -> None:
@@ -170,9 +220,12 @@ def read_curve(path: Path) -> list[Point]:
 
 
 def draw_curve(curve: Sequence[Point], levels: Mapping[str, float], path: Path) -> None:
-    """Draws off-tracking over steps as a PNG, with the off-tracking of trailer laws in the same episodes as lines."""
+    """Draws off-tracking over steps as a PNG, with the off-tracking of trailer laws in the same episodes as lines.
+
+    Without laws, as of a task, it draws the share of completed episodes.
+    """
     steps = np.array([point.steps for point in curve]) / 1e6
-    rms = np.array([point.rms_m for point in curve])
+    rms = np.array([point.rms_m if levels else point.success for point in curve])
     known = np.isfinite(rms)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
@@ -181,8 +234,10 @@ def draw_curve(curve: Sequence[Point], levels: Mapping[str, float], path: Path) 
         ax.plot(steps[known], _smoothed(rms[known]), color=TRUE, linewidth=2.0, label="policy while exploring")
         for (law, level), colour in zip(levels.items(), _LEVELS, strict=False):
             ax.axhline(level, color=colour, linewidth=1.3, linestyle=(0, (6, 3)), label=law)
-        ax.set(yscale="log", xlabel="control steps of 20 ms [millions]", ylabel="off-tracking of an episode, RMS [m]")
-        ax.yaxis.set_major_formatter("{x:g}")
+        ax.set(xlabel="control steps [millions]", ylabel="share of completed episodes")
+        if levels:
+            ax.set(yscale="log", ylabel="off-tracking of an episode, RMS [m]")
+            ax.yaxis.set_major_formatter("{x:g}")
         legend_below(figure, ax)
         with replacing(path) as unfinished:
             figure.savefig(unfinished, dpi=110, format="png")
@@ -198,6 +253,7 @@ PLAN: Final = "training.json"
 NETWORK: Final = "policy.npz"
 SUMMARY: Final = "summary.json"
 PICTURE: Final = "learning_curve.png"
+RESULTS: Final = "benchmark.json"  # of a task
 _PACKAGES: Final = ("offtrack", "stable-baselines3", "torch", "gymnasium", "numpy", "casadi")
 
 Scores = Mapping[str, Mapping[str, Score]]  # by condition and law

@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv as pa_csv
 
-from estimators.off_tracking.viso_ot import VisoOt
 from offtrack.studies.campaigns.campaign import FAULTS, Campaign, by_text
 from offtrack.studies.campaigns.campaign_page import campaign_page
 from offtrack.studies.campaigns.failures import (
@@ -29,15 +28,13 @@ from offtrack.studies.campaigns.fault_entry import NONE, FaultEntry
 from offtrack.studies.campaigns.verdict import Judgement, Limit, Requirements
 from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.pool import RunOptions
+from offtrack.studies.rehearsal import without_cameras
 from offtrack.studies.run_study import MakeMore, run_study, runs_table
 from offtrack.studies.study_figures import write_run_pages
-from offtrack.studies.table import Row
 from scenarios.catalogue import FAULT, resolve
 from scenarios.loop.runner import KINDS
 from scenarios.options.scenario import load_any_scenario
 from scenarios.results.run_directory import replaced, replacing
-
-_WITHOUT_CAMERAS: Final = {"off_tracking": "truth", "viso_ot": VisoOt.Parameters(), "estimator": {}, "sensor": None}
 
 
 def check_faults(campaign: Campaign) -> None:
@@ -72,7 +69,7 @@ def problem(scenario: str, settings: Iterable[str]) -> str:
         kinds = [resolve("kind", fault.kind, FAULT) for fault in loaded.faults]
         if all(hasattr(kind, "applies_to") and kind.applies_to(images) for kind in kinds):
             return ""
-        loaded = loaded.model_copy(update=_WITHOUT_CAMERAS)
+        loaded = without_cameras(loaded)
     try:
         kind_of_vehicle.assemble(loaded, 1).close()
     except ValueError as error:
@@ -114,6 +111,8 @@ def default_campaign(
     texts = [f"{key}={value}" for key, value in settings]
     loaded = load_any_scenario(scenario, texts)
     law, usual, preset, requirements = _DEFAULTS[loaded.vehicle_kind]
+    if law in dict(settings):
+        usual = (dict(settings)[law],)  # what is set for all runs takes the place of what is usually compared
     duration = KINDS[loaded.vehicle_kind].duration(loaded)
     settings = (*(setting for setting in preset if setting[0] not in dict(settings)), *settings)
     onsets = tuple(round(share * duration, 1) for share in _ONSETS)
@@ -138,12 +137,13 @@ _RUNS: Final = "runs"  # name of the tables of runs
 class Results:
     """Results of a campaign."""
 
+    directory: Path
     runs: tuple[Judgement, ...]
     cells: tuple[Cell, ...]
     searches: tuple[Search, ...]
 
 
-def run_campaign(title: str, campaign: Campaign, directory: Path, options: RunOptions) -> Results:
+def run_campaign(title: str, campaign: Campaign, directory: Path | None, options: RunOptions) -> Results:
     """Run what the directory does not hold yet of a campaign, and write its tables and report; see `run_study`.
 
     Raises:
@@ -155,19 +155,20 @@ def run_campaign(title: str, campaign: Campaign, directory: Path, options: RunOp
     check_faults(campaign)
     results = list[Results]()
 
-    def finish(outcomes: Sequence[Outcome], _: Sequence[Row], make: MakeMore) -> None:
+    def finish(directory: Path, outcomes: Sequence[Outcome], make: MakeMore) -> None:
         runs = [campaign.judge(outcome) for outcome in outcomes]
-        searches = bisected(campaign, runs, make)
-        found = Results(runs=tuple(runs), cells=tuple(cells_of(campaign, runs)), searches=tuple(searches))
-        _write(title, campaign, found, directory)
+        searches, cells = tuple(bisected(campaign, runs, make)), tuple(cells_of(campaign, runs))
+        found = Results(directory=directory, runs=tuple(runs), cells=cells, searches=searches)
+        _write(title, campaign, found)
         results.append(found)
 
     run_study(title, campaign, directory, options, finish=finish)
     return results[0]
 
 
-def _write(title: str, campaign: Campaign, found: Results, directory: Path) -> None:
+def _write(title: str, campaign: Campaign, found: Results) -> None:
     """Write the table of runs (CSV, Parquet), pages of runs, and the report."""
+    directory = found.directory
     table = judged_table(found.runs)
     for name, write in ((f"{_RUNS}.csv", pa_csv.write_csv), (f"{_RUNS}.parquet", pq.write_table)):
         with replacing(directory / name) as unfinished:

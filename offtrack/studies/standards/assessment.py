@@ -53,6 +53,8 @@ from vehicle.combination.variants import FULL, load_cases, with_load
 from vehicle.foundation.user_file import nearest
 from vehicle.frames import FloatArray
 
+UNDECIDED: Final = "not decided"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
@@ -63,6 +65,7 @@ class Criterion:
     source: str
     at_least: bool = False  # True: the limits are lower ones; False: upper ones
     times: str | None = None  # the limits are multiples of this other quantity
+    spread: str | None = None  # figures NAME_low_g, NAME_g and NAME_high_g say how well the quantity is known
     bounds: tuple[tuple[str, float], ...]  # level and its limit; a single limit has the level ""
 
     @classmethod
@@ -76,7 +79,9 @@ class Criterion:
         """Comparison with the measured quantity."""
         factor = 1.0 if self.times is None else figures.get(self.times, math.nan)
         bounds = tuple((level, factor * bound) for level, bound in self.bounds)
-        return Judgement(criterion=self, measured=figures[self.quantity], bounds=bounds)
+        measured, known = figures[self.quantity], figures.get(f"{self.spread}_g", math.nan)
+        ends = (measured * figures.get(f"{self.spread}_{end}_g", math.nan) / known for end in ("low", "high"))
+        return Judgement(criterion=self, measured=measured, bounds=bounds, ends=tuple(filter(math.isfinite, ends)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,15 +91,23 @@ class Judgement:
     criterion: Criterion
     measured: float  # NaN: not measured
     bounds: tuple[tuple[str, float], ...]  # limits for this combination
+    ends: tuple[float, ...] = ()  # least and largest value for what is not known of the vehicle, if that is stated
 
     @property
     def reached(self) -> str:
-        """Strictest level reached, or "none"; "met" or "missed" for a single limit; "not measured"."""
+        """Strictest level reached, or "none"; "met" or "missed" for a single limit; "not measured".
+
+        "not decided" if a level lies between the ``ends``.
+        """
         if not math.isfinite(self.measured) or any(math.isnan(bound) for _, bound in self.bounds):
             return "not measured"
+        levels = {self._level(value) for value in (self.measured, *self.ends)}
+        return levels.pop() if len(levels) == 1 else UNDECIDED
+
+    def _level(self, value: float) -> str:
         sign = -1.0 if self.criterion.at_least else 1.0
         for level, bound in self.bounds:
-            if sign * self.measured <= sign * bound:
+            if sign * value <= sign * bound:
                 return level or "met"
         return "none" if self.bounds[0][0] else "missed"
 
@@ -433,5 +446,6 @@ def _judgement(judgement: Judgement) -> dict[str, Any]:
         "must_be": "at least" if criterion.at_least else "at most",
         "bounds": {level or "required": round(bound, 6) for level, bound in judgement.bounds if math.isfinite(bound)},
         "reached": judgement.reached,
+        **({"range": [round(end, 6) for end in judgement.ends]} if judgement.ends else {}),
         "source": criterion.source,
     }

@@ -40,7 +40,7 @@ from offtrack.reports.player.playback import (
 )
 from offtrack.reports.run_files import write_json
 from offtrack.reports.sections import groups
-from offtrack.studies.standards.assessment import Assessment, AssessmentMatrix, Judgement
+from offtrack.studies.standards.assessment import UNDECIDED, Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import response_of
 from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration
 from offtrack.studies.standards.static_rollover import threshold
@@ -237,6 +237,7 @@ BY_NAME: Final = groups()["assessment"].numbers
 
 
 _BAD: Final = ("none", "missed", "not measured")
+_OPEN: Final = (*_BAD, UNDECIDED)
 _TOGETHER: Final = "\N{NO-BREAK SPACE}"
 _LEVELS: Final = (
     "The level of each standard that the combination reaches. Limits marked “from memory” were not checked against the "
@@ -276,7 +277,7 @@ def _verdict(matrix: AssessmentMatrix) -> Verdict:
     if not reached:
         ended = sum(one.outcome != "completed" for case in matrix.cases for one in case.manoeuvres)
         return Verdict(f"{ended} not completed" if ended else "completed, no limits apply", not ended)
-    met = sum(one not in _BAD for one in reached)
+    met = sum(one not in _OPEN for one in reached)
     return Verdict(f"{met} of {len(reached)} limits met", met == len(reached))
 
 
@@ -286,14 +287,14 @@ def _answer(matrix: AssessmentMatrix) -> list[str]:
     for case, name in zip(matrix.cases, matrix.names, strict=True):
         at = f" ({name})" if len(matrix.cases) > 1 else ""
         found += [f"{one.title}{at}: {one.outcome}." for one in case.manoeuvres if one.outcome != "completed"]
-        found += [f"{_missed(one)}{at}." for one in case.judgements if one.reached in _BAD]
+        found += [f"{_missed(one)}{at}." for one in case.judgements if one.reached in _OPEN]
     return some(found, _MOST_SENTENCES)
 
 
 def _missed(judgement: Judgement) -> str:
     quantity, standard = BY_NAME[judgement.criterion.quantity], judgement.criterion.standard
-    if judgement.reached == "not measured":
-        return f"{quantity.label} not measured, {standard}"
+    if judgement.reached in ("not measured", UNDECIDED):
+        return f"{quantity.label} {judgement.reached}: {bounds_text(judgement)} by {standard}"
     (_, bound), side = judgement.bounds[-1], "at least" if judgement.criterion.at_least else "at most"
     by, measured = quantity.said(abs(judgement.measured - bound)), quantity.text(judgement.measured)
     return f"{quantity.label} missed by {by}: {measured}, {side} {quantity.text(bound)} by {standard}"
@@ -384,8 +385,13 @@ def judged_cell(case: Assessment, name: str, value: float) -> Cell:
     text = BY_NAME[name].text(value)
     if not judgements or not math.isfinite(value):
         return Cell(text)
-    bad = any(one in _BAD for one in reached)
-    return Cell(f"{text} ({', '.join(dict.fromkeys(reached))})", "bad" if bad else "good")
+    return _reached_cell(f"{text} ({', '.join(dict.fromkeys(reached))})", reached)
+
+
+def _reached_cell(text: str, reached: Sequence[str]) -> Cell:
+    if any(one in _BAD for one in reached):
+        return Cell(text, "bad")
+    return Cell(text) if UNDECIDED in reached else Cell(text, "good")
 
 
 def levels_table(assessment: Assessment) -> Table:
@@ -393,9 +399,10 @@ def levels_table(assessment: Assessment) -> Table:
     rows: list[Row] = []
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        reached = Cell(judgement.reached, "bad" if judgement.reached in _BAD else "good")
+        reached = _reached_cell(judgement.reached, (judgement.reached,))
+        measured = " … ".join(map(quantity.text, judgement.ends or (judgement.measured,)))
         standard = f"{criterion.standard} ({criterion.source})"
-        rows.append([quantity.label, quantity.text(judgement.measured), reached, bounds_text(judgement), standard])
+        rows.append([quantity.label, measured, reached, bounds_text(judgement), standard])
     columns = [Column("name", "quantity"), Column("number", "measured"), Column("text", "reached")]
     return Table([*columns, Column("note", "limits"), Column("note", "standard")], rows)
 

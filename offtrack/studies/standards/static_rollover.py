@@ -30,6 +30,8 @@ from offtrack.studies.standards.proving_ground import (
 from scenarios.results.log import Log, Signal
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.functions import with_numbers
+from vehicle.combination.handling import static_rollover_threshold
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
 from vehicle.combination.truth import Truth
@@ -169,7 +171,9 @@ def tilt(vehicle: Vehicle, trailer_steering: str = "none", conditions: Condition
         how = (
             "until the combination falls. The threshold is the steepest slope on which it stands. The lateral "
             "acceleration in g that tips it in a turn is up to 4 % less, as the weight across a slope, and the roll "
-            "that it adds, are less than on the level."
+            "that it adds, are less than on the level. Its range is for what data sheets of suspensions leave open: "
+            "roll stiffness 30 %, tyres 15 %, roll centres 50 mm, all of them soft or stiff at once, and 50 mm of "
+            "lateral shift by tyres and leaf springs, which the model has not."
         )
     else:
         how = (
@@ -184,8 +188,11 @@ def tilt(vehicle: Vehicle, trailer_steering: str = "none", conditions: Condition
             tips, lifts = min(threshold(log, unit.name) for unit in vehicle.units), len(log) - 1
         slope = float(log["slope"][lifts])
         rolls = [abs(float(log[f"roll_{unit.name}"][lifts]) - math.atan(slope)) for unit in vehicle.units]
+        softest, stiffest = spread(vehicle)
         return {
             "rollover_threshold_g": tips,
+            "rollover_threshold_low_g": softest * tips,
+            "rollover_threshold_high_g": stiffest * tips,
             "rollover_acceleration_m_s2": GRAVITY * tips,
             "wheel_lift_g": slope,
             "wheel_lift_roll_rad": max(rolls),
@@ -193,6 +200,44 @@ def tilt(vehicle: Vehicle, trailer_steering: str = "none", conditions: Condition
 
     how = f"Standing on a plane that tilts by about 1° per second {how}"
     return result("tilt", how, Drive(outcome=ascent.outcome, log=log), figures)
+
+
+# What data sheets of suspensions leave open. Stiffnesses and roll centres: the ranges that the sources of the shipped
+# vehicles state. Shift of the bodies towards the outside, which the model has not: 30 mm by the tyres (4 of 0.3 MN/m
+# under 36 kN) and 20 mm by the lash of leaf springs (1 deg at 1.2 m); both are assumed.
+_STIFFNESS: Final = 0.3
+_TYRES: Final = 0.15
+_ROLL_CENTRE: Final = 0.05  # [m]
+_SHIFT: Final = 0.05  # [m]
+
+
+def spread(vehicle: Vehicle) -> tuple[float, float]:
+    """Least and largest rollover threshold over that of the vehicle file, for what is not known of suspensions.
+
+    By theory, with all suspensions at one end of what is usual, and at the least also a shift of the bodies that the
+    model has not. NaN without suspensions.
+    """
+    if not vehicle.has_springs:
+        return math.nan, math.nan
+    least, known, most = (static_rollover_threshold(_with_suspensions(vehicle, side)) for side in (-1.0, 0.0, 1.0))
+    height = sum(unit.mass * unit.cg_height for unit in vehicle.units) / vehicle.mass
+    return (least - GRAVITY * _SHIFT / height) / known, most / known
+
+
+def _with_suspensions(vehicle: Vehicle, side: float) -> Vehicle:
+    """The vehicle with soft (-1) or stiff (+1) suspensions, all numbers at that end of their ranges."""
+    changes: dict[str, Callable[[float], float]] = {
+        "suspension.roll_stiffness": lambda value: (1.0 + side * _STIFFNESS) * value,
+        "suspension.tyre_stiffness": lambda value: (1.0 + side * _TYRES) * value,
+        "suspension.roll_centre_height": lambda value: value + side * _ROLL_CENTRE,
+    }
+
+    def number(path: str, value: float) -> float:
+        change = next((change for end, change in changes.items() if path.endswith(end)), None)
+        return value if change is None else change(value)
+
+    changed: Vehicle = with_numbers(vehicle, number)
+    return changed
 
 
 def _lifted(truth: Truth, slope: float) -> bool:

@@ -16,19 +16,18 @@ import numpy as np
 
 from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from offtrack.studies.validation.simple_drives import along_path, poses_of
+from offtrack.studies.validation.stopping_checks import without_abs
 from scenarios import courses
 from scenarios.assembly.adapters import outlines
 from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.results.swept_path import swept_path
 from vehicle.clock import TICK
-from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.functions import compiled_output, sampled_states
-from vehicle.combination.layout import Chain, Input, Output, State, input_sizes, output_sizes, parts, state_sizes
+from vehicle.combination.functions import compiled_output, step_in_calls
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.combination.multibody import Speeds, Vector, speed_rates
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.unit import Unit
-from vehicle.engine.integrator import semi_implicit_step
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
@@ -250,7 +249,7 @@ def integration(quick: bool) -> CheckSection:
     """Order, hill hold, wheelspin, a stop on ice, and the roundabout at half the step."""
     vehicle = load_vehicle("eu_tractor_semitrailer")
     frictions = (0.8,) if quick else (0.8, 0.1)
-    errors = {friction: _errors(_without_sampled_brakes(vehicle), friction) for friction in frictions}
+    errors = {friction: _errors(without_abs(vehicle), friction) for friction in frictions}
     dry, steps = errors[0.8], np.array(_STEPS)
     halved = () if quick else _half_step(load_vehicle("uk_longer_semitrailer"))
     return CheckSection(
@@ -275,11 +274,6 @@ def integration(quick: bool) -> CheckSection:
             ),
         ),
     )
-
-
-def _without_sampled_brakes(vehicle: Vehicle) -> Vehicle:
-    """The vehicle with brakes that follow the demand: pressures and ABS are sampled at the moments of the steps."""
-    return vehicle.model_copy(update={"brakes": None})
 
 
 def _errors(vehicle: Vehicle, friction: float) -> FloatArray:
@@ -324,7 +318,7 @@ def _distance(poses: FloatArray, others: FloatArray) -> float:
 
 def _difficult_cases(vehicle: Vehicle) -> tuple[Check, ...]:
     spinning = _default_error(vehicle, 0.0, VehicleCommand(0.02, 1.5, ()), 4.0)
-    stopping = _default_error(_without_sampled_brakes(vehicle), 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
+    stopping = _default_error(without_abs(vehicle), 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
     return (
         Check(
             "held by its brakes on a 5 % hill: creep",
@@ -404,16 +398,7 @@ def _metrics(vehicle: Vehicle, poses: FloatArray, centre: tuple[float, float] | 
 @lru_cache(maxsize=8)
 def _step(vehicle: Vehicle) -> Any:
     """Function (state, chain's input, length of the step [s]) -> state after a step."""
-    chain, step = Chain.of(vehicle), ca.SX.sym("step")
-    x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
-
-    def rate(state: ca.SX) -> ca.SX:
-        return ca.cse(ca.vertcat(*derivative(chain, *_named(vehicle, state, u))))
-
-    stiff = ca.vertcat(*relaxation(chain, *_named(vehicle, x, u)))
-    later = semi_implicit_step(rate, x, step, stiff, sampled_states(vehicle))
-    return ca.Function("step", [x, u, step], [ca.cse(later)])
-
-
-def _named(vehicle: Vehicle, x: ca.SX, u: ca.SX) -> tuple[State[ca.SX], Input[ca.SX]]:
-    return State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
+    x, v = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("v", sum(input_sizes(vehicle)) + 1)
+    u, none = Input(*parts(v[:-1], input_sizes(vehicle))), ca.SX(0, 1)
+    later = step_in_calls(vehicle, x, v, u, none, timed=True).on(x, v, none)
+    return ca.Function("step", [x, v[:-1], v[-1]], [ca.cse(later)])

@@ -299,6 +299,29 @@ def test_a_stuck_gyro_does_not_discredit_the_camera(drive: TowedDrive, exact: di
     assert all(estimates[tick].health is Health.OK for tick in ticks[-40:])
 
 
+@pytest.mark.parametrize("offsets", [(0.0, 5.0), (5.0, 0.0)], ids=["gyro", "hitch angle"])
+def test_what_was_bridged_by_a_signal_at_fault_is_reckoned_again(
+    drive: TowedDrive, exact: dict[int, OffTracking], offsets: tuple[float, float]
+) -> None:
+    """Camera and a signal fail at the same time: the bridge goes on without that signal, from its beginning."""
+    angle, rate = np.radians(offsets)
+
+    def shifted(messages: Messages) -> Messages:
+        return [
+            replace(one, articulation=one.articulation + angle, yaw_rates=one.yaw_rates + np.array([0.0, rate]))
+            if one.tick > 17_000
+            else one
+            for one in messages
+        ]
+
+    estimates = run(drive, without(range(17_100, 20_001)), shifted)
+    after = range(17_600, 20_001, FRAME)  # 14 m behind the hitch the fault alone is worth 1.2 m/s or 0.35 m/s
+    assert all(estimates[tick].bridged > 0.0 for tick in after)
+    off = errors(estimates, exact, after)
+    assert np.abs(off).max() < 0.15  # [m]
+    assert np.all(np.abs(off) < 3.0 * np.array([estimates[tick].std for tick in after]))
+
+
 @pytest.mark.parametrize("value", [None, 0.0])
 def test_a_stuck_wheel_speed_does_not_discredit_the_camera(value: float | None) -> None:
     """A speed that repeats itself for a second is not used, whether it stays where it was or falls to zero."""

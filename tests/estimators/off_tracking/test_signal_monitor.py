@@ -184,3 +184,32 @@ def test_a_contradiction_lasts_until_the_signal_is_found() -> None:
     assert MONITOR.doubts(memory) == (OWN,)
     between = [(a, b) for a, b in zip(corrected, DRIVE.signals, strict=True) if a.tick > begins]
     assert max(abs(float(a.yaw_rates[1] - b.yaw_rates[1])) for a, b in between) < math.radians(3.0)  # of 24
+
+
+@pytest.mark.parametrize("start", [8.0, 13.0])
+@pytest.mark.parametrize(
+    ("change", "name"), [(lambda one: biased(one, 1, 5.0), OWN), (lambda one: turned(one, 5.0), ANGLE)]
+)
+def test_a_fault_that_begins_without_a_reference_is_made_up_for(change: Signals, name: str, start: float) -> None:
+    """Its size is not measured: the other signals take its place, for the past, too."""
+    dark = round(start / 1e-3)
+    memory, corrected = watched(from_(start, change), lambda seen: seen if seen.tick < dark else None)
+    assert at_fault(memory) == [name]
+    found = memory.findings[0].tick
+    assert dark < found < dark + 700
+    since = [one for one in DRIVE.signals if one.tick >= dark - 100]
+    again = MONITOR.corrected_again(memory, [from_(start, change)(one) for one in since])
+    later = [(a, b) for a, b in zip(corrected, DRIVE.signals, strict=True) if found < a.tick < dark + 3000]
+    past = [(a, b) for a, b in zip(again, since, strict=True) if dark < a.tick < dark + 3000]
+    for pairs in (later, past):
+        assert max(abs(float(a.yaw_rates[1] - b.yaw_rates[1])) for a, b in pairs) < math.radians(2.0)
+        assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in pairs) < math.radians(2.0)
+
+
+def test_wheels_without_pulses_keep_the_speed_of_before() -> None:
+    """On a straight road no relation without a camera shows them, but a speed that jumps and then stays does."""
+    memory, corrected = watched(from_(3.0, FAULTS["no pulses"][0]), lambda seen: seen if seen.tick < 3000 else None)
+    assert at_fault(memory)[0] == SPEED
+    found = memory.findings[0].tick
+    assert 3000 < found < 3600
+    assert all(abs(one.speed - 4.0) < 0.1 for one in corrected if one.tick > found)  # [m/s]

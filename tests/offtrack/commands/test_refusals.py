@@ -39,7 +39,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a run, a recording and photographs, damaged files, and a directory in use."""
     folder = tmp_path_factory.mktemp("place")
     texts = {
-        "broken.toml": "name = ", "full/kept.txt": "kept", "study.toml": STUDY, "dark.toml": DARK, "empty/.keep": "",
+        "broken.toml": "name = ", "full/kept.txt": "kept", "study.toml": STUDY, "dark.toml": DARK,
+        "gain.toml": "gain = 0.3\n",
+        "both.toml": STUDY + "[set]\nspeed_kmh = 40\n", "empty/.keep": "",
         "wrong.toml": "scenari = 1\n[[fault]]\nkind = 'dropout'", "run/signals.csv": "", "photos/no.png": "no image",
         "number/scenario.toml": "trailer_steering = 3", "rover/scenario.toml": 'kind = "rover"\nname = "r"\n',
         "bad.dbc": "BO_ what", "lacks.dbc": BUS.format("km/h"), "furlong.dbc": BUS.format("furlong"),

@@ -27,6 +27,7 @@ TRAILER, DRIVING, ROVER = (f"offtrack/{name}" for name in offtrack.environments.
 EVERY: list[tuple[str, dict[str, Any]]] = [
     *((name, {}) for name in (TRAILER, DRIVING, ROVER)),
     *((TRAILER, {"observation": "truth"}), (DRIVING, {"task": "gate"})),
+    *((TRAILER, {"road_width": 8.0}), (DRIVING, {"task": "road", "courses": ("roundabout", "turn-90")})),
 ]
 
 
@@ -333,7 +334,7 @@ WRONG_OPTIONS: dict[str, list[tuple[Any, str]]] = {
         ({"friction": (0.9, 0.2)}, "must be a range within"),
     ],
     DOCKING: [
-        ({"course": "roundabout"}, "unknown reset option 'course'"),
+        ({"course": "roundabout"}, "unknown option 'course'"),
         ({1: 2}, "must be a dictionary of reset options by name"),
     ],
     SANDY: [
@@ -379,11 +380,19 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single(STEERING, courses=()), "courses is empty"),
         (lambda: single(STEERING, courses=("random-x",)), "random-K"),
         (lambda: single(STEERING, cours=()), "unknown key 'cours'; did you mean 'courses'"),
-        (lambda: single(DOCKING, task="park"), "task = 'park'; known: bay, gate"),
+        (lambda: single(DOCKING, task="park"), "task = 'park'; known: bay, gate, road"),
         (lambda: single(SANDY, vehicle="el_dorado_ii"), "skid-steered"),
         (lambda: single(STEERING, courses="roundabout"), "courses = 'roundabout'"),
         (lambda: single(STEERING, courses=["motorway-exit"]), "course motorway-exit: its file has heights, banks"),
-        (lambda: single(STEERING, domain={"friction": 0.3}), "domain = .* must be an instance of Domain"),
+        (lambda: single(STEERING, domain=0.3), "domain = 0.3 must be"),
+        (lambda: single(STEERING, domain={"frction": 0.3}), "unknown option 'frction'; did you mean 'friction'"),
+        (lambda: single(DOCKING, domain={"friction": 3}), "friction = 3 .. 3 must be a range within 0.05 .. 1.5"),
+        (lambda: single(STEERING, reward={"follow": 1.0}), "unknown part 'follow'; did you mean 'follow_error'"),
+        (lambda: single(STEERING, reward={"follow_error": NAN}), "reward = .*: must be a finite number"),
+        (lambda: single(SANDY, reward={"kerb": 1.0}), "unknown part 'kerb'; known: cross_track_error"),
+        (lambda: single(STEERING, road_width=1.0), "road_width = 1 m must be at least 2.5 m"),
+        (lambda: single(STEERING, courses=[{"kind": "roundabout", "radius": 1.0}]), "course.radius = 1.0 m must be"),
+        (lambda: single(STEERING, courses=[{"kind": "roundabot"}]), "did you mean 'roundabout'"),
         (lambda: single(STEERING, reward={follow_error: NAN}), "reward = .*: must be a finite number"),
         (lambda: single(STEERING, observation="camera", image_scale=0), "image_scale = 0 must be 1 .. 48"),
         (lambda: single(STEERING, observation="camera", sensing="rover-slope"), "rover-slope is a rover's"),

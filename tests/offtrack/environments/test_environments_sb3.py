@@ -19,7 +19,6 @@ from stable_baselines3.common.env_checker import check_env
 from controllers.trailer_steering.policy import TrainedFor
 from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
 from offtrack.environments.training.learner import saved_network
-from vehicle.combination.description import load_vehicle
 
 pytestmark = pytest.mark.slow
 
@@ -91,10 +90,16 @@ def test_a_saved_model_becomes_a_law(make: Any, tmp_path: Path) -> None:
     model.learn(16)
     model.save(tmp_path / "model")
     seen = features(env.reset())
-    network = saved_network(tmp_path / "model.zip", load_vehicle("uk_longer_semitrailer"), TrainedFor())
+    network = saved_network(tmp_path / "model.zip", named(env), 2, TrainedFor())
     assert network(seen.astype(np.float64)) == pytest.approx(model.predict(seen, deterministic=True)[0], abs=1e-5)
-    with pytest.raises(ValueError, match="has 18 inputs, offtrack/TrailerSteering-v0 gives 20 for this vehicle"):
-        saved_network(tmp_path / "model.zip", load_vehicle("a_double"), TrainedFor())
+    with pytest.raises(ValueError, match="has 18 inputs, the environment gives 20"):
+        saved_network(tmp_path / "model.zip", (*named(env), "more", "yet_more"), 2, TrainedFor())
+    with pytest.raises(ValueError, match="has 2 actions, the environment 3"):
+        saved_network(tmp_path / "model.zip", named(env), 3, TrainedFor())
+
+
+def named(env: Sb3VecEnv) -> tuple[str, ...]:
+    return tuple(feature.name for feature in env.env.core.features)  # type: ignore[attr-defined]
 
 
 def test_other_files_are_no_models(tmp_path: Path) -> None:
@@ -105,4 +110,4 @@ def test_other_files_are_no_models(tmp_path: Path) -> None:
         archive.writestr("policy.pth", b"no archive")
     for name, words in (("other", "it holds no 'policy.pth'"), ("damaged", "cannot be read")):
         with pytest.raises(ValueError, match=words):
-            saved_network(tmp_path / f"{name}.zip", load_vehicle("uk_longer_semitrailer"), TrainedFor())
+            saved_network(tmp_path / f"{name}.zip", ("speed",), 2, TrainedFor())

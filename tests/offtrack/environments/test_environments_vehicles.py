@@ -26,13 +26,13 @@ VEHICLE = load_vehicle("eu_tractor_semitrailer")
 def test_backing_into_a_bay_completes_once_the_trailer_stands_there() -> None:
     """Straight back by 10 m at up to 1 m/s: within 0.3 m it stops, which ends the episode; before, it is too fast."""
     env = gymnasium.make(DRIVING, task="bay", disable_env_checker=True)
-    env.reset(seed=1, options={"cross_fall": 0.0})
+    env.reset(seed=1, options={"cross_fall": 0.0, "length": 1.0})
     core = env.unwrapped.core  # type: ignore[attr-defined]
-    x, y, psi = core._now.poses[0, -1]
-    core._goal[0] = x - core._ends[0] - 10.0, y, psi
+    x, y, psi = core.now.poses[0, -1]
+    core.aim.poses[0] = x + core.vehicle.units[-1].rear_x - 10.0, y, psi
     terminated, speed = False, 0.0
     while not terminated:
-        ahead = core._relative_goal[0, 0]
+        ahead = core.aim.relative[0, 0]
         pace = -min(1.0, math.sqrt(max(0.6 * (-ahead - 0.15), 0.0)))
         seen, reward, terminated, truncated, info = env.step(
             np.array([0.0, 2.0 * (pace - speed)], np.float32).clip(-1, 1)

@@ -48,7 +48,7 @@ needs_extra = pytest.mark.skipif(
 def test_a_curve_is_read_as_it_was_written_and_drawn(tmp_path: Path) -> None:
     """Updates in which no episode ended have no off-tracking, and no place in the picture."""
     curve = [
-        Point(steps, 1e-3 * steps, 3, rms_m, 2.0 * rms_m, 0.0, -0.1, 0.2, 0.01, 0.9)
+        Point(steps, 1e-3 * steps, 3, rms_m, 2.0 * rms_m, 0.0, -0.1, 0.2, 0.01, 0.9, 0.5)
         for steps, rms_m in ((1000, math.nan), (2000, 0.5), (3000, 0.25))
     ]
     write_curve(curve, tmp_path / "curve.parquet")

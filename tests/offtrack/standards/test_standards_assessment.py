@@ -25,6 +25,7 @@ from offtrack.studies.standards.assessment import (
 from offtrack.studies.standards.assessment_report import BY_NAME, assessment_page, matrix_table
 from offtrack.studies.standards.low_speed import aashto_turn, ctsw_turn, roundabout, turn
 from offtrack.studies.standards.proving_ground import ChosenLaw, Conditions, Hand, Manoeuvre
+from offtrack.studies.standards.static_rollover import spread
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
 from vehicle.combination.description import load_vehicle
 
@@ -137,6 +138,9 @@ def test_a_vehicle_too_long_for_the_roundabout_jackknifes_there() -> None:
     assert {one.reached for one in compared_with_limits(done.figures)} == {"not measured"}
 
 
+ROLLOVER = tuple(f"rollover_threshold{end}_g" for end in ("", "_low", "_high"))
+
+
 @pytest.mark.parametrize(
     ("figures", "reached"),
     [
@@ -150,12 +154,35 @@ def test_a_vehicle_too_long_for_the_roundabout_jackknifes_there() -> None:
         ({"rearward_amplification": 1.99, "rollover_threshold_g": 2.0 / 5.7}, "met"),
         ({"rearward_amplification": 2.01, "rollover_threshold_g": 2.0 / 5.7}, "missed"),
         ({"rearward_amplification": 1.0}, "not measured"),
+        *(
+            (dict(zip(ROLLOVER, values, strict=True)), level)
+            for values, level in (
+                ((0.45, 0.41, 0.47), "dangerous goods"),
+                ((0.41, 0.39, 0.43), "not decided"),
+                ((0.39, 0.36, 0.41), "not decided"),
+                ((0.38, 0.36, 0.39), "general"),
+                ((0.33, 0.31, 0.36), "not decided"),
+                ((0.41, math.nan, math.nan), "dangerous goods"),
+            )
+        ),
+        (
+            {"rollover_acceleration_m_s2": 3.6, **dict(zip(ROLLOVER, (0.36, 0.34, 0.38), strict=True))},
+            "not decided",
+        ),
     ],
 )
 def test_levels_are_reached_from_the_strictest_on(figures: dict[str, float], reached: str) -> None:
     """At the limit a level is still reached; amplification is at most 5.7 times the rollover threshold in g."""
     found = compared_with_limits(figures)
     assert next(one.reached for one in found if one.criterion.quantity == next(iter(figures))) == reached
+
+
+def test_the_threshold_is_less_with_soft_suspensions() -> None:
+    """Half the range is that of springs and tyres, by theory; at the soft end bodies also shift by 50 mm of 1.9 m."""
+    least, most = spread(load_vehicle("us_5_axle"))
+    assert 0.86 < least < 0.90
+    assert 1.02 < most < 1.05
+    assert all(map(math.isnan, spread(load_vehicle("mobile_crane_5_axle"))))
 
 
 def test_every_limit_says_where_it_comes_from() -> None:
@@ -184,7 +211,7 @@ def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assess
 def test_a_page_of_an_assessment_begins_with_the_limits_that_are_missed(assessed: Assessment) -> None:
     """By how much, in the unit that suits it: an inner radius 2 cm below its limit of 5.30 m."""
     figures = {"roundabout_inner_radius_m": 5.28, "roundabout_tail_swing_m": 0.1}
-    case = replace(assessed, judgements=compared_with_limits(figures))
+    case = replace(assessed, manoeuvres=(replace(by_key(assessed)["roundabout"], figures=figures),))
     page = assessment_page(AssessmentMatrix(vehicle=case.vehicle, cases=(case,)))
     assert "1 of 3 limits met" in page
     assert page.index("Inner radius missed by 2.0 cm: 5.28 m, at least 5.30 m by 96/53/EC") < page.index("<h2>")

@@ -17,7 +17,8 @@ import offtrack
 from offtrack.commands.cli import app
 from offtrack.studies.case import Case, Outcome, listed, seeds_of
 from offtrack.studies.pool import RunOptions, run_cases
-from offtrack.studies.run_study import check_study_directory, opened_study, study_text
+from offtrack.studies.rehearsal import time_text
+from offtrack.studies.run_study import check_study_directory, opened_study, run_study, study_text
 from offtrack.studies.study import Study, load_study
 from offtrack.studies.study_page import answer, study_page
 from offtrack.studies.table import rows_of, table_csv
@@ -303,3 +304,74 @@ def test_finished_runs_are_compared_by_their_names(tmp_path: Path) -> None:
         refused = CliRunner().invoke(app, ["compare", *wrong])
         assert refused.exit_code == 2
         assert line in refused.stderr
+
+
+def test_studies_have_numbered_directories_and_go_on_in_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another study replaces nothing, and takes runs that are the same from its neighbour; the same goes on."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.toml").write_text(
+        'name = "own"\noff_tracking = "truth"\n[course]\nkind = "straight"\nlength = 20\n', encoding="utf-8"
+    )
+
+    def compared(*arguments: str) -> str:
+        result = CliRunner().invoke(app, ["compare", "own.toml", "--controllers", "none", "--jobs", "1", *arguments])
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    assert "Report: runs/compare-own-1/report.html" in compared()
+    first = (tmp_path / "runs/compare-own-1/report.html").read_bytes()
+    assert "kept" not in compared("--seeds", "2")
+    assert "2 runs, 1 kept from before, 1 left, 1 at a time" in compared("--seeds", "2,3")
+    assert (tmp_path / "runs/compare-own-1/report.html").read_bytes() == first
+    assert "Report: runs/compare-own-2/report.html" in compared("--seeds", "2")
+    finished = json.loads(compared("--seeds", "2-4", "--status", "--json"))
+    assert finished | {"seconds": 0} == {
+        "directory": "runs/compare-own-4", "runs": 3, "kept": 0, "seconds": 0, "jobs": 1,
+    }  # fmt: skip
+    assert json.loads(compared("--seeds", "2,3", "--status", "--json"))["kept"] == 2
+    scenario = (tmp_path / "own.toml").read_text(encoding="utf-8")
+    (tmp_path / "own.toml").write_text(scenario.replace("length = 20", "length = 21"), encoding="utf-8")
+    assert "Report: runs/compare-own-4/report.html" in compared("--seeds", "2")  # the same words, other runs
+
+
+def test_what_is_set_for_all_runs_is_what_is_compared_and_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    settings = [part for key, value in SHORT for part in ("--set", f"{key}={value}")]
+    arguments = [
+        "compare",
+        "cambered-road",
+        *settings,
+        "--set",
+        "off_tracking=kinematic",
+        "--set",
+        "trailer_steering=none",
+    ]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "All runs: trailer_steering = none, off_tracking = kinematic" in result.stdout
+
+
+def test_an_interrupt_says_what_is_kept_and_how_to_continue(tmp_path: Path) -> None:
+    """The first finished run is kept; the interrupt comes with the second progress report."""
+    reports = list[float]()
+
+    def interrupted(done: float, total: float, note: str = "", /) -> None:
+        reports.append(done)
+        if done == 1:
+            raise KeyboardInterrupt
+
+    options = RunOptions(jobs=1, progress=interrupted)
+    with pytest.raises(KeyboardInterrupt, match=r"1 of 4 runs are kept in .*out"):
+        run_study("title", study(speed_kmh=("60", "61")), tmp_path / "out", options)
+    assert reports[-1] == 1
+
+
+@pytest.mark.parametrize(
+    ("mean", "text"), [(0.2, "1 s"), (80.0, "80 s"), (600.0, "10 min"), (9e3, "2 h"), (9e5, "10 days")]
+)
+def test_times_are_told_roughly(mean: float, text: str) -> None:
+    assert time_text(mean) == text

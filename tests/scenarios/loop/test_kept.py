@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from offtrack.exchange.recordings.writers import RoverRecordingWriter
-from scenarios.loop.channel import Kept, Stopwatch
+from scenarios.loop.channel import InLine, Kept, Stopwatch
 from scenarios.loop.image_observers import TracePictures
 from sensors.messages import RoverView
 from tests.vehicle.rovers import HOME, plant_on
@@ -101,7 +101,7 @@ def test_an_old_image_is_recorded_with_the_truth_at_its_capture() -> None:
     view = RoverView(
         tick=0, image=np.zeros((1, 1), dtype=np.uint8), heading=0.0, wheel_speeds=np.zeros(4), steer=np.zeros(4)
     )
-    pictures = TracePictures(None, Stopwatch(), keep=False, recorder=cast("RoverRecordingWriter", views))
+    pictures = TracePictures(None, InLine(), Stopwatch(), keep=False, recorder=cast("RoverRecordingWriter", views))
     for tick in range(0, 60_000, 50):
         pictures.follow(replace(truth, tick=tick, pose=np.array([1e-3 * tick, 0.0, 0.0])))
     ticks = (59_950, 59_900, 0, 3050)

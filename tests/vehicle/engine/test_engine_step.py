@@ -10,12 +10,13 @@ import pytest
 
 from offtrack.studies.validation import equations
 from vehicle.clock import TICK
-from vehicle.combination.chain import derivative, relaxation
+from vehicle.combination.actuators import brakes_later
+from vehicle.combination.chain import derivative, relaxation, wheel_travel
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import (
+    brake_states,
     compiled_derivative,
     numbers,
-    sampled_states,
     step_function,
     symbolic_twin,
     topology,
@@ -32,10 +33,11 @@ from vehicle.combination.layout import (
     ground_input_sizes,
     input_sizes,
     parts,
+    slices,
     state_sizes,
 )
 from vehicle.engine.compiler import compiler
-from vehicle.engine.integrator import semi_implicit_step
+from vehicle.engine.integrator import after, damped_rate, half_weight, halfway
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
 from vehicle.foundation.user_cache import warn_once
 from vehicle.frames import FloatArray
@@ -83,16 +85,25 @@ ROUNDING = 1e-11
 
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int) -> None:
-    """Rates called twice, brakes once, both stages: together they are the integrator's step written in one piece."""
+    """The integrator's step written in one piece, and the brakes advanced by the rates in its middle."""
     x, v = ca.SX.sym("x", sum(state_sizes(chain))), ca.SX.sym("v", random_inputs(chain).shape[1])
     sizes = command_sizes(chain), ground_input_sizes(chain)
     command, ground = (parts(part, of) for part, of in zip(parts(v, [sum(s) for s in sizes]), sizes, strict=True))
     u = chain_input(chain, CommandInputs(*command), GroundInputs(*ground))
-    rate, relaxing = compiled_derivative(chain), relaxation(Chain.of(chain), State(*parts(x, state_sizes(chain))), u)
-    whole = semi_implicit_step(
-        lambda state: rate(state, ca.vertcat(*u)), x, TICK, ca.vertcat(*relaxing), sampled_states(chain)
-    )
-    one = ca.Function("one", [x, v], [whole])
+    lists, s, at = Chain.of(chain), State(*parts(x, state_sizes(chain))), State(*slices(state_sizes(chain)))
+    derived, relaxing = compiled_derivative(chain), ca.vertcat(*relaxation(lists, s, u))
+
+    def rate(state: ca.SX) -> Any:
+        return derived(state, ca.vertcat(*u))
+
+    half = half_weight(relaxing, TICK)
+    middle = ca.vertcat(halfway(x, rate(x), half)[: at.brake_valve.start], s.brake_valve)
+    whole = after(x, rate(x), rate(middle), damped_rate(relaxing), half)
+    there = State(*parts(middle, state_sizes(chain)))._replace(brake_pressure=s.brake_pressure)
+    travel, spin = ca.vertsplit(wheel_travel(lists, s, u)), ca.vertsplit(rate(middle)[at.omega])
+    brakes = brakes_later(lists, there, travel, spin, TICK)
+    n = brake_states(chain).start
+    one = ca.Function("one", [x, v], [ca.vertcat(whole[:n], *brakes.pressure, *brakes.valve)])
     found = one_by_one(step_function(chain), chain, "interpreted", ticks)
     for state, given, got in zip(random_states(chain), random_inputs(chain), found, strict=True):
         for _ in range(ticks):

@@ -1,0 +1,148 @@
+"""`offtrack benchmark`: evaluate a law, a driver or a network in a task, beside the baselines."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from offtrack.commands.console import AsJson, PlainConsole, Quiet, progress_bar, progress_display, remark, table_of
+from offtrack.environments.tasks import EPISODES, TASKS, task_of
+from offtrack.environments.training.benchmark import (
+    Estimate,
+    Results,
+    evaluated,
+    header,
+    read_results,
+    shipped_results,
+    summary,
+    write_results,
+)
+from vehicle.foundation.quantity import check_number
+
+EXAMPLES = (
+    "Examples: offtrack benchmark   offtrack benchmark roundabouts   "
+    "offtrack benchmark roundabouts --policy path_preview   "
+    "offtrack benchmark gate --policy model.zip --out results.json   offtrack benchmark gate --policy results.json"
+)
+
+
+def benchmark(
+    task: Annotated[str | None, typer.Argument(help="Name of a task; none lists them.", show_default=False)] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            help="Steering law, driver or network of the table, a network .npz, a model .zip of stable-baselines3, or "
+            "the results .json of somebody else.",
+            show_default="the table of the baselines",
+        ),
+    ] = None,
+    observation: Annotated[
+        str | None,
+        typer.Option(help="Observation of the policy: surrogate, truth or estimate.", show_default="as in the task"),
+    ] = None,
+    episodes: Annotated[int, typer.Option(help="Number of episodes; the benchmark's is the default.")] = EPISODES,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Results file; one with fewer episodes is continued.", show_default="runs/benchmark-TASK-POLICY.json"
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Evaluate a policy in a task on the fixed seeds, and print it beside the baselines.
+
+    The results file has the versions, the seeds and every episode. After an interrupt the same command continues.
+    """
+    check_number("--episodes", episodes, 1, 100_000)
+    if task is None:
+        if policy is not None:
+            raise ValueError("--policy needs a task: offtrack benchmark TASK --policy …; offtrack benchmark lists them")
+        _list(as_json=as_json)
+        return
+    task_of(task)
+    rows = shipped_results(task)
+    if policy is not None and policy.endswith(".json"):
+        rows.append(_of_task(read_results(Path(policy)), task, policy))
+    elif policy is not None:
+        head = header(task, policy, observation)
+        path = out or Path("runs") / f"benchmark-{task}-{head['policy'].replace(':', '.')}.json"
+        former = _former(path, head)
+        with progress_display(shown=not (quiet or as_json)) as display:
+            bar = progress_bar(display, f"benchmark {task}")
+            path.parent.mkdir(parents=True, exist_ok=True)
+
+            def keep(results: Results) -> None:
+                write_results(results, path)
+
+            rows.append(evaluated(task, policy, episodes, former, keep, bar, observation=observation))
+    if as_json:
+        typer.echo(json.dumps([_plain(summary(row)) for row in rows], indent=2))
+    elif not quiet:
+        _print(task, rows)
+        if policy is not None and not policy.endswith(".json"):
+            PlainConsole().print(f"Results: {path}", soft_wrap=True)
+
+
+def _of_task(results: Results, task: str, file: str) -> Results:
+    if results.head["task"] != task:
+        raise ValueError(f"{file}: holds results of the task {results.head['task']}, not of {task}")
+    return results
+
+
+def _former(path: Path, head: dict[str, Any]) -> Results | None:
+    """Results of the same evaluation in a file that exists."""
+    if not path.exists():
+        return None
+    former = read_results(path)
+    differing = [key for key, value in head.items() if former.head[key] != value]
+    if differing:
+        raise ValueError(f"{path}: has results with another {differing[0]}: choose another --out, or delete it")
+    remark(f"{path}: continued after {len(former.episodes)} episodes")
+    return former
+
+
+def _list(*, as_json: bool) -> None:
+    times = {name: [row.head["processor_s"] for row in shipped_results(name)] for name in TASKS}
+    if as_json:
+        listed = {
+            name: {"role": task.role, "words": task.words, "drivers": task.drivers, "processor_s": times[name]}
+            for name, task in TASKS.items()
+        }
+        typer.echo(json.dumps(listed, indent=2))
+        return
+    table = table_of("task", "role", "what is to be done", f">{EPISODES} episodes [s]")
+    for name, task in TASKS.items():
+        taken = f"{min(times[name]):.0f} to {max(times[name]):.0f}" if times[name] else "-"
+        table.add_row(name, task.role, task.words, taken)
+    PlainConsole().print(table)
+
+
+def _print(name: str, rows: list[Results]) -> None:
+    task, summaries = task_of(name), [summary(row) for row in rows]
+    title = f"{name}: means and 95 % intervals; error: {task.error} at the end; effort: RMS rate of the steering demand"
+    columns = (">success [%]", ">error [m]", ">clearance [m]", ">effort [1/s]", ">rolled over [%]")
+    table = table_of("policy", *columns, title=title)
+    for row in sorted(summaries, key=lambda one: (-one["success"].mean, one["error_m"].mean)):
+        other = "" if row["observation"] == task.observation else f"\n{row['observation']}"
+        fewer = "" if row["episodes"] == EPISODES else f"\n{row['episodes']} episodes"
+        table.add_row(
+            row["policy"] + other + fewer,
+            _shown(row["success"], 100.0, 1),
+            _shown(row["error_m"], 1.0, 3),
+            "-" if row["clearance_m"] is None else _shown(row["clearance_m"], 1.0, 2),
+            _shown(row["effort"], 1.0, 3),
+            _shown(row["rolled_over"], 100.0, 1),
+        )
+    PlainConsole().print(table)
+
+
+def _shown(value: Estimate, factor: float, digits: int) -> str:
+    """Mean, and the interval below it."""
+    mean, low, high = (f"{factor * number:.{digits}f}" for number in value)
+    return f"{mean}\n{low} .. {high}"
+
+
+def _plain(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: value._asdict() if isinstance(value, Estimate) else value for name, value in row.items()}
