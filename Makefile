@@ -8,8 +8,9 @@ DEMO_STAMP := $(VENV)/.installed-for-the-demo
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 TEST_PACKAGES := build-essential chromium cmake postgresql
-EXTRAS := video,tune,cad,gis,fmi,roads,hil,cluster,sensitivity,dev
-TEST_EXTRAS := $(EXTRAS),export,rl,zig,oracles,docs
+# every extra of users but rl, whose PyTorch is large
+EXTRAS := video,tune,cad,gis,fmi,roads,hil,cluster,sensitivity,export,pandas,zig,dev
+TEST_EXTRAS := $(EXTRAS),rl,oracles,docs
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: demo test test-all docs install install-all system system-all lint benchmarks fuzz kills mutations soak soak-hour clean

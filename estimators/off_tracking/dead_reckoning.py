@@ -29,7 +29,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.off_tracking.parity import ARTICULATION_NOISE, GYRO_BIAS, GYRO_NOISE, SPEED_NOISE, noise_level
+from estimators.off_tracking.parity import (
+    ARTICULATION_NOISE,
+    GYRO_BIAS,
+    GYRO_NOISE,
+    SPEED_NOISE,
+    integral,
+    noise_level,
+)
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -243,7 +250,7 @@ class DeadReckoning:
 
     def _kept(self, time: FloatArray, speed: FloatArray) -> FloatArray:
         """Share (n, p) of the parameters' deviation from their prior at the first sample that is kept at each one."""
-        distance = _integral(np.diff(time), np.abs(speed))
+        distance = integral(np.diff(time), np.abs(speed))
         forgotten = np.outer(distance, self._per_metre) + np.outer(time - time[0], self._per_second)
         return np.asarray(np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN)), dtype=np.float64)
 
@@ -346,10 +353,10 @@ class DeadReckoning:
         creep = np.where(moving[:, None], np.where(slow[:, None], _PULLED, 0.0), _CREEP)
         D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
-        yaw = _integral(dt, rates[:, 0])
+        yaw = integral(dt, rates[:, 0])
         R = _rotations(yaw)
         velocity = np.einsum("nij,nj->ni", R, rates[:, 1:])
-        x, y = _integral(dt, velocity[:, 0]), _integral(dt, velocity[:, 1])
+        x, y = integral(dt, velocity[:, 0]), integral(dt, velocity[:, 1])
         G = weights[:, None, None] * D  # share of every sample in the derivatives of the pose at the end
         turn = G[:, 0]
         G[:, 1:] = R @ G[:, 1:]
@@ -382,11 +389,6 @@ def _rotations(angles: FloatArray) -> FloatArray:
 def _away_from_zero(speed: FloatArray) -> FloatArray:
     """Speed [m/s] to divide by, at least walking pace."""
     return np.copysign(np.maximum(np.abs(speed), _ROLLING), speed)
-
-
-def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral (n,) from the first sample to every sample, by the trapezoidal rule."""
-    return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
 
 
 def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:

@@ -79,6 +79,11 @@ def agree(history: FloatArray, unit: int, *, speed_is_held: bool = False) -> boo
     return bool(np.all(np.abs(np.remainder(residual + math.pi, 2.0 * math.pi) - math.pi) < limit))
 
 
+def integral(dt: FloatArray, values: FloatArray) -> FloatArray:
+    """Integral (n,) from the first of n samples to every sample, ``dt`` (n - 1,) apart, by the trapezoidal rule."""
+    return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
+
+
 def _white_noise(columns: FloatArray) -> FloatArray:
     """Standard deviations (k,) of the white noise of columns (n, k), from second differences."""
     variance = np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0  # 1 + 4 + 1
@@ -86,7 +91,8 @@ def _white_noise(columns: FloatArray) -> FloatArray:
 
 
 # Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.
-_A_SIGMAS: Final = 4.0  # of the noise of angle sensors and the bias of gyros
+_A_SIGMAS: Final = 3.5  # of the noise of angle sensors and the bias of gyros; sound drives reach 2.9
+_ENDS: Final = 5  # samples at both ends that an articulation is the mean of
 _K: Final = (math.radians(3.0), 0.3)  # [rad/s], and share of the yaw rate: understeer
 _S: Final = (0.3, 0.1)  # [m/s], and share of the speed
 _Y: Final = math.radians(1.0)  # [rad/s]
@@ -181,12 +187,14 @@ class ParityRelations:
 
     def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
         """A, of each hitch."""
-        time = recent[:, 0] * TICK
+        time, count = recent[:, 0] * TICK, min(_ENDS, max(1, len(recent) // 2))
+        noise = ARTICULATION_NOISE / math.sqrt(count)
         span = float(time[-1] - time[0])
-        limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, GYRO_BIAS * span)
+        limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(noise, GYRO_BIAS * span)
         for k in range(self._unit):
             gamma, ahead, behind = recent[:, FIRST + k], recent[:, self._gyro + k], recent[:, self._gyro + k + 1]
-            change = math.remainder(float(gamma[-1] - gamma[0] - np.trapezoid(ahead - behind, time)), math.tau)
+            rest = gamma - integral(np.diff(time), ahead - behind)
+            change = math.remainder(float(rest[-count:].mean() - rest[:count].mean()), math.tau)
             # What a fault adds here depends on its past; what it is now, the other relations show.
             row = {(1 + k, 1): 1.0 / limit, (self._rate + k, 1): -1.0 / limit, (self._rate + k + 1, 1): 1.0 / limit}
             yield change / limit, row, (0.0, 0.0, 0.0)

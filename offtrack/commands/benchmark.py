@@ -63,7 +63,10 @@ def benchmark(
         return
     task_of(task)
     rows = shipped_results(task)
-    if policy is not None and policy.endswith(".json"):
+    evaluates = policy is not None and not policy.endswith(".json")
+    if (out or observation) and not evaluates:
+        raise ValueError("--out and --observation need a --policy that is to be evaluated")
+    if policy is not None and not evaluates:
         rows.append(_of_task(read_results(Path(policy)), task, policy))
     elif policy is not None:
         head = header(task, policy, observation)
@@ -81,7 +84,7 @@ def benchmark(
         typer.echo(json.dumps([_plain(summary(row)) for row in rows], indent=2))
     elif not quiet:
         _print(task, rows)
-        if policy is not None and not policy.endswith(".json"):
+        if evaluates:
             PlainConsole().print(f"Results: {path}", soft_wrap=True)
 
 
@@ -141,7 +144,7 @@ def _print(name: str, rows: list[Results]) -> None:
 def _shown(value: Estimate, factor: float, digits: int) -> str:
     """Mean, and the interval below it."""
     mean, low, high = (f"{factor * number:.{digits}f}" for number in value)
-    return f"{mean}\n{low} .. {high}"
+    return f"{mean}\n{low}..{high}"
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

@@ -45,7 +45,7 @@ _COMMANDS: Final = {
     "reproduce": Entry("assess", "Reproduce a paper's table or figure.", "REPRODUCE_EXAMPLES"),
     "fit-surrogate": Entry("train", "Fit a surrogate of a camera estimator.", "FIT_EXAMPLES", "fit_surrogate"),
     "estimate": Entry("estimate", "Run estimators on recorded images.", function="app"),
-    "doctor": Entry("doctor", "List the devices that can render, and time them.", "EXAMPLES"),
+    "doctor": Entry("doctor", "Say what works on this machine, and what is missing.", "EXAMPLES"),
     "fmu": Entry("exchange", "Co-simulation with other tools by FMI.", function="app"),
 }
 

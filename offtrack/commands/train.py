@@ -133,8 +133,8 @@ def train(
         raise ValueError(f"--observation {observation}: must be surrogate or truth")
     if algorithm not in get_args(Algorithm) or (algorithm != "ppo" and task is None):
         raise ValueError(f"--algorithm {algorithm}: must be ppo, or with a --task sac")
-    if task is not None:
-        task_of(task)
+    if task is not None and task_of(task) and vehicle != Plan().vehicle:
+        raise ValueError(f"--vehicle {vehicle}: task {task} has a vehicle of its own")
     import torch
 
     from offtrack.environments.training.learner import Budget, learn

@@ -55,7 +55,7 @@ from offtrack.environments.observations import HitchPaths
 from offtrack.environments.pictures import TopView, axle_angles
 from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain, EpisodeOptions, Variation, narrowed
 from offtrack.environments.road_edges import RoadEdges
-from offtrack.environments.trailer_steering import COURSES, opened_courses, turning_speed
+from offtrack.environments.trailer_steering import COURSES, MAX_LENGTH, opened_courses, turning_speed
 from offtrack.reports.canvas import Picture
 from scenarios.assembly.adapters import outlines
 from scenarios.courses import Course, straight
@@ -226,9 +226,9 @@ class Road:
         _, self.courses = opened_courses(options.courses, vehicle)
         self.tracks, self._variation = Tracks(self.courses), Variation(vehicle)
         self._edges = RoadEdges(vehicle, self.tracks, options.road_width, n)
-        self._nominal = Domain(length=(1.0, 1.0)).drawn(np.zeros((1, N_DRAWN)))
-        self._follow = float(self._variation.follow_distance(self._nominal)[0])
-        self._paths = HitchPaths(n, self._follow * options.domain.length[1])
+        nominal = Domain(length=(1.0, 1.0)).drawn(np.zeros((1, N_DRAWN)))
+        self._follow = float(self._variation.follow_distance(nominal)[0])
+        self._paths = HitchPaths(n, self._follow * MAX_LENGTH)
         self.course, self._station = np.zeros(n, dtype=np.intp), np.zeros((n, 1))
         self.max_speed, self.time, self._offset = np.ones(n), np.ones(n), np.zeros(n)
         self._distance, self._steps, self._squares, self._largest = (np.zeros(n) for _ in range(4))

@@ -167,7 +167,7 @@ COURSES: Final = (
     *(f"random-{k}" for k in range(1, 9)),
 )
 
-_MAX_LENGTH = 1.5  # of a trailer, relative to its file: the limit of ``Domain``
+MAX_LENGTH = 1.5  # of a trailer, relative to its file: the limit of ``Domain``
 _STEP = to_ticks(PERIOD, "control period")
 _GRIP = 0.5  # fraction of the friction that the driver uses in turns
 _TIME_LIMIT, _GRACE = 1.5, 10.0  # as in a scenario: relative to the course at set speed [-], and added [s]
@@ -216,7 +216,7 @@ class TrailerSteering:
         self._tracks = Tracks(courses)
         self._drivers = Drivers(tractor_guided_at(vehicle, courses[0].reference), self._tracks, n, options.engine)
         self._fleet = PlantBatch(vehicle, n, options.engine)
-        longest = narrowed(options.domain, {"length": _MAX_LENGTH}).drawn(np.zeros((1, N_DRAWN)))
+        longest = narrowed(options.domain, {"length": MAX_LENGTH}).drawn(np.zeros((1, N_DRAWN)))
         self._paths = HitchPaths(n, float(self._variation.follow_distance(longest)[0]))
         self._source = _observation_source(options, vehicle, self._fleet, courses)
         self.features, self.observation_space = self._source.features, self._source.observation_space

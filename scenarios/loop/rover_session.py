@@ -12,7 +12,7 @@ from scenarios.image_file import PictureSize
 from scenarios.loop.channel import Channel, Stopwatch, estimator_thread
 from scenarios.loop.image_observers import RoverRecorder, TracePictures
 from scenarios.loop.session import RunSession
-from scenarios.results.rover_result import RoverRecord, RoverResult, TraceFrame, rover_log
+from scenarios.results.rover_result import RoverRecord, RoverResult, TraceFrame, rover_log, soil_warnings
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.run_warnings import fault_warnings
 from sensors.messages import LaserFix, Message, RoverReadings
@@ -156,12 +156,13 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
         """Result of the run as far as it has come."""
         parts = self.parts
         scenario = parts.scenario
+        log = rover_log(parts.rig, self.rows, self.estimates, parts.path, faults=bool(scenario.faults))
         return RoverResult(
             scenario=scenario.name,
             scenario_toml=scenario.to_toml(),
             seed=parts.seed,
             outcome=self.outcome or "unfinished",
-            log=rover_log(parts.rig, self.rows, self.estimates, parts.path, faults=bool(scenario.faults)),
+            log=log,
             rover=parts.rover.name,
             path=parts.path.points(_SPACING),
             rig=parts.rig,
@@ -171,6 +172,7 @@ class RoverSession(RunSession[RoverTruth, RoverCommand, RoverRecord]):
             warnings=(
                 *parts.remarks,
                 *fault_warnings(((f.kind, f.start) for f in scenario.faults), self.outcome, self.tick * TICK),
+                *(soil_warnings(log) if scenario.surface.soil != "none" else ()),
             ),
             traceback=self.traceback,
             inputs=inputs,

@@ -165,6 +165,27 @@ def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tupl
     return station, math.cos(on_path.psi) * (y - on_path.y) - math.sin(on_path.psi) * (x - on_path.x)
 
 
+_MEASURED: Final = math.radians(
+    45.0
+)  # largest slip angle at which forces of a wheel on soil are compared with measured
+_CRAWLING: Final = 0.01  # below this speed a direction of travel means little [m/s]
+_LONG: Final = 0.5  # [s]
+
+
+def soil_warnings(log: Log) -> Iterator[str]:
+    """A line if the watched wheel travels further across its heading than the forces of soil are known for."""
+    moving = np.hypot(log["v_x"], log["v_y"]) > _CRAWLING
+    slips = np.where(moving, np.abs(log["wheel_slip_true"]), 0.0)
+    beyond = np.flatnonzero(slips > _MEASURED)
+    seconds = len(beyond) * float(np.median(np.diff(log["time"]))) if len(beyond) else 0.0
+    if seconds > _LONG:
+        yield (
+            f"soil: for {seconds:.1f} s, from {log['time'][beyond[0]]:.1f} s on, the left rear wheel travels more than "
+            f"45° across its heading (at most {math.degrees(slips.max()):.0f}°); forces are compared with measured "
+            "ones up to there"
+        )
+
+
 def rover_log(
     rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path, *, faults: bool = False
 ) -> Log:

@@ -229,11 +229,12 @@ def read_results(path: Path) -> Results:
     Raises:
         ValueError: one line, if it is no results file, or was changed.
     """
+    text = read_text(path, FileKind.RECORD)
     try:
-        content = json.loads(read_text(path, FileKind.RECORD))
+        content = json.loads(text)
         head = {key: content[key] for key in _KEYS}
         episodes = tuple(Episode(*row) for row in content["episodes"])
-        if head["version"] != _VERSION or tuple(content["columns"]) != Episode._fields:
+        if head["version"] != _VERSION or tuple(content["columns"]) != Episode._fields or not episodes:
             raise ValueError("version")
         task_of(head["task"])
         digest = _digest({**head, "columns": Episode._fields, "episodes": episodes})

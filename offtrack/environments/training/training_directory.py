@@ -148,7 +148,8 @@ class Plan:
         """The plan for JSON, including the fixed settings of this version."""
         if self.task is not None:
             settings = SAC_SETTINGS if self.algorithm == "sac" else {**SETTINGS._asdict(), "gamma": TASK_GAMMA}
-            return {**asdict(self), "environment": self.name, "options": self.environment(), self.algorithm: settings}
+            own = {"task": self.task, "algorithm": self.algorithm, "envs": self.envs, "seed": self.seed}
+            return {**own, "environment": self.name, "options": self.environment(), self.algorithm: settings}
         return {
             **{name: value for name, value in asdict(self).items() if name not in ("task", "algorithm")},
             "environment": ENVIRONMENT,

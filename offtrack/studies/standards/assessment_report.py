@@ -213,7 +213,7 @@ def _readings(vehicle: Vehicle) -> Iterator[Reading]:
 def write_drawings(case: Assessment, folder: Path, before: str, kinds: Sequence[str]) -> None:
     """Write ``<before><manoeuvre>.<format>`` of every manoeuvre that has a path and moved along it."""
     for manoeuvre in case.manoeuvres:
-        if manoeuvre.course is not None and len(manoeuvre.log) > 1:
+        if kinds and manoeuvre.course is not None and len(manoeuvre.log) > 1:
             drawn = drawing(_driven(case, manoeuvre))
             for kind in kinds:
                 write_drawing(drawn, folder / f"{before}{manoeuvre.key}.{kind}", kind)

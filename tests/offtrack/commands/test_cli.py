@@ -144,6 +144,17 @@ def test_every_command_of_the_list_can_be_called() -> None:
         assert (commands[name].help or "").split()[0] == line.split()[0], name
 
 
+def test_doctor_says_what_is_missing_and_what_mends_it(here: Path) -> None:
+    """Every extra of users is in the list, and a compiler or a device that does not work is no error of the command."""
+    broken = offtrack("doctor", cwd=here, OFFTRACK_EGL_DEVICE="99", OFFTRACK_COMPILER="nix", COLUMNS="300")
+    assert broken.returncode == 0, broken.stderr
+    for words in ("EGL has no such device", "apt-get install libegl1", "nix is no C compiler", "apt-get install gcc"):
+        assert words in broken.stdout
+    extras = re.findall(r"^extra (\w+) ", broken.stdout, re.MULTILINE)
+    assert {"video", "cad", "rl", "export"} <= set(extras)
+    assert not {"dev", "docs", "oracles"} & set(extras)
+
+
 @pytest.mark.slow
 def test_doctor_times_a_pair_on_every_device_and_says_which_one_runs_use(here: Path) -> None:
     """A device that EGL does not have is refused in one line, after the list."""

@@ -199,6 +199,8 @@ def test_the_command_lists_evaluates_and_refuses(tmp_path: Path, monkeypatch: py
         (["gate", "--policy", "trailer_steering_v0"], "must be one of"),
         (["rover-slope", "--policy", "ignoring_slip", "--out", str(file)], "has results with another policy"),
         (["gate", "--episodes", "0"], "--episodes"),
+        (["gate", "--out", "results.json"], "need a --policy"),
+        (["gate", "--policy", "nothing.json"], "nothing.json"),
     ):
         result = run(app, ["benchmark", *arguments])
         assert result.exit_code == 2, arguments
@@ -257,3 +259,36 @@ def test_on_a_road_the_reward_is_the_way_made_good() -> None:
         assert reward == pytest.approx(left - info["distance_m"], abs=1e-9)
         left = info["distance_m"]
     assert left == pytest.approx(60.0 - 25 * reward, rel=0.02)  # it rolls on at nearly the same speed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--task", "gates"], "did you mean 'gate'"),
+        (["--task", "gate", "--algorithm", "dqn"], "--algorithm dqn: must be ppo, or with a --task sac"),
+        (["--algorithm", "sac"], "--algorithm sac: must be ppo, or with a --task sac"),
+        (["--task", "gate", "--vehicle", "a_double"], "task gate has a vehicle of its own"),
+    ],
+)
+def test_a_training_for_a_task_refuses_what_does_not_fit(arguments: list[str], words: str) -> None:
+    pytest.importorskip("stable_baselines3")
+    result = CliRunner().invoke(app, ["train", *arguments])
+    assert result.exit_code == 2
+    assert words in result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("algorithm", "envs"), [("ppo", 8), ("sac", 2)])
+def test_a_task_is_trained_and_goes_on(algorithm: str, envs: int, tmp_path: Path) -> None:
+    """Some updates, then more by the same command; the network is evaluated on the benchmark's seeds."""
+    pytest.importorskip("stable_baselines3")
+    options = ["--task", "gate", "--algorithm", algorithm, "--envs", str(envs), "--threads", "1", "--json"]
+    for steps in (25_000, 30_000):
+        result = CliRunner().invoke(app, ["train", *options, "--steps", str(steps), "--out", str(tmp_path)])
+        assert result.exit_code == 0, result.stderr
+        told = json.loads(result.stdout)
+        assert told["steps"] >= steps
+        assert told["plan"]["algorithm"] == algorithm
+    results = read_results(tmp_path / "benchmark.json")
+    assert (results.head["task"], len(results.episodes)) == ("gate", 100)
+    assert header("gate", str(tmp_path / "policy.npz"), None)["policy_sha256"] == results.head["policy_sha256"]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.path import Path, arc
-from scenarios.results.rover_result import path_coordinates, trace_line
+from scenarios.results.log import Log, Signal
+from scenarios.results.rover_result import path_coordinates, soil_warnings, trace_line
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.frames import Pose2
 from vehicle.rover.description import load_rover
@@ -31,3 +32,19 @@ def test_a_trace_lies_behind_its_wheel_in_the_direction_of_travel(direction: flo
     behind = rig.wheel[0] - x / scale
     assert (behind > 0.0).all()
     np.testing.assert_allclose(y / scale, rig.wheel[1] + offset - behind * math.tan(direction), atol=2e-3)  # the lens
+
+
+@pytest.mark.parametrize(("angle_deg", "seconds", "warns"), [(40.0, 3.0, 0), (50.0, 0.4, 0), (-50.0, 0.6, 1)])
+def test_travel_across_a_wheel_beyond_the_measured_range_is_a_warning(
+    angle_deg: float, seconds: float, warns: int
+) -> None:
+    """At a standstill, where a direction means nothing, it is none."""
+    time = 0.02 * np.arange(200)
+    speed = np.where(time < 3.0, 0.08, 0.0)
+    slip = np.where(time < seconds, math.radians(angle_deg), 0.0)
+    slip[-20:] = 1.5
+    columns = {"time": time, "v_x": speed, "v_y": 0.0 * time, "wheel_slip_true": slip}
+    log = Log.of([(Signal(name, "", ""), values) for name, values in columns.items()])
+    lines = list(soil_warnings(log))
+    assert len(lines) == warns
+    assert all(f"for {seconds:.1f} s, from 0.0 s on" in line and "at most 50°" in line for line in lines)
