@@ -5,12 +5,15 @@ from __future__ import annotations
 import importlib
 import json
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import tomli_w
 
 from estimators.estimates import OffTracking, SlipAngle
@@ -20,15 +23,16 @@ from scenarios.loop.channel import InLine
 from scenarios.loop.runner import KINDS
 from scenarios.loop.runner import run as run_scenario
 from scenarios.options.scenario import AnyScenario, load_any_scenario
-from scenarios.results.log import Log, read_log
+from scenarios.progress import Progress, no_progress
+from scenarios.results.log import Log, Signal, read_log
 from scenarios.results.run_inputs import run_inputs
 from scenarios.results.run_summary import Result, number_at
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
-from vehicle.frames import FloatArray
 from vehicle.rover.truth import RoverTruth
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 
@@ -48,7 +52,10 @@ def load(scenario: str | os.PathLike[str], settings: Mapping[str, Any] | None, k
         raise TypeError(f"scenario must be a name or a TOML file, not {type(scenario).__name__}")
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(f"settings must be a table of values by dotted keys, not {type(settings).__name__}")
-    values = {**(settings or {}), **{key.replace("__", "."): value for key, value in keys.items()}}
+    words = {key.replace("__", "."): value for key, value in keys.items()}
+    if twice := set(words) & set(settings or {}):
+        raise ValueError(f"{min(twice)} is in settings and a keyword argument: choose one")
+    values = {**(settings or {}), **words}
     return load_any_scenario(os.fspath(scenario), [f"{key}={text_of(key, value)}" for key, value in values.items()])
 
 
@@ -85,6 +92,36 @@ def pandas() -> Any:
         raise ImportError("to_pandas needs pandas: pip install 'offtrack[pandas]'") from None
 
 
+class Values(np.ndarray[tuple[int], np.dtype[np.float64]]):
+    """Values of a signal over time, an array with ``unit`` and ``description``; what is computed of it has neither."""
+
+    signal: Signal | None = None
+
+    @property
+    def unit(self) -> str:
+        """The signal's unit."""
+        return self.signal.unit if self.signal else ""
+
+    @property
+    def description(self) -> str:
+        """What the signal is."""
+        return self.signal.description if self.signal else ""
+
+
+@contextmanager
+def shown_progress(title: str, *, shown: bool | None) -> Iterator[Progress]:
+    """Progress callback that draws a bar; None: in a terminal or a notebook."""
+    if not (sys.stderr.isatty() or "ipykernel" in sys.modules if shown is None else shown):
+        yield no_progress
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Display
+
+    with Display(console=Console(stderr=True)) as display:
+        task = display.add_task(title, total=None)
+        yield lambda done, total, note="", /: display.update(task, completed=done, total=total)
+
+
 class Run:
     """A finished run: its numbers and signals.
 
@@ -104,13 +141,41 @@ class Run:
         """How it ended; "completed" if all went well."""
         return str(self.summary["outcome"])
 
-    def __getitem__(self, signal: str) -> FloatArray:
-        """Values of a signal over time, in SI units (n,).
+    def __getitem__(self, signal: str) -> Values:
+        """Values of a signal over time (n,), with its ``unit`` and ``description``; NaN where it has none.
 
         Raises:
-            KeyError: if there is no such signal.
+            KeyError: if there is no such signal; it names the most similar one.
         """
-        return self.log[signal]
+        values = self.log[signal].view(Values)
+        values.signal = next(one for one in self.log.signals if one.name == signal)
+        return values
+
+    def plot(self, *signals: str) -> Figure:
+        """Chart of signals over time, a panel for each unit.
+
+        Without names it shows what the run is judged by: true and estimated off-tracking, or slip angle.
+
+        Raises:
+            KeyError: if there is no such signal; it names the most similar one.
+        """
+        from matplotlib import pyplot
+
+        usual = (*("off_tracking_true", "off_tracking_estimate"), *("slip_angle_true", "slip_angle_estimate"))
+        columns = [self[name] for name in signals or [name for name in usual if name in self.log]]
+        units = list(dict.fromkeys(column.unit for column in columns))
+        figure, panels = pyplot.subplots(
+            len(units), sharex=True, squeeze=False, figsize=(9.0, 1.0 + 2.5 * len(units)), layout="constrained"
+        )
+        for column in columns:
+            known, panel = np.isfinite(column), panels[units.index(column.unit), 0]
+            style = "-" if known.mean() > 0.5 else "."  # estimates have values at the captures alone
+            panel.plot(self.log["time"][known], column[known], style, label=column.signal.name if column.signal else "")
+            panel.set_ylabel(f"[{column.unit}]")
+            panel.legend()
+        panels[-1, 0].set_xlabel("time [s]")
+        panels[0, 0].set_title(repr(self).strip("<>"))
+        return figure
 
     def save(self, directory: str | os.PathLike[str], *, video: bool = False) -> Path:
         """Write a run directory, as ``offtrack run --out`` does; return it.
@@ -157,6 +222,7 @@ def run(
     seed: int = 1,
     settings: Mapping[str, Any] | None = None,
     keep_frames: bool = False,
+    progress: bool | None = None,
     **keys: Any,
 ) -> Run:
     """Run a scenario in the closed loop.
@@ -166,6 +232,7 @@ def run(
         seed: decides world and noise; the same seed on the same machine gives bitwise the same signals.
         settings: values by dotted keys of the scenario: ``{"surface.friction": 0.3}``; ``offtrack keys`` lists them.
         keep_frames: keep pictures of the camera for the report and the video of `Run.save`.
+        progress: show a progress bar; None: in a terminal or a notebook.
         **keys: the same as keyword arguments, with two underscores for a dot: ``surface__friction=0.3``.
 
     Raises:
@@ -173,7 +240,8 @@ def run(
         ValueError: one line that names key, value and limit.
     """
     chosen = load(scenario, settings, keys)
-    result = run_scenario(chosen, checked_seed(seed), keep_frames=keep_frames)
+    with shown_progress(f"{chosen.name}, seed {seed}", shown=progress) as report:
+        result = run_scenario(chosen, checked_seed(seed), keep_frames=keep_frames, progress=report)
     return Run(result.summary(), result.log, None, result)
 
 

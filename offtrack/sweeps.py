@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from offtrack.runs import checked_seed, pandas, text_of
+from offtrack.runs import checked_seed, pandas, shown_progress, text_of
 from offtrack.studies.pool import RunOptions
 from offtrack.studies.run_study import run_study
 from offtrack.studies.study import Study, load_study
@@ -59,6 +59,7 @@ def sweep(
     settings: Mapping[str, Any] | None = None,
     out: str | os.PathLike[str] | None = None,
     jobs: int | None = None,
+    progress: bool | None = None,
 ) -> Sweep:
     """Run every combination of values with every seed, in parallel processes; finished runs are used again.
 
@@ -69,6 +70,7 @@ def sweep(
         settings: values by dotted keys for all runs.
         out: directory of the study; None: its own, ``runs/sweep-<scenario>-<n>``.
         jobs: number of parallel runs; None: one per core.
+        progress: show a progress bar; None: in a terminal or a notebook.
 
     Raises:
         TypeError: one line, if an argument is of another type.
@@ -82,7 +84,9 @@ def sweep(
         fixed = tuple((key, text_of(key, value)) for key, value in (settings or {}).items())
         study = Study(scenario=name, fixed=fixed, axes=axes, seeds=tuple(checked_seed(seed) for seed in seeds))
     title = f"sweep-{Path(name).stem}"
-    made = run_study(title, study, None if out is None else Path(out), RunOptions(jobs=jobs or default_jobs()))
+    with shown_progress(title, shown=progress) as report:
+        options = RunOptions(jobs=jobs or default_jobs(), progress=report)
+        made = run_study(title, study, None if out is None else Path(out), options)
     return Sweep(made.rows, made.directory)
 
 

@@ -14,7 +14,13 @@ def check_extra(extra: str, what: str, *packages: str) -> None:
     missing = [one for one in packages if importlib.util.find_spec(one.partition(".")[0]) is None]
     if missing:
         lacks = f" ({', '.join(missing)} is missing)" if missing != list(packages) else ""
-        raise ValueError(f"{what} the extra '{extra}'{lacks}: pip install 'offtrack[{extra}]'")
+        raise ValueError(f"{what} the extra '{extra}'{lacks}: {installation(extra)}")
+
+
+def installation(extra: str) -> str:
+    """Command that installs an extra; PyTorch for processors is on an index of its own."""
+    index = " --extra-index-url https://download.pytorch.org/whl/cpu" if extra == "rl" else ""
+    return f"pip install 'offtrack[{extra}]'{index}"
 
 
 def import_extra(extra: str, what: str, *modules: str) -> Any:

@@ -45,9 +45,11 @@ def running_browser() -> Iterator[Any]:
 
 
 @contextmanager
-def opened_page(browser: Any, path: Path, *, width: int = 1400, height: int = 1200, link: str = "") -> Iterator[Opened]:
+def opened_page(
+    browser: Any, path: Path, *, width: int = 1400, height: int = 1200, link: str = "", scheme: str = "light"
+) -> Iterator[Opened]:
     """Open a file, with the end ``link`` of its address, and wait until its playback is ready."""
-    page = browser.new_page(viewport={"width": width, "height": height})
+    page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
     try:
         opened = Opened(page)
         page.goto(path.resolve().as_uri() + link)

@@ -29,6 +29,7 @@ from offtrack.commands.console import (
     remark,
     table_of,
 )
+from offtrack.commands.new_vehicle import write_new_vehicle
 from offtrack.exchange.drawings import formats_of
 from offtrack.reports import page
 from offtrack.reports.page import Cell, Emphasis
@@ -62,6 +63,7 @@ from vehicle.foundation.user_file import shown
 
 VEHICLE_EXAMPLES = (
     "Examples: offtrack vehicle uk_longer_semitrailer   offtrack vehicle el_dorado_ii --json   "
+    "offtrack vehicle new my_truck --like uk_longer_semitrailer --axles 2,3   "
     "offtrack vehicle my_truck.toml --out my_truck_sheet"
 )
 
@@ -69,9 +71,17 @@ VEHICLE_EXAMPLES = (
 def vehicle(
     name: Annotated[
         str | None,
-        typer.Argument(help="Vehicle or rover: a name or a TOML file. Without it, the known names are listed."),
+        typer.Argument(help="Vehicle or rover: a name or a TOML file; or new. Without it, the known names are listed."),
     ] = None,
-    out: Annotated[Path | None, new_directory("runs/vehicle-NAME-N")] = None,
+    new_name: Annotated[
+        str | None, typer.Argument(metavar="[NAME OF THE NEW ONE]", help="After new.", show_default=False)
+    ] = None,
+    like: Annotated[str, typer.Option(help="Of new: vehicle to begin with.")] = "eu_tractor_semitrailer",
+    axles: Annotated[
+        str | None,
+        typer.Option(metavar="2,3", help="Of new: number of axles of each unit.", show_default="as --like"),
+    ] = None,
+    out: Annotated[Path | None, new_directory("runs/vehicle-NAME-N; of new NAME.toml")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -79,7 +89,16 @@ def vehicle(
 
     A vehicle's sheet has axle loads, steering reach and handling; a rover's sheet has wheel loads, tipping angles and
     its traction in every soil.
+
+    offtrack vehicle new NAME writes NAME.toml: every key with its unit, limits and usual value, ready to run.
     """
+    if name == "new":
+        if new_name is None:
+            raise ValueError("vehicle new: name the vehicle, such as my_truck")
+        write_new_vehicle(new_name, like, axles, out)
+        return
+    if new_name is not None or axles is not None:
+        raise ValueError(f"vehicle {shown(name or '')}: a second name and --axles belong to: offtrack vehicle new NAME")
     if name is None:
         _list_vehicles(as_json=as_json)
         return

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
+from typer.core import TyperCommand
 
-from offtrack.commands.console import INTERRUPTED, OneLineGroup, lines
+from offtrack.commands.console import INTERRUPTED, OneLineGroup, join_settings, lines
 from scenarios.processes import save_time
 from scenarios.progress import interrupt_on_termination, terminated
 
@@ -45,7 +46,7 @@ _COMMANDS: Final = {
     "reproduce": Entry("assess", "Reproduce a paper's table or figure.", "REPRODUCE_EXAMPLES"),
     "fit-surrogate": Entry("train", "Fit a surrogate of a camera estimator.", "FIT_EXAMPLES", "fit_surrogate"),
     "estimate": Entry("estimate", "Run estimators on recorded images.", function="app"),
-    "doctor": Entry("doctor", "List the devices that can render, and time them.", "EXAMPLES"),
+    "doctor": Entry("doctor", "Say what works on this machine, and what is missing.", "EXAMPLES"),
     "fmu": Entry("exchange", "Co-simulation with other tools by FMI.", function="app"),
 }
 
@@ -89,6 +90,15 @@ class _Group(OneLineGroup):
         """Names of the commands."""
         return list(_COMMANDS)
 
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """Completions, the commands of which are told without importing them."""
+        loaded = self.commands
+        self.commands = {name: TyperCommand(name, help=entry.help) for name, entry in _COMMANDS.items()}
+        try:
+            return super().shell_complete(ctx, incomplete)
+        finally:
+            self.commands = loaded
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a line for each command."""
         with formatter.section("Commands"):
@@ -99,7 +109,6 @@ app = typer.Typer(
     name="offtrack",
     cls=_Group,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     help=(
@@ -134,6 +143,7 @@ def _offtrack(
 def main() -> None:
     """Entry point of the command."""
     save_time()
+    join_settings()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it remarks on folders that it cannot write
     interrupt_on_termination()
     try:

@@ -26,7 +26,48 @@ _CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\
 _USAGE_ERROR: Final = cast(type[Exception], typer.BadParameter.__base__)  # of click, which newer typers bring along
 _DEBUG: Final = "OFFTRACK_DEBUG"
 _OPTION: Final = "--debug"
+_COMPLETE: Final = "_OFFTRACK_COMPLETE"  # environment: set by a shell that asks for completions
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+
+def scenario_completions(incomplete: str) -> list[str]:
+    """Names of scenarios that begin like this."""
+    from scenarios.options.shipped import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
+def setting_completions(incomplete: str) -> list[str]:
+    """Keys that begin like this, or values of a key: choices, and parts of the kind that has its name."""
+    from scenarios import part_listing
+
+    key, equals, begun = (_cut["key"], "=", incomplete) if _cut else incomplete.partition("=")
+    every = part_listing.keys()
+    if not equals:
+        return [f"{one.name}=" for one in every if one.name.startswith(key) and "[]" not in one.name]
+    parts = [part.name for part in part_listing.parts(key)] if key in part_listing.KINDS else []
+    words = [word for one in every if one.name == key and ", " in one.range for word in one.range.split(", ")]
+    head = "" if key == _cut.get("key") else f"{key}="  # bash completes what is behind the sign
+    return [f"{head}{value}" for value in (parts or words) if value.startswith(begun)]
+
+
+_cut: dict[str, str] = {}  # the key, if bash has cut the setting to complete behind its equals sign
+
+
+def join_settings() -> None:
+    """Put together what bash, which asks for completions, has cut at each equals sign; keep the key of the last one."""
+    if os.environ.get(_COMPLETE) != "complete_bash":
+        return
+    place = int(os.environ.get("COMP_CWORD", "0"))
+    *words, last = (os.environ.get("COMP_WORDS", "").split(" ") + [""] * (place + 1))[: place + 1]
+    if last == "=":
+        words, last = [*words, last], ""
+    if words[-1:] == ["="] and len(words) > 1:
+        _cut["key"] = words[-2]
+        words = words[:-2]
+    joined = re.sub(r" = ", "=", " ".join(words))
+    os.environ |= {"COMP_WORDS": f"{joined} {last}", "COMP_CWORD": str(len(joined.split(" ")))}
+
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON and nothing else.")]
 SettingsOfAll = Annotated[
@@ -34,6 +75,7 @@ SettingsOfAll = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
+        autocompletion=setting_completions,
         help="Change a key of the scenario in all runs, e.g. off_tracking=truth. May be repeated.",
     ),
 ]
@@ -45,7 +87,12 @@ def new_directory(show_default: str) -> Any:
     return typer.Option(help="Output directory; it must not exist yet.", show_default=show_default)
 
 
-ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")]
+ScenarioName = Annotated[
+    str,
+    typer.Argument(
+        help="Name of a scenario (see: offtrack scenarios) or a TOML file.", autocompletion=scenario_completions
+    ),
+]
 
 
 @contextmanager

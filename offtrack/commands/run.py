@@ -19,6 +19,7 @@ from offtrack.commands.console import (
     progress_bar,
     progress_display,
     remark,
+    setting_completions,
     summary_table,
 )
 from offtrack.exchange.recordings.writers import recording_in
@@ -57,6 +58,7 @@ def run(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
+            autocompletion=setting_completions,
             help="Change a key of the scenario (see: offtrack keys), e.g. off_tracking=truth, trailer_steering=none, "
             "vehicle=my_truck.toml, surface.friction=0.3, steering.gain=0.5, traffic=mixed. "
             "May be repeated; the last value of a key counts.",

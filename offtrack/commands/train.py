@@ -365,7 +365,7 @@ def tune(
     check_number("--jobs", jobs, 1, MOST_JOBS)
     check_number("--seed", seed, 0, 2**31)
     check_extra("tune", "tuning needs", "optuna")
-    from offtrack.studies.trials import JOURNAL, database, finished, former, in_database, optimise
+    from offtrack.studies.trials import JOURNAL, database, finished, former, importances, in_database, optimise
 
     sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
     tuning = tuning_of(scenario, controller, objectives, ranges or [], settings or [], sets)
@@ -416,7 +416,8 @@ def tune(
                 compared[name] = objective_means(tuning.objectives, outcomes)
             comparing(len(candidates), len(candidates))
         write_result(tuning, results, best, directory)
-        replaced(directory / "report.html", tuning_page(tuning, results, best, compared))
+        page = tuning_page(tuning, results, best, compared, importances(tuning, directory))
+        replaced(directory / "report.html", page)
     if as_json:
         result = {
             "law": tuning.law,

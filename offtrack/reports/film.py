@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from offtrack.reports import canvas
 from offtrack.reports.canvas import INK, PAPER, SOFT, WIDTH, Colour
-from offtrack.reports.page import Photo, Stroke
-from offtrack.reports.player.playback import PALETTE, SERIES, Curve, Picture, Playback
+from offtrack.reports.player.playback import PALETTE, Curve, Picture, Playback
 from scenarios.image_file import PictureSize
 from scenarios.results.swept_path import placed
 from vehicle.frames import FloatArray, arc_length
@@ -77,19 +76,6 @@ def camera_picture(picture: Picture) -> canvas.Picture:
     canvas.write(whole, title, (16, 6), size=16, colour=PAPER)
     canvas.write(whole, picture.caption, (WIDTH - 16, 6), size=16, colour=PAPER, anchor=1.0)
     return whole
-
-
-def photo_of(picture: Picture) -> Photo:
-    """The image for a page with its strokes: lines that are true and estimated, or motions of features."""
-    height, width = decoded(picture).shape[:2]
-    strokes = picture.strokes.astype(np.float64) + 0.5  # SVG counts from a pixel's corner
-    if picture.lines:
-        colours = [PALETTE[name] for name, count in zip(SERIES, picture.lines, strict=False) for _ in range(count)]
-    else:
-        colours = [f"hsl({_STILL + (_FAST - _STILL) * one:.0f} 95% 58%)" for one in _relative_length(strokes)]
-    ends = zip(strokes.tolist(), colours, strict=True)
-    drawn = [Stroke((u0, v0), (u1, v1), colour) for (u0, v0, u1, v1), colour in ends]
-    return Photo(picture.jpeg, (width, height), f"camera image at {picture.time:.1f} s", drawn)
 
 
 def draw_flow(picture: canvas.Picture, tracks: FloatArray) -> None:

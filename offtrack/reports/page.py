@@ -3,7 +3,6 @@
 The templates escape all text. Only a :class:`Figure` holds markup, and only its template marks markup as safe.
 """
 
-import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -73,50 +72,11 @@ class Matrix:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A drawing as the text of an SVG element; made by :mod:`offtrack.reports.plots` only."""
+    """A drawing as the text of SVG elements; made by :mod:`offtrack.reports.plots` only."""
 
-    svg: str
+    svg: str  # one for a wide page, and one for a phone
     title: str = ""
     kind: ClassVar = "figure"
-
-
-class Stroke(NamedTuple):
-    """A line drawn over an image, with a dot at its end [px]; coordinates as SVG counts them."""
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-    colour: str
-
-
-@dataclass(frozen=True, slots=True)
-class Photo:
-    """A JPEG image with strokes drawn over it."""
-
-    jpeg: bytes
-    size: tuple[int, int]  # width, height [px]
-    caption: str  # for screen readers
-    strokes: Sequence[Stroke] = ()
-
-    @property
-    def base64(self) -> str:
-        """The image as text for a data URI."""
-        return base64.b64encode(self.jpeg).decode()
-
-
-@dataclass(frozen=True, slots=True)
-class Photos:
-    """Images side by side."""
-
-    photos: Sequence[Photo]
-    kind: ClassVar = "photos"
-
-
-@dataclass(frozen=True, slots=True)
-class Bar:
-    """A bar of coloured parts: CSS colour and share of the whole, 0 … 1."""
-
-    parts: Sequence[tuple[str, float]]
-    kind: ClassVar = "bar"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +150,7 @@ class Explorer:
         return explorer_script()
 
 
-Content = Table | Matrix | Figure | Photos | Bar | Items | Preformatted | Player | Explorer
+Content = Table | Matrix | Figure | Items | Preformatted | Player | Explorer
 
 
 class Verdict(NamedTuple):
@@ -211,7 +171,7 @@ class Card(NamedTuple):
     value: str
     unit: str
     label: str
-    meaning: str
+    note: str  # time and place, or the meaning
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,6 +194,7 @@ class Page:
     subtitle: str
     changes: str = ""  # keys that are not those of the shipped scenario
     verdict: Verdict | None = None
+    answer: Sequence[str] = ()  # what the page says, in a sentence or a few
     cards: Sequence[Card] = ()
     sections: Sequence[Section]
     wide: bool = False  # for wide tables
@@ -247,6 +208,11 @@ class Page:
     def html(self) -> str:
         """The page as one HTML file that loads nothing else."""
         return _environment().get_template("page.html.j2").render(page=self)
+
+
+def some(texts: Sequence[str], most: int) -> list[str]:
+    """The first texts, and how many more there are."""
+    return [*texts[:most], *([f"and {len(texts) - most} more"] if len(texts) > most else [])]
 
 
 def software_section(versions: Mapping[str, str]) -> Section:

@@ -40,12 +40,12 @@ from offtrack.reports.page import (
     Row,
     Section,
     Table,
-    outcome_verdict,
     software_section,
 )
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Picture, Playback, rover_playback, trailer_playback
-from offtrack.reports.sections import changes, groups, number_table, scenario_facts
+from offtrack.reports.run_page import report_html, rover_report_html
+from offtrack.reports.sections import changes, groups, number_table, run_page, scenario_facts
 from scenarios.assembly.adapters import course_of, ground_friction, outlines, plant_vehicle, vehicle_of
 from scenarios.assembly.rover_run import rover_path
 from scenarios.options.scenario import AnyScenario, RoverScenario, Scenario, load_any_scenario
@@ -54,7 +54,7 @@ from scenarios.results.log import Log, Signal, read_log, write_log
 from scenarios.results.rover_result import RoverResult
 from scenarios.results.run_directory import added_as_a_whole, mark_complete, mark_interrupted, write_or_rescue
 from scenarios.results.run_inputs import write_inputs
-from scenarios.results.run_summary import Result, Timing, manifest, number_at, versions
+from scenarios.results.run_summary import Result, Summary, Timing, manifest, number_at, versions
 from scenarios.results.trailer_result import JudgedTrailer, RunResult, friction_picture
 from sensors.sand.trace_rig import nominal_rig
 from vehicle.combination.description import Vehicle
@@ -71,8 +71,9 @@ _RATE: Final = 10  # pictures of a video a second
 class Kind(NamedTuple):
     """How runs of a kind of vehicle are reported; results and scenarios are those of this kind."""
 
-    page: str  # function of ``run_page``, whose matplotlib takes a second to import, and a run that fails needs none
+    page: Callable[[Any, Summary], str]
     playback: Callable[[Any], Playback]
+    whole: Callable[[Any], Playback]  # with what takes longer, for pages
     rebuilt: Callable[[Any, Log, Mapping[str, Any]], Result]  # ValueError: the signals are not those of the scenario
     pace: float  # seconds of the run in a second of its video
 
@@ -159,8 +160,8 @@ def _rover_rebuilt(scenario: RoverScenario, log: Log, summary: Mapping[str, Any]
 
 
 KINDS: Final[Mapping[str, Kind]] = {  # by a result's ``kind``
-    "trailer": Kind("report_html", trailer_playback, _trailer_rebuilt, 1.0),
-    "rover": Kind("rover_report_html", rover_playback, _rover_rebuilt, 2.0),  # it is slow
+    "trailer": Kind(report_html, trailer_playback, partial(trailer_playback, edges=True), _trailer_rebuilt, 1.0),
+    "rover": Kind(rover_report_html, rover_playback, rover_playback, _rover_rebuilt, 2.0),  # it is slow
 }
 
 
@@ -273,10 +274,7 @@ def _draw(result: Result, directory: Path, video: bool | FilmAlong, progress: Pr
     """Add report and video to a run directory; ``failures`` receives what could not be drawn."""
     kind = KINDS[result.kind]
     with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
-        from offtrack.reports import run_page
-
-        page = getattr(run_page, kind.page)(result, result.summary())
-        (folder / "report.html").write_text(page, encoding="utf-8")
+        (folder / "report.html").write_text(kind.page(result, result.summary()), encoding="utf-8")
     if video and len(result.log) > 1:
         with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
             times = film_times(result)
@@ -476,26 +474,18 @@ def view_page(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> str:
 _DIFFERENCES = "In brackets: the difference from the first run."
 
 
-def run_page(run: FinishedRun, values: int) -> str:
+def page_in_study(run: FinishedRun, values: int) -> str:
     """The page of a run of a study, which has no page of its own: it is played, with about ``values`` values.
 
     Raises:
         ValueError: one line, if the files of the run do not fit each other.
     """
-    scenario = tomllib.loads(run.result.scenario_toml)
-    return Page(
-        title=run.name,
-        heading=run.name,
-        subtitle=" · ".join(filter(None, (scenario["name"], scenario_facts(scenario), f"seed {run.result.seed}"))),
-        changes=changes(scenario),
-        verdict=outcome_verdict(run.result.outcome),
-        sections=[
-            Section("Playback", content=[Player(encoded(overlaid([run]), values=values))]),
-            Section("All numbers", content=[number_table(run.summary)]),
-            Section("Resolved scenario", content=[Preformatted(run.result.scenario_toml)], collapsed=True),
-        ],
-        wide=True,
-    ).html()
+    sections = [
+        Section("Playback", content=[Player(encoded(overlaid([run]), values=values))]),
+        Section("All numbers", content=[number_table(run.summary)]),
+        Section("Resolved scenario", content=[Preformatted(run.result.scenario_toml)], collapsed=True),
+    ]
+    return run_page(tomllib.loads(run.result.scenario_toml), run.result.seed, run.summary, sections, run.name).html()
 
 
 def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback:
@@ -508,7 +498,7 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
         raise ValueError(f"{len(runs)} runs: a page shows at most {MOST_RUNS} at once; name fewer")
     if len({run.result.kind for run in runs}) > 1:
         raise ValueError("runs of trailers and of rovers can't be laid over each other")
-    playbacks = [KINDS[run.result.kind].playback(run.result) for run in runs]
+    playbacks = [KINDS[run.result.kind].whole(run.result) for run in runs]
     most = max(playbacks, key=lambda playback: len(playback.charts))
     links = [*links, *[""] * (len(runs) - len(links))]
     played = [

@@ -2,14 +2,13 @@
 
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 from offtrack.reports.page import (
-    Bar,
     Card,
     Cell,
     Column,
@@ -24,9 +23,7 @@ from offtrack.reports.page import (
 from scenarios.options.scenario import load_any_scenario
 from scenarios.options.shipped import scenario_names
 from scenarios.options.tables import FaultOptions
-from scenarios.results.rover_result import RoverResult
-from scenarios.results.run_summary import Summary, Timing, number_at
-from scenarios.results.trailer_result import RunResult
+from scenarios.results.run_summary import Timing, number_at
 from vehicle.foundation.user_file import shown
 
 _OWN_UNITS: Final = {"mm": "m", "%": "-", "°": "rad", "km/h": "m/s", "": "-"}  # by the unit shown
@@ -41,7 +38,8 @@ class ShownNumber(NamedTuple):
     meaning: str
     factor: float = 1.0  # from the number's own unit to ``unit``
     column: str = ""  # short label in tables of studies; empty: not a column there
-    over_runs: Literal["rms", "max"] = "max"  # what such a column shows of several runs
+    over_runs: Literal["rms", "max", "min"] = "max"  # what such a column shows of several runs
+    better: Literal["", "less", "more"] = ""  # which value of two runs is better; empty: neither
 
     @property
     def own_unit(self) -> str:
@@ -58,6 +56,10 @@ class ShownNumber(NamedTuple):
         if value is None or not math.isfinite(value):
             return "–"
         return self.digits_of(value) + (self.unit if self.unit in ("", "°") else f" {self.unit}")
+
+    def said(self, value: float) -> str:
+        """A value with its unit inside a sentence; lengths in the unit that suits them."""
+        return length(value) if self.own_unit == "m" else self.text(value)
 
     def digits_of(self, value: float) -> str:
         """A value without its unit."""
@@ -81,15 +83,31 @@ def groups() -> Mapping[str, Group]:
     }
 
 
+_CARDS: Final = 4  # on a page
+
+
+def shown_number(path: str) -> ShownNumber:
+    """The number ``group.name``."""
+    group, _, name = path.partition(".")
+    return groups()[group].numbers[name]
+
+
 def number_cards(summary: Mapping[str, Any], paths: Sequence[str]) -> list[Card]:
-    """A card for each number ``group.name`` that the summary has."""
-    cards = []
-    for path in paths:
-        group, _, name = path.partition(".")
-        number, value = groups()[group].numbers[name], number_at(summary, path)
-        if value is not None:
-            cards.append(Card(number.digits_of(value), number.unit, number.label, number.meaning))
-    return cards
+    """A card for each of the first four numbers ``group.name`` that the summary has, with time and place or meaning."""
+    known = [(path, value) for path in paths if (value := number_at(summary, path)) is not None][:_CARDS]
+    numbers = [(shown_number(path), path, value) for path, value in known]
+    return [
+        Card(number.digits_of(value), number.unit, number.label, where(summary, path) or number.meaning)
+        for number, path, value in numbers
+    ]
+
+
+def where(summary: Mapping[str, Any], path: str) -> str:
+    """Time and place of a number, in words; empty if the summary does not tell them."""
+    stem = path.removesuffix("_m")
+    time, x, y = (number_at(summary, f"{stem}_{ending}") for ending in ("time_s", "x_m", "y_m"))
+    place = "" if x is None or y is None else f", at x {x:.1f} m, y {y:.1f} m"
+    return "" if time is None else f"after {time:.1f} s{place}"
 
 
 def number_table(summary: Mapping[str, Any]) -> Table:
@@ -99,7 +117,9 @@ def number_table(summary: Mapping[str, Any]) -> Table:
         values = {key: number_at(summary, f"{name}.{key}") for key in group.numbers}
         shown = [key for key, value in values.items() if value is not None]
         rows += [[group.title]] if shown else []
-        rows += [[(n := group.numbers[key]).label, n.text(values[key]), n.meaning] for key in shown]
+        for key in shown:
+            number, at = group.numbers[key], where(summary, f"{name}.{key}")
+            rows.append([number.label, number.text(values[key]), number.meaning + (f" Here {at}." if at else "")])
     return Table((Column("name"), Column("number"), Column("note")), rows)
 
 
@@ -121,16 +141,31 @@ def scenario_facts(scenario: Mapping[str, Any]) -> str:
     return " · ".join(facts)
 
 
-def changes(scenario: Mapping[str, Any]) -> str:
-    """Keys of a resolved scenario that differ from the shipped one of its name, in one line; empty without any."""
+def changes(scenario: Mapping[str, Any], besides: Collection[str] = ()) -> str:
+    """Keys of a resolved scenario that differ from the shipped one of its name, in one line; empty without any.
+
+    What only follows from another kind of a table, such as the defaults of another course, is left out, and so are the
+    keys ``besides``.
+    """
     if scenario.get("name") not in scenario_names():
         return ""
-    shipped_one = load_any_scenario(str(scenario["name"])).model_dump(mode="json", exclude_none=True)
-    now, shipped = dict(_values(scenario)), dict(_values(shipped_one))
-    keys = [key for key in {**now, **shipped} if now.get(key) != shipped.get(key)]
+    name, now = str(scenario["name"]), dict(_values(scenario))
+    shipped = _resolved(name)
+    chosen = [key for key in now if key.endswith((".kind", ".file")) and now[key] != shipped.get(key)]
+    try:
+        implied = _resolved(name, [f"{key}={now[key]}" for key in chosen])
+    except ValueError:  # another kind needs more keys, or its file is gone by now
+        implied = shipped
+    keys = [key for key in {**now, **implied} if key in chosen or now.get(key) != implied.get(key)]
+    keys = [key for key in keys if key not in besides]
     listed = [f"{key} = {_value_text(now[key])}" if key in now else f"{key} not given" for key in keys[:_MOST]]
     more = f" and {len(keys) - _MOST} more" if len(keys) > _MOST else ""
     return f"Changed: {', '.join(listed)}{more}" if keys else ""
+
+
+def _resolved(name: str, settings: Sequence[str] = ()) -> dict[str, Any]:
+    """Values of a shipped scenario with these settings by their dotted keys."""
+    return dict(_values(load_any_scenario(name, settings).model_dump(mode="json", exclude_none=True)))
 
 
 def _values(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -156,34 +191,65 @@ def _name(text: str) -> str:
     return Path(text).name if "/" in text else text
 
 
-ERROR_TEXT: Final = (
-    "About 95 % of the errors lie inside the band if the estimator states its standard deviation correctly."
-)
-FEATURES_TEXT: Final = "Features matched in all images of a frame, and the inliers: matches that agree on one motion."
-_COLOURS = ("#1f5fa8", "#2a9d8f", "#e0761a", "#b8c0c8")
-
-
-def run_html(
-    result: RunResult | RoverResult,
-    summary: Summary,
-    on_cards: Sequence[str],
-    sections: Iterable[Section],
-) -> str:
-    """The page of a run as HTML, with these numbers of the summary on cards."""
-    scenario = _table(result.scenario_toml)
-    facts = (scenario_facts(scenario), f"seed {result.seed}", f"{result.timing.simulated_s:.1f} s simulated")
+def run_page(
+    scenario: Mapping[str, Any], seed: int, summary: Mapping[str, Any], sections: Iterable[Section], title: str = ""
+) -> Page:
+    """The page of a run, or of a run of a study with this title: its verdict, its main numbers, and these sections."""
+    simulated = number_at(summary, "timing.simulated_s")
+    facts = (scenario_facts(scenario), f"seed {seed}", f"{simulated:.1f} s simulated" if simulated else "")
+    name = course_title(scenario) or str(summary["scenario"])
     return Page(
-        title=result.scenario,
-        heading=result.scenario,
-        subtitle=" · ".join(filter(None, facts)),
+        title=title or name,
+        heading=title or name,
+        subtitle=" · ".join(filter(None, (title and name, *facts))),
         changes=changes(scenario),
-        verdict=outcome_verdict(result.outcome),
-        cards=number_cards(summary, on_cards),
+        verdict=outcome_verdict(str(summary["outcome"])),
+        cards=number_cards(summary, _main_numbers(scenario, summary)),
         sections=list(sections),
-    ).html()
+        wide=True,
+    )
 
 
-def _table(toml: str) -> Mapping[str, Any]:
+def course_title(scenario: Mapping[str, Any]) -> str:
+    """Name of a scenario, behind the course if that is not the one of the shipped scenario of this name."""
+    name, course = str(scenario.get("name", "")), dict(scenario.get("course", {}))
+    if name not in scenario_names() or "kind" not in course:
+        return name
+    shipped, file = _resolved(name), str(course.get("file", ""))
+    if course["kind"] == shipped.get("course.kind") and Path(file).name == Path(shipped.get("course.file", "")).name:
+        return name
+    return f"{Path(file).stem or _name(course['kind'])} (scenario {name})"
+
+
+def length(metres: float) -> str:
+    """A length in words: in millimetres, centimetres or metres."""
+    if abs(metres) < 0.01:
+        return f"{1e3 * metres:.1f} mm"
+    return f"{1e2 * metres:.1f} cm" if abs(metres) < 1.0 else f"{metres:.2f} m"
+
+
+def nearest_edge(summary: Mapping[str, Any]) -> str:
+    """Path of the least clearance: to the lane if there is one, else to the road; empty without any."""
+    for kind in ("lane", "wheel"):
+        paths = [f"road.{kind}_clearance_{side}_m" for side in ("left", "right")]
+        known = [(value, path) for path in paths if (value := number_at(summary, path)) is not None]
+        if known:
+            return min(known)[1]
+    return ""
+
+
+def _main_numbers(scenario: Mapping[str, Any], summary: Mapping[str, Any]) -> list[str]:
+    """Numbers that a user asks for first, the most important first; errors of exact truth are none."""
+    exact = "truth" in (scenario.get("off_tracking"), scenario.get("slip_estimator"))
+    errors = [] if exact else ["off_tracking.estimate_error_rms_m", "slip.error_rms_deg"]
+    return [
+        *("off_tracking.true_max_m", "slip.cross_track_max_m", nearest_edge(summary) or "swept_path.tail_swing_m"),
+        *("swept_path.max_width_m", *errors, "position.corrected_error_m", "wheels.slip_ratio_mean"),
+        *("wheels.sinkage_max_m", "steer.max_deg", "tyres.friction_used_max"),
+    ]
+
+
+def table_of(toml: str) -> Mapping[str, Any]:
     """The scenario as a table; empty if its text is none, which must not cost the report."""
     try:
         return tomllib.loads(toml)
@@ -194,15 +260,10 @@ def _table(toml: str) -> Mapping[str, Any]:
 def timing_section(timing: Timing, stages: Sequence[str]) -> Section:
     """Computing time by stage; ``stages`` are the names of physics, rendering and estimation in this run."""
     seconds = (timing.physics_s, timing.render_s, timing.odometry_s, timing.rest_s)
-    total = max(sum(seconds), 1e-9)
+    total, simulated = max(sum(seconds), 1e-9), max(timing.simulated_s, 1e-9)
     rows: list[Row] = [
-        [
-            Cell(name, colour=colour),
-            f"{t:.2f} s",
-            f"{100 * t / total:.0f} %",
-            f"{1e3 * t / max(timing.simulated_s, 1e-9):.0f} ms per simulated second",
-        ]
-        for name, colour, t in zip((*stages, "everything else"), _COLOURS, seconds, strict=True)
+        [name, f"{t:.2f} s", Cell(f"{100 * t / total:.0f} % ", share=t / total), f"{1e3 * t / simulated:.0f} ms"]
+        for name, t in zip((*stages, "everything else"), seconds, strict=True)
     ]
     parallel = timing.odometry_parallel_s
     text = (
@@ -210,8 +271,8 @@ def timing_section(timing: Timing, stages: Sequence[str]) -> Section:
         f"{timing.realtime_factor:.2f} times real time."
         + (f" {parallel:.1f} s of the {stages[-1]} ran in parallel to the other stages." if parallel > 0.05 else "")
     )
-    bar = Bar([(colour, t / total) for colour, t in zip(_COLOURS, seconds, strict=True)])
-    return Section("Computing time", text, [bar, Table((Column("name"), *[Column("number")] * 3), rows)])
+    columns = [Column("name", "stage"), *(Column("number", one) for one in ("time", "share", "a simulated second"))]
+    return Section("Computing time", text, [Table(columns, rows)])
 
 
 def provenance_sections(scenario_toml: str, manifest: Mapping[str, object]) -> list[Section]:

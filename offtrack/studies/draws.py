@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import ndtri
 
@@ -80,7 +81,7 @@ class Index(NamedTuple):
     first: float  # mu* (mean absolute effect), or the first-order index
     first_half_width: float
     second: float  # sigma (deviation of the effects), or the total index
-    second_half_width: float | None = None  # None: not known
+    second_half_width: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,12 +140,28 @@ def effects(design: Sensitivity, keys: Sequence[str], values: FloatArray) -> tup
         found = morris.analyze(
             problem, design.shares(len(keys))[chosen], known, num_levels=design.levels or 4, **options
         )
-        names = ["mu_star", "mu_star_conf", "sigma"]
+        found["sigma_conf"] = _deviation_half_widths(design, values.reshape(-1, size)[complete], complete)
+        names = ["mu_star", "mu_star_conf", "sigma", "sigma_conf"]
     else:
         found = sobol.analyze(problem, known, calc_second_order=False, **options)
         names = ["S1", "S1_conf", "ST", "ST_conf"]
     columns = [[float(value) for value in found[name]] for name in names]
     return tuple(Index(key, *numbers) for key, *numbers in zip(keys, *columns, strict=True)), groups
+
+
+def _deviation_half_widths(design: Sensitivity, values: FloatArray, complete: NDArray[np.bool_]) -> FloatArray:
+    """Half the interval of σ of each key by bootstrap, as SALib makes that of μ*; ``values`` (groups, keys + 1)."""
+    keys = values.shape[1] - 1
+    steps = np.diff(design.shares(keys).reshape(-1, keys + 1, keys)[complete], axis=1)  # (groups, keys, keys)
+    moved = np.abs(steps).argmax(axis=2)  # the key of each step
+    effects = np.zeros((len(values), keys))
+    np.put_along_axis(
+        effects, moved, np.diff(values, axis=1) / np.take_along_axis(steps, moved[:, :, None], 2)[:, :, 0], 1
+    )
+    drawn = np.random.default_rng(design.seed).integers(len(effects), size=(_RESAMPLES, len(effects)))
+    deviations = effects[drawn].std(axis=1, ddof=1)
+    half: FloatArray = float(ndtri(0.5 + 0.5 * CONFIDENCE)) * deviations.std(axis=0, ddof=1)
+    return half
 
 
 def _problem(keys: int) -> dict[str, Any]:

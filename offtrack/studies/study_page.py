@@ -3,9 +3,9 @@
 import csv
 import io
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,16 +21,26 @@ from offtrack.reports.page import (
     Section,
     Table,
     software_section,
+    some,
 )
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.plots import ESTIMATED, TRUE, drawn
-from offtrack.reports.sections import scenario_facts
+from offtrack.reports.sections import changes, course_title, scenario_facts
 from offtrack.studies import study_figures as figures
 from offtrack.studies.case import Case, Outcome, machines
-from offtrack.studies.draws import CONFIDENCE, MEASURES, Analysis, Sensitivity, analysed
+from offtrack.studies.draws import CONFIDENCE, MEASURES, NOT_COMPLETED, Analysis, Sensitivity, analysed
 from offtrack.studies.study import Study
 from offtrack.studies.study_figures import explorer, played_together
-from offtrack.studies.table import Quantity, Row, exceeding, shown_quantities, spreads, text_of
+from offtrack.studies.table import (
+    Quantity,
+    Row,
+    best_rows,
+    exceeding,
+    main_quantity,
+    shown_quantities,
+    spreads,
+    text_of,
+)
 from scenarios.results.run_summary import versions
 
 HEADINGS: Final = {"morris": ("μ*", "σ"), "sobol": ("first order", "total")}
@@ -49,22 +59,32 @@ _MEANINGS: Final = {
 
 
 def sensitivity_sections(design: Sensitivity, outcomes: Sequence[Outcome]) -> Iterator[Section]:
-    """Tables and figures of all analyses, and the runs that were left out."""
+    """Figures and a table of all analyses, and the runs that were left out."""
     analyses = analysed(design, outcomes)
     interval = f" Intervals: {100 * CONFIDENCE:.0f} %, by bootstrap."
-    yield Section("Sensitivity", _MEANINGS[design.method] + interval, [_sensitivity_table(design, analyses)])
-    for analysis in (one for one in analyses if one.indices):
-        point = " · ".join(value for _, value in analysis.axes)
-        title = f"Sensitivity: {analysis.quantity.meaning}{f' ({point})' if point else ''}"
-        yield Section(title, "", [_figure(design, analysis, point)])
+    drawings = [_figure(design, one) for one in analyses if one.indices]
+    yield Section("Sensitivity", _MEANINGS[design.method] + interval, drawings)
+    yield Section("Indices", content=[_sensitivity_table(design, analyses)])
     if left_out := list(dict.fromkeys(title for one in analyses for title in one.left_out)):
         group = "trajectory" if design.method == "morris" else "base sample with all its runs"
         text = (
             f"A run that failed or did not complete its course has no number: its {group} is left out, so the indices "
             "hold for the others. What keeps runs from completing has indices of its own, 'not done'."
         )
-        more = [f"and {len(left_out) - _MOST_NAMED} more"] if len(left_out) > _MOST_NAMED else []
-        yield Section("Runs left out", text, [Items([*left_out[:_MOST_NAMED], *more])])
+        yield Section("Runs left out", text, [Items(some(left_out, _MOST_NAMED))])
+
+
+def _sensitivity_answer(design: Sensitivity, outcomes: Sequence[Outcome]) -> list[str]:
+    """The keys that a number depends on, the most influential first, a sentence for each of the first numbers."""
+    sentences = []
+    for one in analysed(design, outcomes):
+        if one.indices and (one.quantity.better or one.quantity is NOT_COMPLETED):
+            said = one.quantity.said if design.method == "morris" else "{:.2f}".format
+            keys = sorted(one.indices, key=lambda index: -index.first)[:3]
+            texts = [f"{figures.plain(index.key).partition(' [')[0]} {said(index.first)}" for index in keys]
+            at = f" at {point}" if (point := figures.condition(one.axes)) else ""
+            sentences.append(f"The {one.quantity.spoken}{at} depends most on {', then '.join(texts)}.")
+    return sentences[:3] or ["No number depends on the drawn keys."]
 
 
 def sensitivity_csv(design: Sensitivity, outcomes: Sequence[Outcome]) -> str:
@@ -95,11 +115,11 @@ def remarks(design: Sensitivity, analysis: Analysis) -> str:
 def _sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis]) -> Table:
     axes = [key for key, _ in analyses[0].axes] if analyses else []
     first, second = HEADINGS[design.method]
-    columns = [Column("text", key) for key in (*axes, "quantity", "key")]
+    columns = [Column("text", figures.plain(key)) for key in (*axes, "quantity", "key")]
     columns += [Column("number", name) for name in (first, "±", second, "±")] + [Column("text", "")]
     lines: list[page.Row] = []
     for one in analyses:
-        head = [*(value for _, value in one.axes), f"{one.quantity.label} [{one.quantity.unit}]"]
+        head = [*(value for _, value in one.axes), f"{one.quantity.meaning} [{one.quantity.unit}]"]
         for index in one.indices:
             numbers = ("" if value is None else f"{value:.3g}" for value in index[1:])
             lines.append([*head, index.key, *numbers, remarks(design, one)])
@@ -108,38 +128,48 @@ def _sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis]) -> Tab
     return Table(columns, lines)
 
 
-def _figure(design: Sensitivity, analysis: Analysis, point: str) -> Figure:
+def _figure(design: Sensitivity, analysis: Analysis) -> Figure:
     """Both measures of every key with their intervals, the most influential key at the top."""
     indices = sorted(analysis.indices, key=lambda index: index.first)
-    rows = np.arange(len(indices))
-    name = f"sensitivity {analysis.quantity.path} {point}"
-    with drawn(name, 1.2 + 0.34 * len(indices)) as (drawing, ax):
-        firsts, seconds = ([index.first for index in indices], [index.second for index in indices])
-        widths = [index.first_half_width for index in indices]
-        ax.barh(rows + 0.18, firsts, 0.34, xerr=widths, color=TRUE, label=HEADINGS[design.method][0])
-        others = [index.second_half_width or 0.0 for index in indices]
-        ax.barh(rows - 0.18, seconds, 0.34, xerr=others, color=ESTIMATED, label=HEADINGS[design.method][1])
-        ax.set_yticks(rows, [index.key for index in indices])
+    rows, point = np.arange(len(indices)), figures.condition(analysis.axes)
+    title = f"{analysis.quantity.meaning}{f' ({point})' if point else ''}"
+    with drawn(f"sensitivity {title}", 1.2 + 0.34 * len(indices), title=title) as (drawing, ax):
+        measures = zip(HEADINGS[design.method], (0.18, -0.18), (TRUE, ESTIMATED), strict=True)
+        for k, (label, beside, colour) in enumerate(measures):
+            values, widths = ([index[1 + 2 * k + j] for index in indices] for j in (0, 1))
+            ax.barh(rows + beside, values, 0.34, xerr=widths, color=colour, label=label, error_kw={"elinewidth": 1.0})
+        ax.set_yticks(rows, [figures.plain(index.key) for index in indices])
         unit = analysis.quantity.unit if design.method == "morris" else "share of the variance"
-        ax.set(xlabel=f"{analysis.quantity.label} [{unit}]")
+        ax.set(xlabel=f"{analysis.quantity.meaning} [{unit}]")
     return drawing.content
+
+
+_KINDS: Final = {"compare": "comparison", "sweep": "study"}  # by the beginning of a title
+_MOST_SENTENCES: Final = 6
 
 
 def study_page(
     title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str] = ()
 ) -> str:
     """The page as HTML; ``links`` are the addresses of the runs' pages, empty where there is none."""
-    seeds = ", ".join(map(str, study.seeds))
-    facts = (study.scenario, _facts(outcomes[0].case, study.axes), _counted(outcomes), f"seeds {seeds}")
+    kind, _, name = title.partition("-")
+    case, seeds = outcomes[0].case, ", ".join(map(str, study.seeds))
+    scenario = resolved(case)
+    varied = {key for key, _ in (*case.axes, *case.drawn)}
+    if kind == "compare":
+        name = course_title(scenario) or name
+    facts = (_KINDS.get(kind, ""), study.scenario, _facts(scenario, varied), _counted(outcomes), f"seeds {seeds}")
     file = Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
-    changed = ", ".join(f"{key} = {value}" for key, value in study.fixed)
+    design = study.draws.sensitivity
     made_on = machines([outcome.provenance for outcome in outcomes])
     return Page(
-        title=title,
-        heading=title,
-        subtitle=" · ".join(filter(None, facts)),
-        changes=f"Changed in all runs: {changed}" if changed else "",
+        title=name,
+        heading=name,
+        subtitle=" · ".join(filter(None, dict.fromkeys(facts))),
+        changes=changes(scenario, varied).replace("Changed:", "Changed in all runs:"),
+        answer=_sensitivity_answer(design, outcomes) if design else answer(rows),
         sections=[
+            *(sensitivity_sections(design, outcomes) if design else ()),
             *_sections(outcomes, rows, links),
             *_drawn(study, outcomes, rows),
             *machine_sections(made_on),
@@ -152,10 +182,7 @@ def study_page(
 
 def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
     """Spread over the drawn values, with confidence intervals."""
-    if not study.draws:
-        return
-    if study.draws.sensitivity:
-        yield from sensitivity_sections(study.draws.sensitivity, outcomes)
+    if not study.draws or study.draws.sensitivity:
         return
     keys = [f"{key}: {one.kind} {', '.join(map(str, one.values))}" for key, one in study.draws.distributions.items()]
     sample = study.draws.sample
@@ -183,7 +210,7 @@ def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> It
 
 
 def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Table:
-    columns = [Column("text", key) for key, _ in rows[0].axes] + [Column("text", "limit")]
+    columns = [Column("text", figures.plain(key)) for key, _ in rows[0].axes] + [Column("text", "limit")]
     columns += [Column("number", name) for name in ("beyond", "runs", "share", "from", "to")]
     lines: list[page.Row] = []
     for row in rows:
@@ -198,7 +225,9 @@ def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> T
 def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[Quantity]) -> Table:
     names = ("mean", "deviation", "5 %", "median", "95 %", "largest")
     axes = [key for key, _ in outcomes[0].case.axes]
-    columns = [Column("text", key) for key in (*axes, "quantity")] + [Column("number", name) for name in names]
+    columns = [Column("text", figures.plain(key)) for key in (*axes, "quantity")] + [
+        Column("number", name) for name in names
+    ]
     lines: list[page.Row] = []
     for quantity in quantities:
         for spread in spreads(outcomes, quantity):
@@ -209,7 +238,7 @@ def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[Quantity]) -
             numbers = (known.mean(), known.std(ddof=1), low, middle, high, known.max())
             values = (value for _, value in spread.axes)
             shown = (text_of(quantity, float(number)) for number in numbers)
-            lines.append([*values, f"{quantity.label} [{quantity.unit}]", *shown])
+            lines.append([*values, f"{quantity.meaning} [{quantity.unit}]", *shown])
     return Table(columns, lines)
 
 
@@ -225,26 +254,71 @@ def machine_sections(made_on: Sequence[str]) -> Iterator[Section]:
 
 def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str] = ()) -> str:
     """The page on finished runs that are compared, as HTML; ``links`` are the addresses of their pages."""
-    names = [f"{run}: {_facts(o.case)}" for o in outcomes for _, run in o.case.axes]
+    names = [run for outcome in outcomes for _, run in outcome.case.axes]
+    facts = [f"{name}: {_facts(resolved(outcome.case))}" for name, outcome in zip(names, outcomes, strict=True)]
+    title = " and ".join(names) if len(names) < 3 else f"{len(names)} runs"
     return Page(
-        title="Comparison of runs",
-        heading="Comparison of runs",
-        subtitle=_counted(outcomes),
+        title=title,
+        heading=title,
+        subtitle=f"comparison of runs · {_counted(outcomes)}",
+        answer=answer(rows),
         sections=[
-            Section("Runs", content=[Items(names)]),
             *_sections(outcomes, rows, links),
+            Section("Runs", content=[Items(facts)]),
             software_section(versions()),
         ],
         wide=True,
     ).html()
 
 
-def _facts(case: Case, varied: Collection[str] = ()) -> str:
-    """Vehicle, law and estimator of a run, without the keys that are varied; empty if its files are gone by now."""
+def answer(rows: Sequence[Row]) -> list[str]:
+    """Which run is best, in a sentence for each condition."""
+    if (quantity := main_quantity(rows)) is None:
+        return ["No run has a number to compare."]
+    groups = _conditions(rows).items()
+    return some([f"{name}: {_sentence(group, quantity)}".removeprefix(": ") for name, group in groups], _MOST_SENTENCES)
+
+
+def _conditions(rows: Sequence[Row]) -> dict[str, list[tuple[str, Row]]]:
+    """The rows with the names of their laws, estimators or runs, by the values of all other keys in words."""
+    keys, found = figures.varied(rows), dict[str, list[tuple[str, Row]]]()
+    compared = [key for key in keys if key in figures.NAMED] or keys[:1]
+    for row in rows:
+        chosen, others = (
+            figures.condition(tuple(pair for pair in row.axes if pair[0] in keys and (pair[0] in compared) == named))
+            for named in (True, False)
+        )
+        found.setdefault(others[:1].upper() + others[1:], []).append((chosen, row))
+    return found
+
+
+def _sentence(named: Sequence[tuple[str, Row]], quantity: Quantity) -> str:
+    """The best of some rows, the others, and those that did not complete their course."""
+    best = best_rows([row for _, row in named], quantity)
+    texts = [(name, quantity.said(value)) for name, row in named if (value := row.numbers[quantity.path]) is not None]
+    ended = [f"{name or 'a run'} did not always complete the course" for name, row in named if row.completed < row.runs]
+    if best:
+        first = [name for name, row in named if row in best]
+        others = ", ".join(f"{name} {text}" for name, text in texts if name not in first)
+        side = f"{'has' if len(first) == 1 else 'have'} the {'smallest' if quantity.better == 'less' else 'largest'}"
+        head = f"{' and '.join(first)} {side} {quantity.spoken}, {dict(texts)[first[0]]} ({others})"
+    else:
+        same = len({text for _, text in texts}) == 1
+        known = texts[0][1] if same else ", ".join(f"{name} {text}" for name, text in texts)
+        head = f"the {quantity.spoken} is {known}" if texts else ""
+    return "; ".join(filter(None, [head, *ended])) + "."
+
+
+def resolved(case: Case) -> dict[str, Any]:
+    """The scenario of a run as a table; empty if its files are gone by now."""
     try:
-        scenario = case.resolved().model_dump(mode="json", exclude_none=True)
+        return case.resolved().model_dump(mode="json", exclude_none=True)
     except ValueError:
-        return ""
+        return {}
+
+
+def _facts(scenario: Mapping[str, Any], varied: Collection[str] = ()) -> str:
+    """Vehicle, law and estimator of a run, without the keys that are varied."""
     return scenario_facts({key: value for key, value in scenario.items() if key not in varied})
 
 
@@ -266,52 +340,34 @@ def _explored(outcomes: Sequence[Outcome], links: Sequence[str]) -> Iterator[Sec
 
 
 def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str]) -> Iterator[Section]:
-    shown = shown_quantities(rows)
-    columns = Items([f"{q.label} [{q.unit}]: {q.meaning}" for q in shown])
     text = (
-        "One row for each combination of the varied keys, over all seeds: root mean square of RMS values, maximum of "
-        "the others. Bold: the smallest value of its column."
+        "One row for each combination of the varied keys, over all seeds: root mean square of RMS values, the worst of "
+        "the others. Bold: better than the others under the same conditions; steer and friction have no better side."
     )
-    yield Section("Table", text, [_table(rows), columns])
-    yield from _explored(outcomes, links)
-    if playback := played_together(figures.alike(outcomes)):
-        text = "Runs of the first seed, laid over each other; other varied keys have their first value."
+    yield Section("Table", text, [_table(rows)])
+    shown = figures.alike(outcomes)
+    if playback := played_together(shown):
+        points = len({outcome.case.axes for outcome in outcomes})
+        text = "Runs of the first seed, laid over each other." + (
+            f" {len(shown)} of {points} combinations are shown." if len(shown) < points else ""
+        )
         yield Section("Playback", text, [Player(encoded(playback))])
-    has_off_tracking = any(row.numbers["off_tracking.true_rms_m"] is not None for row in rows)
-    drives = figures.drives_of(outcomes) if has_off_tracking else []
-    if drives:
-        text = "The follow point should retrace the hitch's path. First seed, first value of every other varied key."
-        if len(drives) > figures.MOST_LINES:
-            text += f" The first {figures.MOST_LINES} of {len(drives)} runs are drawn."
-            drives = drives[: figures.MOST_LINES]
-        yield Section("Plan view", text, [figures.plan(drives)])
-        text = "The same runs over the distance that the hitch has driven."
-        yield Section("Off-tracking", text, [figures.off_tracking(drives)])
-    axis = figures.numeric_axis(rows)
-    if axis:
-        for quantity in shown[:3]:
-            yield Section(f"{quantity.meaning}, over {axis}", content=[figures.trend(rows, axis, quantity)])
+    yield from _explored(outcomes, links)
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    quantities = shown_quantities(rows)
-    columns = [Column("text", key) for key, _ in rows[0].axes] + [Column("text", "completed")]
-    columns += [Column("number", f"{q.label} [{q.unit}]") for q in quantities]
-    best = {q.path: min(v for row in rows if (v := row.numbers[q.path]) is not None) for q in quantities}
+    quantities, keys = shown_quantities(rows), figures.varied(rows)
+    columns = [Column("name", figures.plain(key)) for key in keys[:1]]
+    columns += [Column("text", figures.plain(key)) for key in keys[1:]] + [Column("text", "completed")]
+    columns += [Column("number", f"{q.meaning} [{q.unit}]".removesuffix(" [-]")) for q in quantities]
+    groups = [[row for _, row in group] for group in _conditions(rows).values()]
+    best = {q.path: [row for group in groups for row in best_rows(group, q)] for q in quantities}
     lines: list[page.Row] = []
     for row in rows:
         endings = f" ({', '.join(row.endings)})" if row.endings else ""
-        numbers = [(q, row.numbers[q.path]) for q in quantities]
-        lines.append(
-            [
-                *(value for _, value in row.axes),
-                f"{row.completed} of {row.runs}{endings}",
-                *(
-                    Cell(text_of(q, value), "best" if value == best[q.path] and len(rows) > 1 else "")
-                    for q, value in numbers
-                ),
-            ]
-        )
+        values = [value for key, value in row.axes if key in keys]
+        numbers = [Cell(text_of(q, row.numbers[q.path]), "best" if row in best[q.path] else "") for q in quantities]
+        lines.append([*values, f"{row.completed} of {row.runs}{endings}", *numbers])
     return Table(columns, lines)
 
 

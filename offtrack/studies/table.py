@@ -10,11 +10,11 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from scipy.special import betaincinv, stdtrit
 
-from offtrack.reports.sections import groups
+from offtrack.reports.sections import groups, length
 from offtrack.studies.case import Outcome, Settings
 from vehicle.frames import FloatArray
 
-Reduction = Literal["rms", "max"]
+Reduction = Literal["rms", "max", "min"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +27,17 @@ class Quantity:
     digits: int
     over_seeds: Reduction
     meaning: str  # its full label
+    better: Literal["", "less", "more"] = ""  # which value of two is better; empty: neither
+
+    @property
+    def spoken(self) -> str:
+        """Its full label inside a sentence, as "maximum true off-tracking"."""
+        head, _, tail = self.meaning.partition(", ")
+        return f"{tail} {head[:1].lower()}{head[1:]}".strip()
+
+    def said(self, value: float) -> str:
+        """A value with its unit inside a sentence."""
+        return length(value) if self.unit == "m" else f"{value:.{self.digits}f} {self.unit}".removesuffix(" -")
 
     @property
     def column(self) -> str:
@@ -35,7 +46,15 @@ class Quantity:
 
 
 QUANTITIES: Final = tuple(
-    Quantity(f"{group}.{name}", number.column, number.own_unit, number.own_digits, number.over_runs, number.label)
+    Quantity(
+        path=f"{group}.{name}",
+        label=number.column,
+        unit=number.own_unit,
+        digits=number.own_digits,
+        over_seeds=number.over_runs,
+        meaning=number.label,
+        better=number.better,
+    )
     for group, numbers in groups().items()
     for name, number in numbers.numbers.items()
     if number.column
@@ -71,6 +90,22 @@ def shown_quantities(rows: Sequence[Row]) -> tuple[Quantity, ...]:
     return tuple(q for q in QUANTITIES if any(row.numbers[q.path] is not None for row in rows))
 
 
+def main_quantity(rows: Sequence[Row]) -> Quantity | None:
+    """The quantity that tells which run is better: the largest off-tracking, else the first with a better side."""
+    shown = [q for q in shown_quantities(rows) if q.better]
+    return next((q for q in shown if q.path == "off_tracking.true_max_m"), shown[0] if shown else None)
+
+
+def best_rows(rows: Sequence[Row], quantity: Quantity) -> list[Row]:
+    """Rows with the best value that completed all runs; none if all show the same, or no side is better."""
+    known = [(value, row) for row in rows if (value := row.numbers[quantity.path]) is not None]
+    complete = [value for value, row in known if row.completed == row.runs]
+    if not quantity.better or len({text_of(quantity, value) for value in complete}) < 2:
+        return []
+    best = text_of(quantity, (min if quantity.better == "less" else max)(complete))
+    return [row for value, row in known if row.completed == row.runs and text_of(quantity, value) == best]
+
+
 def text_of(quantity: Quantity, value: float | None) -> str:
     """The number as text for tables."""
     return "-" if value is None else f"{value:.{quantity.digits}f}"
@@ -103,7 +138,7 @@ def _reduced(over_seeds: Reduction, values: Iterable[float | None]) -> float | N
     known = np.array([value for value in values if value is not None])
     if not known.size:
         return None
-    return math.sqrt(float(np.mean(known**2))) if over_seeds == "rms" else float(known.max())
+    return math.sqrt(float(np.mean(known**2))) if over_seeds == "rms" else float(getattr(known, over_seeds)())
 
 
 CONFIDENCE: Final = 0.95

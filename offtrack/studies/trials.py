@@ -33,7 +33,7 @@ from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 
 from offtrack.studies.case import Outcome, identities, named_files, opened_files, watch_files
 from offtrack.studies.pool import made_run
-from offtrack.studies.tuning import Trial, Tuning, objective_means, with_parameters
+from offtrack.studies.tuning import Importances, Trial, Tuning, objective_means, with_parameters
 from scenarios.extras import check_extra
 from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
@@ -271,7 +271,29 @@ def former(tuning: Tuning, directory: Path) -> int:
 def finished(tuning: Tuning, directory: Path) -> list[Trial]:
     """Finished trials of this tuning in the journal, in order."""
     complete = _study(tuning, directory, 0).get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-    return [Trial(number=t.number, parameters=dict(t.params), values=tuple(t.values)) for t in complete]
+    times = [trial.duration.total_seconds() if trial.duration else 0.0 for trial in complete]
+    found = zip(complete, times, strict=True)
+    return [Trial(number=t.number, parameters=dict(t.params), values=tuple(t.values), seconds=s) for t, s in found]
+
+
+_FEWEST: Final = 10  # trials that tell what matters
+
+
+def importances(tuning: Tuning, directory: Path) -> Importances:
+    """Importance of each parameter for each objective, 0 to 1; empty with too few trials, or a single parameter."""
+    study = _study(tuning, directory, 0)
+    if len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))) < _FEWEST or len(tuning.ranges) < 2:
+        return {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is experimental, and looks at low values
+        return {
+            name: optuna.importance.get_param_importances(
+                study,
+                evaluator=optuna.importance.PedAnovaImportanceEvaluator(),
+                target=lambda trial, k=k: trial.values[k],
+            )
+            for k, name in enumerate(tuning.objectives)
+        }
 
 
 def _values(tuning: Tuning, trial: optuna.Trial, study: optuna.Study, trials: int) -> tuple[float, ...]:

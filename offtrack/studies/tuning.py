@@ -11,8 +11,9 @@ from typing import Any, Final
 
 import tomli_w
 
-from offtrack.reports.page import Cell, Column, Figure, Page, Row, Section, Table, software_section
+from offtrack.reports.page import Cell, Column, Figure, Page, Row, Section, Table, Verdict, software_section
 from offtrack.reports.plots import ESTIMATED, GREY, INK, TRUE, drawn
+from offtrack.reports.sections import changes, course_title, scenario_facts, shown_number
 from offtrack.studies.case import Outcome, Settings, identities, listed, seeds_of
 from offtrack.studies.study import Study, axes_of, settings_of, subject_of
 from offtrack.studies.table import QUANTITIES
@@ -65,6 +66,7 @@ class Trial:
     number: int
     parameters: Mapping[str, float]
     values: tuple[float, ...]
+    seconds: float = 0.0  # that it took
 
 
 def pareto(trials: Sequence[Trial]) -> list[Trial]:
@@ -224,39 +226,84 @@ def write_result(tuning: Tuning, trials: Sequence[Trial], best: Trial, directory
     replaced(directory / "trials.csv", "\n".join(lines) + "\n")
 
 
-def tuning_page(tuning: Tuning, trials: Sequence[Trial], best: Trial, compared: Mapping[str, tuple[float, ...]]) -> str:
+Importances = Mapping[str, Mapping[str, float]]  # of each parameter, by the objective; empty: not known
+
+
+def tuning_page(
+    tuning: Tuning,
+    trials: Sequence[Trial],
+    best: Trial,
+    compared: Mapping[str, tuple[float, ...]],
+    importances: Importances,
+) -> str:
     """The page as HTML; ``compared``: the objectives on other runs, for the default and the chosen parameters."""
     sections = [
-        Section("Result on other runs", _judging_text(tuning), [_objectives_table(tuning, compared)]),
         Section("Parameters", "Trials that no other trial beats in every objective. Bold: the chosen one.",
                 [_parameters_table(tuning, pareto(trials), best)]),
     ]  # fmt: skip
+    if importances:
+        sections.append(Section("Importance of the parameters", _IMPORTANCE, [_importance_table(tuning, importances)]))
     if len(tuning.objectives) > 1:
         text = "Each dot is a trial; the line joins the trials that no other trial beats in every objective."
         sections.append(Section("Trade-off", text, [_front(tuning, trials, best)]))
     sections.append(Section("Progress", "The first objective, trial by trial.", [_progress(tuning, trials)]))
+    runs = len(tuning.tuned_on.cases())
+    took = sum(trial.seconds for trial in trials)
+    total = f"{len(trials)} trials of {runs} run{'s' if runs > 1 else ''}" + (f" in {took:.0f} s" if took else "")
+    fixed = [f"{key}={value}" for key, value in tuning.judged_on.fixed]
+    scenario = load_any_scenario(tuning.judged_on.scenario, fixed).model_dump(mode="json", exclude_none=True)
+    better = _is_better(compared)
     return Page(
-        title=f"Tuning of {tuning.law}",
-        heading=f"Tuning of {tuning.law}",
-        subtitle=f"{tuning.tuned_on.scenario} · {len(trials)} trials · runs per trial: {len(tuning.tuned_on.cases())}",
+        title=f"{tuning.law} on {course_title(scenario)}",
+        heading=f"{tuning.law} on {course_title(scenario)}",
+        subtitle=f"tuning · {total} · {scenario_facts(scenario)}",
+        changes=changes(scenario).replace("Changed:", "Changed in all runs:"),
+        verdict=Verdict("better than the defaults" if better else "nothing better than the defaults", better),
+        answer=_answer(tuning, compared),
         sections=[*sections, software_section(versions())],
+        wide=True,
     ).html()
 
 
-def _judging_text(tuning: Tuning) -> str:
-    study = tuning.judged_on
-    axes = "".join(f" · {key} {', '.join(values)}" for key, values in study.axes.items())
-    seeds = ", ".join(map(str, study.seeds))
-    return f"Means over runs that no trial has used. Number of runs: {len(study.cases())} · seeds {seeds}{axes}."
+def _is_better(compared: Mapping[str, tuple[float, ...]]) -> bool:
+    """True if the chosen parameters are better than the defaults in an objective on other runs, and worse in none."""
+    defaults, tuned = compared.values()
+    return _beats(tuned, defaults)
 
 
-def _objectives_table(tuning: Tuning, compared: Mapping[str, tuple[float, ...]]) -> Table:
-    columns = [Column("name"), *(Column("number", name) for name in tuning.objectives)]
-    return Table(columns, [[name, *(f"{value:.4g}" for value in values)] for name, values in compared.items()])
+def _answer(tuning: Tuning, compared: Mapping[str, tuple[float, ...]]) -> list[str]:
+    """Each objective with the chosen parameters and with the defaults, in a sentence."""
+    defaults, tuned = compared.values()
+    if tuned == defaults:
+        return ["Nothing better than the defaults was found; they are kept."]
+    return [
+        f"{number.label}: {number.said(new)} with the tuned parameters, {number.said(old)} with the defaults"
+        f"{f' ({100.0 * (new / old - 1.0):+.0f} %)' if old else ''}, on runs that no trial has used."
+        for number, old, new in zip(map(shown_number, tuning.objectives), defaults, tuned, strict=True)
+    ]
+
+
+def _titled(objective: str) -> str:
+    """Label of an objective with its own unit."""
+    number = shown_number(objective)
+    return f"{number.label} [{number.own_unit}]".removesuffix(" [-]")
+
+
+_IMPORTANCE: Final = (
+    "Share of each parameter in what makes trials good, by PED-ANOVA over all trials, for each objective."
+)
+
+
+def _importance_table(tuning: Tuning, importances: Importances) -> Table:
+    columns = [Column("name", "parameter"), *(Column("text", shown_number(one).label) for one in tuning.objectives)]
+    order = sorted(tuning.ranges, key=lambda name: -importances[tuning.objectives[0]][name])
+    shares = {name: [importances[one][name] for one in tuning.objectives] for name in order}
+    rows: list[Row] = [[name, *(Cell(f"{100 * s:.0f} % ", share=s) for s in of_all)] for name, of_all in shares.items()]
+    return Table(columns, rows)
 
 
 def _parameters_table(tuning: Tuning, front: Sequence[Trial], best: Trial) -> Table:
-    names = [*tuning.ranges, *tuning.objectives]
+    names = [*tuning.ranges, *map(_titled, tuning.objectives)]
     rows: list[Row] = []
     for trial in front:
         numbers = [*(trial.parameters[name] for name in tuning.ranges), *trial.values]
@@ -276,7 +323,7 @@ def _front(tuning: Tuning, trials: Sequence[Trial], best: Trial) -> Figure:
         ax.plot(*best.values[:2], "D", color=ESTIMATED, markersize=9, label="chosen")
         ax.set_xlim(0.0, 3.0 * max(t.values[0] for t in front) or 1.0)
         ax.set_ylim(0.0, 3.0 * max(t.values[1] for t in front) or 1.0)
-        ax.set(xlabel=tuning.objectives[0], ylabel=tuning.objectives[1])
+        ax.set(xlabel=_titled(tuning.objectives[0]), ylabel=_titled(tuning.objectives[1]))
     return drawing.content
 
 
@@ -288,5 +335,5 @@ def _progress(tuning: Tuning, trials: Sequence[Trial]) -> Figure:
         ax.plot(values, ".", color=GREY, label="trial")
         ax.step(range(len(best)), best, where="post", color=INK, label="best so far")
         ax.set_ylim(0.0, 3.0 * max(best[-1], min(best[0], 10.0 * best[-1])) or 1.0)
-        ax.set(xlabel="trial", ylabel=tuning.objectives[0])
+        ax.set(xlabel="trial", ylabel=_titled(tuning.objectives[0]))
     return drawing.content

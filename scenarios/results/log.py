@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from estimators.estimates import Health
-from vehicle.foundation.user_file import FileKind, read_bytes, shown
+from vehicle.foundation.user_file import FileKind, nearest, read_bytes, shown
 from vehicle.frames import FloatArray
 
 _MAX_NUMBERS: Final = 100_000_000  # an hour of 250 signals at 100 Hz
@@ -141,7 +141,7 @@ class Log:
     def __getitem__(self, name: str) -> FloatArray:
         """The signal's values, shape (n_rows,), read-only."""
         if name not in self._columns:
-            raise KeyError(f"no signal {name!r} in this log; it has {', '.join(self.names)}")
+            raise KeyError(f"no signal '{shown(name)}'{nearest(name, self.names)}")
         column: FloatArray = self.rows[:, self._columns[name]]
         return column
 

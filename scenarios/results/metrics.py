@@ -116,6 +116,11 @@ def peak(values: FloatArray) -> float:
     return float(np.max(np.abs(finite))) if finite.size else float("nan")
 
 
+def time_of_peak(values: FloatArray, time: FloatArray) -> float:
+    """Time [s] of the largest magnitude of the finite values; NaN if there are none."""
+    return float(time[np.nanargmax(np.abs(values))]) if np.isfinite(values).any() else float("nan")
+
+
 def mean(values: FloatArray) -> float:
     """Mean of the finite values; NaN if there are none."""
     finite = values[np.isfinite(values)]

@@ -77,6 +77,7 @@ def _slip(result: RoverResult) -> Numbers:
         "valid_fraction": number(float(np.mean(health[captures] < LOST))) if captures.any() else None,
         "cross_track_rms_m": number(metrics.rms(log["cross_track_true"])),
         "cross_track_max_m": number(metrics.peak(log["cross_track_true"])),
+        "cross_track_max_time_s": number(metrics.time_of_peak(log["cross_track_true"], log["time"])),
         "lagged_error_rms_deg": number(metrics.rms(lagged)),
         "within_2_5_sigma": number(metrics.within_sigmas(result.slip_error, log["slip_angle_std"])),
         "true_mean_deg": number(math.degrees(metrics.mean(log["slip_angle_true"]))),

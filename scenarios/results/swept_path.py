@@ -333,10 +333,18 @@ class RoadEdges:
 
 
 class Clearance(NamedTuple):
-    """Least distance of a wheel's middle, or of a body, inside edges; negative: beyond it."""
+    """Distance of the nearest wheel's middle, or of the nearest point of a body, inside the edges; negative: beyond.
 
-    left: float  # [m]
-    right: float  # [m]
+    It is known in rows about 0.1 m of travel apart, and NaN in the others and where nothing is on that side.
+    """
+
+    distance: FloatArray  # (n, 2) over time, to the left and to the right edge [m]
+    place: FloatArray  # (n, 2, 2) of that wheel or point [m]
+
+    def least(self, side: int) -> int | None:
+        """Row of the least distance to the left (0) or right (1) edge; None if it is known nowhere."""
+        column = self.distance[:, side]
+        return int(np.nanargmin(column)) if np.isfinite(column).any() else None
 
 
 def wheel_clearance(edges: RoadEdges, outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> Clearance:
@@ -363,10 +371,18 @@ def body_clearance(edges: RoadEdges, outlines: Sequence[UnitOutline], poses: Seq
 
 def _clearance(edges: RoadEdges, points: Sequence[FloatArray], poses: Sequence[FloatArray]) -> Clearance:
     """Clearance of points (m, 2) of each unit."""
-    least = {True: math.inf, False: math.inf}
+    count = len(poses[0])
+    distance, place = np.full((count, 2), np.inf), np.full((count, 2, 2), np.nan)
     for own, driven in zip(points, poses, strict=True):
-        known = driven[np.isfinite(driven).all(axis=1)]  # a run that diverged ends with rows that are not
-        inside, on_left = edges.distance(placed(own, known[rows_every(known[:, :2], _SPACING)]).reshape(-1, 2))
-        for side in least:
-            least[side] = min(least[side], float(inside[on_left == side].min(initial=math.inf)))
-    return Clearance(*(value if math.isfinite(value) else math.nan for value in (least[True], least[False])))
+        known = np.flatnonzero(np.isfinite(driven).all(axis=1))  # a run that diverged ends with rows that are not
+        rows = known[rows_every(driven[known, :2], _SPACING)]
+        at = placed(own, driven[rows])
+        inside, on_left = (one.reshape(at.shape[:2]) for one in edges.distance(at.reshape(-1, 2)))
+        for side, on_side in enumerate((on_left, np.logical_not(on_left))):
+            away = np.where(on_side, inside, np.inf)
+            nearest = (np.arange(len(rows)), away.argmin(axis=1))
+            nearer = away[nearest] < distance[rows, side]
+            distance[rows[nearer], side] = away[nearest][nearer]
+            place[rows[nearer], side] = at[nearest][nearer]
+    distance[~np.isfinite(distance)] = np.nan
+    return Clearance(distance, place)

@@ -11,6 +11,7 @@ from scenarios.results import metrics
 from scenarios.results.log import LOST, OK
 from scenarios.results.run_summary import Numbers, Outside, Result, Summary, number, timing_numbers
 from scenarios.results.swept_path import (
+    Clearance,
     RoadEdges,
     SweptPath,
     TurnArc,
@@ -221,6 +222,7 @@ def _off_tracking(result: RunResult, trailer: str) -> Numbers:
     return {
         "true_rms_m": number(metrics.rms(true)),
         "true_max_m": number(metrics.peak(true)),
+        "true_max_time_s": number(metrics.time_of_peak(true, result.signal("time"))),
         "estimate_error_rms_m": number(metrics.rms(error)),
         "estimate_error_max_m": number(metrics.peak(error)),
         "valid_fraction": number(metrics.valid_fraction(health, true)),
@@ -247,14 +249,29 @@ def _swept_path(path: SweptPath) -> Numbers:
     return {f"{name}_m": number(getattr(path, name)) for name in names}
 
 
-def _road(result: RunResult) -> Numbers:
-    edges = RoadEdges(result.road, result.road_half_width if result.road_known else math.inf)
+def clearances(result: RunResult) -> dict[str, Clearance]:
+    """Clearance over time of the wheels inside the road, and of the bodies inside the lane if there is one."""
+    if not result.road_known:
+        return {}
     poses = [result.poses(unit) for unit in result.units]
-    clearance = wheel_clearance(edges, result.units, poses)
-    numbers = {f"wheel_clearance_{side}_m": number(value) for side, value in clearance._asdict().items()}
-    if result.lanes is not None and result.road_known:
-        of_lane = body_clearance(RoadEdges(result.road, result.lanes), result.units, poses)
-        numbers |= {f"lane_clearance_{side}_m": number(value) for side, value in of_lane._asdict().items()}
+    edges = RoadEdges(result.road, result.road_half_width)
+    found = {"wheel": wheel_clearance(edges, result.units, poses)}
+    if result.lanes is not None:
+        found["lane"] = body_clearance(RoadEdges(result.road, result.lanes), result.units, poses)
+    return found
+
+
+def _road(result: RunResult) -> Numbers:
+    """Least clearances to the left and right, each with its time and place."""
+    numbers: Numbers = {}
+    found = clearances(result)
+    for kind in dict.fromkeys(("wheel", *found)):
+        for k, side in enumerate(("left", "right")):
+            values = [math.nan] * 4
+            if kind in found and (row := found[kind].least(k)) is not None:
+                values = [found[kind].distance[row, k], result.log["time"][row], *found[kind].place[row, k]]
+            names = (f"{kind}_clearance_{side}_{ending}" for ending in ("m", "time_s", "x_m", "y_m"))
+            numbers |= {name: number(value) for name, value in zip(names, values, strict=True)}
     return numbers
 
 

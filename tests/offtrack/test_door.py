@@ -136,3 +136,30 @@ def test_a_folder_that_hides_a_package_is_named(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     hiding = tmp_path / "controllers" / "__init__.py"
     assert f"ImportError: {hiding} hides offtrack's package controllers" in done.stderr.splitlines()[-1]
+
+
+def test_a_signal_has_its_unit_and_a_wrong_name_the_right_one(run: offtrack.Run) -> None:
+    """What is computed of the values is in another unit."""
+    values = run["off_tracking_true"]
+    assert (values.unit, getattr(values**2, "unit", "")) == ("m", "")
+    assert values.description
+    with pytest.raises(KeyError, match="did you mean 'off_tracking_true'"):
+        _ = run["off_trackin_true"]
+
+
+def test_a_run_is_plotted_with_a_panel_for_each_unit(run: offtrack.Run) -> None:
+    figure = run.plot("off_tracking_true", "psi_tractor", "off_tracking_estimate")
+    assert [axes.get_ylabel() for axes in figure.axes] == ["[m]", "[rad]"]
+    assert [len(axes.lines) for axes in figure.axes] == [2, 1]
+    assert len(run.plot().axes) == 1
+
+
+def test_a_key_in_settings_and_in_keywords_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"surface\.friction is in settings and a keyword argument: choose one"):
+        offtrack.run("roundabout", settings={"surface.friction": 0.3}, surface__friction=0.5)
+
+
+def test_progress_is_shown_if_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    for shown in (True, False):
+        offtrack.run("cambered-road", off_tracking="truth", course__length=20, progress=shown)
+        assert ("cambered-road, seed 1" in capsys.readouterr().err) == shown

@@ -8,6 +8,7 @@ A number in a vehicle file is either plain or ``{ value = ..., source = "..." }`
 
 from collections.abc import Callable, Iterator
 from itertools import accumulate
+from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
@@ -346,8 +347,17 @@ def load_vehicle(name_or_path: str) -> Vehicle:
     Raises:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
-    path = _VEHICLES.file(name_or_path)
+    path = vehicle_file(name_or_path)
     return vehicle_from(without_sources(read_toml(path)), str(path))
+
+
+def vehicle_file(name_or_path: str) -> Path:
+    """File of the vehicle of this name; a path that ends in ``.toml`` is returned as it is.
+
+    Raises:
+        ValueError: one line with the nearest known name.
+    """
+    return _VEHICLES.file(name_or_path)
 
 
 def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
@@ -367,7 +377,7 @@ def vehicle_sources(name_or_path: str) -> dict[str, str]:
     Raises:
         ValueError: if there is no such vehicle or file.
     """
-    return sources(read_toml(_VEHICLES.file(name_or_path)))
+    return sources(read_toml(vehicle_file(name_or_path)))
 
 
 def _with_tables(

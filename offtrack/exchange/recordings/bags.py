@@ -83,13 +83,28 @@ def stereo_topics(kinds: Mapping[str, str], chosen: Mapping[str, str], bag: str)
     return StereoTopics(left, right, *infos)
 
 
+_OF_OWN: Final = "Of a run of offtrack, 'offtrack export RUN --to rosbag2 --images DIR' writes a bag with images"
+_MCAP: Final = b"\x89MCAP0\r\n"
+
+
+def _is_for_viewers(file: Path) -> bool:
+    """True for an MCAP file without the profile of ROS: 1 byte and 8 bytes after its mark stands the text's length."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as stream:
+        head = stream.read(21)
+    return head.startswith(_MCAP) and head[8:9] == b"\x01" and head[17:21] == bytes(4)
+
+
 def _found(side: str, images: Sequence[str], bag: str) -> str:
     found = [topic for topic in images if any(mark in topic.lower() for mark in _MARKS[side])]
     if len(found) == 1:
         return found[0]
-    has = f"it has images in {', '.join(images[:8])}" if images else "it has no images"
-    many = "several topics of" if found else "no topic of"
-    raise ValueError(f"{bag}: {many} the {side} camera's images; {has}. Choose by --topics left=/topic,right=/topic")
+    many = f"{bag}: {'several topics' if found else 'no topic'} of the {side} camera's images"
+    if not images:
+        raise ValueError(f"{many}: it has none. {_OF_OWN}")
+    has = f"it has images in {', '.join(images[:8])}"
+    raise ValueError(f"{many}; {has}. Choose by --topics left=/topic,right=/topic")
 
 
 def _info_of(topic: str, kinds: Mapping[str, str]) -> str:
@@ -166,6 +181,8 @@ def unpacked_bag(
         folder = temporary / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()
         paths = _linked(bag, temporary / "files of the bag")
+        if any(map(_is_for_viewers, paths)):
+            raise ValueError(f"{bag}: its MCAP messages are those of a viewer, not of ROS 2. {_OF_OWN}")
         try:
             with highlevel.AnyReader(paths, default_typestore=humble_types()) as reader:
                 unpacked = _unpacked(reader, bag, folder, topics, progress, exchange=exchange, calibrated=calibrated)

@@ -13,9 +13,9 @@ from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health
 from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, summary
 from offtrack.exchange.recordings.stereo_reader import kitti_text, tum_text
-from offtrack.reports import canvas, plots
-from offtrack.reports.film import Film, Frames, photo_of
-from offtrack.reports.page import Items, Page, Photos, Player, Section, outcome_verdict, software_section
+from offtrack.reports import canvas
+from offtrack.reports.film import Film, Frames
+from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section, some
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import (
     SERIES,
@@ -33,9 +33,10 @@ from offtrack.reports.player.playback import (
     elapsed,
     health_spans,
     off_tracking_charts,
+    peak_of,
 )
 from offtrack.reports.run_files import csv_text, write_results
-from offtrack.reports.sections import ERROR_TEXT, FEATURES_TEXT, number_cards, number_table
+from offtrack.reports.sections import number_cards, number_table
 from scenarios.image_file import read_grey
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
@@ -185,6 +186,7 @@ def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = Tru
             PlayedRun(
                 name=recording.sequence.directory.resolve().name,
                 log=since_first,
+                peak=peak_of(since_first, "off_tracking"),
                 bodies=(Body(name="trailer", outline=outline, wheels=(), pose=("x", "y", "psi"), heights=_HEIGHTS),),
                 trails=(
                     Trail("path of the hitch, odometry", "true", 0),
@@ -264,10 +266,12 @@ def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:
 _LISTED = 50  # dropped frames named on the page; the summary names all
 
 _ON_CARDS: Final = (
+    "off_tracking.max_m",
     "off_tracking.estimate_error_rms_m",
-    "off_tracking.rms_m",
+    "off_tracking.std_mean_m",
     "odometry.drift_percent",
-    "timing.odometry_ms_per_frame",
+    "off_tracking.valid_fraction",
+    "odometry.inliers_mean",
 )
 
 
@@ -286,6 +290,7 @@ def report_page(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> st
         verdict=outcome_verdict(estimation.outcome),
         cards=number_cards(numbers, _ON_CARDS),
         sections=list(_sections(estimation, log, numbers)),
+        wide=True,
     ).html()
 
 
@@ -305,44 +310,13 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
 def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
     playback = recording_playback(estimation, log)
     yield Section("Playback", content=[Player(encoded(playback))])
-    trajectory = plots.plan_figure(playback, bodies=False)
-    yield Section("Trajectory", "Seen from above, in the trailer's frame at the first image.", [trajectory])
-    yield from plots.chart_sections(playback, _TEXTS)
-    frame = _shown_frame(estimation)
-    if frame is not None:
-        picture = _picture(estimation, frame)
-        yield Section("Image of the left camera", _caption(frame), [Photos([photo_of(picture)])] if picture else [])
 
 
 _ASSUMED: Final = (
     "The recording does not state these values, and off-tracking depends on them. The option in brackets sets each."
 )
-_TEXTS: Final = {
-    "Off-tracking": "Lateral distance from the follow point to the hitch's path, in the trailer's frame. It is known "
-    "once the trailer has driven its own length.",
-    "Error against the recorded poses": ERROR_TEXT,
-    "Features per frame": FEATURES_TEXT,
-    "Rotation of the right camera since its calibration": "Estimated while driving. The bands are ±2 stated standard "
-    "deviations.",
-}
 
 
 def _notes(numbers: dict[str, Any]) -> list[str]:
     dropped = [f"frame {entry['frame']} dropped: {entry['reason']}" for entry in numbers["dropped_frames"]]
-    more = len(dropped) - _LISTED
-    return [*numbers["notes"], *dropped[:_LISTED], *([f"and {more} more, see summary.json"] if more > 0 else [])]
-
-
-def _shown_frame(estimation: Estimation) -> FrameEstimate | None:
-    """The frame with the most tracks in the middle half of those with tracks: neither standing still nor lost."""
-    tracked = [frame for frame in estimation.frames if len(frame.tracks)]
-    middle = tracked[len(tracked) // 4 : 1 + (3 * len(tracked)) // 4]
-    return max(middle, key=lambda frame: len(frame.tracks), default=None)
-
-
-def _caption(frame: FrameEstimate) -> str:
-    counts = f": {frame.motion.matches} matches, {frame.motion.inliers} of them inliers" if frame.motion else ""
-    return (
-        f"{frame.files.left.name}, {frame.files.tick * TICK:.1f} s after the first frame{counts}. "
-        "Each stroke runs from a feature's position in the previous frame to its position in this one."
-    )
+    return [*numbers["notes"], *some(dropped, _LISTED)]

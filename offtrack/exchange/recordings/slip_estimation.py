@@ -17,8 +17,17 @@ from offtrack.reports.canvas import write_video as write_film
 from offtrack.reports.film import Film, Frames
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import Chart, Curve, Picture, Playback, PlayedRun, Reading, elapsed, health_spans
-from offtrack.reports.plots import chart_sections
+from offtrack.reports.player.playback import (
+    Chart,
+    Curve,
+    Picture,
+    Playback,
+    PlayedRun,
+    Reading,
+    elapsed,
+    health_spans,
+    peak_of,
+)
 from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.progress import Progress, no_progress
@@ -175,6 +184,7 @@ def slip_playback(estimation: SlipEstimation, name: str, *, pictures: bool = Tru
             PlayedRun(
                 name=name,
                 log=log,
+                peak=peak_of(log, "slip_angle"),
                 bodies=(),
                 spans=tuple(health_spans(log, "health")),
                 pictures=[picture for picture in shown if picture],
@@ -219,7 +229,7 @@ def write_video(estimation: SlipEstimation, path_without_suffix: Path, *, progre
 
 
 _RATE: Final = 10  # pictures of the video a second
-_ON_CARDS: Final = ("slip.error_rms_deg", "slip.mean_deg", "slip.valid_fraction", "timing.estimator_ms_per_image")
+_ON_CARDS: Final = ("slip.mean_deg", "slip.max_deg", "slip.error_rms_deg", "slip.valid_fraction", "slip.std_mean_deg")
 
 
 def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
@@ -228,9 +238,8 @@ def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
     sections = []
     if len(estimation.log) > 1:
         playback = slip_playback(estimation, name)
-        text = "Angle from the body's axis to the direction of travel, + left."
-        sections = [Section("Playback", content=[Player(encoded(playback))])]
-        sections += chart_sections(playback, {"Slip angle": text})
+        text = "The slip angle runs from the body's axis to the direction of travel, + left."
+        sections = [Section("Playback", text, [Player(encoded(playback))])]
     if numbers["warnings"]:
         sections.append(Section("Warnings", content=[Items(numbers["warnings"])]))
     if estimation.dropped:
@@ -244,6 +253,7 @@ def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
         verdict=outcome_verdict(estimation.outcome),
         cards=number_cards(numbers, _ON_CARDS),
         sections=sections,
+        wide=True,
     ).html()
 
 

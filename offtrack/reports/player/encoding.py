@@ -184,6 +184,7 @@ def _run(run: PlayedRun, block: _Block, values: int) -> dict[str, Any]:
     return {
         "name": run.name,
         "link": run.link,
+        "peak": [run.peak.time, run.peak.size],
         "rows": len(rows),
         "all_rows": len(log),
         "signals": signals,

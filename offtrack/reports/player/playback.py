@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Health
-from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, OK, Log
+from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, OK, Column, Log, Signal
 from scenarios.results.rover_result import RoverResult, trace_lines
 from scenarios.results.swept_path import UnitOutline, placed
-from scenarios.results.trailer_result import CameraFrame, FrictionPicture, RunResult
+from scenarios.results.trailer_result import CameraFrame, FrictionPicture, RunResult, clearances
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, sides
 
@@ -105,6 +105,24 @@ class Span(NamedTuple):
     end: float  # [s]
 
 
+class Peak(NamedTuple):
+    """The moment that a page opens at: where a deviation is largest."""
+
+    time: float = 0.0  # [s]
+    size: float = 0.0  # in the unit of the deviation
+
+
+def peak_of(log: Log, signal: str) -> Peak:
+    """Where a signal is largest, to either side; the start if it has no value."""
+    if signal not in log or not np.isfinite(log[signal]).any():
+        return _START
+    row = int(np.nanargmax(np.abs(log[signal])))
+    return Peak(float(log["time"][row]), float(abs(log[signal][row])))
+
+
+_START: Final = Peak()
+
+
 class Line(NamedTuple):
     """A line on the ground that does not change."""
 
@@ -140,7 +158,7 @@ class Chart(NamedTuple):
     unit: str
     curves: Sequence[Curve]
     digits: int = 3
-    limit: float | None = None  # drawn to both sides of zero in figures
+    limit: float | None = None  # drawn to both sides of zero
 
 
 class Reading(NamedTuple):
@@ -186,6 +204,7 @@ class PlayedRun:
     pictures: Sequence[Picture] = ()
     cameras: tuple[Camera, ...] = ()
     lines: tuple[Line, ...] = ()  # that lie on its ground
+    peak: Peak = _START
     link: str = ""  # address of the run's own page, relative to this one
 
     def trail_points(self, trail: Trail) -> FloatArray:
@@ -209,6 +228,11 @@ class Playback:
     nearest: float = 60.0  # most pixels per metre of the plan
 
 
+def with_columns(log: Log, columns: Sequence[Column]) -> Log:
+    """The log with further signals that follow from its own."""
+    return Log.of([*((signal, log[signal.name]) for signal in log.signals), *columns]) if columns else log
+
+
 def elapsed(log: Log) -> Log:
     """The log with times since its first row."""
     rows = log.rows.copy()
@@ -222,7 +246,7 @@ _COLOURS: dict[str, Colour] = {"ok": "ok", "degraded": "degraded", "lost": "lost
 
 
 def health_spans(log: Log, signal: str, of: str = "estimate") -> Iterator[Span]:
-    """Times at which a health is not "ok", each from its capture to the next."""
+    """Times at which a health is not "ok", each from its capture to the next, and that before the first estimate."""
     if signal not in log or not len(log):
         return
     health = log[signal]
@@ -231,8 +255,10 @@ def health_spans(log: Log, signal: str, of: str = "estimate") -> Iterator[Span]:
         return
     edges = np.append(log["time"][captures], log["time"][-1])
     values = np.where(health[captures] >= LOST, LOST, np.where(health[captures] > OK, _DEGRADED, OK))
-    first = 0
-    for k in range(1, len(values) + 1):
+    first, begin = int(np.argmax(values < LOST)), float(log["time"][0])  # nought if every estimate is lost
+    if values[first] < LOST and edges[first] > begin:
+        yield Span(f"no {of} yet", "grey", begin, float(edges[first]))
+    for k in range(first + 1, len(values) + 1):
         if k == len(values) or values[k] != values[first]:
             if values[first] != OK:
                 word = HEALTH_WORDS[float(values[first])]
@@ -259,15 +285,25 @@ _FLOOR, _CAB, _BOX = 0.6, 3.1, 4.0  # heights in the 3-D view [m], for drawings 
 _DEGREES = 180.0 / np.pi
 
 
-def trailer_playback(result: RunResult) -> Playback:
-    """Everything that a page shows of the run over time."""
+_CLEARANCE: Final = {"wheel": "wheels to the edges of the road", "lane": "bodies to the borders of the lane"}
+
+
+def trailer_playback(result: RunResult, *, edges: bool = False) -> Playback:
+    """Everything that a page shows of the run over time; with the clearance to the edges of the road if wanted."""
+    known = clearances(result) if edges and len(result.log) > 1 else {}
+    columns = [
+        (Signal(f"{kind}_clearance_{side}", "m", "distance inside the edge, negative beyond it"), one.distance[:, k])
+        for kind, one in known.items()
+        for k, side in enumerate(("left", "right"))
+    ]
     last, follow = len(result.units) - 1, (-result.follow_distance, 0.0)
     estimated = EstimatedPath(
         f"estimated path of the {result.leader}", last, follow, "off_tracking_estimate", "off_tracking_std", "health"
     )
     run = PlayedRun(
         name=result.scenario,
-        log=result.log,
+        log=with_columns(result.log, columns),
+        peak=peak_of(result.log, "off_tracking_true"),
         bodies=tuple(unit_body(unit, result.log) for unit in result.units),
         trails=(
             Trail(f"path of the {result.leader}", "true", last),
@@ -286,7 +322,7 @@ def trailer_playback(result: RunResult) -> Playback:
         runs=(run,),
         road=Road(*sides(result.road, result.road_half_width)) if len(result.road) > 1 else None,
         friction=result.friction,
-        charts=tuple(_trailer_charts(result)),
+        charts=(*_trailer_charts(result), *map(_clearance_chart, known)),
         readings=tuple(_readings(result)),
     )
 
@@ -334,30 +370,46 @@ def off_tracking_charts(
         yield Chart(error, "mm", (band._replace(scale=1e3, base=""), of_error), 1)
 
 
+def motion_charts(
+    names: Sequence[str], units: Sequence[str], steer: Sequence[Curve], limit: float | None = None
+) -> Iterator[Chart]:
+    """Charts of the signals ``names`` that tell how units move, after the steer angles with their limit [°]."""
+    if steer:
+        yield Chart("Steer angles of the road wheels, + left", "°", steer, 2, limit)
+    for title, unit, prefix, scale in (
+        ("Articulation angle", "°", "articulation_", _DEGREES),
+        ("Lateral acceleration, + left", "m/s²", "lateral_acceleration_", 1.0),
+        ("Yaw rate, + left", "°/s", "yaw_rate_", _DEGREES),
+        ("Roll", "°", "roll_", _DEGREES),
+    ):
+        ends = {name: name.removeprefix(prefix) for name in names if name.startswith(prefix)}
+        labels = {name: f"joint {end}" if end.isdigit() else end for name, end in ends.items()}
+        if labels:
+            yield Chart(title, unit, curves(labels, scale), 2)
+    yield Chart("Speed", "km/h", curves({f"v_x_{units[0]}": units[0]}, 3.6), 1)
+
+
 def _trailer_charts(result: RunResult) -> Iterator[Chart]:
     """Charts of the signals that the run has."""
     estimate = "off_tracking_estimate" if np.isfinite(result.signal("health")).any() else None
     true = Curve("off_tracking_true", "true", "true")
     yield from off_tracking_charts(f"the path of the {result.leader}", estimate, true)
     limit = result.trailer_steer_limit
-    steer = tuple(_steer(result))
-    yield Chart("Steer angles of the road wheels, + left", "°", steer, 2, None if limit is None else _DEGREES * limit)
-    if len(result.units) > 1:
-        joints = [name for name in result.log.names if name.startswith("articulation_")]
-        labels = {one: f"joint {one.removeprefix('articulation_')}" if len(joints) > 1 else "joint" for one in joints}
-        yield Chart("Articulation angle", "°", curves(labels, _DEGREES), 2)
-    names = [unit.name for unit in result.units]
-    yield Chart("Speed", "km/h", curves({f"v_x_{names[0]}": names[0]}, 3.6), 1)
-    for title, unit, prefix in (
-        ("Lateral acceleration, + left", "m/s²", "lateral_acceleration_"),
-        ("Load transfer: ±1 when one side is in the air", "-", "load_transfer_"),
-    ):
-        yield Chart(title, unit, curves({prefix + name: name for name in names if prefix + name in result.log}), 2)
+    units = [unit.name for unit in result.units]
+    yield from motion_charts(result.log.names, units, tuple(_steer(result)), limit and _DEGREES * limit)
+    if "load_transfer_" + units[0] in result.log:
+        transfers = curves({f"load_transfer_{name}": name for name in units if f"load_transfer_{name}" in result.log})
+        yield Chart("Load transfer: ±1 when one side is in the air", "-", transfers, 2)
     used = Curve("friction_used_max", "largest of all tyres", "fifth")
     yield Chart("Share of the friction in use", "-", (used,), 2)
     if np.isfinite(result.signal("matches")).any():
         matches = Curve("matches", "matches", "grey", "dots"), Curve("inliers", "inliers", "true", "dots")
         yield Chart("Features per frame", "-", matches, 0)
+
+
+def _clearance_chart(kind: str) -> Chart:
+    labels = {f"{kind}_clearance_{side}": side for side in ("left", "right")}
+    return Chart(f"Clearance of the {_CLEARANCE[kind]}", "m", curves(labels), 2)
 
 
 def _steer(result: RunResult) -> Iterator[Curve]:
@@ -400,6 +452,12 @@ def rover_playback(result: RoverResult) -> Playback:
         Wheel(wheel.x, wheel.y, 2.0 * rig.wheel_radius, rig.wheel_width, name if name in result.log else "")
         for wheel, name in zip(rig.wheels, steer, strict=True)
     )
+    log = result.log
+    errors = [
+        (Signal(f"position_error_{name}", "m", "distance from the true position"), np.hypot(x - log["x"], y - log["y"]))
+        for name in ("wheels", "corrected")
+        if np.isfinite(x := log[f"x_{name}"]).any() and np.isfinite(y := log[f"y_{name}"]).any()
+    ]
     trails = (
         Trail("path driven", "true", signals=("x", "y")),
         Trail("dead reckoning by wheels and compass", "grey", signals=("x_wheels", "y_wheels")),
@@ -407,7 +465,8 @@ def rover_playback(result: RoverResult) -> Playback:
     )
     run = PlayedRun(
         name=result.scenario,
-        log=result.log,
+        log=with_columns(result.log, errors),
+        peak=peak_of(result.log, "cross_track_true"),
         bodies=(Body(name=result.rover, outline=outline, wheels=wheels, pose=("x", "y", "psi"), heights=_HEIGHTS),),
         trails=tuple(trail for trail in trails if np.isfinite(result.log[trail.signals[0]]).any()),
         spans=(*health_spans(result.log, "health"), *fault_spans(result.scenario_toml, result.log)),
@@ -442,6 +501,9 @@ def _rover_charts(result: RoverResult) -> Iterator[Chart]:
     yield Chart(
         "Distance from the path, + left", "mm", (Curve("cross_track_true", "of the body", "true", scale=1e3),), 0
     )
+    wheels = Curve("position_error_wheels", "by wheels and compass", "grey")
+    corrected = Curve("position_error_corrected", "corrected by the slip angle", "estimated")
+    yield Chart("Position error of dead reckoning", "m", (wheels, corrected), 3)
     for title, unit, prefix, scale in (
         ("Slip ratio of the wheels", "-", "slip_ratio_", 1.0),
         ("Sinkage of the wheels", "mm", "sinkage_", 1e3),

@@ -7,7 +7,6 @@ from typing import Final
 from offtrack.reports import page
 from offtrack.reports.page import (
     Column,
-    Figure,
     Items,
     Matrix,
     Page,
@@ -17,12 +16,12 @@ from offtrack.reports.page import (
     Table,
     Verdict,
     software_section,
+    some,
 )
-from offtrack.reports.plots import ESTIMATED, GREY, TRUE, drawn
+from offtrack.reports.sections import changes, length
 from offtrack.studies.campaigns.campaign import Campaign
 from offtrack.studies.campaigns.failures import (
     Cell,
-    Finding,
     Search,
     Times,
     badness,
@@ -36,51 +35,9 @@ from offtrack.studies.campaigns.fault_entry import NONE
 from offtrack.studies.campaigns.verdict import DETECTION, END_OF_RUN, RECOVERY, Judgement, Requirements
 from offtrack.studies.case import machines
 from offtrack.studies.study_figures import explorer
-from offtrack.studies.study_page import machine_sections
+from offtrack.studies.study_page import machine_sections, resolved
 from offtrack.studies.table import CONFIDENCE, Exceeding
 from scenarios.results.run_summary import versions
-
-_MARKS: Final[dict[Finding, tuple[str, str, str]]] = {
-    "found": ("o", ESTIMATED, "smallest value that fails"),
-    "never fails": (">", TRUE, "does not fail up to here"),
-    "always fails": ("<", GREY, "fails already here"),
-}
-
-
-def thresholds(searches: Sequence[Search]) -> Figure:
-    """Smallest value that fails in each search of one table, a line for each law and further axes, a dot a seed."""
-    table = searches[0].table
-    lines = list(dict.fromkeys(_line(search) for search in searches))
-    name = f"{searches[0].entry.title}: {table.of}"
-    with drawn(f"campaign {name}", 1.3 + 0.3 * len(lines), title=name) as (drawing, ax):
-        for finding, (mark, colour, label) in _MARKS.items():
-            chosen = [search for search in searches if search.finding == finding]
-            if chosen:
-                places = [lines.index(_line(search)) for search in chosen]
-                ax.plot([_value(s) for s in chosen], places, mark, color=colour, alpha=0.75, markersize=8, label=label)
-        ax.set_yticks(range(len(lines)), lines)
-        margin = 0.04 * (table.high - table.low)
-        ax.set(xlim=(table.low - margin, table.high + margin), ylim=(len(lines) - 0.5, -0.5), xlabel=_axis(searches[0]))
-    return drawing.content
-
-
-def _line(search: Search) -> str:
-    return " · ".join(filter(None, (search.law, search.further))) or "all runs"
-
-
-def _value(search: Search) -> float:
-    if search.finding == "found":
-        return search.bracket[1]
-    return search.table.high if search.finding == "never fails" else search.table.low
-
-
-def _axis(search: Search) -> str:
-    """The searched number with its unit."""
-    if search.table.of == "duration":
-        return "duration [s]"
-    option = search.entry.options()[0]
-    return f"{option.name} [{option.unit}]"
-
 
 _PERCENT: Final = f"{100 * CONFIDENCE:.0f} %"
 
@@ -96,23 +53,25 @@ def campaign_page(
     """The page as HTML; ``links`` are the addresses of the runs' pages, empty where there is none."""
     link_of = {id(run): link for run, link in zip(runs, links, strict=True)}
     faulty = [run for run in runs if run.fault != NONE]
-    changed = ", ".join(f"{key} = {value}" for key, value in campaign.fixed)
+    case = runs[0].outcome.case
+    scenario, name = resolved(case), title.partition("-")[2] or title
     seeds = ", ".join(map(str, campaign.seeds))
-    facts = (campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {seeds}")
+    facts = ("fault campaign", campaign.scenario, f"{len(runs)} runs, {len(faulty)} with a fault", f"seeds {seeds}")
     made_on = machines([run.outcome.provenance for run in runs])
     return Page(
-        title=title,
-        heading=title,
+        title=name,
+        heading=name,
         subtitle=" · ".join(facts),
-        changes=f"Changed in all runs: {changed}" if changed else "",
+        changes=changes(scenario, [key for key, _ in case.axes]).replace("Changed:", "Changed in all runs:"),
         verdict=_verdict(campaign, cells),
+        answer=_answer(campaign, cells),
         sections=[
             Section("Probability of failing", _MATRIX, [_matrix(campaign, [*cells, *totals(cells)], link_of)]),
             Section("Requirements", _requirements_text(runs), [_requirements(campaign, runs)]),
             *_times(campaign, cells),
             Section("Worst runs", _WORST, [_worst(campaign, runs, link_of)]),
             *_searches(searches),
-            Section("Intervals", _INTERVALS, [_intervals(campaign, [*cells, *totals(cells)])]),
+            Section("Intervals and differences", _INTERVALS, [_intervals(campaign, [*cells, *totals(cells)])]),
             *_explored(runs, links),
             *(machine_sections(made_on) if len(made_on) > 1 else [Section("Machine", content=[Items(made_on)])]),
             Section("Campaign file", "offtrack campaign runs this file.", [Preformatted(campaign.to_toml())]),
@@ -128,7 +87,9 @@ _MATRIX = (
 )
 _INTERVALS = (
     f"Share of the runs that failed, with the {_PERCENT} interval of the probability (Clopper-Pearson), as if the runs "
-    "had been drawn independently from the mixture of amounts, onsets, durations and seeds of the campaign."
+    "had been drawn independently from the mixture of amounts, onsets, durations and seeds of the campaign. The last "
+    "numbers compare with the runs of the same law and conditions without a fault: by how much more fail, and by how "
+    "much the largest deviation of one grew at most."
 )
 _WORST = "The run of each fault and of each law that broke a requirement by most, or came nearest to it."
 
@@ -138,6 +99,22 @@ def _verdict(campaign: Campaign, cells: Sequence[Cell]) -> Verdict | None:
         return None
     broken = unaccepted(campaign, cells)
     return Verdict(f"{len(broken)} probabilities not accepted" if broken else "accepted", not broken)
+
+
+def _answer(campaign: Campaign, cells: Sequence[Cell]) -> list[str]:
+    """Laws that fail without a fault, then how often each fails with one."""
+    alone = [cell for cell in cells if cell.place[0] == NONE and cell.failing.beyond]
+    faulty = totals(cells) or [cell for cell in cells if cell.place[0] != NONE]
+    sentences = [f"Without any fault {_counted(cell)} of {_where(campaign, cell)} fail." for cell in alone]
+    sentences += [f"{_where(campaign, cell)}: {_counted(cell)} with a fault fail." for cell in faulty]
+    return some(sentences, _MOST_SENTENCES)
+
+
+_MOST_SENTENCES: Final = 6
+
+
+def _counted(cell: Cell) -> str:
+    return f"{cell.failing.beyond} of {cell.failing.runs} run{'s' if cell.failing.runs > 1 else ''}"
 
 
 def _matrix(campaign: Campaign, cells: Sequence[Cell], link_of: Mapping[int, str]) -> Matrix:
@@ -264,16 +241,36 @@ def _worst(campaign: Campaign, runs: Sequence[Judgement], link_of: Mapping[int, 
 
 def _intervals(campaign: Campaign, cells: Sequence[Cell]) -> Table:
     columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
-    columns += [Column("number", name) for name in ("failed", "runs", "share", "from", "to")] + [
-        Column("note", "outcomes")
-    ]
+    names = ("failed", "runs", "share", "from", "to", "more fail", "deviation grows")
+    columns += [Column("number", name) for name in names] + [Column("note", "outcomes")]
+    references = {cell.place[1:]: cell for cell in cells if cell.place[0] == NONE}
     rows: list[page.Row] = []
     for cell in cells:
         found = cell.failing
         shares = (f"{100 * share:.1f} %" for share in (found.share, *found.interval()))
         endings = ", ".join(f"{count} {ending}" for ending, count in cell.endings.items())
-        rows.append([*_place_cells(campaign, cell), str(found.beyond), str(found.runs), *shares, endings])
+        more = _differences(cell, references.get(cell.place[1:]))
+        rows.append([*_place_cells(campaign, cell), str(found.beyond), str(found.runs), *shares, *more, endings])
     return Table(columns, rows)
+
+
+_DEVIATIONS: Final = ("off_tracking.true_max_m", "slip.cross_track_max_m")
+
+
+def _differences(cell: Cell, reference: Cell | None) -> tuple[str, str]:
+    """By how much more runs fail than without the fault, and by how much the largest deviation of one grew at most."""
+    if reference is None or cell is reference:
+        return "", ""
+    of_seed = {run.outcome.case.seed: _deviation(run) for run in reference.runs}
+    grown = [_deviation(run) - of_seed.get(run.outcome.case.seed, math.nan) for run in cell.runs]
+    most = max((one for one in grown if math.isfinite(one)), default=math.nan)
+    more = 100.0 * (cell.failing.share - reference.failing.share)
+    return f"{more:+z.0f} %", "–" if math.isnan(most) else f"{'+' if most >= 0.0 else '-'}{length(abs(most))}"
+
+
+def _deviation(run: Judgement) -> float:
+    """Largest deviation of the follow point or the rover from its path [m]; NaN: it is not known."""
+    return next((one for path in _DEVIATIONS if (one := run.outcome.number(path)) is not None), math.nan)
 
 
 def _searches(searches: Sequence[Search]) -> Iterator[Section]:
@@ -282,15 +279,19 @@ def _searches(searches: Sequence[Search]) -> Iterator[Section]:
     columns = [Column("name", "fault"), Column("text", "law"), Column("text"), Column("number", "seed")]
     columns += [Column("number", "smallest that fails"), Column("note")]
     rows = [
-        [f"{s.entry.title}, {s.table.of}", s.law, s.further, str(s.seed), found_text(s), note_of(s)] for s in searches
+        [f"{s.entry.title}: {_searched(s)}", s.law, s.further, str(s.seed), found_text(s), note_of(s)] for s in searches
     ]
     text = (
         "Smallest value at which a run fails, by bisection: the run with this value fails, the one below it by the "
         "tolerance or less does not."
     )
-    tables = list({id(search.table): search.table for search in searches}.values())
-    figures = [thresholds([s for s in searches if s.table is table]) for table in tables]
-    yield Section("Smallest fault that fails", text, [*figures, Table(columns, rows)])
+    yield Section("Smallest fault that fails", text, [Table(columns, rows)])
+
+
+def _searched(search: Search) -> str:
+    """The searched number with its unit."""
+    option = search.entry.options()[0]
+    return "duration [s]" if search.table.of == "duration" else f"{option.name} [{option.unit}]"
 
 
 def found_text(search: Search) -> str:

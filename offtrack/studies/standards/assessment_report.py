@@ -21,15 +21,27 @@ from offtrack.reports.page import (
     Row,
     Section,
     Table,
+    Verdict,
     outcome_verdict,
     software_section,
+    some,
 )
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import Chart, Line, Playback, PlayedRun, Reading, Trail, curves, unit_body
+from offtrack.reports.player.playback import (
+    Line,
+    Playback,
+    PlayedRun,
+    Reading,
+    Trail,
+    curves,
+    motion_charts,
+    peak_of,
+    unit_body,
+)
 from offtrack.reports.run_files import write_json
 from offtrack.reports.sections import groups
 from offtrack.studies.standards.assessment import UNDECIDED, Assessment, AssessmentMatrix, Judgement
-from offtrack.studies.standards.open_loop import CHANGE_PEAK, response_of
+from offtrack.studies.standards.open_loop import response_of
 from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration
 from offtrack.studies.standards.static_rollover import threshold
 from offtrack.studies.standards.steady_driving import steer_over_acceleration
@@ -49,12 +61,8 @@ def figures(case: Assessment, manoeuvre: Manoeuvre, name: str) -> Iterator[Figur
     """The figures of a manoeuvre; none if it ended before anything had moved. ``name`` is unique on the page."""
     if len(manoeuvre.log) < 2 or (manoeuvre.outcome != "completed" and manoeuvre.key in _OF_WHOLE_DRIVES):
         return
-    charts = _CHARTED.get(manoeuvre.key, ())
-    if charts or manoeuvre.key in _SEEN_FROM_ABOVE:
-        playback = _playback(case.vehicle, [_played(case, manoeuvre, name)])
-        if manoeuvre.key in _SEEN_FROM_ABOVE:
-            yield plots.plan_figure(playback)
-        yield from (figure for _, figure in plots.chart_figures(playback, charts))
+    if manoeuvre.key in _SEEN_FROM_ABOVE:
+        yield plots.plan_figure(_played(case, manoeuvre, name))
     for draw in _FIGURES.get(manoeuvre.key, ()):
         with plots.drawn(f"{name}-{draw.__name__}") as (drawing, ax):
             draw(case.vehicle, manoeuvre, ax)
@@ -71,17 +79,6 @@ def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
         ax.plot(*manoeuvre.course.T, label="prescribed path", **style)
     span = _CHANGE if manoeuvre.key == "lane_change" else (0.0, float(front[-1, 0]))
     ax.set(xlim=span, xlabel="along the road [m]", ylabel="lateral [m], + left")
-
-
-def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
-    """Lateral acceleration of the front axle and of every trailer's centre of gravity over time."""
-    log, tractor = manoeuvre.log, vehicle.units[0]
-    front = lateral_acceleration(log, tractor.name, tractor.steered_axles[0].x)
-    ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
-    for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
-        ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
-    plots.limit_lines(ax, CHANGE_PEAK, "0.15 g", colour=plots.GREY)
-    plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
 
 
 def _of_units(vehicle: Vehicle, ax: Axes, x: FloatArray, values: Callable[[str], FloatArray]) -> None:
@@ -135,18 +132,12 @@ def _rolls(vehicle: Vehicle, manoeuvre: Manoeuvre, ax: Axes) -> None:
 
 _SEEN_FROM_ABOVE: Final = ("turn", "roundabout", "aashto_turn", "ctsw_turn", "braking_split", "braking_in_turn")
 _FIGURES: Final[dict[str, tuple[Callable[[Vehicle, Manoeuvre, Axes], None], ...]]] = {
-    "lane_change": (_paths, _accelerations),
+    "lane_change": (_paths,),
     "straight": (_paths,),
     "steady_circle": (_steer_over_acceleration,),
     "random_steer": (_frequency_response,),
     "tilt": (_load_transfers,),
     "closing_curve": (_rolls,),
-}
-_STOP: Final = ("Speed", "Steer angles of the road wheels", "Articulation angle")
-_CHARTED: Final[dict[str, tuple[str, ...]]] = {
-    "pulse": ("Yaw rate",),
-    "sine_with_dwell": ("Steer angles of the road wheels", "Yaw rate"),
-    **dict.fromkeys(("braking", "braking_slippery", "braking_split", "braking_in_turn", "longitudinal"), _STOP),
 }
 
 
@@ -163,21 +154,25 @@ def assessment_playback(matrix: AssessmentMatrix) -> Playback | None:
         for manoeuvre in case.manoeuvres
         if len(manoeuvre.log) > 1 and f"x_{matrix.vehicle.units[0].name}" in manoeuvre.log
     ]
-    return _playback(matrix.vehicle, runs) if runs else None
-
-
-def _playback(vehicle: Vehicle, runs: Sequence[PlayedRun]) -> Playback:
-    charts, readings = tuple(_charts(vehicle, runs)), tuple(_readings(vehicle))
-    return Playback(title=vehicle.name, runs=tuple(runs), together=False, charts=charts, readings=readings)
+    if not runs:
+        return None
+    names, vehicle = {name: None for run in runs for name in run.log.names}, matrix.vehicle
+    steer = [one for one in names if one.startswith("steer_") and "command" not in one]
+    steered = curves({one: one.removeprefix("steer_").replace("_", " ") for one in steer}, 180.0 / np.pi)
+    charts = motion_charts(list(names), [unit.name for unit in vehicle.units], steered)
+    readings = tuple(_readings(vehicle))
+    return Playback(title=vehicle.name, runs=tuple(runs), together=False, charts=tuple(charts), readings=readings)
 
 
 def _played(case: Assessment, manoeuvre: Manoeuvre, name: str) -> PlayedRun:
     vehicle, log = case.vehicle, _shown_log(case.vehicle, manoeuvre.log)
-    bodies = outlines(vehicle)
+    bodies, first = outlines(vehicle), vehicle.units[0].name
+    turned = "articulation_1" if len(vehicle.units) > 1 else f"yaw_rate_{first}"
     last = vehicle.units[-1]
     return PlayedRun(
         name=name,
         log=log,
+        peak=peak_of(log, turned),
         bodies=tuple(unit_body(unit, log) for unit in bodies),
         trails=(
             Trail("path of the front axle", "true", 0, (bodies[0].axles[0], 0.0)),
@@ -206,29 +201,6 @@ def _derived(vehicle: Vehicle, log: Log) -> Iterator[LogColumn]:
             yield Signal(f"lateral_acceleration_{unit.name}", "m/s2", meaning), values
 
 
-def _charts(vehicle: Vehicle, runs: Sequence[PlayedRun]) -> Iterator[Chart]:
-    names = {name for run in runs for name in run.log.names}
-    units = [unit.name for unit in vehicle.units]
-    steer = sorted(name for name in names if name.startswith("steer_") and "command" not in name)
-    for title, unit, shown, scale in (
-        ("Steer angles of the road wheels, + left", "°", steer, _DEGREES),
-        ("Lateral acceleration, + left", "m/s²", [f"lateral_acceleration_{name}" for name in units], 1.0),
-        ("Yaw rate, + left", "°/s", [f"yaw_rate_{name}" for name in units], _DEGREES),
-        ("Articulation angle", "°", [f"articulation_{k}" for k in range(1, len(units))], _DEGREES),
-        ("Roll", "°", [f"roll_{name}" for name in units if f"roll_{name}" in names], _DEGREES),
-        ("Speed", "km/h", [f"v_x_{units[0]}"], 3.6),
-    ):
-        if shown:
-            yield Chart(title, unit, curves({name: _label(name) for name in shown}, scale), 2)
-
-
-def _label(name: str) -> str:
-    for prefix in ("lateral_acceleration_", "yaw_rate_", "articulation_", "steer_", "roll_", "v_x_"):
-        if name.startswith(prefix):
-            return name.removeprefix(prefix).replace("_", " ")
-    return name
-
-
 def _readings(vehicle: Vehicle) -> Iterator[Reading]:
     first, last = vehicle.units[0].name, vehicle.units[-1].name
     yield Reading("speed", f"v_x_{first}", "km/h", 3.6, 1)
@@ -241,7 +213,7 @@ def _readings(vehicle: Vehicle) -> Iterator[Reading]:
 def write_drawings(case: Assessment, folder: Path, before: str, kinds: Sequence[str]) -> None:
     """Write ``<before><manoeuvre>.<format>`` of every manoeuvre that has a path and moved along it."""
     for manoeuvre in case.manoeuvres:
-        if manoeuvre.course is not None and len(manoeuvre.log) > 1:
+        if kinds and manoeuvre.course is not None and len(manoeuvre.log) > 1:
             drawn = drawing(_driven(case, manoeuvre))
             for kind in kinds:
                 write_drawing(drawn, folder / f"{before}{manoeuvre.key}.{kind}", kind)
@@ -265,6 +237,7 @@ BY_NAME: Final = groups()["assessment"].numbers
 
 
 _BAD: Final = ("none", "missed", "not measured")
+_OPEN: Final = (*_BAD, UNDECIDED)
 _TOGETHER: Final = "\N{NO-BREAK SPACE}"
 _LEVELS: Final = (
     "The level of each standard that the combination reaches. Limits marked “from memory” were not checked against the "
@@ -291,8 +264,43 @@ def assessment_page(matrix: AssessmentMatrix) -> str:
         title=f"{vehicle.name} · assessment",
         heading=f"{vehicle.name} in standard manoeuvres",
         subtitle=" · ".join(facts),
+        verdict=_verdict(matrix),
+        answer=_answer(matrix),
         sections=list(_sections(matrix)),
+        wide=True,
     ).html()
+
+
+def _verdict(matrix: AssessmentMatrix) -> Verdict:
+    """How many of the limits are met, over all cases."""
+    reached = [judgement.reached for case in matrix.cases for judgement in case.judgements]
+    if not reached:
+        ended = sum(one.outcome != "completed" for case in matrix.cases for one in case.manoeuvres)
+        return Verdict(f"{ended} not completed" if ended else "completed, no limits apply", not ended)
+    met = sum(one not in _OPEN for one in reached)
+    return Verdict(f"{met} of {len(reached)} limits met", met == len(reached))
+
+
+def _answer(matrix: AssessmentMatrix) -> list[str]:
+    """Manoeuvres that were not completed, and the limits that are missed, by how much."""
+    found = list[str]()
+    for case, name in zip(matrix.cases, matrix.names, strict=True):
+        at = f" ({name})" if len(matrix.cases) > 1 else ""
+        found += [f"{one.title}{at}: {one.outcome}." for one in case.manoeuvres if one.outcome != "completed"]
+        found += [f"{_missed(one)}{at}." for one in case.judgements if one.reached in _OPEN]
+    return some(found, _MOST_SENTENCES)
+
+
+def _missed(judgement: Judgement) -> str:
+    quantity, standard = BY_NAME[judgement.criterion.quantity], judgement.criterion.standard
+    if judgement.reached in ("not measured", UNDECIDED):
+        return f"{quantity.label} {judgement.reached}: {bounds_text(judgement)} by {standard}"
+    (_, bound), side = judgement.bounds[-1], "at least" if judgement.criterion.at_least else "at most"
+    by, measured = quantity.said(abs(judgement.measured - bound)), quantity.text(judgement.measured)
+    return f"{quantity.label} missed by {by}: {measured}, {side} {quantity.text(bound)} by {standard}"
+
+
+_MOST_SENTENCES: Final = 5
 
 
 def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
@@ -310,17 +318,18 @@ def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
 
 
 def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
+    several = len(matrix.cases) > 1
+    endings = [f" · {name}" if several else "" for name in matrix.names]
     if matrix.warnings:
         yield Section("Warnings", content=[Items(matrix.warnings)])
-    if playback := assessment_playback(matrix):
-        yield Section("Playback", "Choose a manoeuvre to see it driven.", [Player(encoded(playback))])
-    several = len(matrix.cases) > 1
     if several:
         yield Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix, limits=True)])
-    for case, case_name in zip(matrix.cases, matrix.names, strict=True):
-        ending = f" · {case_name}" if several else ""
+    for case, ending in zip(matrix.cases, endings, strict=True):
         if case.judgements:
             yield Section(f"Levels{ending}", _LEVELS, [levels_table(case)])
+    if playback := assessment_playback(matrix):
+        yield Section("Playback", "Choose a manoeuvre to see it driven.", [Player(encoded(playback))])
+    for case, ending in zip(matrix.cases, endings, strict=True):
         for manoeuvre in case.manoeuvres:
             name = f"{case.load}-{case.conditions.hand}-{manoeuvre.key}" if several else manoeuvre.key
             yield Section(

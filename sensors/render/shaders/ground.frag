@@ -3,8 +3,8 @@
 // Asphalt with worn lines, a kerb strip, gravel and grass, selected by the distance from the road's edge.
 in vec2 detail_uv;
 in vec2 map_uv;
-in vec3 sky_light;  // both as far as the haze transmits them
-in vec3 sun_light;
+in float skylight;  // share of the light that the ground receives and the haze transmits
+in float sunlight;
 in float fog;       // share of the haze's own colour
 flat in float texels;
 
@@ -16,6 +16,8 @@ const vec4 road_sheet = ROAD_SHEET;
 const float road_texels = ROAD_TEXELS;  // twice the squared texels of the road per squared period of the detail
 const vec2 strip = EDGE_STRIP;  // distance from the edge = x + y * r, saturated [m]
 const vec3 haze = HAZE_COLOUR;
+const vec3 sky_colour = SKY_COLOUR;
+const vec3 sun_colour = SUN_COLOUR;
 const vec3 sun = SUN_DIRECTION;
 
 out vec4 colour;
@@ -89,7 +91,7 @@ void dig(inout vec3 albedo, inout vec3 light, vec4 grain, float lit)
     float towards_sun = length(q + sun.xy / sun.z * hole.w * 1.3 / hole.z) + ragged;
     float sunny = clamp((1.0 - towards_sun) / max(blur, 0.12) + 0.5, 0.0, 1.0);
     vec3 rubble = vec3(0.40, 0.36, 0.30) * (0.8 + 2.4 * grain.b + 0.8 * grain.r);
-    vec3 below = sky_light * (0.75 - 0.25 * wall) + sun_light * lit * facing * sunny;
+    vec3 below = sky_colour * (skylight * (0.75 - 0.25 * wall)) + sun_colour * (sunlight * lit * facing * sunny);
     albedo = mix(albedo * (1.0 + rim * (0.15 - 2.2 * abs(grain.a))), rubble, inside);
     light = mix(light, below, inside);
 }
@@ -126,7 +128,7 @@ vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
     float mirrored = 0.02 + 0.98 * grazing * grazing * grazing * grazing * grazing;  // Schlick's formula, water
     float glint = max(dot(ray, sun), 0.0);
     glint *= glint, glint *= glint, glint *= glint, glint *= glint, glint *= glint;
-    vec3 sky = mix(haze, ZENITH, clamp(2.0 * ray.z, 0.0, 1.0)) + (0.4 + 2.0 * polish) * glint * SUN_COLOUR;
+    vec3 sky = mix(haze, ZENITH, clamp(2.0 * ray.z, 0.0, 1.0)) + (0.4 + 2.0 * polish) * glint * sun_colour;
     return mix(albedo * light, (1.0 - fog) * sky * (0.55 + 0.45 * here.g), film * mirrored);
 }
 #endif
@@ -163,8 +165,7 @@ void main()
     at = level(road_sheet, longer * road_texels, ROAD_LAST);
     vec4 here = texture(road, at.xy + fract(map_uv) * at.zw);
     vec2 off = abs(map_uv - 0.5);
-    if (max(off.x, off.y) > 0.5)
-        here.rg = vec2(1.0);  // beyond the map: no shadows
+    here.rg = max(here.rg, vec2(float(max(off.x, off.y) > 0.5)));  // beyond the map: 1, no shadows
     float d = strip.x + strip.y * here.r;
     float across = fwidth(d) + 0.004, per_metre = 1.0 / across;
 
@@ -187,10 +188,11 @@ void main()
 #ifdef TRAFFIC
     vec2 left = past_vehicles();
     here.g *= left.x;
-    vec3 light = sky_light * left.y + sun_light * here.g;
+    float open = skylight * left.y;
 #else
-    vec3 light = sky_light + sun_light * here.g;
+    float open = skylight;
 #endif
+    vec3 light = sky_colour * open + sun_colour * (sunlight * here.g);
 #ifdef HOLES
     dig(albedo, light, grain, here.g);
 #endif

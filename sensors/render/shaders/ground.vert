@@ -16,8 +16,8 @@ const vec2 map_size = MAP_EXTENT;  // [m]
 
 out vec2 detail_uv;
 out vec2 map_uv;
-out vec3 sky_light;
-out vec3 sun_light;
+out float skylight;
+out float sunlight;
 out float fog;
 flat out float texels;  // twice the squared texels of the detail per squared period, for its level
 #ifdef MARKED
@@ -36,8 +36,8 @@ void main()
     detail_uv = texcoord / detail_period;
     map_uv = (position.xy - map_origin) / map_size;
     float clear = exp(-length(camera - position) / HAZE_RANGE);
-    sky_light = SKY_COLOUR * (0.72 + 0.28 * normal.z) * clear;
-    sun_light = SUN_COLOUR * max(dot(normal, SUN_DIRECTION), 0.0) * clear;
+    skylight = (0.72 + 0.28 * normal.z) * clear;
+    sunlight = max(dot(normal, SUN_DIRECTION), 0.0) * clear;
     fog = 1.0 - clear;
     texels = DETAIL_TEXELS / (stretch * stretch);
 #ifdef MARKED

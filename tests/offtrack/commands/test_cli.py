@@ -144,6 +144,34 @@ def test_every_command_of_the_list_can_be_called() -> None:
         assert (commands[name].help or "").split()[0] == line.split()[0], name
 
 
+@pytest.mark.parametrize(
+    ("words", "place", "expected"),
+    [
+        ("offtrack sc", 1, "scenarios"),
+        ("offtrack run roundabout-l", 2, "roundabout-low-friction"),
+        ("offtrack compare roundabout --set wind.sp", 4, "wind.speed="),
+        ("offtrack run roundabout --set off_tracking = ki", 6, "kinematic"),  # as bash cuts it
+        ("offtrack run roundabout --set rig.facing = d", 6, "down"),
+    ],
+)
+def test_a_shell_completes_commands_scenarios_keys_and_values(
+    words: str, place: int, expected: str, here: Path
+) -> None:
+    asked = {"_OFFTRACK_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(place)}
+    assert offtrack(cwd=here, **asked).stdout.split() == [expected]
+
+
+def test_doctor_says_what_is_missing_and_what_mends_it(here: Path) -> None:
+    """Every extra of users is in the list, and a compiler or a device that does not work is no error of the command."""
+    broken = offtrack("doctor", cwd=here, OFFTRACK_EGL_DEVICE="99", OFFTRACK_COMPILER="nix", COLUMNS="300")
+    assert broken.returncode == 0, broken.stderr
+    for words in ("EGL has no such device", "apt-get install libegl1", "nix is no C compiler", "apt-get install gcc"):
+        assert words in broken.stdout
+    extras = re.findall(r"^extra (\w+) ", broken.stdout, re.MULTILINE)
+    assert {"video", "cad", "rl", "export"} <= set(extras)
+    assert not {"dev", "docs", "oracles"} & set(extras)
+
+
 @pytest.mark.slow
 def test_doctor_times_a_pair_on_every_device_and_says_which_one_runs_use(here: Path) -> None:
     """A device that EGL does not have is refused in one line, after the list."""

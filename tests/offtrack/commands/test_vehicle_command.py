@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -198,3 +199,50 @@ def test_the_wheels_of_a_rover_are_drawn_to_scale() -> None:
     tyres = [patch for patch in ax.patches if isinstance(patch, Circle) and patch.get_radius() == rover.radius]
     centres = np.sort(np.array([centre_of(tyre) for tyre in tyres]), axis=0)
     assert centres == pytest.approx(np.array([(-0.3, rover.radius), (0.3, rover.radius)]))
+
+
+@pytest.mark.parametrize("like", vehicle_names())
+def test_a_new_vehicle_is_the_one_that_it_is_like(like: str, offtrack_vehicle: Path) -> None:
+    """Every number is there, plain, and every number of a known kind says its unit."""
+    assert run("new", "mine", "--like", like).exit_code == 0
+    made = load_vehicle("mine.toml")
+    assert made.model_copy(update={"name": like, "summary": ""}) == load_vehicle(like).model_copy(
+        update={"summary": ""}
+    )
+    lines = Path("mine.toml").read_text(encoding="utf-8").splitlines()
+    masses = [line for line in lines if line.startswith("mass = ")]
+    assert masses
+    assert all("# [kg], " in line and "usual: " in line for line in masses)
+
+
+@pytest.mark.parametrize(("like", "axles"), [("eu_tractor_semitrailer", (3, 2)), ("b_double", (2, 4, 1))])
+def test_a_new_vehicle_has_as_many_axles_as_asked_for(
+    like: str, axles: tuple[int, ...], offtrack_vehicle: Path
+) -> None:
+    """Those of a group stand about the same middle, 1.31 m apart; the sheet can be drawn."""
+    assert run("new", "mine", "--like", like, "--axles", ",".join(map(str, axles))).exit_code == 0
+    made, model = load_vehicle("mine.toml"), load_vehicle(like)
+    assert tuple(len(unit.axles) for unit in made.units) == axles
+    places = [axle.x for axle in made.units[1].axles]
+    assert np.mean(places) == pytest.approx(np.mean([axle.x for axle in model.units[1].axles]), abs=0.002)
+    np.testing.assert_allclose(np.diff(places), -1.31, atol=0.002)
+    assert run("mine.toml", "--quiet").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("new",), "vehicle new: name the vehicle"),
+        (("new", "a/b"), "a name has letters"),
+        (("new", "mine", "--axles", "2"), "--axles 2: expected 2 numbers from 1 to 10"),
+        (("new", "mine", "--axles", "1,3"), "the first unit needs two axles"),
+        (("new", "mine", "--like", "b_doubl"), "did you mean 'b_double'"),
+        (("b_double", "mine"), "belong to: offtrack vehicle new NAME"),
+    ],
+)
+def test_what_vehicle_new_can_not_make_is_one_line(
+    arguments: tuple[str, ...], line: str, offtrack_vehicle: Path
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(line)):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert not Path("mine.toml").exists()

@@ -382,7 +382,7 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
         infos = [(f"/stereo/{name}/camera_info", INFO, 0, info(side, **changes)) for name, side in both.items()]
         return [*without("camera_info"), *infos]
 
-    yield "no images", without("image_raw"), "", "it has no images"
+    yield "no images", without("image_raw"), "", "it has none. Of a run of offtrack"
     yield "one camera", without("right"), "", "no topic of the right camera's images"
     yield "no calibration", without("camera_info"), "", "no calibration of the left camera"
     yield "two left", [*plain, ("/other/left/image_raw", IMAGE, 0, image(0, 0, 0))], "", "several topics of the left"
@@ -413,6 +413,14 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
 @pytest.mark.parametrize(("messages", "topics", "line"), [pytest.param(*row[1:], id=row[0]) for row in bad_bags()])
 def test_a_bad_bag_is_one_line(messages: Messages, topics: str, line: str, tmp_path: Path) -> None:
     one_line(["estimate", "off-tracking", str(bag(tmp_path / "bag", messages)), "--topics", topics], line, tmp_path)
+
+
+def test_an_mcap_file_for_viewers_is_refused_with_the_export_that_is_read(tmp_path: Path) -> None:
+    """Its header has no profile; the mark, an opcode and a length come before it."""
+    (tmp_path / "viewer.mcap").write_bytes(b"\x89MCAP0\r\n\x01" + struct.pack("<QI", 12, 0) + bytes(20))
+    one_line(
+        ["estimate", "off-tracking", str(tmp_path / "viewer.mcap")], "export RUN --to rosbag2 --images DIR", tmp_path
+    )
 
 
 def test_a_broken_file_is_one_line(tmp_path: Path) -> None:

@@ -15,18 +15,14 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.reports.page import (
-    Bar,
     Card,
     Cell,
     Column,
     Content,
     Items,
     Page,
-    Photo,
-    Photos,
     Preformatted,
     Section,
-    Stroke,
     Table,
     Verdict,
 )
@@ -46,22 +42,35 @@ TEMPLATES: Final = Path(__file__).resolve().parents[3] / "offtrack" / "reports" 
 
 
 @pytest.mark.slow
-def test_a_run_page_shows_the_image_where_the_off_tracking_was_largest(camera_run: RunResult) -> None:
-    """The caption states the time of the image; they were taken at 10 Hz."""
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 800)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_run_page_opens_with_its_answer_at_the_largest_off_tracking(
+    browser: Any, camera_run: RunResult, tmp_path: Path, width: int, height: int, scheme: Any
+) -> None:
+    """Verdict and all four tiles stand within the first screen; nothing is wider than it."""
+    page = tmp_path / "report.html"
+    page.write_text(report_html(camera_run, camera_run.summary()), encoding="utf-8")
     worst = camera_run.log["time"][np.nanargmax(np.abs(camera_run.signal("off_tracking_true")))]
-    shown = re.search(
-        r"Left camera at ([\d.]+) s, where the off-tracking was largest", report_html(camera_run, camera_run.summary())
-    )
-    assert shown is not None
-    assert float(shown[1]) == pytest.approx(worst, abs=0.1)
+    with opened_page(browser, page, width=width, height=height, scheme=scheme) as opened:
+        assert opened.value("player.t") == pytest.approx(worst, abs=1e-4)
+        bottoms = (
+            "[...document.querySelectorAll('.outcome, .answer, .card')].map((e) => e.getBoundingClientRect().bottom)"
+        )
+        found = opened.value(bottoms)
+        assert len(found) == 5  # the verdict and four tiles
+        assert max(found) < height
+        assert opened.value("document.documentElement.scrollWidth") <= width
+        opened.value("player.show(0)")
+        estimated = opened.page.inner_text('dd[data-signal="off_tracking_estimate"]')
+        assert estimated == "no estimate yet"
+        assert "no estimate yet" in opened.page.inner_text('[data-part="spans"]')
+        assert opened.messages == []
 
 
 @pytest.mark.parametrize(
     "content",
     [
         Table((Column("name", BAD), Column("number", BAD)), [[BAD], [BAD, Cell(BAD, colour=BAD, share=0.5)]]),
-        Photos([Photo(b"", (1, 1), BAD, [Stroke((0.0, 0.0), (1.0, 1.0), BAD)])]),
-        Bar([(BAD, 0.5)]),
         Items([BAD]),
         Items([BAD], numbered=True),
         Preformatted(BAD),
@@ -70,7 +79,8 @@ def test_a_run_page_shows_the_image_where_the_off_tracking_was_largest(camera_ru
 )
 def test_every_kind_of_content_is_escaped(content: Content) -> None:
     html = Page(
-        title=BAD, heading=BAD, subtitle=BAD, verdict=Verdict(BAD, True), cards=[Card(BAD, BAD, BAD, BAD)],
+        title=BAD, heading=BAD, subtitle=BAD, verdict=Verdict(BAD, True), answer=[BAD],
+        cards=[Card(BAD, BAD, BAD, BAD)],
         sections=[Section(BAD, BAD, [content], Verdict(BAD, False)), Section(BAD, content=[content], collapsed=True)],
     ).html()  # fmt: skip
     html = without_own_scripts(html)
@@ -85,7 +95,7 @@ def test_a_figure_keeps_its_lettering_as_text() -> None:
         ax.plot([0.0, 1.0], [0.0, 1.0], label=BAD)
         ax.set(xlabel=BAD, ylabel=BAD)
     assert "<script" not in drawing.content.svg
-    assert drawing.content.svg.count(escape(BAD, quote=False)) == 3
+    assert drawing.content.svg.count(escape(BAD, quote=False)) == 2 * 3  # for wide pages and for phones
 
 
 def without_own_scripts(html: str) -> str:

@@ -201,6 +201,7 @@ def test_spans_of_health_and_faults() -> None:
     health = np.array([np.nan, 0.0, np.nan, 1.0, 1.0, 2.0, 0.0])
     log = Log((Signal("time", "s", "time"), Signal("health", "-", "health")), np.column_stack([np.arange(7.0), health]))
     assert [(s.label, s.start, s.end) for s in health_spans(log, "health")] == [
+        ("no estimate yet", 0.0, 1.0),
         ("estimate degraded", 3.0, 5.0),
         ("estimate lost", 5.0, 6.0),
     ]
@@ -271,9 +272,13 @@ def test_a_study_leads_to_the_pages_of_its_runs(browser: Any, tmp_path: Path) ->
     offtrack("compare", "turn-90", "--controllers", "none,path_preview", "--vary", "speed_kmh=14,15", *short,
              "--out", str(out), "--quiet")  # fmt: skip
     with opened_page(browser, out / "report.html") as opened:
-        assert opened.value("player.playback.runs.map((run) => run.name)") == ["none", "path_preview"]
+        names = [f"{law} · speed {speed} km/h" for speed in (14, 15) for law in ("none", "path_preview")]
+        assert opened.value("player.playback.runs.map((run) => run.name)") == names
         assert opened.value("document.querySelectorAll('#explorer polyline').length") == 4
-        assert opened.value("explorer.axes.map((axis) => axis.label).slice(0, 2)") == ["trailer_steering", "speed_kmh"]
+        assert opened.value("explorer.axes.map((axis) => axis.label).slice(0, 2)") == [
+            "trailer steering",
+            "speed [km/h]",
+        ]
         assert opened.messages == []
         opened.page.locator("#explorer circle").nth(2).click()
         opened.page.wait_for_url("**/pages/*.html*", timeout=8000)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from offtrack.reports.player.playback import trailer_playback
-from offtrack.reports.plots import chart_figure
 from offtrack.reports.run_page import report_html
-from offtrack.reports.sections import changes, groups
+from offtrack.reports.sections import changes, course_title, groups, where
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log
+from scenarios.results.run_summary import number_at
+from scenarios.results.swept_path import RoadEdges
 from scenarios.results.trailer_result import RunResult
 
 
@@ -25,27 +26,23 @@ def page(camera_run: RunResult) -> str:
 def test_the_page_needs_nothing_else_and_shows_what_there_is(page: str, camera_run: RunResult) -> None:
     """It is mailed around and opened behind firewalls; xmlns and ids of SVG are names, not links.
 
-    Figures share one page: a repeated id would make one use another's clip path. A comment with angle brackets in the
-    scenario is quoted. The summary is in metres, the error is shown in millimetres. The camera image is that with the
-    largest off-tracking, with all its features. The same run gives the same page: no dates, no random identifiers.
+    A comment with angle brackets in the scenario is quoted. The summary is in metres, the error is in millimetres. The
+    simulation's speed stands at the foot. The same run gives the same page: no dates, no random identifiers.
     """
     assert set(re.findall(r'(?:src|href)="([^"]{5})', page)) <= {"data:", "#m", *re.findall(r'href="(#[^"]{4})', page)}
     assert "@import" not in page
     assert not re.findall(r"url\((?!#)", page)
-    identifiers = re.findall(r'<(?:clipPath|path|defs)[^>]* id="([^"]+)"', page)
-    assert len(set(identifiers)) == len(identifiers)
-    assert re.findall(r"<h2>(.*?)</h2>", page) == [
-        *("Playback", "Plan view", "Off-tracking", "Error of the estimate", "Steer angles of the road wheels"),
-        *("Features per frame", "Camera image", "All numbers", "Computing time"),
-    ]
+    assert re.findall(r"<h2>(.*?)</h2>", page) == ["Playback", "All numbers", "Computing time"]
     assert "# &lt;dry&gt;" in page
     numbers = camera_run.summary()["off_tracking"]
     assert isinstance(numbers, dict)
     error = numbers["estimate_error_rms_m"]
     assert isinstance(error, float)
     assert f"{1e3 * error:.1f} mm" in page
-    assert "0.62 <small>× real time" in page
-    assert page.count('r="1.6"') in {len(frame.tracks) for frame in camera_run.frames}
+    assert re.findall(r'<div class="card">.*?<span>(.*?)</span>', page) == [
+        *("True off-tracking, maximum", "Wheel clearance, left", "Swept width", "Estimate error, RMS")
+    ]
+    assert "0.62 times real time" in page[page.index("Computing time") :]
     assert report_html(camera_run, camera_run.summary()) == page
 
 
@@ -60,6 +57,7 @@ def test_every_number_of_a_summary_has_a_label(camera_run: RunResult) -> None:
     }
     times = {"simulated_s", "wall_s", "physics_s", "render_s", "odometry_s"}
     reference = {"reference_error_rms_m", "estimate_against_reference_rms_m"}
+    unlabelled = {path for path in unlabelled if not re.search(r"_(time_s|[xy]_m)$", path)}  # stand beside their number
     assert unlabelled == {f"timing.{name}" for name in times} | {f"off_tracking.{name}" for name in reference}
 
 
@@ -78,31 +76,35 @@ def test_a_label_has_the_unit_of_its_number() -> None:
                 assert number.unit in ("m", "mm", "°/m"), name
 
 
-def steer_figure(run: RunResult) -> str:
-    playback = trailer_playback(run)
-    return next(
-        chart_figure(chart, playback.runs[0]).svg for chart in playback.charts if chart.title.startswith("Steer")
-    )
+def test_the_demanded_steer_angles_are_drawn(blind_run: RunResult) -> None:
+    """A dashed curve beside each of the three axles' angles, and the limit of the actuators."""
+    (chart,) = (one for one in trailer_playback(blind_run).charts if one.title.startswith("Steer"))
+    dashed = [curve.signal for curve in chart.curves if curve.style == "dashed"]
+    assert dashed == list(blind_run.steer_signals(demands=True))
+    assert chart.limit == pytest.approx(math.degrees(blind_run.trailer_steer_limit or math.nan))
 
 
-def test_the_commanded_steer_angles_are_drawn(blind_run: RunResult) -> None:
-    """A curve for each of the three axles: without demands in the log the figure has far fewer points."""
-    rows = blind_run.log.rows.copy()
-    for name in blind_run.steer_signals(demands=True):
-        rows[:, blind_run.log.names.index(name)] = np.nan
-    undemanded = dataclasses.replace(blind_run, log=Log(blind_run.log.signals, rows))
-    drawn, missing = (steer_figure(run).count("\nL ") for run in (blind_run, undemanded))
-    assert drawn > missing + 90  # 30 points a curve: matplotlib leaves out those on straight lines
+def test_numbers_have_their_time_and_place(blind_run: RunResult) -> None:
+    """They are where the signals say: the largest off-tracking, and the wheel that is nearest to an edge."""
+    summary, time = blind_run.summary(), blind_run.log["time"]
+    true = np.abs(blind_run.signal("off_tracking_true"))
+    assert number_at(summary, "off_tracking.true_max_time_s") == pytest.approx(time[np.nanargmax(true)])
+    assert where(summary, "off_tracking.true_max_m").startswith("after ")
+    edges = RoadEdges(blind_run.road, blind_run.road_half_width)
+    for side in ("left", "right"):
+        least, x, y = (number_at(summary, f"road.wheel_clearance_{side}_{name}") for name in ("m", "x_m", "y_m"))
+        inside, on_left = edges.distance(np.array([[x, y]], dtype=float))
+        assert inside[0] == pytest.approx(least, abs=1e-4)  # the place is rounded to micrometres
+        assert on_left[0] == (side == "left")
 
 
 @pytest.mark.slow
 def test_a_page_says_what_there_is_not(blind_run: RunResult, camera_run: RunResult) -> None:
-    """No empty diagrams without cameras; warnings come first; a page of an odometry that never worked."""
+    """Without cameras no chart of features; warnings come first; a page of an odometry that never worked."""
     doubtful = dataclasses.replace(blind_run, warnings=("units.0 (tractor): <light>",))
     pages = [report_html(run, run.summary()) for run in (blind_run, doubtful)]
     titles = [re.findall(r"<h2>(.*?)</h2>", page) for page in pages]
-    assert {"No estimate", "No camera images"} <= set(titles[0])
-    assert "Features per frame" not in titles[0]
+    assert "Features per frame" not in pages[0]
     assert "Visual odometry" not in pages[0]
     assert (titles[1][0], "Warnings" in pages[0]) == ("Warnings", False)
     assert "units.0 (tractor): &lt;light&gt;" in pages[1]
@@ -110,7 +112,9 @@ def test_a_page_says_what_there_is_not(blind_run: RunResult, camera_run: RunResu
     health = camera_run.log.names.index("health")
     rows[np.isfinite(rows[:, health]), health] = 2.0
     lost = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, rows))
-    assert ">estimate lost<" in report_html(lost, lost.summary())
+    spans = trailer_playback(lost).runs[0].spans
+    assert [span.label for span in spans] == ["estimate lost"]
+    assert "estimate lost" in report_html(lost, lost.summary())
 
 
 def test_changed_faults_are_written_as_they_are_set() -> None:
@@ -121,3 +125,22 @@ def test_changed_faults_are_written_as_they_are_set() -> None:
     assert "faults = my:Kind:1.5@3" in changes(
         scenario | {"faults": [{"kind": "my:Kind", "amount": [1.5], "start": 3.0}]}
     )
+
+
+@pytest.mark.parametrize(
+    ("settings", "changed", "title"),
+    [
+        (("course.turn_deg=60",), "course.turn_deg = 60.0", "roundabout"),
+        (("course.kind=figure-of-eight",), "course.kind = figure-of-eight", "figure-of-eight (scenario roundabout)"),
+        (("course.kind=straight",), "course.kind = straight", "straight (scenario roundabout)"),
+        (("traffic=mixed", "off_tracking=truth"), "off_tracking = truth, traffic.kind = mixed", "roundabout"),
+        ((), "", "roundabout"),
+    ],
+)
+def test_only_what_was_changed_is_listed_and_a_title_names_the_course(
+    settings: tuple[str, ...], changed: str, title: str
+) -> None:
+    """Another kind of course brings its own defaults, which nobody has set."""
+    scenario = load_scenario("roundabout", settings).model_dump(mode="json", exclude_none=True)
+    assert changes(scenario).removeprefix("Changed: ") == changed
+    assert course_title(scenario) == title

@@ -4,6 +4,7 @@ import json
 import math
 import pickle
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -197,12 +198,23 @@ def test_every_limit_says_where_it_comes_from() -> None:
 def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assessment) -> None:
     page = assessment_page(AssessmentMatrix(vehicle=assessed.vehicle, cases=(assessed,)))
     assert not PAGE_LINK.search(page)
-    assert page.count("<svg") == 7
+    assert page.count("<svg") == 2 * 5  # for wide pages and for phones
+    assert re.findall(r'<span class="outcome[^>]*>(.*?)</span>', page)[0].endswith("limits met")
     for manoeuvre in assessed.manoeuvres:
         assert manoeuvre.title in page
         for name in manoeuvre.figures:
             assert BY_NAME[name].meaning.split("'")[0] in page
     assert page.count("from memory") > 10
+
+
+@pytest.mark.slow
+def test_a_page_of_an_assessment_begins_with_the_limits_that_are_missed(assessed: Assessment) -> None:
+    """By how much, in the unit that suits it: an inner radius 2 cm below its limit of 5.30 m."""
+    figures = {"roundabout_inner_radius_m": 5.28, "roundabout_tail_swing_m": 0.1}
+    case = replace(assessed, manoeuvres=(replace(by_key(assessed)["roundabout"], figures=figures),))
+    page = assessment_page(AssessmentMatrix(vehicle=case.vehicle, cases=(case,)))
+    assert "1 of 3 limits met" in page
+    assert page.index("Inner radius missed by 2.0 cm: 5.28 m, at least 5.30 m by 96/53/EC") < page.index("<h2>")
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from offtrack.studies.campaigns.campaign import Campaign, load_campaign
+from offtrack.studies.campaigns.campaign_page import campaign_page
 from offtrack.studies.campaigns.failures import (
     Times,
     badness,
@@ -213,6 +215,24 @@ def test_probabilities_are_counted_for_each_fault_law_and_requirement(campaign: 
         ("wheel_speed_dropout", "", "path_preview"),
         ("wheel_speed_dropout", "", "mpc"),
     }
+
+
+def test_a_law_that_fails_without_a_fault_is_told_first(campaign: Campaign, tmp_path: Path) -> None:
+    """Then how often each law fails with a fault, and by how much a fault makes its deviation grow: 0.1 to 0.8 m."""
+    cases = campaign.cases()
+    faults = [dict(case.axes)["faults"] for case in cases]
+    off = [0.9 if k == 1 else 0.8 if fault.startswith("gyro_bias:5") else 0.1 for k, fault in enumerate(faults)]
+    runs = [campaign.judge(made(campaign, tmp_path, k, off=one)) for k, one in enumerate(off)]
+    assert (runs[1].fault, dict(cases[1].axes)["trailer_steering"]) == ("none", "mpc")
+    page = campaign_page("campaign-mine", campaign, runs, cells_of(campaign, runs), (), [""] * len(runs))
+    told = re.findall(r"<li>(.*?)</li>", page[: page.index("<h2>")])
+    assert told == [
+        "Without any fault 1 of 1 run of mpc fail.",
+        "path_preview: 1 of 3 runs with a fault fail.",
+        "mpc: 1 of 3 runs with a fault fail.",
+    ]
+    assert {"+70.0 cm", "-10.0 cm", "+50 %", "-50 %"} <= set(re.findall(r'class="number"[^>]*>([^<]*)<', page))
+    assert "<h1>mine" in page
 
 
 def test_medians_count_what_never_came() -> None:

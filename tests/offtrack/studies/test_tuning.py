@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import sqlite3
 import threading
 from dataclasses import replace
@@ -28,7 +29,7 @@ from offtrack.studies.trials import (
     study_name,
     work,
 )
-from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto
+from offtrack.studies.tuning import Range, Trial, Tuning, chosen, pareto, tuning_page
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_directory import digest
 
@@ -45,6 +46,23 @@ def test_the_front_is_what_no_other_trial_beats_and_a_compromise_is_chosen() -> 
     assert [t.number for t in pareto(trials)] == [1, 2, 3]
     millimetres = [trial(0, 1.0, 3000.0), trial(1, 1.4, 1300.0), trial(2, 3.0, 1000.0)]
     assert chosen(millimetres).number == 1  # the middle of a front that bends towards the origin
+
+
+def test_a_page_says_if_nothing_is_better_than_the_defaults() -> None:
+    """Better in one objective and worse in another is not better; importances come with labels and units."""
+    pair = tuning("x", objectives=("off_tracking.true_rms_m", "off_tracking.true_max_m"))
+    trials = [trial(0, 0.01, 0.05), trial(1, 0.02, 0.04)]
+    importances = {name: {"gain": 0.25} for name in pair.objectives}
+    pages = [
+        tuning_page(pair, trials, trials[0], {"defaults": (0.01, 0.05), "tuned": tuned}, importances)
+        for tuned in ((0.01, 0.05), (0.005, 0.05), (0.005, 0.06))
+    ]
+    verdicts = ["nothing better than the defaults", "better than the defaults", "nothing better than the defaults"]
+    assert [re.findall(r'<span class="outcome[^>]*>(.*?)</span>', page)[0] for page in pages] == verdicts
+    assert "Nothing better than the defaults was found; they are kept." in pages[0]
+    assert "True off-tracking, RMS: 5.0 mm with the tuned parameters, 1.0 cm with the defaults (-50 %), " in pages[1]
+    assert "True off-tracking, maximum [m]" in pages[0]
+    assert "25 %" in pages[0]
 
 
 def arguments(out: Path, trials: int) -> list[str]:

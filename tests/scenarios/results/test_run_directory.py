@@ -31,6 +31,7 @@ NAMES = {
     "off_tracking": [
         "true_rms_m",
         "true_max_m",
+        "true_max_time_s",
         "estimate_error_rms_m",
         "estimate_error_max_m",
         "valid_fraction",
@@ -43,7 +44,7 @@ NAMES = {
         "longest_bridge_s",
     ],
     "swept_path": ["max_width_m", "min_inner_radius_m", "tail_swing_m", "tail_swing_entry_m", "tail_swing_exit_m"],
-    "road": ["wheel_clearance_left_m", "wheel_clearance_right_m"],
+    "road": [f"wheel_clearance_{one}_{of}" for one in ("left", "right") for of in ("m", "time_s", "x_m", "y_m")],
     "steer": ["max_deg", "max_rate_deg_s"],
     "tyres": ["friction_used_max"],
     "odometry": ["matches_mean", "inliers_mean", "lost_frames", "longest_loss_s", "drift_percent"],

@@ -82,13 +82,22 @@ class Charts {
       scales: { x: { time: false } },
       axes: [{ stroke, grid, font, ticks: grid, size: 34 }, { stroke, grid, font, ticks: grid, size: 58 }],
       legend: { live: true, markers: { width: 2, stroke: (u, k) => marks[k], fill: (u, k) => (series[k].dots ? marks[k] : "transparent") } },
-      hooks: { ready: [(u) => { this.listen(u); setTimeout(() => this.seek(this.now || 0)); }], setSize: [(u) => this.move(u)], setScale: [(u) => this.move(u)] },
+      hooks: { draw: [(u) => this.drawLimits(u, chart.limit)], ready: [(u) => { this.listen(u); setTimeout(() => this.seek(this.now || 0)); }], setSize: [(u) => this.move(u)], setScale: [(u) => this.move(u)] },
     }, data, box);
     plot.root.setAttribute("role", "img");
     plot.root.setAttribute("aria-label", `Chart: ${chart.title} in ${chart.unit}`);
     plot.root.querySelectorAll(".u-series").forEach((row, k) => { row.hidden = k > 0 && !marks[k]; });
     plot.root.querySelector(".u-series .u-label").textContent = this.byStation ? "distance [m]" : "time [s]";
     return plot;
+  }
+
+  // Lines to both sides of zero.
+  drawLimits(plot, limit) {
+    const { left, top, width, height } = plot.bbox;
+    for (const y of (limit ? [-limit, limit] : []).map((value) => plot.valToPos(value, "y", true))) {
+      plot.ctx.strokeStyle = palette().fifth;
+      if (y > top && y < top + height) plot.ctx.stroke(new Path2D(`M${left} ${y}H${left + width}`));
+    }
   }
 
   // Value of a series at a row of the chart; of sparse values the latest one.

@@ -26,7 +26,7 @@ function lastAtMost(values, x) {
 
 class Run {
   constructor(table, buffer, pictures) {
-    Object.assign(this, { name: table.name, link: table.link, bodies: table.bodies, trails: table.trails,
+    Object.assign(this, { name: table.name, link: table.link, peak: table.peak, bodies: table.bodies, trails: table.trails,
                           estimated: table.estimated, spans: table.spans, cameras: table.cameras });
     this.columns = new Map();
     this.units = new Map();
@@ -75,6 +75,12 @@ class Run {
     if (!column) return NaN;
     for (let k = row; k >= 0 && this.time[row] - this.time[k] < 10; k--) if (!Number.isNaN(column[k])) return column[k];
     return NaN;
+  }
+
+  // True if a signal has no value up to a row, but one later.
+  isYetToCome(signal, row) {
+    const first = this.columns.get(signal).findIndex((value) => !Number.isNaN(value));
+    return first > row;
   }
 
   // x, y and heading of a body.
@@ -180,4 +186,7 @@ class Playback {
   get lines() { return this.runs.flatMap((run) => run.lines); }
 
   get end() { return Math.max(0, ...this.runs.map((run) => run.end)); }
+
+  // Moment of the largest deviation of all runs that are shown.
+  get peak() { return this.runs.reduce((worst, run) => (run.peak[1] > worst[1] ? run.peak : worst), [0, 0])[0]; }
 }

@@ -29,6 +29,18 @@ class Explorer {
     return { ticks, place: (value) => (value === null ? null : high > low ? (value - low) / span : 0.5), many: high > low };
   }
 
+  titled(axis) { return axis.label + (axis.unit ? ` [${axis.unit}]` : ""); }
+
+  // Title of an axis in short lines.
+  wrapped(axis) {
+    const lines = [""];
+    for (const word of this.titled(axis).split(" ")) {
+      const last = lines[lines.length - 1];
+      if (last && last.length + word.length > 13) lines.push(word); else lines[lines.length - 1] = last ? `${last} ${word}` : word;
+    }
+    return lines;
+  }
+
   text(axis, value) { return value === null ? "–" : axis.words ? value : fixed(value, axis.digits); }
 
   draw() {
@@ -71,9 +83,10 @@ class Explorer {
   }
 
   drawLines() {
-    const width = Math.max(this.width, 110 * this.axes.length), height = 300, top = 46, bottom = 14, svg = this.part("lines");
+    const heads = this.axes.map((axis) => this.wrapped(axis)), width = Math.max(this.width, 115 * this.axes.length), svg = this.part("lines");
+    const top = 18 + 14 * Math.max(...heads.map((lines) => lines.length)), height = 254 + top, bottom = 14;
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    svg.style.minWidth = `${110 * this.axes.length}px`;
+    svg.style.minWidth = `${115 * this.axes.length}px`;
     svg.replaceChildren();
     const x = (k) => 60 + (this.axes.length > 1 ? (k * (width - 120)) / (this.axes.length - 1) : 0), y = (share) => height - bottom - share * (height - top - bottom);
     this.runs.forEach((run, k) => {
@@ -82,23 +95,23 @@ class Explorer {
     });
     this.axes.forEach((axis, j) => {
       svg.append(this.element("line", { x1: x(j), x2: x(j), y1: y(0), y2: y(1), class: "axis" }));
-      svg.append(this.element("text", { x: x(j), y: 16, "text-anchor": "middle", class: "name" }, axis.label));
-      svg.append(this.element("text", { x: x(j), y: 31, "text-anchor": "middle" }, axis.unit ? `[${axis.unit}]` : ""));
+      heads[j].forEach((line, k) => svg.append(this.element("text", { x: x(j), y: 14 * (k + 1), "text-anchor": "middle", class: "name" }, line)));
       for (const [share, text] of this.scales[j].ticks) svg.append(this.element("text", { x: x(j) + 5, y: y(share) + 4, class: "tick" }, text));
     });
   }
 
   drawDots() {
-    const [i, j] = ["x", "y"].map((name) => Number(this.part(name).value)), width = Math.max(320, Math.min(this.width, 900)), height = 320, svg = this.part("dots");
+    const [i, j] = ["x", "y"].map((name) => Number(this.part(name).value)), width = Math.max(320, Math.min(this.width, 900)), svg = this.part("dots");
+    const ticks = this.scales[i].ticks, letters = ticks.reduce((sum, [, text]) => sum + text.length + 3, 0);
+    const rows = Math.max(1, Math.ceil((8 * letters) / (width - 110))), height = 306 + 13 * rows; // of labels, which would touch in one
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     svg.style.maxWidth = `${width}px`;
     svg.replaceChildren();
-    const u = (share) => 76 + share * (width - 110), v = (share) => height - 52 - share * (height - 80);
-    svg.append(this.element("line", { x1: 66, x2: width - 24, y1: height - 42, y2: height - 42, class: "axis" }), this.element("line", { x1: 66, x2: 66, y1: 18, y2: height - 42, class: "axis" }));
-    const titled = (axis) => axis.label + (axis.unit ? ` [${axis.unit}]` : "");
-    svg.append(this.element("text", { x: 0.5 * (width + 42), y: height - 6, "text-anchor": "middle", class: "name" }, titled(this.axes[i])));
-    svg.append(this.element("text", { x: 66, y: 12, class: "name" }, titled(this.axes[j])));
-    for (const [share, text] of this.scales[i].ticks) svg.append(this.element("text", { x: u(share), y: height - 26, "text-anchor": share === 1 ? "end" : share === 0 ? "start" : "middle" }, text));
+    const u = (share) => 76 + share * (width - 110), foot = 278, v = (share) => foot - 10 - share * (foot - 38);
+    svg.append(this.element("line", { x1: 66, x2: width - 24, y1: foot, y2: foot, class: "axis" }), this.element("line", { x1: 66, x2: 66, y1: 18, y2: foot, class: "axis" }));
+    svg.append(this.element("text", { x: 0.5 * (width + 42), y: height - 6, "text-anchor": "middle", class: "name" }, this.titled(this.axes[i])));
+    svg.append(this.element("text", { x: 66, y: 12, class: "name" }, this.titled(this.axes[j])));
+    ticks.forEach(([share, text], k) => svg.append(this.element("text", { x: u(share), y: foot + 16 + 13 * (k % rows), "text-anchor": share === 1 ? "end" : share === 0 ? "start" : "middle" }, text)));
     for (const [share, text] of this.scales[j].ticks) svg.append(this.element("text", { x: 60, y: v(share) + 4, "text-anchor": "end" }, text));
     this.runs.forEach((run, k) => {
       const [a, b] = [this.scales[i].place(run.values[i]), this.scales[j].place(run.values[j])];

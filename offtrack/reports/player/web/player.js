@@ -13,7 +13,7 @@ class Player {
     this.listen();
     this.charts.build();
     this.plan.begin();
-    this.show(timeOfAddress() ?? 0);
+    this.show(timeOfAddress() ?? this.playback.peak);
   }
 
   get end() {
@@ -79,13 +79,7 @@ class Player {
   }
 
   drawKeys() {
-    const keys = this.part("keys"), { runs, lines, friction } = this.playback, entry = (label, colour, shade) => {
-      const item = document.createElement("span"), swatch = document.createElement("i");
-      swatch.style.background = colour;
-      if (shade) swatch.className = "shade";
-      item.append(swatch, label);
-      return item;
-    };
+    const keys = this.part("keys"), { runs, lines, friction } = this.playback, entry = (...of) => this.entry(...of);
     if (!runs[0].bodies.length) return;
     const colours = palette(), entries = [];
     if (runs.length > 1) entries.push(...runs.map((run, r) => entry(run.name, colours[SERIES[r % SERIES.length]])));
@@ -101,12 +95,13 @@ class Player {
   // Bands of health and faults below the slider.
   drawSpans() {
     const bar = this.part("spans"), end = this.end || 1, colours = palette();
+    const names = new Map();
     bar.replaceChildren();
     if (this.byStation) return;
     for (const run of this.playback.runs) {
       const lanes = new Map();
       for (const span of run.spans) {
-        const kind = span.label.split(" ")[0];
+        const kind = span.label.startsWith("fault") ? "fault" : "estimate";
         if (!lanes.has(kind)) { const lane = document.createElement("div"); lane.className = "lane"; lanes.set(kind, lane); bar.append(lane); }
         const piece = document.createElement("i"), text = `${span.label}, ${span.start.toFixed(1)} to ${span.end.toFixed(1)} s`;
         piece.style.left = `${(100 * span.start) / end}%`;
@@ -116,8 +111,23 @@ class Player {
         piece.setAttribute("role", "img");
         piece.setAttribute("aria-label", piece.title);
         lanes.get(kind).append(piece);
+        names.set(span.label, colours[span.colour]);
       }
     }
+    if (!names.size) return;
+    const key = document.createElement("div");
+    key.className = "keys";
+    key.append(...[...names].map(([label, colour]) => this.entry(label, colour, true)));
+    bar.append(key);
+  }
+
+  // A colour with its meaning.
+  entry(label, colour, shade) {
+    const item = document.createElement("span"), swatch = document.createElement("i");
+    swatch.style.background = colour;
+    if (shade) swatch.className = "shade";
+    item.append(swatch, label);
+    return item;
   }
 
   listen() {
@@ -173,7 +183,7 @@ class Player {
     this.scene.shapes.clear();
     this.charts.build();
     this.plan.begin();
-    this.show(0);
+    this.show(this.playback.peak);
   }
 
   // Takes a run as far as it has come; shows its end if `follow`.
@@ -237,8 +247,10 @@ class Player {
     this.slider.setAttribute("aria-valuetext", shown);
     this.charts.seek(this.t);
     for (const { run, r, reading, value } of this.cells) {
-      const number = run.rows ? reading.scale * run.latest(reading.signal, this.rows[r]) : NaN;
-      value.textContent = Number.isNaN(number) ? "–" : `${fixed(number, reading.digits)} ${reading.unit === "-" ? "" : reading.unit}`;
+      const number = run.rows ? reading.scale * run.latest(reading.signal, this.rows[r]) : NaN, none = Number.isNaN(number);
+      const early = none && run.rows && run.isYetToCome(reading.signal, this.rows[r]);
+      value.classList.toggle("none", none);
+      value.textContent = early ? (reading.colour === "estimated" ? "no estimate yet" : "not known yet") : none ? "–" : `${fixed(number, reading.digits)} ${reading.unit === "-" ? "" : reading.unit}`;
     }
     this.redraw();
     if (!this.playing) this.writeAddress();
