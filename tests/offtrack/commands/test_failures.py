@@ -187,7 +187,7 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
 @pytest.mark.parametrize(
     ("broken", "error", "told"),
     [
-        ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
+        ("run_page.encoded", IndexError("no such colour"), "IndexError: no such colour"),
         (
             "run_files.write_video",
             OSError(errno.ENOSPC, "No space left on device"),

@@ -19,7 +19,7 @@ from scenarios.progress import no_progress, postponed_interrupts
 STUCK = """
 from scenarios.processes import as_finished
 
-sleep = "import os, time; print(os.getpid(), flush=True); time.sleep(600)"
+sleep = "import os, time; os.write(1, str(os.getpid()).encode() + bytes([10])); time.sleep(600)"  # a line at once
 list(as_finished(exec, [sleep, sleep], jobs=2))
 """
 
