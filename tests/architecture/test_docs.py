@@ -193,7 +193,7 @@ def test_every_command_of_a_shell_block_would_start(
 ) -> None:
     """Subcommand, options, scenario and keys are valid; a run begins, also with parts of one's own of the same page."""
     words = shlex.split(line, comments=True)[1:]
-    if "--help" in words:
+    if {"--help", "--install-completion"} & set(words):  # these end at once; the second writes to the home directory
         return
     modules = set(write_modules(document, tmp_path))
     monkeypatch.chdir(tmp_path)
