@@ -145,7 +145,7 @@ def check(name: str, parameters: dict[str, Any]) -> None:
     elif name == "reproduce":
         names_of(parameters["name"])
     elif name == "vehicle" and parameters["name"]:
-        check_vehicle(parameters["name"])
+        check_vehicle(parameters["like"] if parameters["name"] == "new" else parameters["name"])
     elif name == "assess":
         check_vehicle(parameters["vehicle"])
     elif name == "campaign" and parameters["target"] and not parameters["target"].endswith(".toml"):

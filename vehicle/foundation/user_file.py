@@ -281,7 +281,8 @@ class ParameterLibrary:
         known = self.names()
         if name_or_path not in known:
             hint = nearest(name_or_path, known)
-            raise ValueError(f"unknown {self.kind} '{name_or_path}'{hint} (known: {', '.join(known)}; or a .toml file)")
+            listed = "" if hint.startswith("; known") else f" (known: {', '.join(known)})"
+            raise ValueError(f"unknown {self.kind} '{name_or_path}'{hint}{listed}; or name a .toml file")
         return self._home() / f"{name_or_path}.toml"
 
     def usual(self) -> dict[str, Any]:
