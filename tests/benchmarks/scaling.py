@@ -68,7 +68,6 @@ with tempfile.TemporaryDirectory() as folder:
 """
 _RUNS: Final = 4  # of the study of each number of workers
 _TRUTH: Final = {"off_tracking": "truth", "reference_unit": False}
-_SHORT: Final = {"course.entry": 20.0, "course.turn_deg": 30.0, "course.exit": 5.0}
 
 
 class Cost(NamedTuple):
@@ -98,10 +97,6 @@ SERIES: Final[dict[str, tuple[str, dict[float, tuple[str, dict[str, Any]]]]]] = 
         "length [m]",
         {length: ("rover-slope", {"course.length": length}) for length in (1.0, 2.0, 4.0, 8.0)},
     ),
-    "things beside the road": (
-        "density",
-        {density: ("roundabout", _SHORT | {"world.scenery_density": density}) for density in (0.25, 0.5, 1.0, 2.0)},
-    ),
     "trailers": (
         "number",
         {
@@ -117,24 +112,18 @@ _WORKERS: Final = "workers"
 _HOUR: Final = "one hour"
 _HEAD: Final = """# Long and large runs
 
-`python -m tests.benchmarks.scaling` measures this and writes this page. Processor time of a simulated second with the
-run's assembly, of the report, size of files, largest memory; of the hour, five minutes of the loop alone. Two cores
-that other programs shared: times vary by a tenth or two.
+`python -m tests.benchmarks.scaling` writes this page. "Run" is the processor time of a simulated second with the run's
+assembly (of the hour: five minutes of the loop alone), "memory" the largest. Two cores that other programs shared:
+times vary by a tenth or two. Things beside the road cost nothing that could be measured (density 0.25 to 2).
 
 The road's map has cells of 0.25 m up to 2 km of straight road or 1 km square, beyond an 8000th of the length (3.75 m at
-30 km) or a 4096th of a square's side; the ground's mesh 2.5 m up to 750 m, beyond a 300th. A rover's sand keeps what it
-saw last ([rover](rover.md)).
+30 km) or a 4096th of a square's side; the ground's mesh 2.5 m up to 750 m, beyond a 300th.
 
 ![Time and memory](../.pictures/scaling.png)
 """
-_COLUMNS: Final = ("simulated [s]", "a simulated second [s]", "report [s]", "files [MB]", "memory [MB]")
-_OF_WORKERS: Final = (
-    "workers",
-    "wall time of a run [s]",
-    "processor time of a run [s]",
-    "runs an hour",
-    "times one worker",
-)
+_OF_LOOP: Final = ("simulated [s]", "run [s/s]", "memory [MB]")
+_OF_RUN: Final = (*_OF_LOOP, "report [s]", "files [MB]")
+_OF_WORKERS: Final = ("workers", "wall time of a run [s]", "processor time of a run [s]", "times one worker")
 
 
 def main() -> int:
@@ -161,7 +150,7 @@ def _measured(title: str) -> str:
     if title == _WORKERS:
         costs = [(jobs, *_printed(_STUDY.format(runs=_RUNS, jobs=jobs))[0]) for jobs in (1, 2, 4)]
         first = costs[0][1]
-        rows = [(f"{n}", f"{w:.2f}", f"{cpu:.2f}", f"{3600.0 / w:.0f}", f"{first / w:.2f}") for n, w, cpu in costs]
+        rows = [(f"{n}", f"{w:.2f}", f"{cpu:.2f}", f"{first / w:.2f}") for n, w, cpu in costs]
         return _table(_OF_WORKERS, rows)
     if title == _HOUR:
         every_five = zip(itertools.count(5.0, 5.0), _printed(_HOUR_CODE))
@@ -184,8 +173,9 @@ def _of_costs(quantity: str, costs: Iterable[tuple[float, list[float]]]) -> str:
     for value, numbers in costs:
         c = Cost(*numbers)
         run = (f"{c.simulated:.0f}", f"{c.run / c.simulated:.3f}")
-        rows.append((f"{value:g}", *run, f"{c.report:.1f}", f"{c.size:.1f}", f"{c.memory:.0f}"))
-    return _table((quantity, *_COLUMNS), rows)
+        files = (f"{c.report:.1f}", f"{c.size:.1f}") if c.size else ()
+        rows.append((f"{value:g}", *run, f"{c.memory:.0f}", *files))
+    return _table((quantity, *(_OF_RUN if len(rows[0]) > len(_OF_LOOP) + 1 else _OF_LOOP)), rows)
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -199,8 +189,9 @@ def _draw(tables: dict[str, str]) -> None:
         head, _, *lines = table.splitlines()
         rows = np.array([line.strip("| ").split(" | ") for line in lines], dtype=float)
         top.plot(rows[:, 0], rows[:, 2], "o-", label="run")
-        top.plot(rows[:, 0], rows[:, 3] / rows[:, 1], "o-", label="report")
-        bottom.plot(rows[:, 0], rows[:, 5], "o-")
+        if rows.shape[1] > len(_OF_LOOP) + 1:
+            top.plot(rows[:, 0], rows[:, 4] / rows[:, 1], "o-", label="report")
+        bottom.plot(rows[:, 0], rows[:, 3], "o-")
         top.set(title=title, ylim=(0.0, 1.1 * top.get_ylim()[1]))
         bottom.set(xlabel=head.strip("| ").split(" | ")[0], ylim=(0.0, 1.1 * bottom.get_ylim()[1]))
     axes[0, 0].legend()
