@@ -104,7 +104,7 @@ def test_a_sweep_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert table["surface.cross_fall"].tolist() == ["0.0", "0.02"]
     assert table["completed"].tolist() == [1, 1]
     assert table.attrs["units"]["off_tracking.true_rms_m"] == "m"
-    again = offtrack.sweep(tmp_path / "runs" / "sweep-cambered-road" / "study.toml", out=done.directory, jobs=1)
+    again = offtrack.sweep(done.directory / "study.toml", out=done.directory, jobs=1)
     assert again.rows == done.rows
 
 

@@ -217,8 +217,7 @@ def test_everything_is_written_and_agrees(perfect: tuple[Path, dict[str, Any]]) 
     assert found["warnings"] == []
     assert float(table[1]["right_yaw_rad"]) == 0.0
     report = (out / "report.html").read_text(encoding="utf-8")
-    assert "Rotation of the right camera" in report  # and the image of the middle half with most tracks
-    assert "000039.png, 3.9 s after the first frame: 300 matches, 279 of them inliers" in report
+    assert "Rotation of the right camera" in report
 
 
 def test_off_tracking_is_that_of_the_hitch_path(perfect: tuple[Path, dict[str, Any]]) -> None:
