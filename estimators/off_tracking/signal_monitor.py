@@ -69,6 +69,11 @@ class SignalError(NamedTuple):
         return self.value + self.slope * min((tick - self.tick) * TICK, _AHEAD) if self.tick >= 0 else 0.0
 
 
+def _is_unmeasured(error: SignalError | None) -> bool:
+    """True for a signal at fault whose error no reference has shown yet."""
+    return error is not None and error.tick < 0
+
+
 _KEPT: Final = 2500  # history [ticks]
 _WINDOW: Final = 1500  # over which articulations are compared with yaw rates [ticks]
 _ALONE: Final = 300  # time without a reference after which the signals are compared with each other alone [ticks]
@@ -208,7 +213,7 @@ class SignalMonitor:
 
     def holds_speed(self, memory: MonitorMemory) -> bool:
         """True while the speed of the wheels is that of before a fault, whose size is not known."""
-        return memory.errors[0] is not None and memory.errors[0].tick < 0
+        return _is_unmeasured(memory.errors[0])
 
     def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
         """Names of the signals at fault, or of the two that contradict each other."""
@@ -266,11 +271,8 @@ class SignalMonitor:
 
     def _unknown(self, memory: MonitorMemory) -> tuple[bool, bool]:
         """True for the trailer's hitch angle, and for its gyro, where it is at fault by an amount that is not known."""
-        angle, gyro = (memory.errors[k] for k in (self._unit, 1 + 2 * self._unit))
-        return (
-            memory.contradicted or (angle is not None and angle.tick < 0),
-            memory.contradicted or (gyro is not None and gyro.tick < 0),
-        )
+        angle, gyro = (_is_unmeasured(memory.errors[k]) for k in (self._unit, 1 + 2 * self._unit))
+        return memory.contradicted or angle, memory.contradicted or gyro
 
     def _with_towed(self, memory: MonitorMemory) -> MonitorMemory:
         """Memory with the trailer by other signals, since the last comparison with a reference."""

@@ -31,7 +31,7 @@ from scenarios.assembly.surrogate import load_surrogate
 from scenarios.catalogue import TRAILER_STEERING
 from scenarios.extras import check_extra
 from scenarios.progress import Progress
-from scenarios.results.run_directory import replaced
+from scenarios.results.run_directory import digest, replaced
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
@@ -122,7 +122,7 @@ def header(name: str, policy: str, observation: str | None) -> dict[str, Any]:
         "version": _VERSION,
         "task": name,
         "policy": policy if file is None else file.stem,
-        "policy_sha256": None if file is None else hashlib.sha256(file.read_bytes()).hexdigest(),
+        "policy_sha256": None if file is None else digest(file),
         "observation": observation or task.observation,
         "first_seed": FIRST_SEED,
         "versions": {"python": platform.python_version()} | {one: importlib.metadata.version(one) for one in _PACKAGES},
@@ -237,11 +237,11 @@ def read_results(path: Path) -> Results:
         if head["version"] != _VERSION or tuple(content["columns"]) != Episode._fields or not episodes:
             raise ValueError("version")
         task_of(head["task"])
-        digest = _digest({**head, "columns": Episode._fields, "episodes": episodes})
+        found = _digest({**head, "columns": Episode._fields, "episodes": episodes})
         stated = content["sha256"]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not a results file of offtrack benchmark ({type(error).__name__})") from None
-    if stated != digest:
+    if stated != found:
         raise ValueError(f"{path}: its sha256 does not fit its contents: it was changed after the evaluation")
     return Results(head, episodes)
 
