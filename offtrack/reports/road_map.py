@@ -17,9 +17,10 @@ from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.options.course import OpenDriveOptions
 from scenarios.options.scenario import load_scenario
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.links import DRIVABLE, Leg, Request, Stretch, stretches, turn_word, ways
+from scenarios.roads.opendrive.links import DRIVABLE, Leg, Stretch, stretches, turn_word, ways
 from scenarios.roads.opendrive.network import Network, Road
 from scenarios.roads.opendrive.route import lane_points
+from scenarios.roads.opendrive.route_search import Request
 from scenarios.roads.path_file import READABLE, PathPoints, on_one_plane, read_path, tracks_in
 from vehicle.combination.unit import Unit
 from vehicle.foundation.user_file import full_path

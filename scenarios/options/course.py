@@ -11,8 +11,9 @@ from scenarios import courses
 from scenarios.options.base import FullPath, Word, one_word
 from scenarios.roads.fitted_path import Fit, stretch
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.links import Edges, Request
+from scenarios.roads.opendrive.links import Edges
 from scenarios.roads.opendrive.route import lane_points
+from scenarios.roads.opendrive.route_search import Request
 from scenarios.roads.path_file import TRACK, PathPoints, read_path
 from scenarios.roads.road_course import Guided, road_course
 from vehicle.combination.unit import Unit
@@ -20,6 +21,7 @@ from vehicle.foundation.quantity import Frozen, option, quantity
 
 _TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]
 _SHORTEST: Final = 10.0  # path of a combination [m]
+_SHARPEST: Final = 1.0  # smoothing that sharp bends of a map are given [m]
 
 
 class CourseOptions(Frozen):
@@ -222,7 +224,8 @@ class _FileOptions(CourseOptions):
         """Build the course along points of the file for a tractor."""
         if not self.heights:
             points = replace(points, heights=None, banks=None)
-        fit = Fit(source=self.source, smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST)
+        least = _SHARPEST if self.kind == "opendrive" else math.inf  # points of tracks are noisy, those of maps are not
+        fit = Fit(self.source, self.smoothing, self.tolerance, _SHORTEST, least)
         return road_course(points, fit, tractor, self.guided, self.width)
 
     def points(self, tractor: Unit) -> PathPoints:

@@ -10,7 +10,7 @@ curvature by eta'' + kappa^2 eta; the normal equations have seven diagonals, so 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -234,7 +234,7 @@ _BOW: Final = 1.0 / 8.0  # largest distance of the path from a leg between two p
 _LONGEST: Final = 50e3  # course [m]: five hours at 10 km/h, and some seconds to build
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Fit:
     """How a path is fitted to points."""
 
@@ -242,6 +242,7 @@ class Fit:
     smoothing: float  # length [m]
     tolerance: float  # largest distance of a point from the path [m]
     shortest: float  # path that makes sense [m]
+    least: float = math.inf  # length to which the smoothing may be shortened where it leaves the tolerance [m]
 
 
 def fitted_path(points: PathPoints, fit: Fit) -> tuple[SmoothPath, PathPoints]:
@@ -250,6 +251,21 @@ def fitted_path(points: PathPoints, fit: Fit) -> tuple[SmoothPath, PathPoints]:
     Raises:
         ValueError: one line with the place, if there is no such path within the tolerance.
     """
+    shorter, refused = fit, list[ValueError]()
+    while shorter.smoothing >= min(fit.least, fit.smoothing):
+        try:
+            smooth, thin = _fitted(points, shorter)
+        except ValueError as error:
+            refused.append(error)
+            shorter = replace(shorter, smoothing=0.5 * shorter.smoothing)
+        else:
+            said = f"course.file: its bends need course.smoothing = {shorter.smoothing:g} m, which was taken"
+            return smooth, replace(thin, remarks=(*thin.remarks, said)) if refused else thin
+    raise refused[0]
+
+
+def _fitted(points: PathPoints, fit: Fit) -> tuple[SmoothPath, PathPoints]:
+    """The path of one smoothing length."""
     places = points.places
     length = float(arc_length(places)[-1])
     if not fit.shortest <= length <= _LONGEST:
@@ -323,8 +339,8 @@ def _check_legs(points: PathPoints, fit: Fit) -> None:
     if len(turns) and turns.max() > _BACK:
         place = points.named(int(np.argmax(turns)) + 1)
         raise ValueError(
-            f"{fit.source}: the path turns back by {math.degrees(turns.max()):.0f} deg at {place}: give the "
-            "points in the order of driving, or a longer course.smoothing"
+            f"{fit.source}: the path turns back by {math.degrees(turns.max()):.0f} deg at {place}: no vehicle "
+            "drives that; give the points in the order of driving, or a longer course.smoothing"
         )
 
 

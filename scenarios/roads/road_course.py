@@ -96,7 +96,7 @@ def _check_steer(
             worst, at = steer, s
         heading += step * turn
     if worst > limit:
-        bend = abs(path.curvature(at))
+        bend = max(abs(path.curvature(s)) for s in np.arange(max(0.0, at - x_ref), at + step, step).tolist())
         radius = math.hypot(wheelbase / math.tan(limit) + abs(y_ref), x_ref)
         raise ValueError(
             f"{fit.source}: at {at:.1f} m, {where(at)}, the path has a radius of {1.0 / max(bend, 1e-6):.1f} m: the "

@@ -126,9 +126,10 @@ class _Reader:
         for one in element.all("connection"):
             road = one.attributes.get("connectingRoad") or one.attributes.get("linkedRoad")
             incoming = one.attributes.get("incomingRoad")
-            if road is None or incoming is None:  # of a virtual junction
+            if road is None or incoming is None:  # of a virtual junction, whose roads say where they join
                 continue
-            lanes = {self._whole(link, "from"): self._whole(link, "to") for link in one.all("laneLink")}
+            pairs = [tuple(self._whole(link, name) for name in ("from", "to")) for link in one.all("laneLink")]
+            lanes = {lane: tuple(to for begin, to in pairs if begin == lane) for lane, _ in pairs}
             connections.append(Connection(incoming, road, self._contact(one), lanes))
         return tuple(connections)
 
@@ -277,8 +278,8 @@ class _Reader:
             travel=stated or usual,
             both_ways=stated == 0 or kind == "bidirectional",
             stated=stated is not None,
-            predecessor=self._lane_link(link, "predecessor"),
-            successor=self._lane_link(link, "successor"),
+            predecessors=self._lane_links(link, "predecessor"),
+            successors=self._lane_links(link, "successor"),
         )
 
     def _travel(self, lane: Element, usual: int) -> int | None:
@@ -293,9 +294,8 @@ class _Reader:
         words = {"forward": 1, "backward": -1, "bidirectional": 0}
         return words.get(notes[0].attributes.get("travelDir", "")) if notes else None
 
-    def _lane_link(self, link: Element | None, name: str) -> int | None:
-        element = link.first(name) if link is not None else None
-        return None if element is None else self._whole(element, "id")
+    def _lane_links(self, link: Element | None, name: str) -> tuple[int, ...]:
+        return tuple(self._whole(element, "id") for element in (link.all(name) if link else ()))
 
     def _link(self, link: Element | None, name: str) -> Link | None:
         element = link.first(name) if link is not None else None
@@ -303,7 +303,8 @@ class _Reader:
             return None
         is_junction = element.attributes.get("elementType") == "junction"
         name = element.attributes.get("elementId", f"without elementId in line {element.line}")
-        return Link(is_junction, name, self._contact(element), element.line)
+        s = self._number(element, "elementS") if "elementS" in element.attributes else None
+        return Link(is_junction, name, self._contact(element), element.line, s)
 
     def _contact(self, element: Element) -> Contact | None:
         contact = element.attributes.get("contactPoint")

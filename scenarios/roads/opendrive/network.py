@@ -174,8 +174,12 @@ class Lane:
     travel: int  # +1 along the reference line, -1 against it
     both_ways: bool  # may be driven against ``travel`` too
     stated: bool  # True: the file says so for this lane; False: by the side that it is on
-    predecessor: int | None
-    successor: int | None
+    predecessors: tuple[int, ...]  # several where lanes merge
+    successors: tuple[int, ...]  # several where it splits
+
+    def linked(self, direction: int) -> tuple[int, ...]:
+        """Lanes that follow in a direction along the road; empty: the file does not say."""
+        return self.successors if direction > 0 else self.predecessors
 
 
 class LineKind(IntEnum):
@@ -246,6 +250,7 @@ class Link(NamedTuple):
     id: str
     contact: Contact | None  # end of the next road that is touched; None: the file does not say
     line: int  # in the file
+    s: float | None = None  # place on the next road where a virtual junction joins it [m]; None: at an end
 
 
 class Fault(NamedTuple):
@@ -313,7 +318,7 @@ class Connection(NamedTuple):
     incoming: str  # road
     connecting: str  # road
     contact: Contact | None  # end of the connecting road that is touched; None: the file does not say
-    lanes: Mapping[int, int]  # from the incoming to the connecting road; empty: not stated
+    lanes: Mapping[int, tuple[int, ...]]  # from the incoming to the connecting road; empty: not stated
 
 
 JUNCTION: Final = "junction "  # before the ids of junctions that cannot be read

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.roads.opendrive.links import GAP, PAVED, Leg, NotReachedError, Request, Route, joint, starts
+from scenarios.roads.opendrive.links import GAP, PAVED, Leg, joint
 from scenarios.roads.opendrive.network import LineKind, Network, Section, Span
+from scenarios.roads.opendrive.route_search import NotReachedError, Request, Route, starts
 from scenarios.roads.path_file import PathPoints
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
@@ -162,11 +163,11 @@ class _Drive:
         if lead.road is leg.road:
             place = f"road {shown(lead.road.id, 40)}, at {lead.at(lead.start)}"
         if self._along > self._request.begin and lead.change is None:
-            if found.gap > GAP:
-                gap = max(found.gap, abs(found.aside))
+            if not found.goes_on:
+                gap = max(abs(found.ahead), abs(found.aside))
                 raise self._error(
                     f"a gap of {gap:.3g} m between the lanes at {place}, from lane {leg.lane} to {lead.lane}: must be "
-                    f"at most {GAP:g} m"
+                    f"at most {GAP:g} m; choose a course.length that ends before, or another lane"
                 )
             if self._request.heights and abs(found.up) > _STEP:
                 raise self._error(

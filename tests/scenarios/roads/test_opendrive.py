@@ -14,9 +14,9 @@ from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.courses import Course
 from scenarios.options.scenario import load_scenario
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.links import Request
 from scenarios.roads.opendrive.network import Road
 from scenarios.roads.opendrive.route import LINES, lane_points
+from scenarios.roads.opendrive.route_search import Request
 from scenarios.roads.path_file import PathPoints
 from tests.open_drive import TWO_LANES, Piece, Start, bend, crossing, file, lane, lanes, road
 from vehicle.frames import FloatArray
@@ -248,7 +248,7 @@ def test_30_km_of_road_load_in_time(tmp_path: Path) -> None:
 
 
 ROAD: Final = bend(20.0, math.pi)
-KINK: Final = '<geometry s="50" x="50" y="0" hdg="0.6" length="50"><line/></geometry></planView>'
+KINK: Final = '<geometry s="50" x="50" y="0" hdg="1.2" length="50"><line/></geometry></planView>'
 WALL: Final = '<elevation s="0" a="0" b="0.9" c="0" d="0"/>'
 LEANING: Final = '<shape s="0" t="0" a="0" b="-0.9" c="0" d="0"/>'
 RAISED: Final = f"<elevationProfile>{WALL}</elevationProfile>{TWO_LANES}".replace('a="0" b="0.9"', 'a="0.4" b="0"')
@@ -267,7 +267,7 @@ REFUSED: Final = {
     "NaN": (changed('hdg="0.0"', 'hdg="nan"'), "hdg = 'nan' is not a finite number"),
     "backwards": (changed('length="30.0">', 'length="-30">'), "must be positive"),
     "a gap": (changed('x="30.0"', 'x="35"'), "a gap of 5 m in the reference line at s = 30.0 m"),
-    "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "m from "),
+    "a kink": (file(road("1", (Piece(50.0),), TWO_LANES).replace("</planView>", KINK)), "would have to steer"),
     "gap of s": (changed('s="30.0"', 's="40"'), "ends at s = 30.000 m, this one begins at 40.000 m"),
     "late begin": (file(road("1", (Piece(50.0),), TWO_LANES)).replace('s="0.0"', 's="7"'), "must be 0"),
     "no plan view": (ROAD.replace("planView", "plan"), "<road> has no <planView>"),
