@@ -61,6 +61,7 @@ class Course:
     lane_lines: FloatArray | None = None  # (n, k, 2) painted at the centre line's points: to the left [m], 1 if broken
     lanes: FloatArray | None = None  # (n, 2) from the centre line to the lane's left and right border [m]
     paved: FloatArray | None = None  # (n, 2) to the edges of the road that cameras see, where it is wider [m]
+    things: tuple[FloatArray, ...] = ()  # outlines (m, 2) of kerbs, islands and signals of a map, for plans [m]
     deviation: float | None = None  # largest distance of the points of a file from the path [m]
     placement: Placed | None = None  # None: the course is in no file
     remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each

@@ -96,6 +96,7 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
         road=course.centreline,
         road_half_width=course.road_half_width,
         lanes=course.lanes,
+        things=course.things,
         friction=friction_picture(surface, course.centreline),
         circle_centre=course.surface_centre,
         arcs=course.arcs,

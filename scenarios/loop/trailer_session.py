@@ -316,6 +316,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             ),
             road=parts.course.centreline,
             road_half_width=parts.course.road_half_width,
+            things=parts.course.things,
             lanes=parts.course.lanes,
             friction=friction_picture(parts.surface, parts.course.centreline),
             road_known=parts.trace is None,

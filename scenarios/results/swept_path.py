@@ -373,9 +373,9 @@ def _clearance(edges: RoadEdges, points: Sequence[FloatArray], poses: Sequence[F
     """Clearance of points (m, 2) of each unit."""
     count = len(poses[0])
     distance, place = np.full((count, 2), np.inf), np.full((count, 2, 2), np.nan)
+    known = np.flatnonzero(np.isfinite(np.hstack(poses)).all(axis=1))  # a run that diverged ends with rows that are not
+    rows = known[rows_every(poses[0][known, :2], _SPACING)]
     for own, driven in zip(points, poses, strict=True):
-        known = np.flatnonzero(np.isfinite(driven).all(axis=1))  # a run that diverged ends with rows that are not
-        rows = known[rows_every(driven[known, :2], _SPACING)]
         at = placed(own, driven[rows])
         inside, on_left = (one.reshape(at.shape[:2]) for one in edges.distance(at.reshape(-1, 2)))
         for side, on_side in enumerate((on_left, np.logical_not(on_left))):

@@ -90,6 +90,7 @@ class RunResult(Result):
     road: FloatArray  # (n, 2) centre line [m]
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right of its points [m]
     lanes: FloatArray | None = None  # (n, 2) from its points to the left and right border of the lane [m]
+    things: tuple[FloatArray, ...] = ()  # outlines (m, 2) of kerbs, islands and signals of its map [m]
     friction: FrictionPicture | None = None  # around the road; None: one friction everywhere
     road_known: bool = True  # False for a recorded drive: the road above is only drawn
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]

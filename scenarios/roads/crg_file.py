@@ -4,6 +4,8 @@ import math
 import os
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from scenarios.extras import check_extra
 from vehicle.foundation.quantity import check_number
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_file import FileKind, read_bytes, shown
 from vehicle.frames import FloatArray
 
@@ -24,6 +27,10 @@ _STEP: Final = (1e-3, 100.0)  # between heights along the road [m]
 _COARSEST: Final = 1.0  # between those whose straight connections take the place of wider ones [m]
 _MOST_HEIGHTS: Final = 32_000_000
 _FINEST: Final = 0.04  # of heights, whose means take the place of finer ones: tyres average over 0.2 m [m]
+_MOST_REFERENCES: Final = 8
+_BLOCK: Final = re.compile(  # that may stand beside a reference to another file
+    r"^\$ROAD_CRG_(FILE|OPTS|MODS)[^\n]*\n(.*?)^\$(?!\$\w)", re.IGNORECASE | re.MULTILINE | re.DOTALL
+)
 _FINEST_ACROSS: Final = 0.01  # of grids that are brought to an even spacing [m]
 
 
@@ -109,37 +116,67 @@ def read_crg_line(path: Path) -> tuple[FloatArray, float]:
 
 def _opened(path: Path, *, line_only: bool = False) -> Any:
     """The package's road; with ``line_only`` flat, with its modifiers, and whatever its heights are."""
-    _check_files(path)
+    check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
     import pyopencrg
 
+    named = path
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _one_reference(path) as named:
             warnings.simplefilter("ignore")  # the package's remarks on headers, many lines
-            with pyopencrg.open(str(path)) as file:
+            with pyopencrg.open(str(named)) as file:
                 count = int(file.nu * (2 if line_only else file.nv))
                 if line_only and count <= _MOST_HEIGHTS:
                     road = file.read(step=(1, max(1, file.nv - 1)), dtype="float32", check=False)
                     road.z[:] = 0.0
                     return road.apply_mods()
             if count <= _MOST_HEIGHTS:
-                return pyopencrg.read(str(path), dtype="float32")
+                return pyopencrg.read(str(named), dtype="float32")
+    except _ReferenceError:
+        raise
     except Exception as error:  # of any class: the package meets any bytes
-        said = " ".join(str(error).removeprefix(f"{path}: ").replace("\n  -", "").split())
+        said = " ".join(str(error).removeprefix(f"{named}: ").replace("\n  -", "").split())
         said, *_ = said.split(" To open it anyway")  # by the package's functions
         raise ValueError(f"{path}: not a readable OpenCRG file: {shown(said, 200)}") from None
     raise ValueError(f"{path}: has {count} heights: must be at most {_MOST_HEIGHTS}")
 
 
-def _check_files(path: Path) -> None:
-    """Refuse a file that is not a regular one, also the one that it refers to."""
-    check_extra("roads", f"{path}: OpenCRG files need", "pyopencrg")
-    head = read_bytes(path, FileKind.SURFACE)[:65_536].decode("latin-1")
-    if block := re.search(r"^\$ROAD_CRG_FILE[^\n]*\n(.*?)^\$(?!\$\w)", head, re.IGNORECASE | re.MULTILINE | re.DOTALL):
-        parts = (line.partition("!")[0].strip().replace("$$", "$") for line in block[1].splitlines() if line[:1] != "*")
+class _ReferenceError(ValueError):
+    """A file that a file refers to cannot be used."""
+
+
+@contextmanager
+def _one_reference(path: Path) -> Iterator[Path]:
+    """The file, or one in its place that refers at once to the last of the files that refer to each other.
+
+    The package follows one reference; the first options and modifiers of the chain hold.
+    """
+    chain, head = [path], _head(path)
+    blocks = dict[str, str]()
+    while "FILE" in head:
+        blocks = {name: head[name] for name in ("OPTS", "MODS") if name in head} | blocks
+        parts = (line.partition("!")[0].strip().replace("$$", "$") for line in head["FILE"].splitlines())
+        name = "".join(part for part in parts if part[:1] != "*")
+        chain.append(chain[-1].parent / os.path.expandvars(name))
         try:
-            read_bytes(path.parent / os.path.expandvars("".join(parts)), FileKind.SURFACE)
+            head = _head(chain[-1])
         except ValueError as error:
-            raise ValueError(f"{path}: refers to another file ($ROAD_CRG_FILE): {error}") from None
+            raise _ReferenceError(f"{path}: refers to another file ($ROAD_CRG_FILE): {error}") from None
+        if len(chain) > _MOST_REFERENCES:
+            raise _ReferenceError(f"{path}: more than {_MOST_REFERENCES} files refer to each other ($ROAD_CRG_FILE)")
+    if len(chain) < 3:
+        yield path
+        return
+    with temporary_folder() as folder:
+        whole = blocks | {"FILE": f"{chain[-1].resolve()}\n"}
+        texts = (f"$ROAD_CRG_{name}\n{text}$\n" for name, text in whole.items())
+        (folder / path.name).write_text(f"$CT\n$\n{''.join(texts)}", encoding="latin-1")
+        yield folder / path.name
+
+
+def _head(path: Path) -> dict[str, str]:
+    """Blocks of a file's head: its reference to another file, options and modifiers."""
+    text = read_bytes(path, FileKind.SURFACE)[:65_536].decode("latin-1")
+    return {found[1].upper(): found[2] for found in reversed(list(_BLOCK.finditer(text)))}
 
 
 def _means(values: NDArray[Any], rows: int, columns: int) -> FloatArray:

@@ -124,6 +124,7 @@ class PathPoints:
     lanes: FloatArray | None = None  # (n, 2) from the path to the left and right border of the lane [m]
     paved: FloatArray | None = None  # (n, 2) to the edges of the paved road that is seen, where it is wider [m]
     lines: FloatArray | None = None  # (n, k, 2) painted on the road: place to the left of the path [m], 1 if broken
+    things: tuple[FloatArray, ...] = ()  # outlines (m, 2) of kerbs, islands and signals beside the path [m]
     remarks: tuple[str, ...] = ()  # what a user should know of the file, a line each
     rows: FloatArray | None = None  # (n,) of the points in the file; with a fraction where several were averaged
     where: Callable[[int], str] | None = None  # place of a row in the file and the coordinates there, for messages

@@ -61,6 +61,7 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
         lane_lines=_lane_lines(points, smooth, stations),
         lanes=_sides(points.lanes, smooth, stations),
         paved=_sides(points.paved, smooth, stations),
+        things=tuple(map(X_PW.inverse().apply, points.things)),
         deviation=float(np.abs(smooth.deviations).max()),
         remarks=points.remarks,
         placement=replace(points.placement, X_FW=points.placement.X_FW @ X_PW),

@@ -153,6 +153,7 @@ def encoded(playback: Playback, limit: int = LIMIT, values: int = _VALUES) -> En
     road, friction = playback.road, playback.friction
     table = {
         "title": playback.title,
+        "things": [_line(outline, block) for outline in playback.things],
         "road": None if road is None else {"left": _line(road.left, block), "right": _line(road.right, block)},
         "together": playback.together,
         "friction": None if friction is None else _friction(friction),

@@ -222,6 +222,7 @@ class Playback:
     runs: tuple[PlayedRun, ...]
     together: bool = True  # runs are laid over each other; else one at a time is chosen
     road: Road | None = None
+    things: tuple[FloatArray, ...] = ()  # outlines (m, 2) of kerbs, islands and signals [m]
     friction: FrictionPicture | None = None
     charts: tuple[Chart, ...]
     readings: tuple[Reading, ...]
@@ -321,6 +322,7 @@ def trailer_playback(result: RunResult, *, edges: bool = False) -> Playback:
         title=result.scenario,
         runs=(run,),
         road=Road(*sides(result.road, result.road_half_width)) if len(result.road) > 1 else None,
+        things=result.things,
         friction=result.friction,
         charts=(*_trailer_charts(result), *map(_clearance_chart, known)),
         readings=tuple(_readings(result)),

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from scenarios.roads.opendrive.links import GAP, PAVED, Leg, joint
@@ -69,6 +70,7 @@ _SHORTEST: Final = 10.0  # drive of a combination [m]
 _SHORT: Final = 1.0  # a drive is so much shorter than it is asked for before that is said [m]
 _SEEN: Final = 40.0  # ahead and behind [m]
 _INSTANT: Final = 1e-6  # on either side of a jump [m]
+_MARK: Final = np.array([[0.0, 0.4], [-0.35, -0.2], [0.35, -0.2], [0.0, 0.4]])  # of what has no size [m]
 _TRIED: Final = 25  # lanes to start on, until one can be driven
 
 # columns of a table of points
@@ -118,7 +120,7 @@ class _Drive:
         except ValueError:
             if self._along <= self._wanted - _SHORT:
                 raise
-        self._remarks = list(self._ending(route, network))
+        self._remarks, self._network = list(self._ending(route, network)), network
 
     def _follow(self, route: Route) -> None:
         for leg in route:
@@ -219,10 +221,21 @@ class _Drive:
             lanes=lane,
             paved=road,
             lines=None if np.isnan(lines).all() else lines,
+            things=tuple(self._things(table[:, [_X, _Y]])),
             remarks=(*remarks, *self._remarks),
             rows=np.arange(len(table), dtype=np.float64),
             where=lambda row: self._named(*table[row, [_U, _S, _X, _Y]].tolist()),
         )
+
+    def _things(self, places: FloatArray) -> Iterator[FloatArray]:
+        """Outlines of what stands beside the drive; a point becomes a small triangle."""
+        tree = scipy.spatial.KDTree(places)
+        for road in self._network.roads.values():
+            away, _ = tree.query([piece.start[:2] for piece in road.reference.pieces])
+            for thing in road.things() if away.min() < _SEEN + road.reference.length else ():
+                outline = thing.outline if len(thing.outline) > 1 else thing.outline + _MARK
+                if tree.query(outline)[0].min() < _SEEN:
+                    yield outline
 
     def _named(self, along: float, s: float, x: float, y: float) -> str:
         """A place on the route, for messages."""

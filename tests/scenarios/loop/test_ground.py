@@ -265,6 +265,12 @@ def test_a_file_may_refer_to_another_one(tmp_path: Path, name: str, monkeypatch:
     own = read_crg(crg_written(tmp_path / "hump.crg"))
     (tmp_path / "refers.crg").write_text(f"$CT\n$\n$ROAD_CRG_FILE\n{name.format(tmp_path.name)}\n$\n", encoding="utf-8")
     assert np.array_equal(read_crg(tmp_path / "refers.crg").heights, own.heights)
+    mods = "$ROAD_CRG_MODS\nSCALE_Z_GRID = 2\n$\n"
+    (tmp_path / "again.crg").write_text(f"$CT\n$\n{mods}$ROAD_CRG_FILE\nrefers.crg\n$\n", encoding="utf-8")
+    assert read_crg(tmp_path / "again.crg").heights == pytest.approx(2.0 * own.heights, abs=1e-6)
+    (tmp_path / "refers.crg").write_text("$ROAD_CRG_FILE\nagain.crg\n$\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="again.crg: more than 8 files refer to each other"):
+        read_crg(tmp_path / "again.crg")
 
 
 def test_a_coarse_file_is_connected_by_straight_lines(tmp_path: Path) -> None:

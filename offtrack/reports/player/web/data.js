@@ -174,6 +174,7 @@ class Playback {
     this.note = table.note;
     this.nearest = table.nearest;
     this.friction = table.friction;
+    this.things = table.things.map((outline) => numbers(buffer, outline));
     this.road = table.road && { left: numbers(buffer, table.road.left), right: numbers(buffer, table.road.right) };
     this.all = table.runs.map((run) => new Run(run, buffer, pictures));
     this.together = table.together;

@@ -148,7 +148,7 @@ class Plan {
   }
 
   drawStill(width, height, ratio) {
-    const context = this.still.getContext("2d"), colours = palette(), { road, lines, runs } = this.playback;
+    const context = this.still.getContext("2d"), colours = palette(), { road, things, lines, runs } = this.playback;
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.fillStyle = colours.ground;
     context.fillRect(0, 0, this.still.width, this.still.height);
@@ -178,6 +178,12 @@ class Plan {
       context.drawImage(this.friction, 0, 0, high[0] - low[0], high[1] - low[1]);
       context.restore();
     }
+    context.strokeStyle = colours.ink;
+    context.lineWidth = 1.2 / this.scale;
+    context.beginPath();
+    for (const outline of things)
+      for (let k = 0; k < outline.length; k += 2) context[k ? "lineTo" : "moveTo"](outline[k], outline[k + 1]);
+    context.stroke();
     for (const line of lines) {
       context.strokeStyle = colours[line.colour];
       context.globalAlpha = 0.55;

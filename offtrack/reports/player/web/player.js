@@ -79,7 +79,7 @@ class Player {
   }
 
   drawKeys() {
-    const keys = this.part("keys"), { runs, lines, friction } = this.playback, entry = (...of) => this.entry(...of);
+    const keys = this.part("keys"), { runs, lines, things, friction } = this.playback, entry = (...of) => this.entry(...of);
     if (!runs[0].bodies.length) return;
     const colours = palette(), entries = [];
     if (runs.length > 1) entries.push(...runs.map((run, r) => entry(run.name, colours[SERIES[r % SERIES.length]])));
@@ -88,6 +88,7 @@ class Player {
       if (runs[0].estimated) entries.push(entry(`dots: ${runs[0].estimated.label}`, colours.estimated));
     }
     entries.push(...lines.map((line) => entry(line.label, colours[line.colour])));
+    if (things.length) entries.push(entry("kerbs, islands, signals of the map", colours.ink));
     if (friction) entries.push(entry(`friction ${friction.worst.toFixed(2)} to ${friction.best.toFixed(2)} (white)`, `rgba(${colours.ice.join()},.5)`, true));
     keys.replaceChildren(...entries);
   }
