@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from scenarios.extras import import_extra
 from vehicle.foundation.user_file import shown
 from vehicle.frames import FloatArray
 
@@ -72,85 +73,50 @@ def _geocentric(lat: FloatArray, lon: FloatArray, height: FloatArray) -> FloatAr
     return np.stack([across * np.cos(lon), across * np.sin(lon), ((1.0 - _E2) * n + height) * np.sin(lat)], axis=1)
 
 
-class Utm(NamedTuple):
-    """A zone of the universal transverse Mercator projection."""
-
-    zone: int  # 1 to 60
-    south: bool = False  # northings count from 10 000 km south of the equator
-
-    @property
-    def code(self) -> str:
-        """Its name, on WGS 84."""
-        return f"EPSG:{(32700 if self.south else 32600) + self.zone}"
-
-
-_SCALE: Final = 0.9996  # of UTM on its central meridian
-_N: Final = _F / (2.0 - _F)  # third flattening; Krüger's series follow in its powers, to the fourth
-_BETA: Final = (
-    _N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96 - _N**4 / 360,
-    _N**2 / 48 + _N**3 / 15 - 437 * _N**4 / 1440,
-    17 * _N**3 / 480 - 37 * _N**4 / 840,
-    4397 * _N**4 / 161280,
-)
-_DELTA: Final = (
-    2 * _N - 2 * _N**2 / 3 - 2 * _N**3 + 116 * _N**4 / 45,
-    7 * _N**2 / 3 - 8 * _N**3 / 5 - 227 * _N**4 / 45,
-    56 * _N**3 / 15 - 136 * _N**4 / 35,
-    4279 * _N**4 / 630,
+_BEYOND: Final = 6.0  # the area that a system is meant for [deg]: a neighbouring zone is good to centimetres
+_DEGREES: Final = re.compile(  # WGS 84 and frames like it
+    r"CRS:?84h?$|^WGS[ _]?(19)?84$|EPSG(?:[:/][\d.]*)*[:/](?:4326|4979|4258|4937|4269|4617|4283|7844|6668)$",
+    re.IGNORECASE,
 )
 
 
-def from_utm(utm: Utm, easting: FloatArray, northing: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Latitudes and longitudes [deg] of eastings and northings [m]; eastings may begin with the number of the zone."""
-    radius = _SCALE * _A / (1.0 + _N) * (1.0 + _N**2 / 4 + _N**4 / 64)
-    easting = np.where(easting >= 1e6, easting - 1e6 * utm.zone, easting) - 500e3
-    along, across = (northing - 10e6 * utm.south) / radius, easting / radius
-    xi = along - sum(b * np.sin(k * along) * np.cosh(k * across) for k, b in zip((2, 4, 6, 8), _BETA, strict=True))
-    eta = across - sum(b * np.cos(k * along) * np.sinh(k * across) for k, b in zip((2, 4, 6, 8), _BETA, strict=True))
-    conformal = np.arcsin(np.sin(xi) / np.cosh(eta))
-    latitude = conformal + sum(d * np.sin(k * conformal) for k, d in zip((2, 4, 6, 8), _DELTA, strict=True))
-    return np.degrees(latitude), np.degrees(np.arctan2(np.sinh(eta), np.cos(xi))) + 6.0 * utm.zone - 183.0
-
-
-_DEGREES: Final = frozenset((4326, 4979, 4258, 4937, 4269, 4617, 4283, 7844, 6668))  # WGS 84 and frames like it
-_ZONES: Final = {  # first and last code, number of the first zone, and hemisphere
-    (32601, 32660): Utm(1),
-    (32701, 32760): Utm(1, south=True),
-    (25828, 25838): Utm(28),  # ETRS 89
-    (3040, 3051): Utm(28),  # ETRS 89, northing first on paper
-    (26901, 26923): Utm(1),  # NAD 83
-    (28346, 28358): Utm(46, south=True),  # GDA 94
-    (7846, 7859): Utm(46, south=True),  # GDA 2020
-    (4647, 4647): Utm(32),  # ETRS 89, eastings begin with the zone
-    (5650, 5650): Utm(33),
-    (3006, 3006): Utm(33),  # SWEREF 99 TM
-    (3067, 3067): Utm(35),  # ETRS-TM35FIN
-}
-_OTHERS: Final = {
-    3857: "Web Mercator", 900913: "Web Mercator", 27700: "British National Grid", 2154: "Lambert-93",
-    28992: "RD New", 2056: "Swiss LV95", 21781: "Swiss LV03", 31467: "Gauss-Krüger zone 3", 3035: "ETRS 89 LAEA",
-}  # fmt: skip
-
-
-def coordinate_system(name: str) -> Utm | None:
-    """The zone of UTM that a coordinate system's name or EPSG code stands for; None: degrees of longitude and latitude.
+def coordinate_system(name: str) -> str | None:
+    """The name of a system of metres, as the package pyproj knows it; None: degrees of longitude and latitude.
 
     Raises:
-        ValueError: the rest of a line that says what is wrong, for any other system.
+        ValueError: the rest of a line that says what is wrong, for any other system, or without that package.
     """
-    code = re.search(r"EPSG(?:[:/][\d.]*)*[:/](\d+)$", name.strip(), re.IGNORECASE)
-    zone = re.search(r"UTM zone (\d{1,2}) ?([NS])", name, re.IGNORECASE)
-    if zone and 1 <= int(zone[1]) <= 60:
-        return Utm(int(zone[1]), zone[2].upper() == "S")
-    number = int(code[1]) if code and len(code[1]) < 10 else 0
-    if number in _DEGREES or re.search(r"CRS:?84h?$|^WGS[ _]?(19)?84$", name.strip(), re.IGNORECASE):
+    if _DEGREES.search(name.strip()):
         return None
-    for (first, last), utm in _ZONES.items():
-        if first <= number <= last:
-            return utm._replace(zone=utm.zone + number - first)
-    known = f" ({_OTHERS[number]})" if number in _OTHERS else ""
-    raise ValueError(
-        f"its coordinate system is {f'EPSG:{number}' if number else shown(repr(name), 80)}{known}: must be in degrees "
-        "(EPSG:4326) or UTM (EPSG:326xx, 327xx, 258xx); save it with EPSG:4326 (QGIS: Export, Save Features As; "
-        "ogr2ogr -t_srs EPSG:4326)"
-    )
+    pyproj = import_extra("gis", f"its coordinate system is {shown(repr(name), 80)}, which needs", "pyproj")
+    try:
+        system = pyproj.CRS.from_user_input(name.strip())
+    except pyproj.exceptions.ProjError:
+        system = None
+    if not (system and system.is_projected and all(axis.unit_conversion_factor == 1.0 for axis in system.axis_info)):
+        known = f" ({system.name})" if system else ""
+        raise ValueError(
+            f"its coordinate system is {shown(repr(name), 80)}{known}: must be in degrees (EPSG:4326) or metres, such "
+            "as EPSG:25832; save it with EPSG:4326 (QGIS: Export, Save Features As; ogr2ogr -t_srs EPSG:4326)"
+        )
+    return name.strip()
+
+
+def from_metres(system: str, easting: FloatArray, northing: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Latitudes and longitudes [deg] of eastings and northings [m].
+
+    Raises:
+        ValueError: the rest of a line, if they are outside of the area of the system.
+    """
+    pyproj = import_extra("gis", f"{shown(system, 80)} needs", "pyproj")
+    transformer = pyproj.Transformer.from_crs(system, "EPSG:4326", always_xy=True)
+    longitude, latitude = (np.asarray(one, dtype=np.float64) for one in transformer.transform(easting, northing))
+    west, south, east, north = pyproj.CRS.from_user_input(system).area_of_use.bounds
+    with np.errstate(invalid="ignore"):  # infinite ones
+        beside = np.abs((longitude - 0.5 * (west + east) + 180.0) % 360.0 - 180.0) - 0.5 * (east - west)
+    if not np.all((beside < _BEYOND) & (latitude > south - _BEYOND) & (latitude < north + _BEYOND)):
+        raise ValueError(
+            f"[{easting[0]:.2f}, {northing[0]:.2f}] is outside of the area of {shown(system, 80)}: are easting and "
+            "northing in its order, without the number of a zone?"
+        )
+    return latitude, longitude

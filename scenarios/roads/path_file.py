@@ -17,7 +17,7 @@ from xml.parsers import expat
 import numpy as np
 
 from scenarios.roads.crg_file import read_crg_line
-from scenarios.roads.earth import Utm, coordinate_system, from_utm, tangent_plane
+from scenarios.roads.earth import coordinate_system, from_metres, tangent_plane
 from scenarios.roads.placement import DEGREES, UNPLACED, Placement
 from scenarios.roads.point_table import EAST, HEIGHT, LATITUDE, LONGITUDE, NORTH, read_points
 from scenarios.roads.standstill import means, standstills
@@ -249,7 +249,7 @@ class Track(NamedTuple):
 
     name: str  # empty: it has none
     points: list[Point]
-    system: Utm | None  # None: degrees
+    system: str | None  # of metres; None: degrees
     wording: str  # of a point in messages
 
     @property
@@ -258,7 +258,7 @@ class Track(NamedTuple):
         return sum(_distance(*pair, self.system) for pair in pairwise(self.points))
 
 
-def _distance(a: Point, b: Point, system: Utm | None) -> float:
+def _distance(a: Point, b: Point, system: str | None) -> float:
     if system is not None:
         return math.hypot(b.x - a.x, b.y - a.y)
     east = math.cos(math.radians(a.y)) * math.remainder(b.x - a.x, 360.0)
@@ -270,7 +270,7 @@ def on_one_plane(tracks: Sequence[Track]) -> list[FloatArray]:
     degrees = []
     for track in tracks:
         x, y = np.array([point[1:3] for point in track.points], dtype=np.float64).T
-        degrees.append(np.stack((y, x) if track.system is None else from_utm(track.system, x, y), axis=1))
+        degrees.append(np.stack((y, x) if track.system is None else from_metres(track.system, x, y), axis=1))
     latitude, longitude = np.concatenate(degrees).T
     places, _ = _plane(latitude, longitude, None, DEGREES)
     return np.split(places, np.cumsum([len(track.points) for track in tracks])[:-1])
@@ -400,7 +400,7 @@ def _geometries(path: Path, node: Any, above: _Above, depth: int = 0) -> Iterato
         yield from _geometries(path, child, above, depth + 1)
 
 
-def _system(path: Path, crs: Any) -> Utm | None:
+def _system(path: Path, crs: Any) -> str | None:
     """Coordinate system that a GeoJSON file names; None: degrees."""
     stated = crs.get("properties") if isinstance(crs, dict) else {"name": crs} if isinstance(crs, str) else crs
     if stated is None:
@@ -412,7 +412,7 @@ def _system(path: Path, crs: Any) -> Utm | None:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _position(path: Path, number: int, position: Any, system: Utm | None) -> Point:
+def _position(path: Path, number: int, position: Any, system: str | None) -> Point:
     place = f"{path}: point {number}"
     if not isinstance(position, list) or len(position) < 2:
         raise ValueError(f"{place}: {shown(repr(position), 40)} must be a list of longitude, latitude and height")
@@ -421,7 +421,7 @@ def _position(path: Path, number: int, position: Any, system: Utm | None) -> Poi
         x, y = (column.number(repr(value), place) for column, value in zip(columns, position[:2], strict=True))
     except ValueError as error:
         metres = system is None and "must be within" in str(error)
-        hint = "; metres need a crs that names the zone of UTM, such as EPSG:25832; or save it with EPSG:4326"
+        hint = "; metres need a crs that names their system, such as EPSG:25832; or save it with EPSG:4326"
         raise ValueError(f"{error}{hint * metres}") from None
     return Point(number, x, y, position[2] if len(position) > 2 else None)
 
@@ -445,7 +445,10 @@ def _on_earth(path: Path, track: Track, *, heights: bool) -> PathPoints:
                 "one, or drive it level by course.heights = false"
             )
         height = np.array([HEIGHT.number(str(point.height), f"{path}: {where(k)}") for k, point in enumerate(points)])
-    latitude, longitude = (y, x) if track.system is None else from_utm(track.system, x, y)
-    places, placement = _plane(latitude, longitude, height, track.system.code if track.system else DEGREES)
+    try:
+        latitude, longitude = (y, x) if track.system is None else from_metres(track.system, x, y)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    places, placement = _plane(latitude, longitude, height, track.system or DEGREES)
     rows = np.arange(float(len(points)))
     return PathPoints(places=places, heights=height, rows=rows, where=where, placement=placement)

@@ -349,7 +349,7 @@ def test_a_virtual_junction_is_driven_through_or_left(
     junction = '<junction id="9" type="virtual" mainRoad="1" sStart="75" sEnd="90" orientation="+"/>'
     text = file(main, aside, away, junction)
     if end is None:
-        with pytest.raises(ValueError, match="course.route = 2 is not reached: road 1 ends there"):
+        with pytest.raises(ValueError, match=r"course.route = 2 is not reached: road 1 ends there"):
             driven(tmp_path, text, road="1", lane=lane_, words=words)
         return
     assert driven(tmp_path, text, road="1", lane=lane_, words=words).places[-1] == pytest.approx(end)

@@ -45,7 +45,7 @@ def geodetic(enu: FloatArray, origin: tuple[float, float], height: float = 0.0) 
 def utm(places: FloatArray, zone: int, south: bool = False) -> FloatArray:
     """Eastings and northings (n, 2) [m] of latitudes and longitudes [deg], by the series in powers of the longitude.
 
-    The arc of the meridian is summed up numerically: nothing is shared with Krüger's series.
+    The arc of the meridian is summed up numerically: nothing is shared with the package.
     """
     lat, lon = np.radians(places[:, 0]), np.radians(places[:, 1] - (6.0 * zone - 183.0))
     nodes, weights = np.polynomial.legendre.leggauss(40)
@@ -112,6 +112,7 @@ def projected(zone: int, origin: tuple[float, float], name: str, shift: float = 
     return collection(feature(line_string(places.tolist())), crs=crs(name))
 
 
+MERCATOR = [[A * math.radians(lon), A * math.asinh(math.tan(math.radians(lat)))] for lon, lat in LON_LAT]
 POINT = {"type": "Point", "coordinates": LON_LAT[0]}
 MARKER = feature(POINT, name="gate")
 TRACKS: dict[str, tuple[str, str]] = {  # all of them are the circle
@@ -148,6 +149,7 @@ TRACKS: dict[str, tuple[str, str]] = {  # all of them are the circle
     "UTM 56 S": ("geojson", projected(56, SYDNEY, "urn:ogc:def:crs:EPSG::32756")),
     "UTM in words": ("geojson", projected(33, SVALBARD, "WGS 84 / UTM zone 33N")),
     "zone before the easting": ("geojson", projected(32, GOTHENBURG, "EPSG:4647", 32e6)),
+    "Web Mercator": ("geojson", collection(feature(line_string(MERCATOR)), crs=crs("urn:ogc:def:crs:EPSG::3857"))),
     "code of an old server": ("geojson", projected(32, GOTHENBURG, "").replace(
         json.dumps(crs("")), '{"type": "EPSG", "properties": {"code": 25832}}')),
     **{f"{name}": ("gpx", gpx(trk(trackpoints(geodetic(CIRCLE, origin)))))
@@ -296,9 +298,12 @@ REFUSED: dict[str, tuple[str, str | bytes, str]] = {  # with what the line says,
     "waypoints": ("gpx", gpx(trackpoints(LINE, tag="wpt")), "0 tracks, 0 routes and 50 waypoints"),
     "one point": ("gpx", gpx(trk(trackpoints(LINE[:1]))), "has no track or line of two points or more"),
     "latitude of 157": ("gpx", gpx(trk(trackpoints(LINE + 100.0))), "line 2: latitude = 157.7"),
-    "Web Mercator": ("geojson", collection(feature(line_string(METRES)), crs=crs("urn:ogc:def:crs:EPSG::3857")),
-                     "EPSG:3857 (Web Mercator): must be in degrees (EPSG:4326) or UTM"),
-    "British grid": ("geojson", collection(feature(line_string(METRES)), crs=crs("EPSG:27700")), "British National"),
+    "US feet": ("geojson", collection(feature(line_string(METRES)), crs=crs("EPSG:2263")),
+                "'EPSG:2263' (NAD83 / New York Long Island (ftUS)): must be in degrees (EPSG:4326) or metres"),
+    "northing first": ("geojson", collection(feature(line_string([[y, x] for x, y in METRES])), crs=crs("EPSG:25832")),
+                       "outside of the area of EPSG:25832: are easting and northing in its order"),
+    "zone before": ("geojson", projected(32, GOTHENBURG, "EPSG:25832", 32e6), "without the number of a zone"),
+    "another datum": ("geojson", collection(feature(line_string()), crs=crs("EPSG:4230")), "(ED50): must be"),
     "unknown system": ("geojson", collection(feature(line_string(METRES)), crs=crs("local")), "system is 'local'"),
     "linked system": ("geojson", collection(feature(line_string()), crs={"properties": {"href": "x"}}), "'href'"),
     "metres without a system": ("geojson", json.dumps(line_string(METRES)), "point 1: longitude = 565000 must be"),
