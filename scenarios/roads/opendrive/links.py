@@ -265,7 +265,7 @@ def _next(
     """The lane of a section that goes on from a lane; None if there is none of a type that may be driven."""
     lanes = road.sections[section].lanes
     same = leg.lane * leg.direction * direction
-    if wanted in lanes and (wanted in linked or leg.lane in lanes[wanted].linked(-direction)):
+    if wanted is not None and wanted in lanes and (wanted in linked or leg.lane in lanes[wanted].linked(-direction)):
         linked = (wanted,)
     numbers = linked or sorted(lanes, key=lambda lane: (lane != same, abs(lane)))
     found = [whole_leg(road, section, lane, direction) for lane in numbers if lane in lanes]

@@ -231,10 +231,11 @@ class _Drive:
         """Outlines of what stands beside the drive; a point becomes a small triangle."""
         tree = scipy.spatial.KDTree(places)
         for road in self._network.roads.values():
-            away, _ = tree.query([piece.start[:2] for piece in road.reference.pieces])
-            for thing in road.things() if away.min() < _SEEN + road.reference.length else ():
+            begin = np.array(road.reference.pieces[0].start[:2])
+            is_near = np.min(tree.query(begin)[0]) < _SEEN + road.reference.length
+            for thing in road.things() if is_near else ():
                 outline = thing.outline if len(thing.outline) > 1 else thing.outline + _MARK
-                if tree.query(outline)[0].min() < _SEEN:
+                if np.min(tree.query(outline)[0]) < _SEEN:
                     yield outline
 
     def _named(self, along: float, s: float, x: float, y: float) -> str:

@@ -27,7 +27,7 @@ from scenarios.roads.opendrive.links import (
     ways,
     whole_leg,
 )
-from scenarios.roads.opendrive.network import JUNCTION, Link, Network, Road, Section
+from scenarios.roads.opendrive.network import JUNCTION, Contact, Link, Network, Road, Section
 from vehicle.foundation.user_file import nearest, shown
 
 _EPS: Final = 1e-6  # [m]
@@ -135,11 +135,14 @@ class Route:
     def _aside(self, leg: Leg) -> tuple[Leg, Leg] | None:
         """The lane up to where a virtual junction leads aside to the road that comes next, and that road's lane."""
         road = self._network.roads.get(str(self._words[0])) if self._words else None
-        for contact, link in (("start", road.predecessor), ("end", road.successor)) if road else ():
+        if road is None:
+            return None
+        ends: tuple[tuple[Contact, Link | None], ...] = (("start", road.predecessor), ("end", road.successor))
+        for contact, link in ends:
             if link is None or link.s is None or link.id != leg.road.id:
                 continue
-            ahead = leg._replace(end=link.s)
-            lead = onto(road, contact, (), ahead) if 0.0 <= (link.s - leg.start) * leg.direction <= leg.length else None
+            ahead, along = leg._replace(end=link.s), (link.s - leg.start) * leg.direction
+            lead = onto(road, contact, (), ahead) if 0.0 <= along <= leg.length else None
             if lead is not None and joint(ahead, lead).goes_on:
                 return ahead, lead
         return None
