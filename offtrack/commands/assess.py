@@ -51,12 +51,7 @@ from offtrack.studies.validation.check import CheckSection, tally
 from offtrack.studies.validation.suite import TASKS, checks_table, validation_page
 from scenarios.assembly.drivers_and_laws import steering_parameters
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run_directory import (
-    appearing_at_once,
-    check_run_directory,
-    next_run_directory,
-    results_directory,
-)
+from scenarios.results import run_directory
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.foundation.user_file import shown
@@ -102,7 +97,7 @@ def vehicle(
     if name is None:
         _list_vehicles(as_json=as_json)
         return
-    with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
+    with run_directory.results_directory(out, f"vehicle-{Path(name).stem}") as directory:
         sheet = open_sheet(name)
         write_sheet(sheet, directory)
     if as_json:
@@ -206,7 +201,7 @@ def assess(
     """
     with ExitStack() as cleanup:
         chosen = load_vehicle(vehicle)
-        directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
+        directory = cleanup.enter_context(run_directory.results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
         trailer_steering = _chosen_law(vehicle, trailer_steering, settings or ())
         close_part(steered_trailer(chosen, trailer_steering))  # refuses what can not be steered
@@ -316,7 +311,7 @@ def validate(
     Prints every number with its target, tolerance and source, and writes a page with plots. The exit code is 1 if a
     number is out of tolerance.
     """
-    with results_directory(out, "validate") as directory:
+    with run_directory.results_directory(out, "validate") as directory:
         begin = time.perf_counter()
         sections = []
         with progress_display(shown=not as_json) as progress:
@@ -325,7 +320,7 @@ def validate(
                 report(done, len(TASKS), title)
                 sections.append(work(quick))
         facts = _run_information(time.perf_counter() - begin, quick)
-        with appearing_at_once(directory) as folder:
+        with run_directory.appearing_at_once(directory) as folder:
             (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
             write_json(folder / "validation.json", _plain(sections))
         if as_json:
@@ -407,7 +402,7 @@ def reproduce(
     """
     names = names_of(name)
     several, shown = len(names) > 1, not (quiet or as_json)
-    directories = [(out / one if out and several else out) or next_run_directory(one) for one in names]
+    directories = [(out / one if out and several else out) or run_directory.next_run_directory(one) for one in names]
     settings = {"quick": quick}
     earlier = {
         one: earlier_reproduction(one, directory, settings) if several else None
@@ -415,7 +410,7 @@ def reproduce(
     }
     for one, directory in zip(names, directories, strict=True):
         if not earlier[one]:
-            check_run_directory(directory)
+            run_directory.check_run_directory(directory)
     results: list[dict[str, Any]] = []
     for one, directory in zip(names, directories, strict=True):
         kept = earlier[one]

@@ -27,15 +27,7 @@ from offtrack.studies.study import FILE, Study
 from offtrack.studies.study_figures import write_run_pages
 from offtrack.studies.study_page import finished_runs_page, names_of_runs, page_link, sensitivity_csv, study_page
 from offtrack.studies.table import QUANTITIES, Row, rows_of, shown_quantities, table_csv
-from scenarios.results.run_directory import (
-    digest,
-    new_run_directory,
-    next_run_directory,
-    replaced,
-    replacing,
-    unfinished_files,
-    user_of,
-)
+from scenarios.results import run_directory
 
 
 def runs_table(outcomes: Sequence[Outcome]) -> pa.Table:
@@ -73,7 +65,7 @@ def check_study_directory(directory: Path, file: str = FILE) -> None:
         raise ValueError(f"{directory} is a file or a broken link: choose another name")
     if not directory.is_dir() or (directory / file).is_file():
         return
-    if set(directory.iterdir()) - set(unfinished_files(directory)):
+    if set(directory.iterdir()) - set(run_directory.unfinished_files(directory)):
         raise ValueError(f"directory {directory} is not empty and holds no {file}: choose another")
 
 
@@ -96,34 +88,34 @@ def opened_study(directory: Path, file: str, content: str, identity: str = "") -
         ValueError: one line, if another process works in it.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    with user_of(directory):
-        replaced(directory / file, content)
+    with run_directory.user_of(directory):
+        run_directory.replaced(directory / file, content)
         if identity:
-            replaced(directory / _IDENTITY, identity)
+            run_directory.replaced(directory / _IDENTITY, identity)
         for folder in (directory, directory / CELLS):
-            for path in unfinished_files(folder) if folder.is_dir() else ():
+            for path in run_directory.unfinished_files(folder) if folder.is_dir() else ():
                 path.unlink()
         yield
 
 
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
     """Write the table of points and that of runs (CSV, Parquet), pages of runs, and the report of a finished study."""
-    replaced(directory / "table.csv", table_csv(rows))
+    run_directory.replaced(directory / "table.csv", table_csv(rows))
     columns: dict[str, list[str | int | float | None]] = {
         key: [dict(row.axes)[key] for row in rows] for key in (dict(rows[0].axes) if rows else {})
     }
     columns |= {"runs": [row.runs for row in rows], "completed": [row.completed for row in rows]}
     columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
-    with replacing(directory / "table.parquet") as unfinished:
+    with run_directory.replacing(directory / "table.parquet") as unfinished:
         pq.write_table(pa.table(columns), unfinished)
     runs = runs_table(outcomes)
     for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
-        with replacing(directory / name) as unfinished:
+        with run_directory.replacing(directory / name) as unfinished:
             write(runs, unfinished)
     if study.draws.sensitivity:
-        replaced(directory / "sensitivity.csv", sensitivity_csv(study.draws.sensitivity, outcomes))
+        run_directory.replaced(directory / "sensitivity.csv", sensitivity_csv(study.draws.sensitivity, outcomes))
     links = write_run_pages(outcomes, directory)
-    replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
+    run_directory.replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
 
 
 MakeMore = Callable[[Sequence[Case]], list[Outcome]]  # makes further runs, or takes those that are saved
@@ -187,7 +179,7 @@ def own_directory(title: str, file: str, is_same: Callable[[Path], bool], identi
         is_same: says of such a file whether it describes this study.
         identity: of the runs, as their scenarios, files and offtrack are now.
     """
-    following = next_run_directory(title)
+    following = run_directory.next_run_directory(title)
     number = int(following.name.rpartition("-")[2])
     for earlier in (following.with_name(f"{title}-{n}") for n in range(number - 1, 0, -1)):
         mark = earlier / _IDENTITY
@@ -236,7 +228,7 @@ def run_study(
     missing = [case for name, case in zip(names, cases, strict=True) if name not in present]
     seconds = rehearse(missing, options.progress, elsewhere=options.executor is not None)
     if is_new:
-        directory = new_run_directory(title)
+        directory = run_directory.new_run_directory(title)
     with opened_study(directory, study.file, study_text(study, directory), _sum(names) if is_own else ""):
         for folder in siblings:
             adopt(names, folder, directory / CELLS)
@@ -281,7 +273,7 @@ def compare_runs(title: str, directories: Sequence[Path], out: Path | None) -> S
         ValueError: one line, if a directory holds no finished run, or ``out`` holds something else.
     """
     named = json.dumps([str(directory.absolute()) for directory in directories], indent=2)
-    identity = _sum([digest(directory / "summary.json") for directory in directories])
+    identity = _sum([run_directory.digest(directory / "summary.json") for directory in directories])
     is_own = out is None
     out = out or own_directory(title, _RUNS_FILE, lambda file: file.read_text(encoding="utf-8") == named, identity)
     check_study_directory(out, _RUNS_FILE)
@@ -293,8 +285,8 @@ def compare_runs(title: str, directories: Sequence[Path], out: Path | None) -> S
     rows = rows_of(outcomes)
     text = finished_runs_page(outcomes, rows, [page_link(directory, out) for directory in directories])
     with opened_study(out, _RUNS_FILE, named, identity if is_own else ""):
-        replaced(out / "table.csv", table_csv(rows))
-        replaced(out / "report.html", text)
+        run_directory.replaced(out / "table.csv", table_csv(rows))
+        run_directory.replaced(out / "report.html", text)
     return StudyResult(out, outcomes, rows)
 
 

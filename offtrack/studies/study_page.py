@@ -27,20 +27,11 @@ from offtrack.reports.player.encoding import encoded
 from offtrack.reports.plots import ESTIMATED, TRUE, drawn
 from offtrack.reports.sections import changes, course_title, scenario_facts
 from offtrack.studies import study_figures as figures
+from offtrack.studies import table
 from offtrack.studies.case import Case, Outcome, machines
 from offtrack.studies.draws import CONFIDENCE, MEASURES, NOT_COMPLETED, Analysis, Sensitivity, analysed
 from offtrack.studies.study import Study
 from offtrack.studies.study_figures import explorer, played_together
-from offtrack.studies.table import (
-    Quantity,
-    Row,
-    best_rows,
-    exceeding,
-    main_quantity,
-    shown_quantities,
-    spreads,
-    text_of,
-)
 from scenarios.results.run_summary import versions
 
 HEADINGS: Final = {"morris": ("μ*", "σ"), "sobol": ("first order", "total")}
@@ -149,7 +140,7 @@ _MOST_SENTENCES: Final = 6
 
 
 def study_page(
-    title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str] = ()
+    title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row], links: Sequence[str] = ()
 ) -> str:
     """The page as HTML; ``links`` are the addresses of the runs' pages, empty where there is none."""
     kind, _, name = title.partition("-")
@@ -180,7 +171,7 @@ def study_page(
     ).html()
 
 
-def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
+def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]) -> Iterator[Section]:
     """Spread over the drawn values, with confidence intervals."""
     if not study.draws or study.draws.sensitivity:
         return
@@ -199,7 +190,7 @@ def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> It
             "probability (Clopper-Pearson)."
         )
         yield Section("Limits", text, [_limits(study, outcomes, rows)])
-    quantities = shown_quantities(rows)
+    quantities = table.shown_quantities(rows)
     yield Section("Spread", "Over all draws of a point.", [_spread_table(outcomes, quantities)])
     for quantity in quantities[:2]:
         text = (
@@ -209,20 +200,20 @@ def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> It
         yield Section(f"Convergence: {quantity.meaning}", text, [figures.convergence(outcomes, quantity)])
 
 
-def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Table:
+def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]) -> Table:
     columns = [Column("text", figures.plain(key)) for key, _ in rows[0].axes] + [Column("text", "limit")]
     columns += [Column("number", name) for name in ("beyond", "runs", "share", "from", "to")]
     lines: list[page.Row] = []
     for row in rows:
         for path, limit in study.limits.items():
-            found = exceeding(outcomes, row.axes, path, limit)
+            found = table.exceeding(outcomes, row.axes, path, limit)
             shares = (f"{100.0 * share:.1f} %" for share in (found.share, *found.interval()))
             values = (value for _, value in row.axes)
             lines.append([*values, f"{path} > {limit:g}", str(found.beyond), str(found.runs), *shares])
     return Table(columns, lines)
 
 
-def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[Quantity]) -> Table:
+def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[table.Quantity]) -> Table:
     names = ("mean", "deviation", "5 %", "median", "95 %", "largest")
     axes = [key for key, _ in outcomes[0].case.axes]
     columns = [Column("text", figures.plain(key)) for key in (*axes, "quantity")] + [
@@ -230,14 +221,14 @@ def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[Quantity]) -
     ]
     lines: list[page.Row] = []
     for quantity in quantities:
-        for spread in spreads(outcomes, quantity):
+        for spread in table.spreads(outcomes, quantity):
             known = spread.known
             if len(known) < 2:
                 continue
             low, middle, high = np.percentile(known, (5.0, 50.0, 95.0))
             numbers = (known.mean(), known.std(ddof=1), low, middle, high, known.max())
             values = (value for _, value in spread.axes)
-            shown = (text_of(quantity, float(number)) for number in numbers)
+            shown = (table.text_of(quantity, float(number)) for number in numbers)
             lines.append([*values, f"{quantity.meaning} [{quantity.unit}]", *shown])
     return Table(columns, lines)
 
@@ -252,7 +243,7 @@ def machine_sections(made_on: Sequence[str]) -> Iterator[Section]:
         yield Section("Machines", text, [Items(made_on)])
 
 
-def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str] = ()) -> str:
+def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[table.Row], links: Sequence[str] = ()) -> str:
     """The page on finished runs that are compared, as HTML; ``links`` are the addresses of their pages."""
     names = [run for outcome in outcomes for _, run in outcome.case.axes]
     facts = [f"{name}: {_facts(resolved(outcome.case))}" for name, outcome in zip(names, outcomes, strict=True)]
@@ -271,17 +262,17 @@ def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row], links: 
     ).html()
 
 
-def answer(rows: Sequence[Row]) -> list[str]:
+def answer(rows: Sequence[table.Row]) -> list[str]:
     """Which run is best, in a sentence for each condition."""
-    if (quantity := main_quantity(rows)) is None:
+    if (quantity := table.main_quantity(rows)) is None:
         return ["No run has a number to compare."]
     groups = _conditions(rows).items()
     return some([f"{name}: {_sentence(group, quantity)}".removeprefix(": ") for name, group in groups], _MOST_SENTENCES)
 
 
-def _conditions(rows: Sequence[Row]) -> dict[str, list[tuple[str, Row]]]:
+def _conditions(rows: Sequence[table.Row]) -> dict[str, list[tuple[str, table.Row]]]:
     """The rows with the names of their laws, estimators or runs, by the values of all other keys in words."""
-    keys, found = figures.varied(rows), dict[str, list[tuple[str, Row]]]()
+    keys, found = figures.varied(rows), dict[str, list[tuple[str, table.Row]]]()
     compared = [key for key in keys if key in figures.NAMED] or keys[:1]
     for row in rows:
         chosen, others = (
@@ -292,9 +283,9 @@ def _conditions(rows: Sequence[Row]) -> dict[str, list[tuple[str, Row]]]:
     return found
 
 
-def _sentence(named: Sequence[tuple[str, Row]], quantity: Quantity) -> str:
+def _sentence(named: Sequence[tuple[str, table.Row]], quantity: table.Quantity) -> str:
     """The best of some rows, the others, and those that did not complete their course."""
-    best = best_rows([row for _, row in named], quantity)
+    best = table.best_rows([row for _, row in named], quantity)
     texts = [(name, quantity.said(value)) for name, row in named if (value := row.numbers[quantity.path]) is not None]
     ended = [f"{name or 'a run'} did not always complete the course" for name, row in named if row.completed < row.runs]
     if best:
@@ -339,7 +330,7 @@ def _explored(outcomes: Sequence[Outcome], links: Sequence[str]) -> Iterator[Sec
         yield Section("Runs", f"{_RUNS}{'' if paged == len(links) else f'; {paged} runs have one'}.", [found])
 
 
-def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str]) -> Iterator[Section]:
+def _sections(outcomes: Sequence[Outcome], rows: Sequence[table.Row], links: Sequence[str]) -> Iterator[Section]:
     text = (
         "One row for each combination of the varied keys, over all seeds: root mean square of RMS values, the worst of "
         "the others. Bold: better than the others under the same conditions; steer and friction have no better side."
@@ -355,18 +346,20 @@ def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[
     yield from _explored(outcomes, links)
 
 
-def _table(rows: Sequence[Row]) -> Table:
-    quantities, keys = shown_quantities(rows), figures.varied(rows)
+def _table(rows: Sequence[table.Row]) -> Table:
+    quantities, keys = table.shown_quantities(rows), figures.varied(rows)
     columns = [Column("name", figures.plain(key)) for key in keys[:1]]
     columns += [Column("text", figures.plain(key)) for key in keys[1:]] + [Column("text", "completed")]
     columns += [Column("number", f"{q.meaning} [{q.unit}]".removesuffix(" [-]")) for q in quantities]
     groups = [[row for _, row in group] for group in _conditions(rows).values()]
-    best = {q.path: [row for group in groups for row in best_rows(group, q)] for q in quantities}
+    best = {q.path: [row for group in groups for row in table.best_rows(group, q)] for q in quantities}
     lines: list[page.Row] = []
     for row in rows:
         endings = f" ({', '.join(row.endings)})" if row.endings else ""
         values = [value for key, value in row.axes if key in keys]
-        numbers = [Cell(text_of(q, row.numbers[q.path]), "best" if row in best[q.path] else "") for q in quantities]
+        numbers = [
+            Cell(table.text_of(q, row.numbers[q.path]), "best" if row in best[q.path] else "") for q in quantities
+        ]
         lines.append([*values, f"{row.completed} of {row.runs}{endings}", *numbers])
     return Table(columns, lines)
 

@@ -13,18 +13,10 @@ from controllers.path import Path
 from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, RoverGeometry, SlipEstimator
 from estimators.odometry.repeated_frames import NewViews
+from scenarios import catalogue
 from scenarios.assembly.adapters import rig_schedule
 from scenarios.assembly.applied_faults import refuse_loop_faults, sensor_faults
 from scenarios.assembly.unreached import rover_unreached
-from scenarios.catalogue import (
-    ROVER_DRIVER,
-    ROVER_SENSOR,
-    SLIP_ESTIMATOR,
-    check_made,
-    constructed,
-    opened_sensor,
-    resolve,
-)
 from scenarios.options.scenario import RoverScenario, RoverSurfaceOptions, SandOptions, stream
 from scenarios.progress import Progress, no_progress
 from sensors.context import RoverSensorContext
@@ -235,18 +227,18 @@ def rover_sensing(scenario: RoverScenario, mount: RoverMountContext) -> RoverSen
     Raises:
         ValueError: one line, if the scenario is not consistent.
     """
-    part: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
+    part: type[SlipEstimator] = catalogue.resolve("slip_estimator", scenario.slip_estimator, catalogue.SLIP_ESTIMATOR)
     sensor = part.sensor if scenario.sensor is None else scenario.sensor
     if sensor == "trace_camera" and scenario.surface.soil == "none" and scenario.slip_estimator != "truth":
         raise ValueError(
             f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) shows no wheel trace"
         )
-    opened: OpenedRoverSensor = opened_sensor(sensor, mount, ROVER_SENSOR, OpenedRoverSensor)
+    opened: OpenedRoverSensor = catalogue.opened_sensor(sensor, mount, catalogue.ROVER_SENSOR, OpenedRoverSensor)
     context = RoverContext(
         rover=rover_geometry(mount.rover), rig=mount.rig, rng=mount.stream("slip estimator"), options=scenario.estimator
     )
-    estimator = constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
-    check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))
+    estimator = catalogue.constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
+    catalogue.check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))
     check_receives(f"slip_estimator = {scenario.slip_estimator}", estimator, opened.sensor)
     refuse_loop_faults(scenario.faults, "a rover")
     return RoverSensing(
@@ -270,14 +262,14 @@ def rover_path(scenario: RoverScenario) -> Path:
         ValueError: one line, if the course is not consistent.
     """
     kind = scenario.course.kind
-    path = constructed("course.kind", kind, scenario.course.path)
+    path = catalogue.constructed("course.kind", kind, scenario.course.path)
     if not isinstance(path, Path):
         raise ValueError(f"course.kind = {kind}: made a {type(path).__name__}, not a controllers.path.Path")
     return path
 
 
 def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> RoverDriverLike[Any]:
-    part: type[RoverDriverPart[Any]] = resolve("driver", scenario.driver, ROVER_DRIVER)
+    part: type[RoverDriverPart[Any]] = catalogue.resolve("driver", scenario.driver, catalogue.ROVER_DRIVER)
     context = RoverDriverContext(
         rover=geometry,
         path=path,
@@ -285,8 +277,8 @@ def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> Rov
         compensation=scenario.slip_compensation,
         options=scenario.driving,
     )
-    driver = constructed("driver", scenario.driver, lambda: part.of(context))
-    check_made("driver", scenario.driver, driver, ("init", "step"))
+    driver = catalogue.constructed("driver", scenario.driver, lambda: part.of(context))
+    catalogue.check_made("driver", scenario.driver, driver, ("init", "step"))
     return CheckedRoverDriver(driver, f"driver = {scenario.driver}", len(geometry.places()))
 
 

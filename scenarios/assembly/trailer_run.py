@@ -16,18 +16,7 @@ from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
 from estimators.off_tracking.viso_ot import VisoOt
-from scenarios.assembly.adapters import (
-    CombinationPlant,
-    course_of,
-    opened_plant,
-    plant_kind,
-    plant_vehicle,
-    rig_schedule,
-    surface_of,
-    trailer_geometry,
-    vehicle_of,
-    watched_units,
-)
+from scenarios.assembly import adapters
 from scenarios.assembly.applied_faults import (
     LoopFaults,
     opened_brake_faults,
@@ -139,7 +128,7 @@ def opened_ground(scenario: Scenario, course: Course, seed: int) -> tuple[Surfac
         ValueError: one line, if a file cannot be read.
     """
     measured, remarks = measured_ground(scenario.surface, course)
-    return surface_of(scenario, course, stream(seed, "surface"), measured), remarks
+    return adapters.surface_of(scenario, course, stream(seed, "surface"), measured), remarks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +151,7 @@ def rendered_images(scenario: Scenario) -> type | None:
 
 def course_duration(scenario: Scenario) -> float:
     """Time that a scenario's course takes at set speed [s]."""
-    return course_of(scenario, vehicle_of(scenario)).length / scenario.speed
+    return adapters.course_of(scenario, adapters.vehicle_of(scenario)).length / scenario.speed
 
 
 def opened_sensing(scenario: Scenario, context: MountContext) -> Sensing:
@@ -281,7 +270,7 @@ class Assembly:
     trailers: tuple[WatchedTrailer, ...]  # front to rear; the last is the vehicle's last unit
     course: Course
     surface: Surface
-    plant: CombinationPlant
+    plant: adapters.CombinationPlant
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
     recording: OpenedSensor | None  # recording cameras of the last trailer
@@ -345,24 +334,24 @@ def _assembled(
     scenario: Scenario, seed: int, opened: ExitStack, *, keep_colour: bool, record: bool, progress: Progress
 ) -> Assembly:
     """The parts of a run; ``opened`` closes those that are there when a later one is refused."""
-    nominal = vehicle_of(scenario)
-    kind = plant_kind(scenario)
-    simulated = with_failing_brakes(scenario, plant_vehicle(scenario), kind)
-    units = watched_units(nominal)
-    course = course_of(scenario, nominal)
+    nominal = adapters.vehicle_of(scenario)
+    kind = adapters.plant_kind(scenario)
+    simulated = with_failing_brakes(scenario, adapters.plant_vehicle(scenario), kind)
+    units = adapters.watched_units(nominal)
+    course = adapters.course_of(scenario, nominal)
     surface, remarks = opened_ground(scenario, course, seed)
-    geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
+    geometries = {unit: adapters.trailer_geometry(nominal, unit) for unit in units}
     laws: dict[int, Safeguarded] = {}
     for unit, geometry in geometries.items():
         laws[unit] = _law(scenario, nominal, unit, geometry)
         opened.callback(close_part, laws[unit])
-    plant = opened_plant(scenario, simulated, surface)
+    plant = adapters.opened_plant(scenario, simulated, surface)
     brakes = opened_brake_faults(scenario, simulated, partial(stream, seed))
     streams = {unit: partial(trailer_stream, seed, simulated, unit) for unit in units}
     faults = {unit: opened_trailer_faults(scenario, simulated, unit, kind, streams[unit]) for unit in units}
     driver = None if kind == "constant_slip" else opened_driver(scenario, nominal, course)
     opened.callback(close_part, driver.driver if driver else None)
-    schedule = rig_schedule(scenario.rig, LOG_PERIOD)
+    schedule = adapters.rig_schedule(scenario.rig, LOG_PERIOD)
     last = units[-1]
     traffic = traffic_around(scenario.traffic, nominal.units[last], geometries[last], surface, stream(seed, "traffic"))
     views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")), traffic)

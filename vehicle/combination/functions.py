@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from vehicle.clock import TICK
+from vehicle.combination import layout
 from vehicle.combination.actuators import brakes_later
 from vehicle.combination.chain import (
     SmoothGround,
@@ -28,22 +29,6 @@ from vehicle.combination.chain import (
     wheel_truth,
 )
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.layout import (
-    Chain,
-    CommandInputs,
-    GroundInputs,
-    Input,
-    State,
-    chain_input,
-    command_sizes,
-    gravity_along,
-    ground_input_sizes,
-    input_sizes,
-    parts,
-    slices,
-    state_sizes,
-    wheels,
-)
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.multibody import Vector, along
 from vehicle.combination.sprung import settled
@@ -110,19 +95,23 @@ def with_numbers(thing: Any, number: Callable[[str, float], Any], path: str = ""
 
 def brake_states(vehicle: Vehicle) -> range:
     """Numbers of the states of brakes, which advance by a rule of their own; they are the last ones."""
-    at = State(*slices(state_sizes(vehicle)))
+    at = layout.State(*layout.slices(layout.state_sizes(vehicle)))
     return range(at.brake_pressure.start, at.brake_valve.stop)
 
 
 def step_in_calls(
-    vehicle: Vehicle, x: ca.SX, v: ca.SX, u: Input[ca.SX], numbers: ca.SX, *, timed: bool = False
+    vehicle: Vehicle, x: ca.SX, v: ca.SX, u: layout.Input[ca.SX], numbers: ca.SX, *, timed: bool = False
 ) -> Composite:
     """Function (state, plant's input, numbers) -> state one tick later.
 
     ``x``, ``v`` and ``numbers`` are its symbols, ``u`` is the chain's input in terms of ``v``. The last entry of the
     input of a ``timed`` step is its length [s].
     """
-    chain, s, at = Chain.of(vehicle), _named(vehicle, x), State(*slices(state_sizes(vehicle)))
+    chain, s, at = (
+        layout.Chain.of(vehicle),
+        _named(vehicle, x),
+        layout.State(*layout.slices(layout.state_sizes(vehicle))),
+    )
     n, step = brake_states(vehicle).start, v[-1] if timed else TICK
     rates = _Rates(chain, s, u, n)
     of_rates = ca.Function("rates", [x, v, numbers], [rates.entries])
@@ -174,7 +163,7 @@ def _arguments(function: Any) -> list[Any]:
 class _Rates:
     """The result of the rates' function: rates of the n continuous states, then what else is needed, each once."""
 
-    def __init__(self, chain: Chain, s: State[ca.SX], u: Input[ca.SX], n: int) -> None:
+    def __init__(self, chain: layout.Chain, s: layout.State[ca.SX], u: layout.Input[ca.SX], n: int) -> None:
         self.n = n
         rate, relaxing = ca.vertcat(*derivative(chain, s, u)), ca.vertcat(*relaxation(chain, s, u))[:n]
         travel = wheel_travel(chain, s, u) if n < rate.numel() else ca.SX(0, 1)
@@ -227,14 +216,14 @@ class _Start(NamedTuple, Generic[V]):
 _START_SIZES: Final = _Start(1, 1, 1, 1)
 
 
-def _rolling_freely(vehicle: Vehicle, start: _Start[ca.SX], ground: GroundInputs[ca.SX]) -> State[ca.SX]:
+def _rolling_freely(vehicle: Vehicle, start: _Start[ca.SX], ground: layout.GroundInputs[ca.SX]) -> layout.State[ca.SX]:
     """State of the straight combination rolling freely, its bodies settled on their springs."""
-    sizes = state_sizes(vehicle)
+    sizes = layout.state_sizes(vehicle)
     course = Vector(ca.cos(start.psi), ca.sin(start.psi))
-    gravity_x, gravity_y = gravity_along(ground.slope_x, ground.slope_y)
+    gravity_x, gravity_y = layout.gravity_along(ground.slope_x, ground.slope_y)
     pulls = [along(course, Vector(gravity_x[i], gravity_y[i])) for i in range(len(vehicle.units))]
     bodies = settled(vehicle, [-pull.x for pull in pulls], [-pull.y for pull in pulls])
-    resting = State(*(ca.SX.zeros(size) for size in sizes))
+    resting = layout.State(*(ca.SX.zeros(size) for size in sizes))
     return resting._replace(
         x=start.x,
         y=start.y,
@@ -247,7 +236,7 @@ def _rolling_freely(vehicle: Vehicle, start: _Start[ca.SX], ground: GroundInputs
         pitch_spring=ca.vertcat(*(spring.pitch for _, spring in bodies)),
         roll_spring=ca.vertcat(*(spring.roll for _, spring in bodies)),
         side_force=_side_forces(vehicle, pulls),
-        omega=ca.vertcat(*(start.speed / wheel.axle.wheel_radius for wheel in wheels(vehicle))),
+        omega=ca.vertcat(*(start.speed / wheel.axle.wheel_radius for wheel in layout.wheels(vehicle))),
         brake_windup=ca.repmat(ca.sign(start.speed), sizes.brake_windup, 1),
     )
 
@@ -311,7 +300,7 @@ def body_function(twin: SymbolicTwin) -> Any:
     """Function (state, ``SmoothGround``, numbers) -> X_WB of every body, row by row."""
     x, g = _state(twin.vehicle), _vector(smooth_ground_sizes(twin.vehicle))
     poses = body_poses(
-        twin.vehicle, _named(twin.vehicle, x), SmoothGround(*parts(g, smooth_ground_sizes(twin.vehicle)))
+        twin.vehicle, _named(twin.vehicle, x), SmoothGround(*layout.parts(g, smooth_ground_sizes(twin.vehicle)))
     )
     return ca.Function("bodies", [x, g, twin.symbols], [ca.cse(poses)])
 
@@ -319,49 +308,53 @@ def body_function(twin: SymbolicTwin) -> Any:
 @_once_per_topology
 def start_function(twin: SymbolicTwin) -> Any:
     """Function (nothing, start and ground inputs, numbers) -> state."""
-    v = _vector((*_START_SIZES, *ground_input_sizes(twin.vehicle)))
-    start, ground = _two(v, _START_SIZES, ground_input_sizes(twin.vehicle))
-    state = _rolling_freely(twin.vehicle, _Start(*start), GroundInputs(*ground))
+    v = _vector((*_START_SIZES, *layout.ground_input_sizes(twin.vehicle)))
+    start, ground = _two(v, _START_SIZES, layout.ground_input_sizes(twin.vehicle))
+    state = _rolling_freely(twin.vehicle, _Start(*start), layout.GroundInputs(*ground))
     return ca.Function("start", [ca.SX(0, 1), v, twin.symbols], [ca.densify(ca.vertcat(*state))])
 
 
 @lru_cache(maxsize=8)
 def compiled_derivative(vehicle: Vehicle) -> Any:
     """Function (state, chain's input) -> time derivative of the state."""
-    x, u = _state(vehicle), _vector(input_sizes(vehicle))
-    rate = derivative(Chain.of(vehicle), _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    x, u = _state(vehicle), _vector(layout.input_sizes(vehicle))
+    rate = derivative(
+        layout.Chain.of(vehicle), _named(vehicle, x), layout.Input(*layout.parts(u, layout.input_sizes(vehicle)))
+    )
     return ca.Function("derivative", [x, u], [ca.cse(ca.vertcat(*rate))])
 
 
 @lru_cache(maxsize=8)
 def compiled_output(vehicle: Vehicle) -> Any:
     """Function (state, chain's input) -> output."""
-    x, u = _state(vehicle), _vector(input_sizes(vehicle))
-    outputs = output(Chain.of(vehicle), _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    x, u = _state(vehicle), _vector(layout.input_sizes(vehicle))
+    outputs = output(
+        layout.Chain.of(vehicle), _named(vehicle, x), layout.Input(*layout.parts(u, layout.input_sizes(vehicle)))
+    )
     return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
 
 
-def _chain_input(vehicle: Vehicle, v: ca.SX) -> Input[ca.SX]:
-    command, ground = _two(v, command_sizes(vehicle), ground_input_sizes(vehicle))
-    return chain_input(vehicle, CommandInputs(*command), GroundInputs(*ground))
+def _chain_input(vehicle: Vehicle, v: ca.SX) -> layout.Input[ca.SX]:
+    command, ground = _two(v, layout.command_sizes(vehicle), layout.ground_input_sizes(vehicle))
+    return layout.chain_input(vehicle, layout.CommandInputs(*command), layout.GroundInputs(*ground))
 
 
 def _two(vector: ca.SX, first: Sequence[int], second: Sequence[int]) -> tuple[list[ca.SX], list[ca.SX]]:
     """Parts of two vectors that are concatenated."""
-    both = parts(vector, (*first, *second))
+    both = layout.parts(vector, (*first, *second))
     return both[: len(first)], both[len(first) :]
 
 
-def _named(vehicle: Vehicle, x: ca.SX) -> State[ca.SX]:
-    return State(*parts(x, state_sizes(vehicle)))
+def _named(vehicle: Vehicle, x: ca.SX) -> layout.State[ca.SX]:
+    return layout.State(*layout.parts(x, layout.state_sizes(vehicle)))
 
 
 def _state(vehicle: Vehicle) -> ca.SX:
-    return _vector(state_sizes(vehicle))
+    return _vector(layout.state_sizes(vehicle))
 
 
 def _plant_input(vehicle: Vehicle) -> ca.SX:
-    return _vector((*command_sizes(vehicle), *ground_input_sizes(vehicle)))
+    return _vector((*layout.command_sizes(vehicle), *layout.ground_input_sizes(vehicle)))
 
 
 def _vector(sizes: Iterable[int]) -> ca.SX:

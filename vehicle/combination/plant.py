@@ -13,25 +13,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vehicle.clock import TICK
+from vehicle.combination import functions, layout
 from vehicle.combination.chain import Kinematics, SmoothGround, TruthAssembly, kinematics_sizes, smooth_ground_sizes
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import (
-    body_function,
-    kinematics_function,
-    numbers,
-    start_function,
-    step_function,
-    wheel_function,
-)
-from vehicle.combination.layout import (
-    GroundInputs,
-    State,
-    command_sizes,
-    ground_input_sizes,
-    slices,
-    state_sizes,
-    wheels,
-)
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.truth import Truth
 from vehicle.engine.kernels import Engine, kernel_for_one
@@ -55,9 +39,9 @@ class SurfaceLookup:
         self._surface = surface
         self._is_plane = surface.is_plane
         self._is_uniform, self._is_smooth = surface.is_uniform, surface.is_smooth
-        self._at = Kinematics(*slices(kinematics_sizes(vehicle)))
-        self._inputs = GroundInputs(*slices(ground_input_sizes(vehicle)))
-        self._smooth = SmoothGround(*slices(smooth_ground_sizes(vehicle)))
+        self._at = Kinematics(*layout.slices(kinematics_sizes(vehicle)))
+        self._inputs = layout.GroundInputs(*layout.slices(layout.ground_input_sizes(vehicle)))
+        self._smooth = SmoothGround(*layout.slices(smooth_ground_sizes(vehicle)))
         slope_x, slope_y = surface.gradient(0.0, 0.0)
         self._default_inputs = np.zeros(self._inputs.wind.stop)  # the values that do not change with position
         self._default_inputs[self._inputs.friction] = surface.friction_at(0.0, 0.0)
@@ -139,22 +123,22 @@ class Plant:
         if surface.gust is not None:
             vehicle = vehicle.in_wind()
             self._vehicle = vehicle
-        values = numbers(vehicle)
+        values = functions.numbers(vehicle)
         self._lookup = SurfaceLookup(surface, vehicle)
         self._constant_ground = self._lookup.constant
         always = _NOTHING if self._constant_ground is None else self._constant_ground
-        self._advance = kernel_for_one(step_function(vehicle), values, engine, always=always)
+        self._advance = kernel_for_one(functions.step_function(vehicle), values, engine, always=always)
         # Interpreted where it is called rarely: a call costs more than its arithmetic.
-        self._kinematics = kernel_for_one(kinematics_function(vehicle), values, "interpreted")
-        self._wheels = kernel_for_one(wheel_function(vehicle), values, "interpreted")
-        self._bodies = kernel_for_one(body_function(vehicle), values, "interpreted")
-        self._start = kernel_for_one(start_function(vehicle), values, "interpreted")
+        self._kinematics = kernel_for_one(functions.kinematics_function(vehicle), values, "interpreted")
+        self._wheels = kernel_for_one(functions.wheel_function(vehicle), values, "interpreted")
+        self._bodies = kernel_for_one(functions.body_function(vehicle), values, "interpreted")
+        self._start = kernel_for_one(functions.start_function(vehicle), values, "interpreted")
         self._assembly = TruthAssembly(vehicle)
-        self._n_trailer = command_sizes(vehicle).trailer_steer
-        self._sound_brakes = (1.0,) * command_sizes(vehicle).brake_share
+        self._n_trailer = layout.command_sizes(vehicle).trailer_steer
+        self._sound_brakes = (1.0,) * layout.command_sizes(vehicle).brake_share
         self._known: tuple[bytes, FloatArray] = b"", _NOTHING  # state last observed, and its ground inputs
-        self._idle = np.zeros(sum(command_sizes(vehicle)))
-        in_state = State(*slices(state_sizes(vehicle)))
+        self._idle = np.zeros(sum(layout.command_sizes(vehicle)))
+        in_state = layout.State(*layout.slices(layout.state_sizes(vehicle)))
         self._velocity = [in_state.v_x.start, in_state.v_y.start]
 
     def __reduce__(self) -> "tuple[type[Plant], tuple[Vehicle, Surface, Engine]]":
@@ -163,7 +147,7 @@ class Plant:
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
         """State of the straight combination rolling freely at ``speed`` [m/s] with its tractor at X_WT."""
         start = (*pose, speed)
-        level = self._start(_NOTHING, np.array([*start, *np.zeros(sum(ground_input_sizes(self._vehicle)))]))
+        level = self._start(_NOTHING, np.array([*start, *np.zeros(sum(layout.ground_input_sizes(self._vehicle)))]))
         return self._start(_NOTHING, np.array([*start, *self._ground_inputs(self._kinematics_of(level))]))
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
@@ -246,7 +230,7 @@ class ConstantSlipPlant:
         n = len(vehicle.units)
         self._slip = np.where(np.arange(n) < unit, 0.0, slip_angle)  # of every unit [rad]
         self._loads = np.repeat(0.5 * np.concatenate(static_axle_loads(vehicle)), 2)  # (n_wheels,) [N]
-        self._wheel_unit = [wheel.unit for wheel in wheels(vehicle)]
+        self._wheel_unit = [wheel.unit for wheel in layout.wheels(vehicle)]
         self._n_steered = sum(len(unit.steered_axles) for unit in vehicle.units)
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:

@@ -15,17 +15,9 @@ from vehicle.combination.plant import DivergedError
 from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.foundation.plant_like import is_sane
 from vehicle.frames import FloatArray, Pose2, cross, transform
+from vehicle.rover import equations
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, Soil
-from vehicle.rover.equations import (
-    RoverInput,
-    RoverState,
-    input_sizes,
-    load_function,
-    numbers,
-    state_sizes,
-    step_function,
-)
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.terramechanics import RimMotion, soil_force
 from vehicle.rover.truth import RoverTruth
@@ -52,7 +44,7 @@ class Undercarriage:
         self._order = np.argsort(-weights, axis=1, kind="stable")  # (2, n)
         self._weights = np.take_along_axis(weights, self._order, axis=1)[:, :, None]  # (2, n, 1)
 
-    def posture(self, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
+    def posture(self, terrain: Terrain, s: equations.RoverState[FloatArray]) -> Posture:
         """Posture in a state: the body is parallel to the least-squares plane of the wheels' lowest points."""
         p, origin = self._places, np.array([s.x[0], s.y[0]])
         flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
@@ -75,7 +67,7 @@ class Undercarriage:
         return np.column_stack([e_x, cross(e_z, e_x), e_z])
 
 
-def _lowest(flat: FloatArray, terrain: Terrain, s: RoverState[FloatArray]) -> FloatArray:
+def _lowest(flat: FloatArray, terrain: Terrain, s: equations.RoverState[FloatArray]) -> FloatArray:
     """Lowest points (n, 3) of wheels above these points (n, 2) of the map [m]."""
     points = np.empty((len(flat), 3))
     points[:, :2] = flat
@@ -98,7 +90,7 @@ def slip_angles(velocities: FloatArray) -> FloatArray:
     return np.where(np.hypot(velocities[:, 0], velocities[:, 1]) > _AT_REST, angles, 0.0)
 
 
-def _wheel_velocities(p: FloatArray, s: RoverState[FloatArray]) -> FloatArray:
+def _wheel_velocities(p: FloatArray, s: equations.RoverState[FloatArray]) -> FloatArray:
     v_x, v_y = s.v_x - s.yaw_rate * p[:, 1], s.v_y + s.yaw_rate * p[:, 0]
     c, d = np.cos(s.steer), np.sin(s.steer)
     return np.column_stack([v_x * c + v_y * d, v_y * c - v_x * d])
@@ -114,15 +106,15 @@ class RoverPlant:
 
     def __init__(self, rover: Rover, terrain: Terrain, soil: Soil | None, engine: Engine = "auto") -> None:
         self._rover, self._terrain, self._soil, self._engine = rover, terrain, soil, engine
-        values = numbers(rover, soil)
-        self._advance = kernel_for_one(step_function(rover, soil), values, engine)
+        values = equations.numbers(rover, soil)
+        self._advance = kernel_for_one(equations.step_function(rover, soil), values, engine)
         # Loads are seldom asked for, and compiling costs more than it saves.
-        self._loads = kernel_for_one(load_function(rover, soil), values, "interpreted")
+        self._loads = kernel_for_one(equations.load_function(rover, soil), values, "interpreted")
         self._wheels = rover.wheel_places
         self._undercarriage = Undercarriage(rover)
         self._unsteered = np.array([not wheel.steered for wheel in rover.wheels])
-        self._in_state = RoverState(*slices(state_sizes(len(rover.wheels))))
-        self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
+        self._in_state = equations.RoverState(*slices(equations.state_sizes(len(rover.wheels))))
+        self._in_input = equations.RoverInput(*slices(equations.input_sizes(len(rover.wheels))))
         self._looked: tuple[Pose2 | None, FloatArray] = (None, np.empty(0))  # the last place, and its input
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
 
@@ -170,7 +162,7 @@ class RoverPlant:
 
     def observe(self, state: FloatArray, tick: int) -> RoverTruth:
         """Ground truth of this state."""
-        rover, s = self._rover, RoverState(*(state[span] for span in self._in_state))
+        rover, s = self._rover, equations.RoverState(*(state[span] for span in self._in_state))
         at = self._undercarriage.posture(self._terrain, s)
         rim = rover.radius * s.wheel_speed
         return RoverTruth(

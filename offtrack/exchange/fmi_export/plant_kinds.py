@@ -21,26 +21,9 @@ from offtrack.exchange.fmi_import.mapping import Signal, numbered
 from offtrack.exchange.fmi_import.numbered_signals import ground_signals, kind_of, motion_signals
 from offtrack.reports.vehicle_sheet.combination_sheet import is_rover
 from vehicle.clock import TICK
+from vehicle.combination import functions, layout
 from vehicle.combination.chain import Kinematics, WheelTruth, kinematics_sizes, smooth_ground_sizes, wheel_truth_sizes
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.functions import (
-    body_function,
-    kinematics_function,
-    start_function,
-    symbolic_twin,
-    timed_step_function,
-    wheel_function,
-)
-from vehicle.combination.layout import (
-    CommandInputs,
-    GroundInputs,
-    State,
-    command_sizes,
-    ground_input_sizes,
-    parts,
-    slices,
-    state_sizes,
-)
 from vehicle.engine.program import TapeProgram, program_of
 from vehicle.rover.description import Rover, Soil, load_rover, load_soil
 from vehicle.rover.equations import RoverInput, RoverState, input_sizes, lift_function, load_function, numbers
@@ -54,15 +37,15 @@ _FRICTIONS: Final = {"friction_wheel": 0.8}  # of dry asphalt, where nothing is 
 def combination_model(vehicle: Vehicle) -> PlantModel:
     """The model of a vehicle; one ``in_wind`` has inputs for the wind."""
     vehicle = vehicle.with_torque_inputs()
-    twin = symbolic_twin(vehicle)
+    twin = functions.symbolic_twin(vehicle)
     paths = [str(twin.symbols[k]) for k in range(twin.symbols.numel())]
     parameters = [number_signal(vehicle, path, value) for path, value in zip(paths, twin.values.tolist(), strict=True)]
     inputs, outputs = combination_inputs(vehicle), motion_signals(vehicle)
     observe = _observe_combination(vehicle, len(inputs), twin.symbols.numel())
     programs = {
-        "step": program_of(timed_step_function(vehicle)),
+        "step": program_of(functions.timed_step_function(vehicle)),
         "observe": program_of(observe),
-        "start": program_of(start_function(vehicle)),
+        "start": program_of(functions.start_function(vehicle)),
     }
     interface = interface_of(parameters, start_signals("the tractor's frame"), inputs, outputs, observe, programs)
     unread = [signal for k, signal in enumerate(parameters) if k in interface.fixed]
@@ -74,12 +57,12 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
         programs=programs,
         defined={
             "FIRST_START": len(parameters),
-            "FIRST_GROUND": sum(command_sizes(vehicle)),
-            "FIRST_FRICTION": sum(command_sizes(vehicle)),
+            "FIRST_GROUND": sum(layout.command_sizes(vehicle)),
+            "FIRST_FRICTION": sum(layout.command_sizes(vehicle)),
             "N_FRICTIONS": vehicle.n_wheels,
             "LONGEST_STEP": 1,
         },
-        gear=CommandInputs(*slices(command_sizes(vehicle))).gear.start,
+        gear=layout.CommandInputs(*layout.slices(layout.command_sizes(vehicle))).gear.start,
         fixed=fixed_values(vehicle, unread),
         stepping=f"A communication step is divided into equal steps of at most {1e3 * TICK:g} ms.",
     )
@@ -107,18 +90,22 @@ def combination_inputs(vehicle: Vehicle) -> list[Signal]:
 
 def _observe_combination(vehicle: Vehicle, n_inputs: int, n_numbers: int) -> Any:
     """Function (state, inputs, numbers) -> outputs, in the order of ``motion_signals``."""
-    N, sizes = len(vehicle.units), (*command_sizes(vehicle), *ground_input_sizes(vehicle))
-    x, u, numbers = vector(sum(state_sizes(vehicle))), vector(n_inputs), vector(n_numbers)
+    N, sizes = len(vehicle.units), (*layout.command_sizes(vehicle), *layout.ground_input_sizes(vehicle))
+    x, u, numbers = vector(sum(layout.state_sizes(vehicle))), vector(n_inputs), vector(n_numbers)
     n_heights = smooth_ground_sizes(vehicle).height
-    plant_inputs, heights, *more = parts(u, (sum(sizes), n_heights, N, N))
-    of_ground = GroundInputs(*parts(plant_inputs, sizes)[len(command_sizes(vehicle)) :])
+    plant_inputs, heights, *more = layout.parts(u, (sum(sizes), n_heights, N, N))
+    of_ground = layout.GroundInputs(*layout.parts(plant_inputs, sizes)[len(layout.command_sizes(vehicle)) :])
     slopes = [at_centre + less for at_centre, less in zip((of_ground.slope_x, of_ground.slope_y), more, strict=True)]
     smooth = ca.vertcat(heights, *(slope[k // 2] for slope in slopes for k in range(2 * N)))
-    state = State(*parts(x, state_sizes(vehicle)))
-    motion = Kinematics(*parts(kinematics_function(vehicle)(x, ca.SX(0, 1), numbers), kinematics_sizes(vehicle)))
-    idle = ca.vertcat(ca.SX.zeros(sum(command_sizes(vehicle))), *of_ground)
-    of_wheels = WheelTruth(*parts(wheel_function(vehicle)(x, idle, numbers), wheel_truth_sizes(vehicle)))
-    bodies, headings = body_function(vehicle)(x, smooth, numbers), motion.poses[2::3]
+    state = layout.State(*layout.parts(x, layout.state_sizes(vehicle)))
+    motion = Kinematics(
+        *layout.parts(functions.kinematics_function(vehicle)(x, ca.SX(0, 1), numbers), kinematics_sizes(vehicle))
+    )
+    idle = ca.vertcat(ca.SX.zeros(sum(layout.command_sizes(vehicle))), *of_ground)
+    of_wheels = WheelTruth(
+        *layout.parts(functions.wheel_function(vehicle)(x, idle, numbers), wheel_truth_sizes(vehicle))
+    )
+    bodies, headings = functions.body_function(vehicle)(x, smooth, numbers), motion.poses[2::3]
     values = [
         *(motion.poses[k::3] for k in range(3)),
         *(motion.velocities[k::3] for k in range(3)),
@@ -155,7 +142,7 @@ def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
         programs["lift"] = program_of(lift_function(rover, soil))
     interface = interface_of(parameters, start_signals("the body's centre"), inputs, outputs, observe, programs)
     unread = [signal for k, signal in enumerate(parameters) if k in interface.fixed]
-    in_state, in_input = RoverState(*slices(rover_state_sizes(n))), RoverInput(*slices(input_sizes(n)))
+    in_state, in_input = RoverState(*layout.slices(rover_state_sizes(n))), RoverInput(*layout.slices(input_sizes(n)))
     return PlantModel(
         name=rover.name if soil is None else f"{rover.name}_{soil.name}",
         summary=rover.summary if soil is None else f"{rover.summary}; in {soil.name}",
@@ -251,7 +238,7 @@ def _observe_rover(rover: Rover, soil: Soil | None, n_inputs: int, n_numbers: in
     """Function (state, inputs, numbers) -> outputs, in the order of ``rover_outputs``."""
     n = len(rover.wheels)
     x, u, p = vector(sum(rover_state_sizes(n))), vector(n_inputs), vector(n_numbers)
-    s = RoverState(*parts(x, rover_state_sizes(n)))
+    s = RoverState(*layout.parts(x, rover_state_sizes(n)))
     heights = u[n_inputs - n :]
     idle = ca.vertcat(ca.SX.zeros(2 * n), 1.0, u[2 * n : n_inputs - n])
     along, across = (ca.DM(share) for share in (rover.footprint.along, rover.footprint.across))

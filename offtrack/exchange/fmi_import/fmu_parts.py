@@ -15,22 +15,11 @@ from controllers.driver import DriverCommand, DriverLike, DriverMemory, PreviewD
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from estimators.context import TrailerContext
 from estimators.estimates import OffTracking
+from offtrack.exchange.fmi_import import numbered_signals
 from offtrack.exchange.fmi_import.fmu_file import FmuFile, open_fmu, options_of
 from offtrack.exchange.fmi_import.fmu_plant import plant_signals
 from offtrack.exchange.fmi_import.instance import FmuInstance
 from offtrack.exchange.fmi_import.mapping import PartSignals, Signal, read_map
-from offtrack.exchange.fmi_import.numbered_signals import (
-    MOTION,
-    articulation_signals,
-    estimate_of,
-    estimate_signals,
-    estimate_values,
-    numbered_values,
-    reading_signals,
-    reading_values,
-    truth_signals,
-    truth_values,
-)
 from scenarios.assembly.drivers_and_laws import DriverContext
 from scenarios.assembly.trailer_sensors import MountContext, OpenedSensor
 from scenarios.courses import Course
@@ -94,8 +83,8 @@ def law_signals(n_steered: int, n_units: int, groups: Iterable[tuple[int, ...]] 
         kind="trailer_steering",
         inputs=(
             Signal("time", "s", "since the start"),
-            *estimate_signals(coarse=True),
-            *reading_signals(n_steered, n_units),
+            *numbered_signals.estimate_signals(coarse=True),
+            *numbered_signals.reading_signals(n_steered, n_units),
         ),
         outputs=tuple(
             Signal(
@@ -150,8 +139,8 @@ class FmuLaw(FmuPart, SteeringLaw[int]):
             instance.restart()
         memory = tick if memory < 0 else memory
         if instance.ticks <= tick - memory:
-            estimate = estimate_values(tick, off_tracking, instance.used)
-            given = {"time": tick * TICK, **reading_values(signals), **estimate}
+            estimate = numbered_signals.estimate_values(tick, off_tracking, instance.used)
+            given = {"time": tick * TICK, **numbered_signals.reading_values(signals), **estimate}
             found = instance.until(tick - memory, given)
             self._command = self._demands(found)
         return memory, SteerCommand(angles=self._command)
@@ -178,8 +167,8 @@ def driver_signals(n_units: int) -> PartSignals:
         inputs=(
             Signal("time", "s", "since the start"),
             Signal("set_speed", "m/s", "speed that the scenario asks for"),
-            *MOTION,
-            *articulation_signals(n_units),
+            *numbered_signals.MOTION,
+            *numbered_signals.articulation_signals(n_units),
             Signal("station", "m", "of the guided point along the path"),
             Signal("lateral_error", "m", "of the guided point from the path, + when it lies left of the path"),
             Signal("heading_error", "rad", "tractor's heading minus that of the path at the guided point"),
@@ -265,13 +254,13 @@ def driver_inputs(
     signals = {
         "time": tick * TICK,
         "set_speed": speed,
-        **{signal.name: getattr(ego, signal.name) for signal in MOTION},
+        **{signal.name: getattr(ego, signal.name) for signal in numbered_signals.MOTION},
         "station": station,
         "lateral_error": left,
         "heading_error": math.remainder(ego.psi - on_path.psi, math.tau),
         "curvature": path.curvature(station),
     }
-    return station, signals | numbered_values("articulation", ego.articulation)
+    return station, signals | numbered_signals.numbered_values("articulation", ego.articulation)
 
 
 _PERIOD = 10  # of the loop [ticks]
@@ -280,10 +269,10 @@ _REQUIRED = ("off_tracking", "off_tracking_known")
 
 def off_tracking_signals(vehicle: Vehicle) -> PartSignals:
     """Signals of a source of off-tracking on a vehicle."""
-    given = (*estimate_signals(coarse=False), Signal("off_tracking_count", "-", "estimates so far"))
+    given = (*numbered_signals.estimate_signals(coarse=False), Signal("off_tracking_count", "-", "estimates so far"))
     return PartSignals(
         kind="off_tracking",
-        inputs=(Signal("time", "s", "since the start"), *truth_signals(vehicle)),
+        inputs=(Signal("time", "s", "since the start"), *numbered_signals.truth_signals(vehicle)),
         outputs=tuple(one._replace(required=one.name in _REQUIRED) for one in given),
     )
 
@@ -310,7 +299,7 @@ class FmuOffTracking(FmuPart):
 
     def __init__(self, context: TrailerContext) -> None:
         self._start("estimator", off_tracking_signals(context.vehicle), context.options)
-        self._unknown = dict.fromkeys((one.name for one in estimate_signals(coarse=False)), 0.0)
+        self._unknown = dict.fromkeys((one.name for one in numbered_signals.estimate_signals(coarse=False)), 0.0)
         self._unknown["off_tracking_time"] = -1.0
 
     def init(self) -> float:
@@ -323,10 +312,12 @@ class FmuOffTracking(FmuPart):
         Raises:
             FmuError: if the FMU fails, stalls, crashes or gives no finite number.
         """
-        found = self._instance.until(message.tick, {"time": message.tick * TICK, **truth_values(message)})
+        found = self._instance.until(
+            message.tick, {"time": message.tick * TICK, **numbered_signals.truth_values(message)}
+        )
         if not found:
             return memory, None
-        estimate = estimate_of(message.tick, {**self._unknown, **found})
+        estimate = numbered_signals.estimate_of(message.tick, {**self._unknown, **found})
         count = found.get("off_tracking_count", memory + 1.0)  # without it every step gives a new one
         return count, estimate if count > memory else None
 

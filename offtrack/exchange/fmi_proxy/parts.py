@@ -14,43 +14,13 @@ from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
 from controllers.trailer import Combination
 from controllers.trailer_steering.safeguarded import Degradation
+from offtrack.exchange.fmi_import import numbered_signals
 from offtrack.exchange.fmi_import.fmu_parts import steered_unit
 from offtrack.exchange.fmi_import.fmu_plant import pose_of_all
 from offtrack.exchange.fmi_import.mapping import Signal
-from offtrack.exchange.fmi_import.numbered_signals import (
-    MOTION,
-    NO_ESTIMATE,
-    GroundUnder,
-    articulation_signals,
-    estimate_of,
-    estimate_signals,
-    estimate_values,
-    ground_signals,
-    reading_of,
-    reading_signals,
-    reading_values,
-    truth_of,
-    truth_signals,
-)
-from offtrack.exchange.fmi_proxy.proxy import (
-    Computation,
-    Opening,
-    Proxy,
-    Text,
-    moments,
-    scenario_files,
-    scenario_in,
-)
+from offtrack.exchange.fmi_proxy import proxy
 from offtrack.exchange.recordings.writers import RecordingWriter
-from scenarios.assembly.adapters import (
-    course_of,
-    plant_kind,
-    plant_vehicle,
-    rig_schedule,
-    trailer_geometry,
-    vehicle_of,
-    watched_units,
-)
+from scenarios.assembly import adapters
 from scenarios.assembly.drivers_and_laws import (
     bare_law,
     law_uses_off_tracking,
@@ -78,14 +48,16 @@ _DEGRADATION: Final = "degradation."
 _FIRST: Final = "first_step"
 
 
-def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | None = None) -> Proxy:
+def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | None = None) -> proxy.Proxy:
     """The scenario's law as an FMU, with its first step at a time [s], for a unit or the last steered trailer.
 
     Raises:
         ValueError: one line, if it can't be constructed for the vehicle.
     """
     given = steering_parameters(scenario)
-    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, scenario.degradation, first_step, unit)
+    return law_proxy(
+        scenario.trailer_steering, adapters.vehicle_of(scenario), given, scenario.degradation, first_step, unit
+    )
 
 
 def law_proxy(
@@ -95,7 +67,7 @@ def law_proxy(
     degradation: Degradation | None = None,
     first_step: float = 0.0,
     unit: int | None = None,
-) -> Proxy:
+) -> proxy.Proxy:
     """A law for a trailer of a vehicle.
 
     Its parameters are the numbers among the law's options, and the limits of its guard.
@@ -114,7 +86,7 @@ def law_proxy(
     if name.endswith(".fmu"):
         raise ValueError(f"{name}: is an FMU already")
     unit = steered_unit(vehicle) if unit is None else unit
-    trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
+    trailer, combination = adapters.trailer_geometry(vehicle, unit), Combination(vehicle, unit)
     limits = degradation or Degradation()
     close_part(trailer_law(name, trailer, combination, given, limits))  # checks everything
     options = declared_options(resolve("trailer_steering", name, TRAILER_STEERING), or_keywords=True)
@@ -123,12 +95,12 @@ def law_proxy(
     files = {Path(str(value)).name: Path(str(value)).read_bytes() for value in fixed.values() if _is_file(value)}
     guard = _guard_parameters(limits) if law_uses_off_tracking(name) else []
     n_units, axles = len(vehicle.units), range(1, len(trailer.steered_distances) + 1)
-    inputs = (*estimate_signals(coarse=False), *reading_signals(len(axles), n_units))
-    return Proxy(
+    inputs = (*numbered_signals.estimate_signals(coarse=False), *numbered_signals.reading_signals(len(axles), n_units))
+    return proxy.Proxy(
         kind="law",
         name=f"{name.rpartition(':')[2]}_{vehicle.name}",
         summary=f"trailer steering law {name} of offtrack for {vehicle.name}",
-        inputs=[signal._replace(start=NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
+        inputs=[signal._replace(start=numbered_signals.NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
         outputs=[
             Signal(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
         ],
@@ -176,10 +148,10 @@ def _guard_parameters(degradation: Degradation) -> list[Signal]:
     return [Signal(GUARDED, "-", "1 with the guard against bad estimates, 0 without", 1.0, 0.0, 1.0), *limits]
 
 
-class LawComputation(Computation):
+class LawComputation(proxy.Computation):
     """A law in the process of its FMU."""
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, opening: proxy.Opening) -> None:
         """Construct the law.
 
         Raises:
@@ -191,7 +163,7 @@ class LawComputation(Computation):
         options = {option.name for option in declared_options(law, or_keywords=True)}
         given: dict[str, Parameter] = {key: value for key, value in parameters.items() if key in options}
         given |= {key: _value(value, opening.folder) for key, value in settings["fixed"].items()}
-        trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
+        trailer, combination = adapters.trailer_geometry(vehicle, unit), Combination(vehicle, unit)
         if parameters.get(GUARDED, 1.0) >= 0.5:
             of_guard = [key for key in parameters if key.startswith(_DEGRADATION)]
             limits = {key.removeprefix(_DEGRADATION): parameters[key] for key in of_guard}
@@ -207,10 +179,10 @@ class LawComputation(Computation):
 
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Demands [rad] at the end of a step; inputs hold during it."""
-        estimate = estimate_of(tick, values)
+        estimate = numbered_signals.estimate_of(tick, values)
         for now in range(tick, tick + ticks):
             if self._control.due(now):
-                reading = reading_of(now, values, self._n_steered, self._n_units)
+                reading = numbered_signals.reading_of(now, values, self._n_steered, self._n_units)
                 self._memory, command = self._law.step(self._memory, now, estimate, reading)
                 self._demands = {f"steer_demand_{k}": float(x) for k, x in enumerate(command.angles, start=1)}
         return self._demands
@@ -227,7 +199,7 @@ def _value(value: Any, folder: Path) -> Parameter:
     return checked
 
 
-def driver_proxy(scenario: Scenario) -> Proxy:
+def driver_proxy(scenario: Scenario) -> proxy.Proxy:
     """The driver of a scenario on its course.
 
     Raises:
@@ -236,23 +208,23 @@ def driver_proxy(scenario: Scenario) -> Proxy:
     kind = scenario.driver.kind or ""
     if kind.endswith(".fmu"):
         raise ValueError(f"driver = {kind}: is an FMU already")
-    if plant_kind(scenario) == "constant_slip":
+    if adapters.plant_kind(scenario) == "constant_slip":
         raise ValueError(f"scenario {scenario.name}: nobody drives, its motion is prescribed")
-    vehicle = vehicle_of(scenario)
-    opened = opened_driver(scenario, vehicle, course_of(scenario, vehicle))
+    vehicle = adapters.vehicle_of(scenario)
+    opened = opened_driver(scenario, vehicle, adapters.course_of(scenario, vehicle))
     close_part(opened.driver)
     changes = {"trailer_steering": "none", "steering": {}, "off_tracking": "truth", "estimator": {}}
-    return Proxy(
+    return proxy.Proxy(
         kind="driver",
         name=f"{scenario.name}_driver",
         summary=f"driver of offtrack on the course of {scenario.name}",
-        inputs=[*MOTION, *articulation_signals(len(vehicle.units))],
+        inputs=[*numbered_signals.MOTION, *numbered_signals.articulation_signals(len(vehicle.units))],
         outputs=[
             Signal("steer", "rad", "road-wheel angle of the tractor's foremost steered axle, + left"),
             Signal("acceleration", "m/s2", "above 0 drives, below 0 brakes"),
             Signal("gear", "-", "1 forward, -1 backward", 1.0),
         ],
-        files=scenario_files(scenario, changes),
+        files=proxy.scenario_files(scenario, changes),
         notes=(
             f"The driver acts every {1e3 * CONTROL_PERIOD:g} ms; the demands are there at the end of the step in which "
             "that is. Communication steps are whole numbers of milliseconds. In a first step with all "
@@ -263,27 +235,27 @@ def driver_proxy(scenario: Scenario) -> Proxy:
     )
 
 
-class DriverComputation(Computation):
+class DriverComputation(proxy.Computation):
     """A driver in the process of its FMU."""
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, opening: proxy.Opening) -> None:
         """Open the driver.
 
         Raises:
             ValueError: one line, if the scenario is not consistent.
         """
-        scenario = scenario_in(opening.folder)
-        vehicle = vehicle_of(scenario)
-        self._driver = opened_driver(scenario, vehicle, course_of(scenario, vehicle)).driver
+        scenario = proxy.scenario_in(opening.folder)
+        vehicle = adapters.vehicle_of(scenario)
+        self._driver = opened_driver(scenario, vehicle, adapters.course_of(scenario, vehicle)).driver
         self._memory = self._driver.init()
         self._demand = DriverCommand(steer=0.0, acceleration=0.0)
 
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Demands at the end of a step; inputs hold during it."""
         is_there = tick > 0 or any(values.values())
-        motion = {signal.name: values[signal.name] for signal in MOTION}
+        motion = {signal.name: values[signal.name] for signal in numbered_signals.MOTION}
         articulation = tuple(value for name, value in values.items() if name.startswith("articulation_"))
-        for now in moments(tick, ticks, CONTROL.period) if is_there else ():
+        for now in proxy.moments(tick, ticks, CONTROL.period) if is_there else ():
             ego = EgoState(tick=now, articulation=articulation, **motion)
             self._memory, self._demand = self._driver.step(self._memory, now, ego)
         return {name: float(value) for name, value in self._demand._asdict().items()}
@@ -306,16 +278,16 @@ class LaidGround:
         Raises:
             ValueError: one line, if the scenario is not consistent.
         """
-        nominal = vehicle_of(scenario)
-        course: Course = course_of(scenario, nominal)
+        nominal = adapters.vehicle_of(scenario)
+        course: Course = adapters.course_of(scenario, nominal)
         self.surface, _ = opened_ground(scenario, course, seed)
-        vehicle = plant_vehicle(scenario)
+        vehicle = adapters.plant_vehicle(scenario)
         self.vehicle = vehicle if self.surface.gust is None else vehicle.in_wind()
-        self.under = GroundUnder(self.surface, self.vehicle)
+        self.under = numbered_signals.GroundUnder(self.surface, self.vehicle)
         self.at_start = self.under.values(pose_of_all(self.vehicle, course.start))
 
 
-def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
+def ground_proxy(scenario: Scenario, seed: int) -> proxy.Proxy:
     """The ground of a scenario.
 
     Raises:
@@ -326,7 +298,7 @@ def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant,
                "off_tracking": "truth", "estimator": {}}  # fmt: skip
-    return Proxy(
+    return proxy.Proxy(
         kind="ground",
         name=f"{scenario.name}_ground",
         summary=f"ground of offtrack below a combination, on the course of {scenario.name}",
@@ -335,9 +307,11 @@ def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
             for axis in _AXES
             for k in units
         ],
-        outputs=[one._replace(start=ground.at_start[one.name]) for one in ground_signals(ground.vehicle)],
+        outputs=[
+            one._replace(start=ground.at_start[one.name]) for one in numbered_signals.ground_signals(ground.vehicle)
+        ],
         parameters=[Signal(_SEED, "-", "decides the roughness, a whole number", float(seed), 0.0, 2.0**53)],
-        files=scenario_files(scenario, changes),
+        files=proxy.scenario_files(scenario, changes),
         notes=(
             "At the end of a step it gives the ground under the poses of the step's beginning. Communication steps are "
             "whole numbers of milliseconds. While all positions are 0 it is the ground at the start of the course: "
@@ -347,16 +321,16 @@ def ground_proxy(scenario: Scenario, seed: int) -> Proxy:
     )
 
 
-class GroundComputation(Computation):
+class GroundComputation(proxy.Computation):
     """A ground in the process of its FMU."""
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, opening: proxy.Opening) -> None:
         """Lay the ground.
 
         Raises:
             ValueError: one line, if the scenario is not consistent.
         """
-        self._ground = LaidGround(scenario_in(opening.folder), round(opening.parameters[_SEED]))
+        self._ground = LaidGround(proxy.scenario_in(opening.folder), round(opening.parameters[_SEED]))
         self._values = self._ground.at_start
 
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
@@ -373,10 +347,10 @@ HASH: Final = "frames_sha256"
 _HASH_FILE: Final = "frames_sha256.txt"  # in the folder of the images
 _FRAMES: Final = "frames"
 _UNIT: Final = "unit"  # setting: index of the trailer
-_USED: Final = frozenset(one.name for one in estimate_signals(coarse=False))
+_USED: Final = frozenset(one.name for one in numbered_signals.estimate_signals(coarse=False))
 
 
-def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Proxy:
+def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> proxy.Proxy:
     """The sensor of a trailer of a scenario, with its estimator.
 
     Args:
@@ -389,31 +363,36 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
     """
     if scenario.off_tracking.endswith(".fmu"):
         raise ValueError(f"off_tracking = {scenario.off_tracking}: is an FMU already")
-    nominal = vehicle_of(scenario)
-    course_of(scenario, nominal)  # a course that can't be is refused here, and not in another tool
-    vehicle, unit = plant_vehicle(scenario), watched_units(nominal)[-1] if unit is None else unit
-    schedule = rig_schedule(scenario.rig, LOG_PERIOD)
+    nominal = adapters.vehicle_of(scenario)
+    adapters.course_of(scenario, nominal)  # a course that can't be is refused here, and not in another tool
+    vehicle, unit = adapters.plant_vehicle(scenario), adapters.watched_units(nominal)[-1] if unit is None else unit
+    schedule = adapters.rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}
     readings = [  # by other names than those of the motion that goes in
         one._replace(name=MEASURED + one.name)
-        for one in reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units))
+        for one in numbered_signals.reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units))
     ]
-    return Proxy(
+    return proxy.Proxy(
         kind="sensor",
         name=f"{scenario.name}_sensor",
         summary=f"off-tracking by {scenario.off_tracking} of offtrack, in the world of {scenario.name}",
-        inputs=list(truth_signals(vehicle)),
+        inputs=list(numbered_signals.truth_signals(vehicle)),
         outputs=[
-            *(signal._replace(start=NO_ESTIMATE.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
+            *(
+                signal._replace(start=numbered_signals.NO_ESTIMATE.get(signal.name, 0.0))
+                for signal in numbered_signals.estimate_signals(coarse=False)
+            ),
             *readings,
             Signal("off_tracking_count", "-", "estimates so far"),
         ],
         parameters=[Signal(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
-        texts=[Text(_FRAMES, "folder for a recording of the stereo images, which must not exist yet; empty: none")],
-        said=[Text(HASH, "SHA-256 of all images so far, as in the manifest of a run")],
+        texts=[
+            proxy.Text(_FRAMES, "folder for a recording of the stereo images, which must not exist yet; empty: none")
+        ],
+        said=[proxy.Text(HASH, "SHA-256 of all images so far, as in the manifest of a run")],
         settings={_UNIT: unit},
-        files=scenario_files(scenario, changes),
+        files=proxy.scenario_files(scenario, changes),
         notes=(
             f"Cameras take images every {1e3 * schedule.period * TICK:g} ms, estimates appear "
             f"{1e3 * schedule.latency * TICK:g} ms later. Communication steps are whole numbers of milliseconds; "
@@ -423,17 +402,17 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Prox
     )
 
 
-class SensorComputation(Computation):
+class SensorComputation(proxy.Computation):
     """World, cameras and estimator in the process of an FMU."""
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, opening: proxy.Opening) -> None:
         """Build the world and open the cameras.
 
         Raises:
             ValueError: one line, if the scenario is not consistent, or the folder for the images exists.
             RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
         """
-        scenario, seed = scenario_in(opening.folder), round(opening.parameters[_SEED])
+        scenario, seed = proxy.scenario_in(opening.folder), round(opening.parameters[_SEED])
         with ExitStack() as cleanup:
             self._parts: Assembly = cleanup.enter_context(closing(assemble(scenario, seed)))
             unit = opening.settings.get(_UNIT, self._parts.trailers[-1].unit)
@@ -447,7 +426,7 @@ class SensorComputation(Computation):
             self._cleanup = cleanup.pop_all()
         self._trailer = SteeredTrailer(own, worker, Stopwatch())
         self._pictures = StereoPictures(0, own.unit, own.sensing.cameras, worker, keep=False, recorder=recorder)
-        readings = reading_signals(own.n_steered, len(self._parts.vehicle.units))
+        readings = numbered_signals.reading_signals(own.n_steered, len(self._parts.vehicle.units))
         self._readings = {MEASURED + signal.name: 0.0 for signal in readings}
 
     def _recorder(self, own: WatchedTrailer, folder: Path) -> RecordingWriter:
@@ -460,21 +439,21 @@ class SensorComputation(Computation):
         """Estimate and readings at the end of a step; inputs hold during it."""
         channel, vehicle = self._trailer.channel, self._parts.vehicle
         is_there = any(values[f"{axis}_{k}"] for axis in ("x", "y") for k in range(1, len(vehicle.units) + 1))
-        for now in moments(tick, ticks, LOG_PERIOD):
+        for now in proxy.moments(tick, ticks, LOG_PERIOD):
             if is_there:
-                truth = truth_of(now, values, vehicle, self._on_ground)
+                truth = numbered_signals.truth_of(now, values, vehicle, self._on_ground)
                 self._pictures.follow(truth)
                 message = channel.sample(truth, now)
                 if message is not None:
                     self._pictures.see(0, message, truth)
                 if CONTROL.due(now):
-                    reading = reading_values(self._trailer.trailer.signals.sample(truth))
+                    reading = numbered_signals.reading_values(self._trailer.trailer.signals.sample(truth))
                     self._readings = {MEASURED + name: value for name, value in reading.items()}
             channel.deliver(now)
         newest = self._trailer.newest
         estimate = None if newest is None else newest.off_tracking
         return {
-            **estimate_values(tick + ticks, estimate, _USED),
+            **numbered_signals.estimate_values(tick + ticks, estimate, _USED),
             **self._readings,
             "off_tracking_count": float(len(channel.delivered)),
         }

@@ -18,14 +18,7 @@ from offtrack.exchange.fmi_import.numbered_signals import (
     reading_signals,
     truth_signals,
 )
-from offtrack.exchange.fmi_proxy.parts import (
-    MEASURED,
-    LaidGround,
-    driver_proxy,
-    ground_proxy,
-    law_of_scenario,
-    sensor_proxy,
-)
+from offtrack.exchange.fmi_proxy import parts
 from scenarios.assembly.adapters import course_of, plant_kind, vehicle_of, watched_units
 from scenarios.assembly.applied_faults import refuse_loop_faults
 from scenarios.assembly.drivers_and_laws import opened_driver
@@ -124,26 +117,26 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
     if plant_kind(scenario) != "multibody":
         raise ValueError(f"plant = {plant_kind(scenario)}: a system has the plant multibody")
     refuse_loop_faults(scenario.faults, "a system of FMUs")
-    nominal, ground = vehicle_of(scenario), LaidGround(scenario, seed)
+    nominal, ground = vehicle_of(scenario), parts.LaidGround(scenario, seed)
     course = course_of(scenario, nominal)
     opened = opened_driver(scenario, nominal, course)
     close_part(opened.driver)
     starts = dict(zip(("start_x", "start_y", "start_psi"), course.start, strict=True))
     starts |= {"start_speed": opened.start_speed, **ground.at_start}
-    components = {"driver": driver_proxy(scenario).exported(_VERSION)}
+    components = {"driver": parts.driver_proxy(scenario).exported(_VERSION)}
     connections = _to_driver(ground.vehicle, reverses=bool(scenario.driver.stops))
     if not is_level(ground.surface):
-        components["ground"] = ground_proxy(scenario, seed).exported(_VERSION)
+        components["ground"] = parts.ground_proxy(scenario, seed).exported(_VERSION)
         poses = [f"{axis}_{k}" for axis in ("x", "y", "psi") for k in range(1, len(ground.vehicle.units) + 1)]
         connections += [Connection("plant", name, "ground", name) for name in poses]
         connections += [Connection("ground", one.name, "plant", one.name) for one in ground_signals(ground.vehicle)]
     last = len(nominal.units) - 1
     for unit in watched_units(nominal):
         own = "" if unit == last else f"_{unit + 1}"
-        components[f"sensor{own}"] = sensor_proxy(scenario, seed, unit).exported(_VERSION)
+        components[f"sensor{own}"] = parts.sensor_proxy(scenario, seed, unit).exported(_VERSION)
         connections += [Connection("plant", one.name, f"sensor{own}", one.name) for one in truth_signals(nominal)]
         if nominal.units[unit].steered_axles:
-            components[f"law{own}"] = law_of_scenario(scenario, first_step=step, unit=unit).exported(_VERSION)
+            components[f"law{own}"] = parts.law_of_scenario(scenario, first_step=step, unit=unit).exported(_VERSION)
             connections += _of_law(nominal, unit, own)
     components["plant"] = _plant(ground.vehicle, starts)
     return FmuSystem(
@@ -196,7 +189,7 @@ def _of_law(vehicle: Vehicle, unit: int, own: str) -> list[Connection]:
     axles = range(1, n_steered + 1)
     return [
         *(Connection(sensor, one.name, law, one.name) for one in estimate_signals(coarse=False)),
-        *(Connection(sensor, MEASURED + one.name, law, one.name)
+        *(Connection(sensor, parts.MEASURED + one.name, law, one.name)
           for one in reading_signals(n_steered, len(vehicle.units))),
         *(Connection(law, f"steer_demand_{k}", "plant", f"steer_trailer_{ahead + k}") for k in axles),
     ]  # fmt: skip

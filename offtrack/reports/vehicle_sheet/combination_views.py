@@ -15,16 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon, Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
-from offtrack.reports.vehicle_sheet.sheet import (
-    LOAD,
-    Scale,
-    centre_of_gravity,
-    horizontal_dimension,
-    load_arrow,
-    vertical_dimension,
-    wheel_from_above,
-    wheel_from_side,
-)
+from offtrack.reports.vehicle_sheet import sheet
 from vehicle.combination.chain_forces import wheel_plane
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, reach
 from vehicle.combination.description import GRAVITY, Vehicle
@@ -152,9 +143,9 @@ def axle_from_above(ax: Axes, unit: Unit, x: float, axle: Axle) -> None:
     colour = GREY if axle.lifted else TRUE if axle.steered else INK
     for y in (half, -half):
         if axle.steered:
-            wheel_from_above(ax, (x, -y), size, (1.0, 0.0), GREY, filled=False)
+            sheet.wheel_from_above(ax, (x, -y), size, (1.0, 0.0), GREY, filled=False)
         plane = wheel_plane(axle, y, lock)
-        wheel_from_above(ax, (x, -y), size, (float(plane.x), float(plane.y)), colour, filled=not axle.lifted)
+        sheet.wheel_from_above(ax, (x, -y), size, (float(plane.x), float(plane.y)), colour, filled=not axle.lifted)
 
 
 def _left_lock(unit: Unit, axle: Axle) -> float:
@@ -176,7 +167,7 @@ class CombinationDrawing:
 
     vehicle: Vehicle
     data: DataSheet
-    scale: Scale
+    scale: sheet.Scale
 
     def units(self) -> Iterator[tuple[Unit, float, Unit | None, Unit | None]]:
         """Every unit, its origin's distance behind the foremost point [m], the unit ahead and the unit behind."""
@@ -195,8 +186,8 @@ def side_view(ax: Axes, drawing: CombinationDrawing) -> None:
         for axle in (*unit.axles, *unit.lifted_axles):
             hub = origin - axle.x, axle.wheel_radius + (_LIFT if axle.lifted else 0.0)
             colour = GREY if axle.lifted else TRUE if axle.steered else INK
-            wheel_from_side(ax, hub, axle.wheel_radius, colour, 0.58, driven=axle.driven)
-        centre_of_gravity(ax, origin - unit.cg_x, unit.cg_height, 0.16)
+            sheet.wheel_from_side(ax, hub, axle.wheel_radius, colour, 0.58, driven=axle.driven)
+        sheet.centre_of_gravity(ax, origin - unit.cg_x, unit.cg_height, 0.16)
         middle = origin - 0.5 * (unit.front_x + unit.rear_x)
         ax.text(middle, top, f"{unit.name}, {unit.mass / 1e3:.2f} t", ha="center", va="bottom", fontsize=9.0, color=INK)
     _couplings(ax, drawing)
@@ -217,12 +208,12 @@ def plan_view(ax: Axes, drawing: CombinationDrawing) -> None:
                 at, text = 0.5 * unit.width + drawing.scale.metres(0.1), f"±{math.degrees(one.reach):.0f}°"
                 ax.text(one.behind_front, at, text, ha="center", va="bottom", fontsize=8.0, color=TRUE)
     half = 0.5 * drawing.data.width
-    vertical_dimension(ax, drawing.scale, drawing.data.length + drawing.scale.metres(0.3), -half, half)
+    sheet.vertical_dimension(ax, drawing.scale, drawing.data.length + drawing.scale.metres(0.3), -half, half)
 
 
 def _couplings(ax: Axes, drawing: CombinationDrawing) -> None:
     """Hitches with the load that each puts on the unit ahead."""
-    arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.2, "shrinkA": 0.0, "shrinkB": 3.5}
+    arrow = {"arrowstyle": "-|>", "color": sheet.LOAD, "linewidth": 1.2, "shrinkA": 0.0, "shrinkB": 3.5}
     for (_, origin, ahead, _), data in zip(drawing.units(), drawing.data.units, strict=True):
         if ahead is None or data.coupling_load is None:
             continue
@@ -231,7 +222,9 @@ def _couplings(ax: Axes, drawing: CombinationDrawing) -> None:
         pivot(ax, origin, z)
         ax.annotate("", (origin, z), (origin, start), arrowprops=arrow, zorder=5.2)
         text = _tonnes(data.coupling_load)
-        ax.text(origin, start + drawing.scale.metres(0.03), text, ha="center", va="bottom", fontsize=8.0, color=LOAD)
+        ax.text(
+            origin, start + drawing.scale.metres(0.03), text, ha="center", va="bottom", fontsize=8.0, color=sheet.LOAD
+        )
 
 
 def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
@@ -241,10 +234,10 @@ def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
     for unit in drawing.data.units:
         for axle in unit.axles:
             text = "lifted" if axle.lifted else f"{axle.load / GRAVITY / 1e3:.2f}"
-            load_arrow(ax, axle.behind_front, drawing.scale.metres(_ARROW) * axle.load / largest, row, text)
+            sheet.load_arrow(ax, axle.behind_front, drawing.scale.metres(_ARROW) * axle.load / largest, row, text)
         for group in _groups([axle for axle in unit.axles if not axle.lifted]):
             _bracket(ax, drawing, group)
-    ax.text(-drawing.scale.metres(0.12), row, "load [t]", ha="right", va="top", fontsize=8.0, color=LOAD)
+    ax.text(-drawing.scale.metres(0.12), row, "load [t]", ha="right", va="top", fontsize=8.0, color=sheet.LOAD)
 
 
 def _groups(axles: Sequence[AxleSheet]) -> list[list[AxleSheet]]:
@@ -261,9 +254,9 @@ def _groups(axles: Sequence[AxleSheet]) -> list[list[AxleSheet]]:
 def _bracket(ax: Axes, drawing: CombinationDrawing, group: Sequence[AxleSheet]) -> None:
     first, last, z = group[0].behind_front, group[-1].behind_front, -drawing.scale.metres(_GROUP)
     tick = drawing.scale.metres(0.05)
-    ax.plot((first, first, last, last), (z + tick, z, z, z + tick), color=LOAD, linewidth=0.9)
+    ax.plot((first, first, last, last), (z + tick, z, z, z + tick), color=sheet.LOAD, linewidth=0.9)
     total = _tonnes(sum(axle.load for axle in group))
-    ax.text(0.5 * (first + last), z - tick, total, ha="center", va="top", fontsize=8.0, color=LOAD)
+    ax.text(0.5 * (first + last), z - tick, total, ha="center", va="top", fontsize=8.0, color=sheet.LOAD)
 
 
 def _tonnes(load: float) -> str:
@@ -279,8 +272,8 @@ def _dimensions(ax: Axes, drawing: CombinationDrawing) -> None:
 
     axles = [axle.behind_front for unit in drawing.data.units for axle in unit.axles]
     hitches = [unit.behind_front for unit in drawing.data.units[1:]]
-    horizontal_dimension(ax, drawing.scale, below(_AXLES), [0.0, *sorted(axles), length])
+    sheet.horizontal_dimension(ax, drawing.scale, below(_AXLES), [0.0, *sorted(axles), length])
     if hitches:
-        horizontal_dimension(ax, drawing.scale, below(_HITCHES), [0.0, *hitches, length])
-    horizontal_dimension(ax, drawing.scale, below(_LENGTH if hitches else _HITCHES), [0.0, length])
-    vertical_dimension(ax, drawing.scale, length + drawing.scale.metres(0.3), 0.0, drawing.data.height)
+        sheet.horizontal_dimension(ax, drawing.scale, below(_HITCHES), [0.0, *hitches, length])
+    sheet.horizontal_dimension(ax, drawing.scale, below(_LENGTH if hitches else _HITCHES), [0.0, length])
+    sheet.vertical_dimension(ax, drawing.scale, length + drawing.scale.metres(0.3), 0.0, drawing.data.height)

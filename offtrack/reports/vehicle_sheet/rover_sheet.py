@@ -13,28 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from offtrack.reports.plots import GREY, INK, TRUE
-from offtrack.reports.vehicle_sheet.sheet import (
-    LOAD,
-    MARGIN,
-    TITLE,
-    WIDTH,
-    Rows,
-    Scale,
-    SheetTable,
-    VehicleSheet,
-    centre_of_gravity,
-    draw_table,
-    height_of,
-    horizontal_dimension,
-    load_arrow,
-    new_sheet,
-    scale_bar,
-    scaled_axes,
-    sources_note,
-    vertical_dimension,
-    wheel_from_above,
-    wheel_from_side,
-)
+from offtrack.reports.vehicle_sheet import sheet
 from vehicle.rover import data_sheet
 from vehicle.rover.data_sheet import STANDARD_SLIP, RoverSheet, Traction
 from vehicle.rover.description import load_rover, load_soil, rover_sources, soil_names
@@ -51,7 +30,7 @@ def _floor(data: RoverSheet) -> float:
     return max(1.9 * data.rover.radius, 0.9 * data.rover.cg_height)
 
 
-def side_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
+def side_view(ax: Axes, scale: sheet.Scale, data: RoverSheet) -> None:
     """Draw body, rockers, left wheels, centre of gravity, loads of the axles, and dimensions."""
     rover, floor, half = data.rover, _floor(data), 0.5 * data.length
     ax.plot((-half - scale.metres(0.3), half + scale.metres(0.3)), (0.0, 0.0), color=INK, linewidth=1.0, zorder=1.0)
@@ -67,17 +46,25 @@ def side_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
         x = -wheel.x
         ax.plot((0.0, x), (floor, rover.radius), color=_ROCKER, linewidth=5.0, solid_capstyle="round", zorder=2.0)
         colour = TRUE if wheel.steered else INK
-        wheel_from_side(ax, (x, rover.radius), rover.radius, colour, 0.86, driven=wheel.driven)
+        sheet.wheel_from_side(ax, (x, rover.radius), rover.radius, colour, 0.86, driven=wheel.driven)
         length = scale.metres(_ARROW) * carried[x] / max(carried.values())
-        load_arrow(ax, x, length, -scale.metres(_LOAD_TEXT), f"{carried[x]:.0f}")
-    ax.text(-half - scale.metres(0.1), -scale.metres(_LOAD_TEXT), "[N]", ha="right", va="top", fontsize=8.0, color=LOAD)
-    centre_of_gravity(ax, -rover.cg_x, rover.cg_height, scale.metres(0.1))
-    horizontal_dimension(ax, scale, -scale.metres(_AXLES), [-half, *stations, half])
-    horizontal_dimension(ax, scale, -scale.metres(_LENGTH), [-half, half])
-    vertical_dimension(ax, scale, half + scale.metres(0.25), 0.0, rover.cg_height)
+        sheet.load_arrow(ax, x, length, -scale.metres(_LOAD_TEXT), f"{carried[x]:.0f}")
+    ax.text(
+        -half - scale.metres(0.1),
+        -scale.metres(_LOAD_TEXT),
+        "[N]",
+        ha="right",
+        va="top",
+        fontsize=8.0,
+        color=sheet.LOAD,
+    )
+    sheet.centre_of_gravity(ax, -rover.cg_x, rover.cg_height, scale.metres(0.1))
+    sheet.horizontal_dimension(ax, scale, -scale.metres(_AXLES), [-half, *stations, half])
+    sheet.horizontal_dimension(ax, scale, -scale.metres(_LENGTH), [-half, half])
+    sheet.vertical_dimension(ax, scale, half + scale.metres(0.25), 0.0, rover.cg_height)
 
 
-def plan_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
+def plan_view(ax: Axes, scale: sheet.Scale, data: RoverSheet) -> None:
     """Draw body and wheels from above, steered wheels also at the angles of a turn on the spot, and dimensions."""
     rover = data.rover
     reach, half_width = _ON_PLAN * rover.wheelbase, 0.5 * rover.tread - rover.width
@@ -89,19 +76,19 @@ def plan_view(ax: Axes, scale: Scale, data: RoverSheet) -> None:
         ax.plot((-x, -x), (0.0, -y), color=_ROCKER, linewidth=2.0, zorder=1.5)
         if wheel.steered:
             angle = math.copysign(min(math.atan2(abs(x), abs(y)), rover.steer_limit), -x * y)
-            wheel_from_above(ax, (-x, -y), size, (math.cos(angle), math.sin(angle)), GREY, filled=False)
-        wheel_from_above(ax, (-x, -y), size, (1.0, 0.0), TRUE if wheel.steered else INK)
-    centre_of_gravity(ax, -rover.cg_x, 0.0, scale.metres(0.1))
+            sheet.wheel_from_above(ax, (-x, -y), size, (math.cos(angle), math.sin(angle)), GREY, filled=False)
+        sheet.wheel_from_above(ax, (-x, -y), size, (1.0, 0.0), TRUE if wheel.steered else INK)
+    sheet.centre_of_gravity(ax, -rover.cg_x, 0.0, scale.metres(0.1))
     half = 0.5 * data.length + scale.metres(0.25)
-    vertical_dimension(ax, scale, half, -0.5 * rover.tread, 0.5 * rover.tread)
-    vertical_dimension(ax, scale, half + scale.metres(0.3), -0.5 * data.width, 0.5 * data.width)
+    sheet.vertical_dimension(ax, scale, half, -0.5 * rover.tread, 0.5 * rover.tread)
+    sheet.vertical_dimension(ax, scale, half + scale.metres(0.3), -0.5 * data.width, 0.5 * data.width)
 
 
 _VIEW: Final = 5.2  # largest width of each of the two views [in]
 _KEY: Final = "lengths in m   wheels, axles and centre of gravity to scale   body and rockers sketched   steered: blue"
 
 
-def rover_sheet(name_or_path: str) -> VehicleSheet:
+def rover_sheet(name_or_path: str) -> sheet.VehicleSheet:
     """Data sheet of a shipped rover, or of one described by a ``.toml`` file.
 
     Raises:
@@ -109,9 +96,9 @@ def rover_sheet(name_or_path: str) -> VehicleSheet:
     """
     rover = load_rover(name_or_path)
     data = data_sheet.rover_sheet(rover, [load_soil(name) for name in soil_names()])
-    note, sources = sources_note(rover_sources(name_or_path))
+    note, sources = sheet.sources_note(rover_sources(name_or_path))
     tables = (_wheel_table(data), _motion_table(data), _soil_table(data))
-    return VehicleSheet(
+    return sheet.VehicleSheet(
         name=rover.name,
         summary=rover.summary,
         size=f"{rover.mass:.1f} kg, {data.length:.2f} x {data.width:.2f} m over its {len(rover.wheels)} wheels",
@@ -123,40 +110,40 @@ def rover_sheet(name_or_path: str) -> VehicleSheet:
     )
 
 
-def _draw(data: RoverSheet, tables: tuple[SheetTable, ...], note: str) -> Figure:
+def _draw(data: RoverSheet, tables: tuple[sheet.SheetTable, ...], note: str) -> Figure:
     """Sheet with side view and plan next to each other, and tables."""
-    scale = Scale(_VIEW / data.length)
-    text = height_of(tables)
+    scale = sheet.Scale(_VIEW / data.length)
+    text = sheet.height_of(tables)
     height = (1.0 + _BODY_HEIGHT) * _floor(data)
     views = max(height, data.width + data.rover.radius) * scale.inches + BELOW_GROUND
     rover = data.rover
-    figure = new_sheet(TITLE + views + text, name=rover.name, summary=rover.summary, key=_KEY, note=note)
-    middle = MARGIN + 0.5 * data.length * scale.inches
-    side = scaled_axes(figure, scale, left=middle, low=-scale.metres(BELOW_GROUND), bottom=text, height=views)
+    figure = sheet.new_sheet(sheet.TITLE + views + text, name=rover.name, summary=rover.summary, key=_KEY, note=note)
+    middle = sheet.MARGIN + 0.5 * data.length * scale.inches
+    side = sheet.scaled_axes(figure, scale, left=middle, low=-scale.metres(BELOW_GROUND), bottom=text, height=views)
     side_view(side, scale, data)
     low = -0.5 * data.width - scale.metres(BELOW_GROUND)
-    plan = scaled_axes(figure, scale, left=WIDTH - middle - 0.3, low=low, bottom=text, height=views)
+    plan = sheet.scaled_axes(figure, scale, left=sheet.WIDTH - middle - 0.3, low=low, bottom=text, height=views)
     plan_view(plan, scale, data)
-    scale_bar(side, scale, -0.5 * data.length, -scale.metres(BELOW_GROUND), 0.1, "0.5 m")
+    sheet.scale_bar(side, scale, -0.5 * data.length, -scale.metres(BELOW_GROUND), 0.1, "0.5 m")
     for table in tables:
-        draw_table(figure, table, text)
+        sheet.draw_table(figure, table, text)
     return figure
 
 
-def _wheel_table(data: RoverSheet) -> SheetTable:
+def _wheel_table(data: RoverSheet) -> sheet.SheetTable:
     slopes = [f"{tipping.direction} {math.degrees(tipping.angle):.0f}°" for tipping in data.tipping]
-    rows: Rows = [("wheel load [N]", "x [m]", "y [m]", "level", *slopes)]
+    rows: sheet.Rows = [("wheel load [N]", "x [m]", "y [m]", "level", *slopes)]
     for k, wheel in enumerate(data.rover.wheels):
         loads = (data.loads[k], *(tipping.loads[k] for tipping in data.tipping))
         name, x, y = wheel.name.replace("_", " "), f"{wheel.x:+.3f}", f"{wheel.y:+.3f}"
         rows.append((name, x, y, *(f"{load:.1f}" for load in loads)))
     offsets = (1.45, 1.95, 2.45, 3.3, 4.25, 5.15)
-    return SheetTable(rows=rows, start=0.5, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
+    return sheet.SheetTable(rows=rows, start=0.5, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
 
 
-def _motion_table(data: RoverSheet) -> SheetTable:
+def _motion_table(data: RoverSheet) -> sheet.SheetTable:
     rover = data.rover
-    rows: Rows = [
+    rows: sheet.Rows = [
         ("dimensions and motion", ""),
         ("wheel radius, width", f"{rover.radius:.3f} m, {rover.width:.3f} m"),
         ("height of the centre of gravity", f"{rover.cg_height:.2f} m"),
@@ -167,10 +154,10 @@ def _motion_table(data: RoverSheet) -> SheetTable:
         *_steering_rows(data),
         ("entrapped from a sinkage of", f"{1e3 * rover.sinkage_limit:.0f} mm"),
     ]
-    return SheetTable(rows=rows, start=6.0, columns=((0.0, "left"), (2.95, "right")))
+    return sheet.SheetTable(rows=rows, start=6.0, columns=((0.0, "left"), (2.95, "right")))
 
 
-def _steering_rows(data: RoverSheet) -> Rows:
+def _steering_rows(data: RoverSheet) -> sheet.Rows:
     rover = data.rover
     if data.turning_radius is None:
         return [
@@ -185,8 +172,8 @@ def _steering_rows(data: RoverSheet) -> Rows:
     ]
 
 
-def _soil_table(data: RoverSheet) -> SheetTable:
-    rows: Rows = [
+def _soil_table(data: RoverSheet) -> sheet.SheetTable:
+    rows: sheet.Rows = [
         ("soil", "sinkage [mm]", f"pull, {STANDARD_SLIP:.0%} slip [N]", "steepest climb", "entrapped at slip"),
     ]
     for one in data.traction:
@@ -194,7 +181,7 @@ def _soil_table(data: RoverSheet) -> SheetTable:
         sinkage, pull, climb = _text(one.sinkage, 1e3), _text(one.pull), f"{math.degrees(one.steepest_climb):.1f}°"
         rows.append((one.soil.replace("_", " "), sinkage, pull, climb, trapped))
     offsets = (2.25, 3.4, 4.3, 5.4)
-    return SheetTable(rows=rows, start=9.3, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
+    return sheet.SheetTable(rows=rows, start=9.3, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
 
 
 def _text(value: float | None, factor: float = 1.0) -> str:

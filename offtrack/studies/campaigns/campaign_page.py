@@ -19,18 +19,8 @@ from offtrack.reports.page import (
     some,
 )
 from offtrack.reports.sections import changes, length
+from offtrack.studies.campaigns import failures
 from offtrack.studies.campaigns.campaign import Campaign
-from offtrack.studies.campaigns.failures import (
-    Cell,
-    Search,
-    Times,
-    badness,
-    by,
-    place_of,
-    requirement_failures,
-    totals,
-    unaccepted,
-)
 from offtrack.studies.campaigns.fault_entry import NONE
 from offtrack.studies.campaigns.verdict import DETECTION, END_OF_RUN, RECOVERY, Judgement, Requirements
 from offtrack.studies.case import machines
@@ -46,8 +36,8 @@ def campaign_page(
     title: str,
     campaign: Campaign,
     runs: Sequence[Judgement],
-    cells: Sequence[Cell],
-    searches: Sequence[Search],
+    cells: Sequence[failures.Cell],
+    searches: Sequence[failures.Search],
     links: Sequence[str],
 ) -> str:
     """The page as HTML; ``links`` are the addresses of the runs' pages, empty where there is none."""
@@ -66,12 +56,12 @@ def campaign_page(
         verdict=_verdict(campaign, cells),
         answer=_answer(campaign, cells),
         sections=[
-            Section("Probability of failing", _MATRIX, [_matrix(campaign, [*cells, *totals(cells)], link_of)]),
+            Section("Probability of failing", _MATRIX, [_matrix(campaign, [*cells, *failures.totals(cells)], link_of)]),
             Section("Requirements", _requirements_text(runs), [_requirements(campaign, runs)]),
             *_times(campaign, cells),
             Section("Worst runs", _WORST, [_worst(campaign, runs, link_of)]),
             *_searches(searches),
-            Section("Intervals and differences", _INTERVALS, [_intervals(campaign, [*cells, *totals(cells)])]),
+            Section("Intervals and differences", _INTERVALS, [_intervals(campaign, [*cells, *failures.totals(cells)])]),
             *_explored(runs, links),
             *(machine_sections(made_on) if len(made_on) > 1 else [Section("Machine", content=[Items(made_on)])]),
             Section("Campaign file", "offtrack campaign runs this file.", [Preformatted(campaign.to_toml())]),
@@ -94,17 +84,17 @@ _INTERVALS = (
 _WORST = "The run of each fault and of each law that broke a requirement by most, or came nearest to it."
 
 
-def _verdict(campaign: Campaign, cells: Sequence[Cell]) -> Verdict | None:
+def _verdict(campaign: Campaign, cells: Sequence[failures.Cell]) -> Verdict | None:
     if campaign.accept is None:
         return None
-    broken = unaccepted(campaign, cells)
+    broken = failures.unaccepted(campaign, cells)
     return Verdict(f"{len(broken)} probabilities not accepted" if broken else "accepted", not broken)
 
 
-def _answer(campaign: Campaign, cells: Sequence[Cell]) -> list[str]:
+def _answer(campaign: Campaign, cells: Sequence[failures.Cell]) -> list[str]:
     """Laws that fail without a fault, then how often each fails with one."""
     alone = [cell for cell in cells if cell.place[0] == NONE and cell.failing.beyond]
-    faulty = totals(cells) or [cell for cell in cells if cell.place[0] != NONE]
+    faulty = failures.totals(cells) or [cell for cell in cells if cell.place[0] != NONE]
     sentences = [f"Without any fault {_counted(cell)} of {_where(campaign, cell)} fail." for cell in alone]
     sentences += [f"{_where(campaign, cell)}: {_counted(cell)} with a fault fail." for cell in faulty]
     return some(sentences, _MOST_SENTENCES)
@@ -113,11 +103,11 @@ def _answer(campaign: Campaign, cells: Sequence[Cell]) -> list[str]:
 _MOST_SENTENCES: Final = 6
 
 
-def _counted(cell: Cell) -> str:
+def _counted(cell: failures.Cell) -> str:
     return f"{cell.failing.beyond} of {cell.failing.runs} run{'s' if cell.failing.runs > 1 else ''}"
 
 
-def _matrix(campaign: Campaign, cells: Sequence[Cell], link_of: Mapping[int, str]) -> Matrix:
+def _matrix(campaign: Campaign, cells: Sequence[failures.Cell], link_of: Mapping[int, str]) -> Matrix:
     of_place = {cell.place: cell for cell in cells}
     further = dict.fromkeys(cell.place[1] for cell in cells)
     laws = {of: list(dict.fromkeys(c.place[2] for c in cells if c.place[1] == of)) for of in further}
@@ -137,7 +127,7 @@ def _further_title(campaign: Campaign, text: str) -> str:
     )
 
 
-def _shade(cell: Cell | None, link_of: Mapping[int, str]) -> Shade | None:
+def _shade(cell: failures.Cell | None, link_of: Mapping[int, str]) -> Shade | None:
     if cell is None:
         return None
     found = cell.failing
@@ -154,7 +144,7 @@ def _requirements_text(runs: Sequence[Judgement]) -> str:
 
 
 def _requirements(campaign: Campaign, runs: Sequence[Judgement]) -> Table:
-    found = requirement_failures(campaign, runs)
+    found = failures.requirement_failures(campaign, runs)
     laws = list(dict.fromkeys(law for of_laws in found.values() for law in of_laws))
     columns = [Column("name", "requirement"), *(Column("number", law or "runs") for law in laws)]
     texts = requirement_texts(campaign.requirements)
@@ -182,7 +172,7 @@ def _share_text(found: Exceeding) -> str:
     return f"{found.beyond}/{found.runs}  ({100 * low:.0f}–{100 * high:.0f} %)"
 
 
-def _times(campaign: Campaign, cells: Sequence[Cell]) -> Iterator[Section]:
+def _times(campaign: Campaign, cells: Sequence[failures.Cell]) -> Iterator[Section]:
     shown = [cell for cell in cells if cell.place[0] != NONE and (cell.detection.known or cell.recovery.known)]
     if not shown:
         return
@@ -205,16 +195,16 @@ def _times(campaign: Campaign, cells: Sequence[Cell]) -> Iterator[Section]:
         yield Section("False alarms", text, [Items(lines)])
 
 
-def _place_cells(campaign: Campaign, cell: Cell) -> list[str]:
+def _place_cells(campaign: Campaign, cell: failures.Cell) -> list[str]:
     fault, further, law = cell.place
     return [fault, *([_further_title(campaign, further)] if campaign.further else []), law]
 
 
-def _where(campaign: Campaign, cell: Cell) -> str:
+def _where(campaign: Campaign, cell: failures.Cell) -> str:
     return " · ".join(filter(None, (cell.place[2], _further_title(campaign, cell.place[1])))) or "all runs"
 
 
-def _time_cells(times: Times) -> list[str]:
+def _time_cells(times: failures.Times) -> list[str]:
     if not times.known:
         return ["–", "–", "–"]
     return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
@@ -228,18 +218,18 @@ def time_text(seconds: float) -> str:
 def _worst(campaign: Campaign, runs: Sequence[Judgement], link_of: Mapping[int, str]) -> Table:
     columns = [Column("name"), Column("text", "run"), Column("text", "verdict"), Column("note", "reasons")]
     rows: list[page.Row] = []
-    groups = (("faults", lambda run: run.fault), ("laws", lambda run: place_of(campaign, run)[2]))
+    groups = (("faults", lambda run: run.fault), ("laws", lambda run: failures.place_of(campaign, run)[2]))
     for heading, key in groups:
-        found = by(runs, key)
+        found = failures.by(runs, key)
         rows += [[heading]] if len(found) > 1 else []
         for name, group in found.items() if len(found) > 1 else ():
-            worst = max(group, key=badness)
+            worst = max(group, key=failures.badness)
             run = page.Cell(worst.outcome.case.title, link=link_of[id(worst)])
             rows.append([name, run, page.Cell(worst.verdict, "bad" if worst.failed else "good"), worst.reasons])
     return Table(columns, rows)
 
 
-def _intervals(campaign: Campaign, cells: Sequence[Cell]) -> Table:
+def _intervals(campaign: Campaign, cells: Sequence[failures.Cell]) -> Table:
     columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
     names = ("failed", "runs", "share", "from", "to", "more fail", "deviation grows")
     columns += [Column("number", name) for name in names] + [Column("note", "outcomes")]
@@ -257,7 +247,7 @@ def _intervals(campaign: Campaign, cells: Sequence[Cell]) -> Table:
 _DEVIATIONS: Final = ("off_tracking.true_max_m", "slip.cross_track_max_m")
 
 
-def _differences(cell: Cell, reference: Cell | None) -> tuple[str, str]:
+def _differences(cell: failures.Cell, reference: failures.Cell | None) -> tuple[str, str]:
     """By how much more runs fail than without the fault, and by how much the largest deviation of one grew at most."""
     if reference is None or cell is reference:
         return "", ""
@@ -273,7 +263,7 @@ def _deviation(run: Judgement) -> float:
     return next((one for path in _DEVIATIONS if (one := run.outcome.number(path)) is not None), math.nan)
 
 
-def _searches(searches: Sequence[Search]) -> Iterator[Section]:
+def _searches(searches: Sequence[failures.Search]) -> Iterator[Section]:
     if not searches:
         return
     columns = [Column("name", "fault"), Column("text", "law"), Column("text"), Column("number", "seed")]
@@ -288,13 +278,13 @@ def _searches(searches: Sequence[Search]) -> Iterator[Section]:
     yield Section("Smallest fault that fails", text, [Table(columns, rows)])
 
 
-def _searched(search: Search) -> str:
+def _searched(search: failures.Search) -> str:
     """The searched number with its unit."""
     option = search.entry.options()[0]
     return "duration [s]" if search.table.of == "duration" else f"{option.name} [{option.unit}]"
 
 
-def found_text(search: Search) -> str:
+def found_text(search: failures.Search) -> str:
     """The smallest value that fails, or that there is none in the range."""
     if search.finding == "found":
         return f"{search.bracket[1]:g}"
@@ -302,7 +292,7 @@ def found_text(search: Search) -> str:
     return f"{'above' if search.finding == 'never fails' else 'below'} {end:g}"
 
 
-def note_of(search: Search) -> str:
+def note_of(search: failures.Search) -> str:
     """Remarks on a bisection: never or always fails, and values that contradict a threshold."""
     notes = (
         [] if search.finding == "found" else [f"{search.finding} from {search.table.low:g} to {search.table.high:g}"]

@@ -10,20 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv as pa_csv
 
+from offtrack.studies.campaigns import failures
 from offtrack.studies.campaigns.campaign import FAULTS, Campaign, by_text
 from offtrack.studies.campaigns.campaign_page import campaign_page
-from offtrack.studies.campaigns.failures import (
-    Cell,
-    Search,
-    Times,
-    badness,
-    bisected,
-    by,
-    cells_of,
-    place_of,
-    totals,
-    unaccepted,
-)
 from offtrack.studies.campaigns.fault_entry import NONE, FaultEntry
 from offtrack.studies.campaigns.verdict import Judgement, Limit, Requirements
 from offtrack.studies.case import Case, Outcome, Settings
@@ -139,8 +128,8 @@ class Results:
 
     directory: Path
     runs: tuple[Judgement, ...]
-    cells: tuple[Cell, ...]
-    searches: tuple[Search, ...]
+    cells: tuple[failures.Cell, ...]
+    searches: tuple[failures.Search, ...]
 
 
 def run_campaign(title: str, campaign: Campaign, directory: Path | None, options: RunOptions) -> Results:
@@ -157,7 +146,7 @@ def run_campaign(title: str, campaign: Campaign, directory: Path | None, options
 
     def finish(directory: Path, outcomes: Sequence[Outcome], make: MakeMore) -> None:
         runs = [campaign.judge(outcome) for outcome in outcomes]
-        searches, cells = tuple(bisected(campaign, runs, make)), tuple(cells_of(campaign, runs))
+        searches, cells = tuple(failures.bisected(campaign, runs, make)), tuple(failures.cells_of(campaign, runs))
         found = Results(directory=directory, runs=tuple(runs), cells=cells, searches=searches)
         _write(title, campaign, found)
         results.append(found)
@@ -181,10 +170,16 @@ def _write(title: str, campaign: Campaign, found: Results) -> None:
 def _worst(campaign: Campaign, runs: Sequence[Judgement]) -> list[int]:
     """Runs by their indices: the worst of each fault and of each law, then the worst of each cell, the worst first."""
     order = {id(run): k for k, run in enumerate(runs)}
-    first = [max(group, key=badness) for group in by(runs, lambda run: run.fault).values()]
-    first += [max(group, key=badness) for group in by(runs, lambda run: place_of(campaign, run)[2]).values()]
-    of_cells = [max(group, key=badness) for group in by(runs, lambda run: place_of(campaign, run)).values()]
-    return [order[id(run)] for run in (*first, *sorted(of_cells, key=badness, reverse=True))]
+    first = [max(group, key=failures.badness) for group in failures.by(runs, lambda run: run.fault).values()]
+    first += [
+        max(group, key=failures.badness)
+        for group in failures.by(runs, lambda run: failures.place_of(campaign, run)[2]).values()
+    ]
+    of_cells = [
+        max(group, key=failures.badness)
+        for group in failures.by(runs, lambda run: failures.place_of(campaign, run)).values()
+    ]
+    return [order[id(run)] for run in (*first, *sorted(of_cells, key=failures.badness, reverse=True))]
 
 
 def judged_table(runs: Sequence[Judgement]) -> pa.Table:
@@ -205,17 +200,17 @@ def judged_table(runs: Sequence[Judgement]) -> pa.Table:
 
 def results_json(campaign: Campaign, found: Results) -> dict[str, Any]:
     """The results as JSON: infinite times, which never came, are "never"; those that do not apply are null."""
-    broken = unaccepted(campaign, found.cells)
+    broken = failures.unaccepted(campaign, found.cells)
     return {
         "runs": len(found.runs),
         "cells": [_plain_cell(cell, accepted=cell not in broken) for cell in found.cells],
-        "all_faults": [_plain_cell(cell, accepted=True) for cell in totals(found.cells)],
+        "all_faults": [_plain_cell(cell, accepted=True) for cell in failures.totals(found.cells)],
         "bisections": [_plain_search(search) for search in found.searches],
         "not_reached": sum(not run.reached for run in found.runs),
     }
 
 
-def _plain_cell(cell: Cell, *, accepted: bool) -> dict[str, Any]:
+def _plain_cell(cell: failures.Cell, *, accepted: bool) -> dict[str, Any]:
     low, high = cell.failing.interval()
     worst = cell.worst
     return {
@@ -233,13 +228,13 @@ def _plain_cell(cell: Cell, *, accepted: bool) -> dict[str, Any]:
     }
 
 
-def _plain_times(times: Times) -> dict[str, Any]:
+def _plain_times(times: failures.Times) -> dict[str, Any]:
     known = {"median": times.median, "worst": times.worst}
     plain = {key: None if math.isnan(v) else "never" if math.isinf(v) else round(v, 3) for key, v in known.items()}
     return {**plain, "never": times.never, "runs": times.known}
 
 
-def _plain_search(search: Search) -> dict[str, Any]:
+def _plain_search(search: failures.Search) -> dict[str, Any]:
     return {
         "fault": search.entry.title,
         "of": search.table.of,

@@ -10,22 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from offtrack.exchange.drawings import DrivenPath, axle_steer, drawing, unit_poses, write_drawing
-from offtrack.reports import plots
-from offtrack.reports.page import (
-    Cell,
-    Column,
-    Figure,
-    Items,
-    Page,
-    Player,
-    Row,
-    Section,
-    Table,
-    Verdict,
-    outcome_verdict,
-    software_section,
-    some,
-)
+from offtrack.reports import page, plots
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import (
     Line,
@@ -57,7 +42,7 @@ _OF_WHOLE_DRIVES: Final = ("random_steer",)
 _CHANGE: Final = (45.0, 330.0)  # of the lane change along the road [m]
 
 
-def figures(case: Assessment, manoeuvre: Manoeuvre, name: str) -> Iterator[Figure]:
+def figures(case: Assessment, manoeuvre: Manoeuvre, name: str) -> Iterator[page.Figure]:
     """The figures of a manoeuvre; none if it ended before anything had moved. ``name`` is unique on the page."""
     if len(manoeuvre.log) < 2 or (manoeuvre.outcome != "completed" and manoeuvre.key in _OF_WHOLE_DRIVES):
         return
@@ -260,7 +245,7 @@ def assessment_page(matrix: AssessmentMatrix) -> str:
         facts.append(
             " ".join([f"trailer steering: {assessment.trailer_steering}", *(f"{k}={v}" for k, v in given.items())])
         )
-    return Page(
+    return page.Page(
         title=f"{vehicle.name} · assessment",
         heading=f"{vehicle.name} in standard manoeuvres",
         subtitle=" · ".join(facts),
@@ -271,14 +256,14 @@ def assessment_page(matrix: AssessmentMatrix) -> str:
     ).html()
 
 
-def _verdict(matrix: AssessmentMatrix) -> Verdict:
+def _verdict(matrix: AssessmentMatrix) -> page.Verdict:
     """How many of the limits are met, over all cases."""
     reached = [judgement.reached for case in matrix.cases for judgement in case.judgements]
     if not reached:
         ended = sum(one.outcome != "completed" for case in matrix.cases for one in case.manoeuvres)
-        return Verdict(f"{ended} not completed" if ended else "completed, no limits apply", not ended)
+        return page.Verdict(f"{ended} not completed" if ended else "completed, no limits apply", not ended)
     met = sum(one not in _OPEN for one in reached)
-    return Verdict(f"{met} of {len(reached)} limits met", met == len(reached))
+    return page.Verdict(f"{met} of {len(reached)} limits met", met == len(reached))
 
 
 def _answer(matrix: AssessmentMatrix) -> list[str]:
@@ -288,7 +273,7 @@ def _answer(matrix: AssessmentMatrix) -> list[str]:
         at = f" ({name})" if len(matrix.cases) > 1 else ""
         found += [f"{one.title}{at}: {one.outcome}." for one in case.manoeuvres if one.outcome != "completed"]
         found += [f"{_missed(one)}{at}." for one in case.judgements if one.reached in _OPEN]
-    return some(found, _MOST_SENTENCES)
+    return page.some(found, _MOST_SENTENCES)
 
 
 def _missed(judgement: Judgement) -> str:
@@ -317,37 +302,37 @@ def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
     return f"{sign}{_TOGETHER}" + " · ".join(bound.replace(" ", _TOGETHER) for bound in bounds)
 
 
-def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
+def _sections(matrix: AssessmentMatrix) -> Iterator[page.Section]:
     several = len(matrix.cases) > 1
     endings = [f" · {name}" if several else "" for name in matrix.names]
     if matrix.warnings:
-        yield Section("Warnings", content=[Items(matrix.warnings)])
+        yield page.Section("Warnings", content=[page.Items(matrix.warnings)])
     if several:
-        yield Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix, limits=True)])
+        yield page.Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix, limits=True)])
     for case, ending in zip(matrix.cases, endings, strict=True):
         if case.judgements:
-            yield Section(f"Levels{ending}", _LEVELS, [levels_table(case)])
+            yield page.Section(f"Levels{ending}", _LEVELS, [levels_table(case)])
     if playback := assessment_playback(matrix):
-        yield Section("Playback", "Choose a manoeuvre to see it driven.", [Player(encoded(playback))])
+        yield page.Section("Playback", "Choose a manoeuvre to see it driven.", [page.Player(encoded(playback))])
     for case, ending in zip(matrix.cases, endings, strict=True):
         for manoeuvre in case.manoeuvres:
             name = f"{case.load}-{case.conditions.hand}-{manoeuvre.key}" if several else manoeuvre.key
-            yield Section(
+            yield page.Section(
                 f"{manoeuvre.title}{ending}",
                 manoeuvre.how,
                 [*figures(case, manoeuvre, name), _measured(case, manoeuvre)],
-                outcome_verdict(manoeuvre.outcome),
+                page.outcome_verdict(manoeuvre.outcome),
             )
-    yield software_section(versions())
+    yield page.software_section(versions())
 
 
-def matrix_table(matrix: AssessmentMatrix, *, limits: bool) -> Table:
+def matrix_table(matrix: AssessmentMatrix, *, limits: bool) -> page.Table:
     """A row for each quantity below the title of its manoeuvre, a column for each case; a last one with the limits."""
-    rows: list[Row] = []
+    rows: list[page.Row] = []
     for key in dict.fromkeys(manoeuvre.key for case in matrix.cases for manoeuvre in case.manoeuvres):
         driven = [next((one for one in case.manoeuvres if one.key == key), None) for case in matrix.cases]
         title = next(one.title for one in driven if one is not None)
-        outcomes = [Cell("–") if one is None else outcome_cell(one) for one in driven]
+        outcomes = [page.Cell("–") if one is None else outcome_cell(one) for one in driven]
         last = [""] if limits else []
         rows += [[title], ["outcome", *outcomes, *last]]
         for name in dict.fromkeys(name for one in driven if one is not None for name in one.figures):
@@ -355,8 +340,8 @@ def matrix_table(matrix: AssessmentMatrix, *, limits: bool) -> Table:
             if any(math.isfinite(value) for value in values):
                 cells = [judged_cell(case, name, value) for case, value in zip(matrix.cases, values, strict=True)]
                 rows.append([BY_NAME[name].label, *cells, *([limits_text(matrix, name)] if limits else [])])
-    columns = [Column("name"), *(Column("number", name) for name in matrix.names)]
-    return Table([*columns, *([Column("note", "limits")] if limits else [])], rows)
+    columns = [page.Column("name"), *(page.Column("number", name) for name in matrix.names)]
+    return page.Table([*columns, *([page.Column("note", "limits")] if limits else [])], rows)
 
 
 def limits_text(matrix: AssessmentMatrix, name: str) -> str:
@@ -373,51 +358,55 @@ def limits_text(matrix: AssessmentMatrix, name: str) -> str:
     )
 
 
-def outcome_cell(manoeuvre: Manoeuvre) -> Cell:
+def outcome_cell(manoeuvre: Manoeuvre) -> page.Cell:
     """Outcome of a manoeuvre in a case."""
-    return Cell(manoeuvre.outcome, "good" if manoeuvre.outcome == "completed" else "bad")
+    return page.Cell(manoeuvre.outcome, "good" if manoeuvre.outcome == "completed" else "bad")
 
 
-def judged_cell(case: Assessment, name: str, value: float) -> Cell:
+def judged_cell(case: Assessment, name: str, value: float) -> page.Cell:
     """A measured quantity with the levels that it reaches."""
     judgements = [judgement for judgement in case.judgements if judgement.criterion.quantity == name]
     reached = [judgement.reached for judgement in judgements]
     text = BY_NAME[name].text(value)
     if not judgements or not math.isfinite(value):
-        return Cell(text)
+        return page.Cell(text)
     return _reached_cell(f"{text} ({', '.join(dict.fromkeys(reached))})", reached)
 
 
-def _reached_cell(text: str, reached: Sequence[str]) -> Cell:
+def _reached_cell(text: str, reached: Sequence[str]) -> page.Cell:
     if any(one in _BAD for one in reached):
-        return Cell(text, "bad")
-    return Cell(text) if UNDECIDED in reached else Cell(text, "good")
+        return page.Cell(text, "bad")
+    return page.Cell(text) if UNDECIDED in reached else page.Cell(text, "good")
 
 
-def levels_table(assessment: Assessment) -> Table:
+def levels_table(assessment: Assessment) -> page.Table:
     """A row for each limit of the standards that applies."""
-    rows: list[Row] = []
+    rows: list[page.Row] = []
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
         reached = _reached_cell(judgement.reached, (judgement.reached,))
         measured = " … ".join(map(quantity.text, judgement.ends or (judgement.measured,)))
         standard = f"{criterion.standard} ({criterion.source})"
         rows.append([quantity.label, measured, reached, bounds_text(judgement), standard])
-    columns = [Column("name", "quantity"), Column("number", "measured"), Column("text", "reached")]
-    return Table([*columns, Column("note", "limits"), Column("note", "standard")], rows)
+    columns = [page.Column("name", "quantity"), page.Column("number", "measured"), page.Column("text", "reached")]
+    return page.Table([*columns, page.Column("note", "limits"), page.Column("note", "standard")], rows)
 
 
-def _measured(assessment: Assessment, manoeuvre: Manoeuvre) -> Table:
+def _measured(assessment: Assessment, manoeuvre: Manoeuvre) -> page.Table:
     """A table of the measured quantities, compared with linear theory where there is one."""
     theory = {name: assessment.linear[name] for name in manoeuvre.figures if name in assessment.linear}
-    rows: list[Row] = []
+    rows: list[page.Row] = []
     for name, value in manoeuvre.figures.items():
         quantity = BY_NAME[name]
         if math.isfinite(value) or manoeuvre.outcome != "completed":
             linear = [quantity.text(theory[name]) if name in theory else ""] if theory else []
             rows.append([quantity.label, quantity.text(value), *linear, quantity.meaning])
-    numbers = [Column("number", "measured"), Column("number", "linear theory")] if theory else [Column("number")]
-    return Table([Column("name"), *numbers, Column("note")], rows)
+    numbers = (
+        [page.Column("number", "measured"), page.Column("number", "linear theory")]
+        if theory
+        else [page.Column("number")]
+    )
+    return page.Table([page.Column("name"), *numbers, page.Column("note")], rows)
 
 
 def write_assessment(assessment: AssessmentMatrix, directory: Path, drawings: Sequence[str] = ()) -> None:

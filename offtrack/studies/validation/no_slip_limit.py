@@ -15,16 +15,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from controllers.path import Path, arc, line
+from offtrack.studies.validation import simple_drives
 from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
-from offtrack.studies.validation.simple_drives import (
-    along_path,
-    gripping,
-    poses_of,
-    round_circle,
-    runge_kutta,
-    steered,
-    tractor_and_trailer,
-)
 from scenarios.assembly.adapters import outlines
 from scenarios.results.swept_path import placed
 from vehicle.clock import TICK
@@ -65,8 +57,8 @@ class _SettledTurn(NamedTuple):
 
 def _turn(speed: float, friction: float) -> _SettledTurn:
     """Settled turn of the combination on its own tyres."""
-    vehicle = tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0)
-    truths = round_circle(vehicle, _RADIUS, speed, 12.0 * _LENGTH, surface=Surface(friction=friction))
+    vehicle = simple_drives.tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0)
+    truths = simple_drives.round_circle(vehicle, _RADIUS, speed, 12.0 * _LENGTH, surface=Surface(friction=friction))
     v_x, v_y, turning = truths[-1].velocities[1].tolist()
     hitch, axle = math.hypot(v_x, v_y), math.hypot(v_x, v_y - _LENGTH * turning)
     return _SettledTurn(hitch, axle / turning - math.sqrt((hitch / turning) ** 2 - _LENGTH**2))
@@ -125,9 +117,11 @@ def slalom_checks() -> tuple[Check, ...]:
     """Largest differences from the package's model in a slalom."""
     differences: tuple[float | None, ...] = (None, None, None)
     if installed():
-        vehicle = gripping(tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0))
-        truths = steered(vehicle, _slalom, _SLALOM_SPEED, _SLALOM_TIME)
-        differences = _differences(poses_of(truths), kinematic_poses(vehicle, truths))
+        vehicle = simple_drives.gripping(
+            simple_drives.tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0)
+        )
+        truths = simple_drives.steered(vehicle, _slalom, _SLALOM_SPEED, _SLALOM_TIME)
+        differences = _differences(simple_drives.poses_of(truths), kinematic_poses(vehicle, truths))
     rows = (("position", 0.01, "m"), ("yaw", 0.02, "°"), ("articulation", 0.02, "°"))
     return tuple(
         Check(
@@ -179,7 +173,7 @@ def kinematic_poses(vehicle: Vehicle, truths: Sequence[Truth]) -> FloatArray:
     # the package's hitch angle is the trailer's yaw minus the tractor's
     states = [np.array([x_0, y_0, float(steer(0.0)), float(speed(0.0)), psi_0, truths[0].poses[1, 2] - psi_0])]
     for t, h in zip(time[:-1].tolist(), np.diff(time).tolist(), strict=True):
-        states.append(runge_kutta(rate, t, states[-1], h))
+        states.append(simple_drives.runge_kutta(rate, t, states[-1], h))
     x_T, y_T, _, _, psi_T, hitch = np.array(states).T
     return np.stack([np.stack([x_T, y_T, psi_T], axis=1), np.stack([x_T, y_T, psi_T + hitch], axis=1)], axis=1)
 
@@ -224,7 +218,7 @@ def poses_along(chain: NoSlipChain, path: Path, reference: tuple[float, float], 
     psi = np.full(1 + len(chain.lengths), path.start.psi)
     poses = [_poses(chain, path, reference, 0.0, psi)]
     for k in range(steps):
-        psi = runge_kutta(lambda s, psi: _turning(chain, path, reference, s, psi), k * h, psi, h)
+        psi = simple_drives.runge_kutta(lambda s, psi: _turning(chain, path, reference, s, psi), k * h, psi, h)
         poses.append(_poses(chain, path, reference, (k + 1) * h, psi))
     return np.array(poses)
 
@@ -296,7 +290,7 @@ def design_vehicles(quick: bool) -> CheckSection:
 
 def _designs() -> list[_Design]:
     wb62, table = load_vehicle("wb62"), "AASHTO Green Book table, as printed by sddc.army.mil"
-    wb40 = tractor_and_trailer(wb62, wheelbase=12.5 * _FOOT, hitch_x=0.0, length=25.5 * _FOOT)
+    wb40 = simple_drives.tractor_and_trailer(wb62, wheelbase=12.5 * _FOOT, hitch_x=0.0, length=25.5 * _FOOT)
     return [
         _Design("WB-62", wb62, 41.0, 7.4, 0.1, table),
         _Design("WB-67", load_vehicle("wb67"), 41.0, 1.9, 0.1, "AASHTO Green Book 2011, from memory"),
@@ -307,8 +301,8 @@ def _designs() -> list[_Design]:
 def _turned(design: _Design) -> tuple[Pose2, FloatArray]:
     """Centre of the turn, and the poses of both units during it."""
     path, front = _template(design)
-    truths = along_path(design.vehicle, path, (front, 0.0), _SPEED)
-    return path.start @ Pose2(_ENTRY, design.radius * _FOOT, 0.0), poses_of(truths)
+    truths = simple_drives.along_path(design.vehicle, path, (front, 0.0), _SPEED)
+    return path.start @ Pose2(_ENTRY, design.radius * _FOOT, 0.0), simple_drives.poses_of(truths)
 
 
 def _template(design: _Design) -> tuple[Path, float]:
