@@ -1,4 +1,4 @@
-"""Formats that finished runs are written in, by name. A new format is one module and one line here.
+"""Formats that finished runs are written in, by name. A new format is one class and one line here.
 
 Names of signals may have any letters, spaces and hyphens, as units' names have. Formats that take less write
 ``plain_names``, and the original name beside each.
@@ -22,10 +22,10 @@ from vehicle.foundation.user_file import nearest
 
 EXPORT: Final = Catalogue(
     {
-        "csv": "offtrack.exchange.exports.csv_file:Csv",
-        "xlsx": "offtrack.exchange.exports.xlsx_file:Xlsx",
-        "mat": "offtrack.exchange.exports.mat_file:Mat",
-        "mf4": "offtrack.exchange.exports.mf4_file:Mf4",
+        "csv": "offtrack.exchange.exports.tables:Csv",
+        "xlsx": "offtrack.exchange.exports.tables:Xlsx",
+        "mat": "offtrack.exchange.exports.tables:Mat",
+        "mf4": "offtrack.exchange.exports.tables:Mf4",
         "mcap": "offtrack.exchange.exports.mcap_file:Mcap",
         "rosbag2": "offtrack.exchange.exports.rosbag2:Rosbag2",
     },
