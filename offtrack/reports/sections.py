@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -24,7 +24,7 @@ from scenarios.options.scenario import load_any_scenario
 from scenarios.options.shipped import scenario_names
 from scenarios.options.tables import FaultOptions
 from scenarios.results.run_summary import Timing, number_at
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import dotted, shown
 
 _OWN_UNITS: Final = {"mm": "m", "%": "-", "°": "rad", "km/h": "m/s", "": "-"}  # by the unit shown
 
@@ -149,7 +149,7 @@ def changes(scenario: Mapping[str, Any], besides: Collection[str] = ()) -> str:
     """
     if scenario.get("name") not in scenario_names():
         return ""
-    name, now = str(scenario["name"]), dict(_values(scenario))
+    name, now = str(scenario["name"]), _values(scenario)
     shipped = _resolved(name)
     chosen = [key for key in now if key.endswith((".kind", ".file")) and now[key] != shipped.get(key)]
     try:
@@ -165,16 +165,13 @@ def changes(scenario: Mapping[str, Any], besides: Collection[str] = ()) -> str:
 
 def _resolved(name: str, settings: Sequence[str] = ()) -> dict[str, Any]:
     """Values of a shipped scenario with these settings by their dotted keys."""
-    return dict(_values(load_any_scenario(name, settings).model_dump(mode="json", exclude_none=True)))
+    return _values(load_any_scenario(name, settings).model_dump(mode="json", exclude_none=True))
 
 
-def _values(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _values(value, f"{before}{key}.")
-        else:
-            plain = list(value) if isinstance(value, tuple) else value
-            yield f"{before}{key}", _faults(value) if key == "faults" else plain
+def _values(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a resolved scenario by their dotted keys; faults as ``--set`` takes them."""
+    values = {key: list(value) if isinstance(value, tuple) else value for key, value in dotted(table)}
+    return values | ({"faults": _faults(values["faults"])} if "faults" in values else {})
 
 
 def _faults(tables: Iterable[Mapping[str, Any]]) -> str:
@@ -200,13 +197,11 @@ def run_page(
     name = course_title(scenario) or str(summary["scenario"])
     return Page(
         title=title or name,
-        heading=title or name,
         subtitle=" · ".join(filter(None, (title and name, *facts))),
         changes=changes(scenario),
         verdict=outcome_verdict(str(summary["outcome"])),
         cards=number_cards(summary, _main_numbers(scenario, summary)),
         sections=list(sections),
-        wide=True,
     )
 
 

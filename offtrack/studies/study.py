@@ -27,7 +27,7 @@ from scenarios.assembly.drivers_and_laws import law_uses_off_tracking
 from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
 from scenarios.options.scenario import load_any_scenario
 from vehicle.foundation.quantity import Frozen, checked
-from vehicle.foundation.user_file import FileType, nearest, parsed_toml, read_toml, shown
+from vehicle.foundation.user_file import FileType, dotted, nearest, parsed_toml, read_toml, shown
 
 STUDY_FILE: Final = FileType("a study file", 2_000_000)
 
@@ -237,15 +237,6 @@ def _limit(path: Path, key: str, value: Any) -> float:
     if key not in known:
         raise ValueError(f"study {path}: limits.{shown(key)}{nearest(key, known)}")
     return number_of(f"study {path}: limits.{key}", value)
-
-
-def dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Values with their dotted keys."""
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from dotted(value, f"{before}{key}.")
-        else:
-            yield f"{before}{key}", value
 
 
 def settings_of(pairs: Sequence[str], option: str) -> Settings:

@@ -23,7 +23,7 @@ from typing import Any, Final, TypeAlias
 from vehicle.combination.description import Vehicle, vehicle_from
 from vehicle.combination.unit import MassProperties, Unit, without
 from vehicle.foundation.quantity import Frozen, checked, quantity
-from vehicle.foundation.user_file import nearest
+from vehicle.foundation.user_file import dotted, nearest
 
 FULL: Final = "full"
 LOADS: Final = {"unladen": 0.0, "half": 0.5, FULL: 1.0}  # load case and its share of the payload
@@ -119,7 +119,7 @@ def changed_vehicle(vehicle: Vehicle, changes: Mapping[str, Change]) -> Vehicle:
     Raises:
         ValueError: one line naming ``plant.<path>``, and the limit with its unit or the nearest known path.
     """
-    values = dict(_flat(changes))
+    values = dict(dotted(changes))
     by_name = {key: value for key, value in values.items() if key in NamedChanges.model_fields}
     by_path = {key: value for key, value in values.items() if key not in by_name}
     try:
@@ -215,14 +215,6 @@ def _locations(keys: _Keys, path: Sequence[str]) -> dict[str, str]:
         ".".join(str(key) for key in keys[: len(keys) - cut]): ".".join(path[: len(path) - cut])
         for cut in range(len(path) - 1)
     }
-
-
-def _flat(changes: Mapping[str, Change], before: str = "") -> Iterator[tuple[str, float | Sequence[float]]]:
-    for key, value in changes.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{key}.")
-        else:
-            yield f"{before}{key}", value
 
 
 def _paths(contents: dict[str, Any]) -> Iterator[tuple[str, _Keys]]:

@@ -13,7 +13,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from importlib import resources
@@ -243,6 +243,15 @@ def sources(node: Any, key: str = "") -> dict[str, str]:
     for name, child in children:
         by_key |= sources(child, f"{key}.{name}" if key else str(name))
     return by_key
+
+
+def dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Values of a table, and of the tables in it, with their dotted keys."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from dotted(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -14,10 +14,10 @@ from offtrack.studies.campaigns.fault_entry import NONE, Bisect, FaultEntry, Pai
 from offtrack.studies.campaigns.verdict import Judgement, Requirements, read_requirements, verdict_on
 from offtrack.studies.case import Case, Outcome, Settings
 from offtrack.studies.draws import read_draws
-from offtrack.studies.study import STUDY_FILE, Study, StudyFile, dotted, text_of_value, typed_value
+from offtrack.studies.study import STUDY_FILE, Study, StudyFile, text_of_value, typed_value
 from offtrack.studies.table import Exceeding
 from vehicle.foundation.quantity import Frozen, checked
-from vehicle.foundation.user_file import nearest, read_toml, shown
+from vehicle.foundation.user_file import dotted, nearest, read_toml, shown
 
 FILE: Final = "campaign.toml"
 FAULTS: Final = "faults"  # axis
