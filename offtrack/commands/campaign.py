@@ -18,7 +18,7 @@ from offtrack.commands.console import (
 )
 from offtrack.commands.study import StudyOptions, takes_study_options
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
-from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_text
+from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_cells
 from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, unaccepted
 from offtrack.studies.campaigns.run_campaign import Results, default_campaign, results_json, run_campaign
 from offtrack.studies.case import listed, seeds_of
@@ -183,14 +183,8 @@ def _times(cells: list[Cell]) -> Table:
     for fault in dict.fromkeys(cell.place[0] for cell in cells):
         runs = [run.response for cell in cells if cell.place[0] == fault for run in cell.runs]
         of = (Times.of(run.detection for run in runs), Times.of(run.recovery for run in runs))
-        table.add_row(fault, *(text for times in of for text in _time_texts(times)))
+        table.add_row(fault, *(text for times in of for text in time_cells(times)))
     return table
-
-
-def _time_texts(times: Times) -> list[str]:
-    if not times.known:
-        return ["-", "-", "-"]
-    return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
 
 
 def _thresholds(searches: tuple[Search, ...]) -> Table:

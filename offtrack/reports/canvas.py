@@ -114,14 +114,6 @@ def write_key(picture: Picture, entries: Sequence[tuple[str, Colour]]) -> None:
         u += width
 
 
-def write_readings(panel: Picture, readings: Sequence[Reading], top: int, *, columns: int) -> None:
-    """Writes labels with their values below, side by side in so many columns from ``top`` downwards."""
-    for k, (label, value, colour) in enumerate(readings):
-        u = 20 + k * (panel.shape[1] - 30) // columns
-        write(panel, label, (u, top), size=14, colour=SOFT)
-        write(panel, value, (u, top + 17), size=22, colour=colour)
-
-
 def scale_bar(picture: Picture, scale: float, length: float) -> None:
     """Draws a bar of ``length`` [m] at ``scale`` [px/m] into the lower right corner."""
     right, bottom = picture.shape[1] - 18, picture.shape[0] - 14

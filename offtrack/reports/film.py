@@ -224,9 +224,10 @@ class Film:
         panel = canvas.blank(background.shape[1], background.shape[0] + _READINGS)
         canvas.write(panel, self._playback.title[:40], (20, 10), size=19)
         canvas.write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 10), size=19, anchor=1.0)
-        readings = self._readings(row)
-        for k in range(0, len(readings), _COLUMNS):
-            canvas.write_readings(panel, readings[k : k + _COLUMNS], 46 + 48 * k // _COLUMNS, columns=_COLUMNS)
+        for k, (label, value, colour) in enumerate(self._readings(row)):
+            u, top = 20 + k % _COLUMNS * (panel.shape[1] - 30) // _COLUMNS, 46 + 48 * (k // _COLUMNS)
+            canvas.write(panel, label, (u, top), size=14, colour=SOFT)
+            canvas.write(panel, value, (u, top + 17), size=22, colour=colour)
         canvas.write(panel, f"{chart.title} [{chart.unit}]", (20, _READINGS - 26), size=14, colour=SOFT)
         panel[_READINGS:] = self._chart.draw(now, self._curves)
         return panel

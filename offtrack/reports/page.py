@@ -190,14 +190,14 @@ class Page:
     """A whole report."""
 
     title: str  # of the browser's tab
-    heading: str
+    heading: str = ""  # the title, if empty
     subtitle: str
     changes: str = ""  # keys that are not those of the shipped scenario
     verdict: Verdict | None = None
     answer: Sequence[str] = ()  # what the page says, in a sentence or a few
     cards: Sequence[Card] = ()
     sections: Sequence[Section]
-    wide: bool = False  # for wide tables
+    wide: bool = True  # for wide tables
 
     @property
     def player_style(self) -> str:

@@ -140,9 +140,5 @@ def _plain_logarithms(ax: Axes) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(FuncFormatter(_two_and_five))
-
-
-def _two_and_five(value: float, _: int | None) -> str:
-    """Labels only the 2 and the 5 of a decade: the others would touch."""
-    return f"{value:g}" if f"{value:e}"[0] in "25" else ""
+            few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")  # more would touch
+            axis.set_minor_formatter(few)

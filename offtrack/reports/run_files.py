@@ -460,7 +460,6 @@ def view_page(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> str:
     title = " and ".join(run.name for run in runs) if len(runs) < 3 else f"{len(runs)} runs"
     return Page(
         title=title,
-        heading=title,
         subtitle="laid over each other, at the same time or after the same distance" if len(runs) > 1 else "",
         sections=[
             Section("Playback", content=[Player(encoded(playback))]),
@@ -468,7 +467,6 @@ def view_page(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> str:
             Section("Differences", _DIFFERENCES if len(runs) > 1 else "", [differences(runs)]),
             software_section(versions()),
         ],
-        wide=True,
     ).html()
 
 

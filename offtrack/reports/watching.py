@@ -168,10 +168,8 @@ class _Handler(BaseHTTPRequestHandler):
             return
         page = Page(
             title=watcher.title,
-            heading=watcher.title,
             subtitle="This run goes on. The page shows it as far as it has come.",
             sections=[Section("Playback", content=[Player(snapshot, live=f"/{self.server.token}")])],
-            wide=True,
         )
         self._answer(200, "text/html", page.html())
 

@@ -108,14 +108,18 @@ def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Seq
     columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
     with run_directory.replacing(directory / "table.parquet") as unfinished:
         pq.write_table(pa.table(columns), unfinished)
-    runs = runs_table(outcomes)
-    for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
-        with run_directory.replacing(directory / name) as unfinished:
-            write(runs, unfinished)
+    write_runs_table(runs_table(outcomes), directory)
     if study.draws.sensitivity:
         run_directory.replaced(directory / "sensitivity.csv", sensitivity_csv(study.draws.sensitivity, outcomes))
     links = write_run_pages(outcomes, directory)
     run_directory.replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
+
+
+def write_runs_table(runs: pa.Table, directory: Path) -> None:
+    """Write the table of runs (CSV, Parquet)."""
+    for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
+        with run_directory.replacing(directory / name) as unfinished:
+            write(runs, unfinished)
 
 
 MakeMore = Callable[[Sequence[Case]], list[Outcome]]  # makes further runs, or takes those that are saved

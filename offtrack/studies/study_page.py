@@ -155,7 +155,6 @@ def study_page(
     made_on = machines([outcome.provenance for outcome in outcomes])
     return Page(
         title=name,
-        heading=name,
         subtitle=" · ".join(filter(None, dict.fromkeys(facts))),
         changes=changes(scenario, varied).replace("Changed:", "Changed in all runs:"),
         answer=_sensitivity_answer(design, outcomes) if design else answer(rows),
@@ -167,7 +166,6 @@ def study_page(
             file,
             software_section(versions()),
         ],
-        wide=True,
     ).html()
 
 
@@ -250,7 +248,6 @@ def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[table.Row], l
     title = " and ".join(names) if len(names) < 3 else f"{len(names)} runs"
     return Page(
         title=title,
-        heading=title,
         subtitle=f"comparison of runs · {_counted(outcomes)}",
         answer=answer(rows),
         sections=[
@@ -258,7 +255,6 @@ def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[table.Row], l
             Section("Runs", content=[Items(facts)]),
             software_section(versions()),
         ],
-        wide=True,
     ).html()
 
 

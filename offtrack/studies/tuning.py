@@ -252,23 +252,16 @@ def tuning_page(
     total = f"{len(trials)} trials of {runs} run{'s' if runs > 1 else ''}" + (f" in {took:.0f} s" if took else "")
     fixed = [f"{key}={value}" for key, value in tuning.judged_on.fixed]
     scenario = load_any_scenario(tuning.judged_on.scenario, fixed).model_dump(mode="json", exclude_none=True)
-    better = _is_better(compared)
+    defaults, tuned = compared.values()
+    better = _beats(tuned, defaults)  # in an objective on other runs, and worse in none
     return Page(
         title=f"{tuning.law} on {course_title(scenario)}",
-        heading=f"{tuning.law} on {course_title(scenario)}",
         subtitle=f"tuning · {total} · {scenario_facts(scenario)}",
         changes=changes(scenario).replace("Changed:", "Changed in all runs:"),
         verdict=Verdict("better than the defaults" if better else "nothing better than the defaults", better),
         answer=_answer(tuning, compared),
         sections=[*sections, software_section(versions())],
-        wide=True,
     ).html()
-
-
-def _is_better(compared: Mapping[str, tuple[float, ...]]) -> bool:
-    """True if the chosen parameters are better than the defaults in an objective on other runs, and worse in none."""
-    defaults, tuned = compared.values()
-    return _beats(tuned, defaults)
 
 
 def _answer(tuning: Tuning, compared: Mapping[str, tuple[float, ...]]) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Health
-from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, OK, Column, Log, Signal
+from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, OK, Log, Signal
 from scenarios.results.rover_result import RoverResult, trace_lines
 from scenarios.results.swept_path import UnitOutline, placed
 from scenarios.results.trailer_result import CameraFrame, FrictionPicture, RunResult, clearances
@@ -229,11 +229,6 @@ class Playback:
     nearest: float = 60.0  # most pixels per metre of the plan
 
 
-def with_columns(log: Log, columns: Sequence[Column]) -> Log:
-    """The log with further signals that follow from its own."""
-    return Log.of([*((signal, log[signal.name]) for signal in log.signals), *columns]) if columns else log
-
-
 def elapsed(log: Log) -> Log:
     """The log with times since its first row."""
     rows = log.rows.copy()
@@ -286,6 +281,7 @@ _FLOOR, _CAB, _BOX = 0.6, 3.1, 4.0  # heights in the 3-D view [m], for drawings 
 _DEGREES = 180.0 / np.pi
 
 
+_SIDES: Final = ("left", "right")
 _CLEARANCE: Final = {"wheel": "wheels to the edges of the road", "lane": "bodies to the borders of the lane"}
 
 
@@ -295,7 +291,16 @@ def trailer_playback(result: RunResult, *, edges: bool = False) -> Playback:
     columns = [
         (Signal(f"{kind}_clearance_{side}", "m", "distance inside the edge, negative beyond it"), one.distance[:, k])
         for kind, one in known.items()
-        for k, side in enumerate(("left", "right"))
+        for k, side in enumerate(_SIDES)
+    ]
+    clearance_charts = [
+        Chart(
+            f"Clearance of the {_CLEARANCE[kind]}",
+            "m",
+            curves({f"{kind}_clearance_{side}": side for side in _SIDES}),
+            2,
+        )
+        for kind in known
     ]
     last, follow = len(result.units) - 1, (-result.follow_distance, 0.0)
     estimated = EstimatedPath(
@@ -303,7 +308,7 @@ def trailer_playback(result: RunResult, *, edges: bool = False) -> Playback:
     )
     run = PlayedRun(
         name=result.scenario,
-        log=with_columns(result.log, columns),
+        log=result.log.with_columns(columns) if columns else result.log,
         peak=peak_of(result.log, "off_tracking_true"),
         bodies=tuple(unit_body(unit, result.log) for unit in result.units),
         trails=(
@@ -324,7 +329,7 @@ def trailer_playback(result: RunResult, *, edges: bool = False) -> Playback:
         road=Road(*sides(result.road, result.road_half_width)) if len(result.road) > 1 else None,
         things=result.things,
         friction=result.friction,
-        charts=(*_trailer_charts(result), *map(_clearance_chart, known)),
+        charts=(*_trailer_charts(result), *clearance_charts),
         readings=tuple(_readings(result)),
     )
 
@@ -409,11 +414,6 @@ def _trailer_charts(result: RunResult) -> Iterator[Chart]:
         yield Chart("Features per frame", "-", matches, 0)
 
 
-def _clearance_chart(kind: str) -> Chart:
-    labels = {f"{kind}_clearance_{side}": side for side in ("left", "right")}
-    return Chart(f"Clearance of the {_CLEARANCE[kind]}", "m", curves(labels), 2)
-
-
 def _steer(result: RunResult) -> Iterator[Curve]:
     pairs = zip(result.steer_signals(), result.steer_signals(demands=True), strict=True)
     for k, (name, demand) in enumerate(pairs):
@@ -467,7 +467,7 @@ def rover_playback(result: RoverResult) -> Playback:
     )
     run = PlayedRun(
         name=result.scenario,
-        log=with_columns(result.log, errors),
+        log=result.log.with_columns(errors) if errors else result.log,
         peak=peak_of(result.log, "cross_track_true"),
         bodies=(Body(name=result.rover, outline=outline, wheels=wheels, pose=("x", "y", "psi"), heights=_HEIGHTS),),
         trails=tuple(trail for trail in trails if np.isfinite(result.log[trail.signals[0]]).any()),

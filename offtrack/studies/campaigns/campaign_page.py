@@ -50,7 +50,6 @@ def campaign_page(
     made_on = machines([run.outcome.provenance for run in runs])
     return Page(
         title=name,
-        heading=name,
         subtitle=" · ".join(facts),
         changes=changes(scenario, [key for key, _ in case.axes]).replace("Changed:", "Changed in all runs:"),
         verdict=_verdict(campaign, cells),
@@ -67,7 +66,6 @@ def campaign_page(
             Section("Campaign file", "offtrack campaign runs this file.", [Preformatted(campaign.to_toml())]),
             software_section(versions()),
         ],
-        wide=True,
     ).html()
 
 
@@ -185,9 +183,7 @@ def _times(campaign: Campaign, cells: Sequence[failures.Cell]) -> Iterator[Secti
     columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
     for what in ("detected", "recovered"):
         columns += [Column("number", f"{what}, median"), Column("number", "worst"), Column("number", "never")]
-    rows = [
-        [*_place_cells(campaign, cell), *_time_cells(cell.detection), *_time_cells(cell.recovery)] for cell in shown
-    ]
+    rows = [[*_place_cells(campaign, cell), *time_cells(cell.detection), *time_cells(cell.recovery)] for cell in shown]
     yield Section("Detection and recovery", text, [Table(columns, rows)])
     if alarms := [(cell, sum(run.response.alarm for run in cell.runs)) for cell in cells if cell.place[0] == NONE]:
         lines = [f"{_where(campaign, cell)}: {count} of {len(cell.runs)}" for cell, count in alarms]
@@ -204,7 +200,8 @@ def _where(campaign: Campaign, cell: failures.Cell) -> str:
     return " · ".join(filter(None, (cell.place[2], _further_title(campaign, cell.place[1])))) or "all runs"
 
 
-def _time_cells(times: failures.Times) -> list[str]:
+def time_cells(times: failures.Times) -> list[str]:
+    """Median, worst, and how many of the runs never did."""
     if not times.known:
         return ["–", "–", "–"]
     return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]

@@ -1,29 +1,28 @@
 """A campaign run to its report and tables; and the campaign over a scenario without a campaign file."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
-import pyarrow.parquet as pq
-from pyarrow import csv as pa_csv
 
 from offtrack.studies.campaigns import failures
 from offtrack.studies.campaigns.campaign import FAULTS, Campaign, by_text
 from offtrack.studies.campaigns.campaign_page import campaign_page
 from offtrack.studies.campaigns.fault_entry import NONE, FaultEntry
 from offtrack.studies.campaigns.verdict import Judgement, Limit, Requirements
-from offtrack.studies.case import Case, Outcome, Settings
+from offtrack.studies.case import Outcome, Settings
 from offtrack.studies.pool import RunOptions
 from offtrack.studies.rehearsal import without_cameras
-from offtrack.studies.run_study import MakeMore, run_study, runs_table
+from offtrack.studies.run_study import MakeMore, run_study, runs_table, write_runs_table
 from offtrack.studies.study_figures import write_run_pages
 from scenarios.catalogue import FAULT, resolve
 from scenarios.loop.runner import KINDS
 from scenarios.options.scenario import load_any_scenario
-from scenarios.results.run_directory import replaced, replacing
+from scenarios.results.run_directory import replaced
 
 
 def check_faults(campaign: Campaign) -> None:
@@ -39,14 +38,9 @@ def check_faults(campaign: Campaign) -> None:
         if entry is None or key in tried:
             continue
         tried.add(key)
-        if problem := problem_of(case):
+        if reason := problem(case.scenario, case.settings):
             source = f" with off_tracking = {key[1]}: restrict it by 'only'" if key[1] else ""
-            raise ValueError(f"fault {entry.title}: {problem.removeprefix('faults: ')}{source}")
-
-
-def problem_of(case: Case) -> str:
-    """Why a run can't have its faults; empty: it can."""
-    return problem(case.scenario, case.settings)
+            raise ValueError(f"fault {entry.title}: {reason.removeprefix('faults: ')}{source}")
 
 
 def problem(scenario: str, settings: Iterable[str]) -> str:
@@ -119,9 +113,6 @@ def default_campaign(
     )
 
 
-_RUNS: Final = "runs"  # name of the tables of runs
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
     """Results of a campaign."""
@@ -157,29 +148,22 @@ def run_campaign(title: str, campaign: Campaign, directory: Path | None, options
 
 def _write(title: str, campaign: Campaign, found: Results) -> None:
     """Write the table of runs (CSV, Parquet), pages of runs, and the report."""
-    directory = found.directory
-    table = judged_table(found.runs)
-    for name, write in ((f"{_RUNS}.csv", pa_csv.write_csv), (f"{_RUNS}.parquet", pq.write_table)):
-        with replacing(directory / name) as unfinished:
-            write(table, unfinished)
-    links = write_run_pages([run.outcome for run in found.runs], directory, _worst(campaign, found.runs))
+    write_runs_table(judged_table(found.runs), found.directory)
+    links = write_run_pages([run.outcome for run in found.runs], found.directory, _worst(campaign, found.runs))
     page = campaign_page(title, campaign, found.runs, found.cells, found.searches, links)
-    replaced(directory / "report.html", page)
+    replaced(found.directory / "report.html", page)
 
 
 def _worst(campaign: Campaign, runs: Sequence[Judgement]) -> list[int]:
     """Runs by their indices: the worst of each fault and of each law, then the worst of each cell, the worst first."""
     order = {id(run): k for k, run in enumerate(runs)}
-    first = [max(group, key=failures.badness) for group in failures.by(runs, lambda run: run.fault).values()]
-    first += [
-        max(group, key=failures.badness)
-        for group in failures.by(runs, lambda run: failures.place_of(campaign, run)[2]).values()
-    ]
-    of_cells = [
-        max(group, key=failures.badness)
-        for group in failures.by(runs, lambda run: failures.place_of(campaign, run)).values()
-    ]
-    return [order[id(run)] for run in (*first, *sorted(of_cells, key=failures.badness, reverse=True))]
+    place = partial(failures.place_of, campaign)
+
+    def worst(key: Callable[[Judgement], object]) -> list[Judgement]:
+        return [max(group, key=failures.badness) for group in failures.by(runs, key).values()]
+
+    cells = sorted(worst(place), key=failures.badness, reverse=True)
+    return [order[id(run)] for run in (*worst(lambda run: run.fault), *worst(lambda run: place(run)[2]), *cells)]
 
 
 def judged_table(runs: Sequence[Judgement]) -> pa.Table:

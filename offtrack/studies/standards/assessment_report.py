@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,14 +26,14 @@ from offtrack.reports.run_files import write_json
 from offtrack.reports.sections import groups
 from offtrack.studies.standards.assessment import UNDECIDED, Assessment, AssessmentMatrix, Judgement
 from offtrack.studies.standards.open_loop import response_of
-from offtrack.studies.standards.proving_ground import Manoeuvre, articulation, axle_paths, lateral_acceleration
+from offtrack.studies.standards.proving_ground import Manoeuvre, axle_paths
 from offtrack.studies.standards.static_rollover import threshold
 from offtrack.studies.standards.steady_driving import steer_over_acceleration
 from scenarios.assembly.adapters import outlines
-from scenarios.results.log import Column as LogColumn
-from scenarios.results.log import Log, Signal, write_log
+from scenarios.results.log import Log, write_log
 from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.run_summary import versions
+from scenarios.results.trailer_signals import motion_columns
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.frames import FloatArray
 
@@ -170,20 +169,8 @@ def _played(case: Assessment, manoeuvre: Manoeuvre, name: str) -> PlayedRun:
 def _shown_log(vehicle: Vehicle, log: Log) -> Log:
     """Motion and steering of the log, with articulations and lateral accelerations."""
     kept = [signal for signal in log.signals if signal.name == "time" or signal.name.startswith(_KEPT)]
-    return Log.of([*((signal, log[signal.name]) for signal in kept), *_derived(vehicle, log)])
-
-
-def _derived(vehicle: Vehicle, log: Log) -> Iterator[LogColumn]:
-    names = [unit.name for unit in vehicle.units]
-    for k, (ahead, behind) in enumerate(pairwise(names), start=1):
-        if f"articulation_{k}" not in log:
-            signal = Signal(f"articulation_{k}", "rad", f"yaw of {ahead} minus yaw of {behind}")
-            yield signal, articulation(log, ahead, behind)
-    for unit in vehicle.units:
-        if f"lateral_acceleration_{unit.name}" not in log:
-            meaning = f"{unit.name}: of the centre of gravity over the ground, + left"
-            values = lateral_acceleration(log, unit.name, unit.cg_x)
-            yield Signal(f"lateral_acceleration_{unit.name}", "m/s2", meaning), values
+    motions = motion_columns({signal.name: log[signal.name] for signal in log.signals}, vehicle)
+    return Log.of([*((signal, log[signal.name]) for signal in kept), *motions])
 
 
 def _readings(vehicle: Vehicle) -> Iterator[Reading]:
@@ -252,7 +239,6 @@ def assessment_page(matrix: AssessmentMatrix) -> str:
         verdict=_verdict(matrix),
         answer=_answer(matrix),
         sections=list(_sections(matrix)),
-        wide=True,
     ).html()
 
 

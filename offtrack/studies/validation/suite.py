@@ -67,6 +67,7 @@ def validation_page(sections: Sequence[CheckSection], facts: Mapping[str, str]) 
             *(_section(k, part) for k, part in enumerate(sections)),
             PageSection("Software", content=[facts_table(facts)]),
         ],
+        wide=False,
     ).html()
 
 
