@@ -9,7 +9,7 @@ from itertools import chain
 from typing import Final
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.signal import cont2discrete
 
 from controllers.driver import PERIOD, DriverMemory, PreviewDriver
 from controllers.path import Path, line
@@ -54,9 +54,7 @@ def driver_modes(vehicle: Vehicle, driven: Vehicle, speed: float, ahead: float) 
         driven, speed, outputs=("lateral_velocity", "yaw_rate"), tyre_dynamics=True, actuators=True, path=True
     )
     n = len(model.A)
-    held = np.zeros((n + 1, n + 1))
-    held[:n] = np.column_stack([model.A, model.B[:, 0]])
-    over_period = expm(PERIOD * held)[:n]
+    of_state, of_steer, *_ = cont2discrete((model.A, model.B[:, :1], model.C, model.D[:, :1]), PERIOD)
     observed = np.zeros((_OBSERVED, n))
     observed[0, model.states.index("y")] = observed[1, model.states.index("psi")] = 1.0
     for row, output in ((2, "lateral_velocity_0"), (3, "yaw_rate_0")):
@@ -65,8 +63,8 @@ def driver_modes(vehicle: Vehicle, driven: Vehicle, speed: float, ahead: float) 
     m = len(driver)
     by_memory, by_state = driver[:, :m], driver[:, m:] @ observed
     loop = np.zeros((n + m, n + m))
-    loop[:n, :n] = over_period[:, :n] + np.outer(over_period[:, n], by_state[0])
-    loop[:n, n:] = np.outer(over_period[:, n], by_memory[0])
+    loop[:n, :n] = of_state + of_steer * by_state[0]
+    loop[:n, n:] = of_steer * by_memory[0]
     loop[n:, :n], loop[n:, n:] = by_state, by_memory
     multipliers = np.linalg.eigvals(loop)
     moving = multipliers[np.abs(multipliers) > _AT_REST].astype(np.complex128)

@@ -319,29 +319,13 @@ def _distance(poses: FloatArray, others: FloatArray) -> float:
 def _difficult_cases(vehicle: Vehicle) -> tuple[Check, ...]:
     spinning = _default_error(vehicle, 0.0, VehicleCommand(0.02, 1.5, ()), 4.0)
     stopping = _default_error(without_abs(vehicle), 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
-    return (
-        Check(
-            "held by its brakes on a 5 % hill: creep",
-            1e3 * _creep(vehicle),
-            "mm/s",
-            tolerance=1.0,
-            source="brakes hold",
-        ),
-        Check(
-            "4 s of wheelspin on friction 0.1: position error",
-            1e3 * spinning,
-            "mm",
-            tolerance=5.0,
-            source="the same at a quarter of the step",
-        ),
-        Check(
-            "8 m/s braked to a stop on friction 0.1, wheels locked: position error",
-            1e3 * stopping,
-            "mm",
-            tolerance=10.0,
-            source="the same at a quarter of the step",
-        ),
+    quarter = "the same at a quarter of the step"
+    rows = (
+        ("held by its brakes on a 5 % hill: creep", _creep(vehicle), "mm/s", 1.0, "brakes hold"),
+        ("4 s of wheelspin on friction 0.1: position error", spinning, "mm", 5.0, quarter),
+        ("8 m/s braked to a stop on friction 0.1, wheels locked: position error", stopping, "mm", 10.0, quarter),
     )
+    return tuple(Check(name, 1e3 * value, unit, tolerance=t, source=source) for name, value, unit, t, source in rows)
 
 
 def _default_error(vehicle: Vehicle, speed: float, command: VehicleCommand, duration: float) -> float:

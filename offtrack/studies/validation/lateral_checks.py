@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+from scipy.signal import lsim
 
 from offtrack.studies.standards.proving_ground import amplification
 from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
@@ -285,15 +285,9 @@ def accelerations(vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     amplitude = _PEAK / abs(complex(model.response("lateral_acceleration_0", _FREQUENCY)))
     time = np.arange(0.0, _DURATION, _PERIOD * TICK)
     steer = np.where(time < 1.0 / _FREQUENCY, amplitude * np.sin(2.0 * math.pi * _FREQUENCY * time), 0.0)
-    n = len(model.A)
-    block = np.zeros((n + 1, n + 1))
-    block[:n, :n], block[:n, n] = model.A, model.B[:, 0]
-    step = expm(block * (_PERIOD * TICK))  # exact: the demand is constant in between
-    x, linear = np.zeros(n), []
-    for demand in steer.tolist():
-        linear.append(model.C @ x + model.D[:, 0] * demand)
-        x = step[:n, :n] @ x + step[:n, n] * demand
-    return _accelerations_of_plant(vehicle, steer), np.array(linear)
+    system = (model.A, model.B[:, :1], model.C, model.D[:, :1])
+    _, linear, _ = lsim(system, steer, time, interp=False)  # exact: the demand is constant in between
+    return _accelerations_of_plant(vehicle, steer), linear.reshape(len(time), -1)
 
 
 def _accelerations_of_plant(vehicle: Vehicle, steer: FloatArray) -> FloatArray:

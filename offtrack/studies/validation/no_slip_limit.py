@@ -207,14 +207,13 @@ def rolling_chain(vehicle: Vehicle) -> NoSlipChain:
     )
 
 
-def poses_along(chain: NoSlipChain, path: Path, reference: tuple[float, float], extra: float = 0.0) -> FloatArray:
+def poses_along(chain: NoSlipChain, path: Path, reference: tuple[float, float]) -> FloatArray:
     """x [m], y [m], psi [rad] of every unit's frame, (n, N, 3), while a point of the tractor moves along a path.
 
-    ``reference`` is the position of that point in the tractor [m]. The combination is straight at the start. It
-    continues straight for ``extra`` [m] beyond the end of the path.
+    ``reference`` is the position of that point in the tractor [m]. The combination is straight at the start.
     """
-    steps = int(np.ceil((path.length + extra) / _SPACING))
-    h = (path.length + extra) / steps
+    steps = int(np.ceil(path.length / _SPACING))
+    h = path.length / steps
     psi = np.full(1 + len(chain.lengths), path.start.psi)
     poses = [_poses(chain, path, reference, 0.0, psi)]
     for k in range(steps):

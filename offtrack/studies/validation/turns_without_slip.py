@@ -65,11 +65,12 @@ def path_following_steer(radius: float, axle: float, follow: float) -> float:
     return math.atan(-(axle - 0.5 * follow) / math.sqrt(radius**2 - 0.25 * follow**2))
 
 
-def longest_wheelbase_on_the_roundabout(
-    width: float, *, outer: float = 12.5, inner: float = 5.3, kingpin_to_front: float = 2.04
-) -> float:
-    """Longest distance from kingpin to axle [m] of a semi-trailer deemed to comply with the roundabout of 97/27/EC."""
-    return math.sqrt((outer - kingpin_to_front) ** 2 - (inner + 0.5 * width) ** 2)
+def longest_wheelbase_on_the_roundabout(width: float) -> float:
+    """Longest distance from kingpin to axle [m] of a semi-trailer deemed to comply with the roundabout of 97/27/EC.
+
+    The circles are of 12.5 m and 5.3 m; the kingpin lies 2.04 m behind the outer one.
+    """
+    return math.sqrt((12.5 - 2.04) ** 2 - (5.3 + 0.5 * width) ** 2)
 
 
 _MILLIMETRE: Final = 1e-3
@@ -86,7 +87,17 @@ def steady_turns(quick: bool) -> CheckSection:
         text="The tractor drives on circles until the trailer has settled: off-tracking of the axle and of the follow "
         "point, the longest trailer in the EU roundabout, and the steer law that keeps the follow point on the path.",
         checks=(
-            *(_whi_check(radius, simulated[radius], published) for radius, published in whi.items()),
+            *(
+                Check(
+                    f"off-tracking of the trailer's axle, front axle on {radius:g} m",
+                    simulated[radius],
+                    "m",
+                    target=published,
+                    tolerance=_MILLIMETRE,
+                    source="WHI and SAE formula: R - sqrt(R² - L1² + h² - L2²)",
+                )
+                for radius, published in whi.items()
+            ),
             *(_follow_check(*case) for case in ((15.0, 9.0, 14.0),) + (() if quick else ((12.5, 7.7, 12.0),))),
             _roundabout_check(),
             *_path_following_checks(),
@@ -119,17 +130,6 @@ def _front_axle_off_tracking(radius: float) -> float:
     hitch_radius = math.sqrt(radius**2 - _WHEELBASE**2 + _KINGPIN**2)
     now = _settled(vehicle, hitch_radius, _LENGTH)[-1]
     return _turning_radius(now.velocities[0], _WHEELBASE) - _turning_radius(now.velocities[1], -_LENGTH)
-
-
-def _whi_check(radius: float, value: float, published: float) -> Check:
-    return Check(
-        f"off-tracking of the trailer's axle, front axle on {radius:g} m",
-        value,
-        "m",
-        target=published,
-        tolerance=_MILLIMETRE,
-        source="WHI and SAE formula: R - sqrt(R² - L1² + h² - L2²)",
-    )
 
 
 def _whi_plot(simulated: dict[float, float]) -> Plot:
