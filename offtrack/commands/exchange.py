@@ -264,7 +264,6 @@ def plant(
     parameters; documentation/index.html in the FMU lists all variables, and what is fixed. Importing tools give it
     steer angle, acceleration and the ground; it gives everything that offtrack knows of its own vehicle.
     """
-    check_version(fmi)
     platforms = checked_platforms(platform or [], fmi)
     model = plant_model(vehicle, soil, wind=wind)
     path = new_file(out, model.name, ".fmu")
@@ -299,7 +298,6 @@ def law(
     The FMU starts a Python process of an environment with offtrack, and ends it. The parameter python or the
     environment variable OFFTRACK_PYTHON names the interpreter; otherwise it is python3 by the search path.
     """
-    check_version(fmi)
     for setting in settings or []:
         if setting.partition(".")[0].partition("=")[0] not in _KEYS:
             raise ValueError(f"--set {setting}: a law has only the keys {', '.join(_KEYS)}")
@@ -323,7 +321,6 @@ def sensor(
     standard deviation, health and path, and the combination's own sensors. The parameter frames is a folder for the
     images.
     """
-    check_version(fmi)
     write_proxy(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
@@ -337,7 +334,6 @@ def driver(
     quiet: Quiet = False,
 ) -> None:
     """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
-    check_version(fmi)
     write_proxy(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
 
 
@@ -355,7 +351,6 @@ def ground(
 
     Its outputs are the inputs of offtrack fmu plant, by the same names.
     """
-    check_version(fmi)
     write_proxy(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
@@ -399,16 +394,6 @@ def of_trailer(name: str, settings: list[str] | None) -> Scenario:
         f"scenario {name} is a rover's: its camera sees the sand that its own wheels have just shaped, which no signal "
         "of an FMU carries; name a trailer's scenario, or write the rover itself: offtrack fmu plant",
     )
-
-
-def check_version(fmi: int) -> None:
-    """Refuse an unknown version of FMI.
-
-    Raises:
-        ValueError: one line.
-    """
-    if fmi not in (2, 3):
-        raise ValueError(f"--fmi {fmi}: must be 2 or 3")
 
 
 def new_file(out: Path | None, name: str, ending: str) -> Path:

@@ -97,11 +97,7 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
             description="time",
         )
     for variable in variables:
-        signal, is_parameter, is_text = (
-            variable.signal,
-            variable.causality == "parameter",
-            variable.text is not None,
-        )
+        signal, is_parameter, is_text = variable.signal, variable.causality == "parameter", variable.text is not None
         kind = ("String" if is_text else "Float64") if version == 3 else "ScalarVariable"
         entry = SubElement(entries, kind, name=signal.name)
         entry.set("valueReference", str(variable.reference))
@@ -111,8 +107,12 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
         entry.set("variability", "fixed" if is_parameter else "continuous" if continuous else "discrete")
         if variable.causality != "input":
             entry.set("initial", "exact" if is_parameter or variable.held else "calculated")
+        has_start = variable.causality != "output" or variable.held
         if is_text:
-            _start_text(entry, variable, version)
+            if version == 2:
+                SubElement(entry, "String", {"start": variable.text or ""} if has_start else {})
+            elif has_start:
+                SubElement(entry, "Start", value=variable.text or "")
             continue
         value = SubElement(entry, "Real") if version == 2 else entry
         if signal.unit != "-":
@@ -120,16 +120,8 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
         for limit, number in (("min", signal.low), ("max", signal.high)):
             if number is not None and math.isfinite(number):
                 value.set(limit, _number(number))
-        if variable.causality != "output" or variable.held:
+        if has_start:
             value.set("start", _number(signal.start))
-
-
-def _start_text(entry: Element, variable: Variable, version: int) -> None:
-    has_start = variable.causality != "output" or variable.held
-    if version == 2:
-        SubElement(entry, "String", {"start": variable.text or ""} if has_start else {})
-    elif has_start:
-        SubElement(entry, "Start", value=variable.text or "")
 
 
 def _structure(root: Element, variables: Sequence[Variable], version: int) -> None:
@@ -188,6 +180,8 @@ def checked_platforms(names: Sequence[str], version: int, *, by_python: bool = F
     Raises:
         ValueError: one line, if one is unknown, has no name in this version of FMI, or cannot be compiled or run.
     """
+    if version not in (2, 3):
+        raise ValueError(f"--fmi {version}: must be 2 or 3")
     for name in names:
         if name not in PLATFORMS:
             raise ValueError(f"--platform {name}: must be one of {', '.join(PLATFORMS)}")

@@ -158,17 +158,6 @@ HEADERS: Final = {
 _UNUSED: Final = "fmi3_unused.c"
 
 
-def parameters_read(programs: Mapping[str, TapeProgram]) -> frozenset[int]:
-    """Places of the parameters that any program reads."""
-    return frozenset(
-        node.place
-        for program in programs.values()
-        for part in program.parts
-        for node in part.numbers.nodes
-        if isinstance(node, Entry) and node.argument == _PARAMETERS
-    )
-
-
 def c_files(
     prefix: str, plant: str, version: int, programs: Mapping[str, TapeProgram], defined: Mapping[str, object]
 ) -> dict[str, str]:
@@ -291,7 +280,8 @@ def interface_of(
     programs: Mapping[str, TapeProgram],
 ) -> Interface:
     """Interface of a plant; ``observe`` is its function (state, inputs, parameters) -> outputs."""
-    read = parameters_read(programs)
+    nodes = (node for program in programs.values() for part in program.parts for node in part.numbers.nodes)
+    read = {node.place for node in nodes if isinstance(node, Entry) and node.argument == _PARAMETERS}
     pattern = observe.jac_sparsity(0, 1)
     by_output: list[list[int]] = [[] for _ in outputs]
     for row, column in zip(*pattern.get_triplet(), strict=True):
