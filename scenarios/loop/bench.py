@@ -129,33 +129,27 @@ def record_text(parts: Sequence[Demands], rows: Sequence[tuple[int, Values]]) ->
     return text.getvalue()
 
 
-class RecordedDemands:
-    """The demands of a record, by the tick of the step that took them."""
+def recorded_demands(path: Path, parts: Sequence[Demands]) -> Mapping[int, Values]:
+    """The demands of a record, by the tick of the step that took them.
 
-    def __init__(self, path: Path, parts: Sequence[Demands]) -> None:
-        """Read a record.
-
-        Raises:
-            ValueError: one line, if it is no record of such demands.
-        """
-        columns = [Column(TICK_NAME, 1e9, "ms")]
+    Raises:
+        ValueError: one line, if it is no record of such demands.
+    """
+    columns = [Column(TICK_NAME, 1e9, "ms")]
+    for part in parts:
+        columns.append(Column(f"{_CAME}{part.part}", 1.0, "-"))
+        columns += [Column(one.name, one.limit, one.unit) for one in part.numbers]
+    steps: dict[int, Values] = {}
+    for tick, *cells in open_table(path).numbers(columns).tolist():
+        at = 0
+        values: dict[str, tuple[float, ...]] = {}
         for part in parts:
-            columns.append(Column(f"{_CAME}{part.part}", 1.0, "-"))
-            columns += [Column(one.name, one.limit, one.unit) for one in part.numbers]
-        self._steps: dict[int, dict[str, tuple[float, ...]]] = {}
-        for tick, *cells in open_table(path).numbers(columns).tolist():
-            at = 0
-            values: dict[str, tuple[float, ...]] = {}
-            for part in parts:
-                came, end = cells[at], at + 1 + len(part.numbers)
-                if came:
-                    values[part.part] = tuple(cells[at + 1 : end])
-                at = end
-            self._steps[int(tick)] = values
-
-    def at(self, tick: int) -> Values:
-        """Demands that came at this tick."""
-        return self._steps.get(tick, {})
+            came, end = cells[at], at + 1 + len(part.numbers)
+            if came:
+                values[part.part] = tuple(cells[at + 1 : end])
+            at = end
+        steps[int(tick)] = values
+    return steps
 
 
 Numbers = Mapping[str, object]  # of a message by name, not checked yet
@@ -219,7 +213,7 @@ class Exchange:
         options: OutsideOptions,
         parts: Sequence[Demands],
         bench: Bench | None,
-        record: RecordedDemands | None = None,
+        record: Mapping[int, Values] | None = None,
         *,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -229,7 +223,7 @@ class Exchange:
             options: hold and wait.
             parts: that are steered from outside.
             bench: receives the signals; without a record its demands are taken.
-            record: demands of an earlier run.
+            record: demands of an earlier run, by tick.
             clock: wall time [s].
         """
         self._bench, self._links = bench, tuple(bench.links) if bench else ()
@@ -248,7 +242,7 @@ class Exchange:
             for link in self._links:
                 link.send(tick, values)
             self._sent += 1
-        came = self._record.at(tick) if self._record else self._received_at(tick)
+        came = self._record.get(tick, {}) if self._record is not None else self._received_at(tick)
         if came:
             self._rows.append((tick, came))
         acting: dict[str, tuple[float, ...]] = {}
@@ -327,7 +321,7 @@ def opened_exchange(parts: "Assembly", bench: Bench | None, *, is_paced: bool) -
     taken = _taken(options, trailers, is_driven=parts.driver is not None)
     if not taken and bench is None:
         return None
-    record = None if options.record is None or not taken else RecordedDemands(Path(options.record), taken)
+    record = None if options.record is None or not taken else recorded_demands(Path(options.record), taken)
     asked = f"outside.demands = {options.demands}"
     if taken and record is None:
         if bench is None:

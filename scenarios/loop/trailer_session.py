@@ -243,20 +243,21 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
         self.exchange = opened_exchange(parts, bench, is_paced=is_paced)
         self.worker, self._renderer = worker or estimator_thread(), renderer
         stopwatch = Stopwatch()
+        last = len(parts.trailers) - (parts.recording is None)  # channel that is recorded and kept
+        self.pictures = StereoPictures(
+            last, parts.trailers[-1].unit, parts.cameras, self.worker, keep=keep_frames, recorder=recorder
+        )
         self.trailers = tuple(
-            SteeredTrailer(trailer, self.worker, stopwatch, renderer=renderer, see=partial(self._see, number))
+            SteeredTrailer(trailer, self.worker, stopwatch, renderer=renderer, see=partial(self.pictures.see, number))
             for number, trailer in enumerate(parts.trailers)
         )
         channels: list[Channel[Truth, Message, OffTrackingEstimate]] = [trailer.channel for trailer in self.trailers]
         if parts.recording is not None:
             recording = parts.recording
-            see = partial(self._see, len(channels))
+            see = partial(self.pictures.see, last)
             channels.append(
                 Channel(recording.sensor, recording.schedule, None, self.worker, stopwatch, renderer=renderer, see=see)
             )
-        self.pictures = StereoPictures(
-            len(channels) - 1, parts.trailers[-1].unit, parts.cameras, self.worker, keep=keep_frames, recorder=recorder
-        )
         super().__init__(
             parts.plant,
             parts.plant.initial_state(parts.course.start, parts.start_speed),
@@ -273,9 +274,6 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
             observers=[self.pictures],
             stopwatch=stopwatch,
         )
-
-    def _see(self, channel: int, message: Message, truth: Truth) -> None:
-        self.pictures.see(channel, message, truth)
 
     @property
     def estimate(self) -> OffTracking | None:

@@ -17,12 +17,12 @@ from scenarios.loop.bench import (
     Exchange,
     Link,
     Numbers,
-    RecordedDemands,
     Sensed,
     Values,
     checked_message,
     driver_demands,
     record_text,
+    recorded_demands,
     trailer_demands,
 )
 from scenarios.loop.runner import run
@@ -137,8 +137,8 @@ def test_a_record_holds_every_demand_exactly(tmp_path: Path) -> None:
         (60, {"driver": (-0.2, math.pi, 1.0), "semitrailer": (0.0, -0.0)}),
     ]
     (tmp_path / "demands.csv").write_text(record_text(parts, rows))
-    record = RecordedDemands(tmp_path / "demands.csv", parts)
-    assert [record.at(tick) for tick in (0, 20, 60)] == [{}, rows[0][1], rows[1][1]]
+    record = recorded_demands(tmp_path / "demands.csv", parts)
+    assert [record.get(tick, {}) for tick in (0, 20, 60)] == [{}, rows[0][1], rows[1][1]]
 
 
 @pytest.fixture(scope="module")
