@@ -40,11 +40,6 @@ class RoverResult(Result):
     path: FloatArray  # (n, 2) reference path [m]
     rig: TraceRig
     frames: tuple[TraceFrame, ...]
-    warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
-
-    def all_warnings(self) -> tuple[str, ...]:
-        """The warnings, with those of missed deadlines."""
-        return (*self.warnings, *(self.paced.warnings if self.paced else ()))
 
     @property
     def slip_error(self) -> FloatArray:
@@ -165,9 +160,8 @@ def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tupl
     return station, math.cos(on_path.psi) * (y - on_path.y) - math.sin(on_path.psi) * (x - on_path.x)
 
 
-_MEASURED: Final = math.radians(
-    45.0
-)  # largest slip angle at which forces of a wheel on soil are compared with measured
+# largest slip angle at which forces of a wheel on soil are compared with measured ones
+_MEASURED: Final = math.radians(45.0)
 _CRAWLING: Final = 0.01  # below this speed a direction of travel means little [m/s]
 _LONG: Final = 0.5  # [s]
 

@@ -180,9 +180,14 @@ class Result(ABC):
     timing: Timing
     manifest: Mapping[str, str]  # what identifies the run besides seed and signals, such as the hash of its images
     traceback: str = ""  # of the exception that ended the run
+    warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
     inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
     paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
     placement: Mapping[str, str | float] = field(default_factory=dict)  # of W in the coordinates of the course's file
+
+    def all_warnings(self) -> tuple[str, ...]:
+        """Lines about what is doubtful: of the run itself, and of its pace."""
+        return (*self.warnings, *(self.paced.warnings if self.paced else ()))
 
     @abstractmethod
     def summary(self) -> Summary:

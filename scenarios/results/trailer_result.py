@@ -98,13 +98,11 @@ class RunResult(Result):
     path_deviation: float | None = None  # largest distance of the points of a course's file from its path [m]
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
     cameras: tuple[MountedCamera, ...] = ()  # of all trailers
-    warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
     outside: Outside | None = None  # exchange with a bench; None: there was none
 
     def all_warnings(self) -> tuple[str, ...]:
         """Lines about what is doubtful: of the run itself, of its pace, and of what came from outside."""
-        of_times = self.paced.warnings if self.paced else ()
-        return (*self.warnings, *of_times, *(self.outside.warnings if self.outside else ()))
+        return (*Result.all_warnings(self), *(self.outside.warnings if self.outside else ()))
 
     def summary(self) -> Summary:
         """The run in numbers, ready for JSON: null stands for numbers that do not apply or were not measured."""
@@ -155,11 +153,6 @@ class RunResult(Result):
     def trailer_steer_limit(self) -> float | None:
         """Limit of the last trailer's actuators [rad]; None: none is steered."""
         return self.trailers[-1].max_steer
-
-    @property
-    def trailers_ahead(self) -> tuple[JudgedTrailer, ...]:
-        """Judged trailers ahead of the last, front to rear."""
-        return self.trailers[:-1]
 
     def poses(self, unit: UnitOutline) -> FloatArray:
         """Pose of the unit's frame over time: x [m], y [m], psi [rad], shape (n_rows, 3)."""

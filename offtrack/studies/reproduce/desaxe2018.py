@@ -350,9 +350,7 @@ def _panels(table: Mapping[str, Any], results: Sequence[Outcome]) -> Figure:
             ax.axhline(ENOUGH, color=GREY, linestyle="--", linewidth=1.0, label="250, published threshold")
         if "limit" in table:
             ax.axvline(table["limit"], color=GREY, linestyle="--", linewidth=1.0)
-        for (label, where, colour), (odometry, line) in product(
-            table["lines"], zip(_ODOMETRIES, ("-o", ":^"), strict=True)
-        ):
+        for (label, where, colour), (odometry, line) in product(table["lines"], _ODOMETRIES.items()):
             chosen = (one for one in results if one.odometry == odometry and one.lies_in(where))
             shown = sorted((getattr(one.point, table["along"]), getattr(one, quantity)) for one in chosen)
             if shown:

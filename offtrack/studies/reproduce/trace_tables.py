@@ -78,24 +78,16 @@ class TraceStatistics:
     within: float  # share of the identified within ``SIGMAS`` standard deviations [%]
 
 
-def compared_with_truth(
-    estimates: Sequence[SlipAngle], truths: Sequence[TraceTruth], rig: TraceRig, steer: Sequence[float] | None = None
-) -> list[Judgement]:
-    """Compare every estimate of a sequence with the truth at the same image.
-
-    ``steer`` is the steer angle of the watched wheel at every image, + left [rad]; None: always straight.
+def compared_with_truth(estimates: Sequence[SlipAngle], truths: Sequence[TraceTruth], rig: TraceRig) -> list[Judgement]:
+    """Compare every estimate of a sequence, whose watched wheel is not steered, with the truth at the same image.
 
     Raises:
         ValueError: if numbers or ticks differ.
     """
-    steer = [0.0] * len(truths) if steer is None else steer
-    if [estimate.tick for estimate in estimates] != [truth.tick for truth in truths] or len(steer) != len(truths):
-        raise ValueError(f"{len(estimates)} estimates, {len(truths)} truths, {len(steer)} angles: ticks must be equal")
+    if [estimate.tick for estimate in estimates] != [truth.tick for truth in truths]:
+        raise ValueError(f"{len(estimates)} estimates, {len(truths)} truths: ticks must be equal")
     slips = {truth.tick: truth.slip_angle for truth in truths}
-    return [
-        _judgement(estimate, truth, angle, rig, slips)
-        for estimate, truth, angle in zip(estimates, truths, steer, strict=True)
-    ]
+    return [_judgement(estimate, truth, rig, slips) for estimate, truth in zip(estimates, truths, strict=True)]
 
 
 def statistics(judgements: Iterable[Judgement]) -> TraceStatistics:
@@ -129,14 +121,12 @@ def line_distance(slip: float, offset: float, truth: TraceTruth, rig: TraceRig) 
     return float(np.abs(line - y).mean()) if len(x) else math.inf
 
 
-def _judgement(
-    estimate: SlipAngle, truth: TraceTruth, steer: float, rig: TraceRig, slips: dict[int, float]
-) -> Judgement:
+def _judgement(estimate: SlipAngle, truth: TraceTruth, rig: TraceRig, slips: dict[int, float]) -> Judgement:
     share = truth.share
     present = True if share >= WITH else False if share <= WITHOUT else None
     if estimate.health is Health.LOST:
         return Judgement(present, False, False, math.nan, math.nan, math.nan)
-    distance = line_distance(estimate.wheel_slip + steer, estimate.trace_offset, truth, rig)
+    distance = line_distance(estimate.wheel_slip, estimate.trace_offset, truth, rig)
     error = wrap(estimate.value - truth.slip_angle)
     earlier = None if estimate.lagged_tick is None else slips.get(estimate.lagged_tick)
     return Judgement(
@@ -244,16 +234,6 @@ def _evaluated(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[
     return compared_with_truth(estimates, truths, rig)
 
 
-def table3(quick: bool, progress: Progress) -> Reproduction:
-    """Rates of FTrace on 5016 images of sets A and B, and on shadows and foreign imprints."""
-    return _table("table3", _rates, quick, progress)
-
-
-def table3_plus(quick: bool, progress: Progress) -> Reproduction:
-    """Rates and errors of ``ftrace_plus`` on six kinds of sand, with slip that changes slowly and fast."""
-    return _table("table3-plus", _errors, quick, progress)
-
-
 def _table(name: str, draw: Callable[[Results], Figure], quick: bool, progress: Progress) -> Reproduction:
     """Evaluate the sets; after an interrupt, only the finished sequences."""
     table = printed("reina2008")[name]
@@ -331,6 +311,10 @@ def _errors(results: Results) -> Figure:
         ax.set_title(f"{profile} slip: RMS error [deg]")
     figure.axes[0].legend(loc="upper right")
     return figure
+
+
+table3: Final = partial(_table, "table3", _rates)
+table3_plus: Final = partial(_table, "table3-plus", _errors)
 
 
 def bars(ax: Axes, names: Sequence[str], pair: Mapping[str, tuple[str, Sequence[float]]]) -> None:

@@ -81,13 +81,6 @@ def test_line_is_judged_where_the_rut_is_not_by_its_angle_alone() -> None:
     assert off == pytest.approx((math.tan(0.15) - math.tan(0.1)) * BEHIND.mean(), rel=1e-9)  # rounding
 
 
-def test_steered_wheel_is_judged_by_where_it_travels_not_where_it_points() -> None:
-    """Slip is against the wheel: a wheel that points along its way has none, and its trace is still aslant."""
-    guess = estimate(0, slip=0.0)
-    assert compared_with_truth([guess], [truth(0, 1.0, slip=0.3)], RIG)[0].misplaced
-    assert not compared_with_truth([guess], [truth(0, 1.0, slip=0.3)], RIG, steer=[0.3])[0].misplaced
-
-
 def test_errors_are_taken_at_their_own_moments() -> None:
     """Now against now; the later, better estimate against the slip that was at its moment.
 
