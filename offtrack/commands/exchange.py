@@ -234,11 +234,6 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def _fmu() -> None:
-    """Co-simulation with other tools by FMI."""
-
-
 PLANT_EXAMPLES = (
     "Examples: offtrack fmu plant eu_tractor_semitrailer   offtrack fmu plant a_double --fmi 2 -o a_double.fmu   "
     "offtrack fmu plant my_truck.toml --platform win64 -o my_truck.fmu   "

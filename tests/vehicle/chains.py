@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.functions import compiled
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.combination.unit import Axle
 from vehicle.frames import FloatArray
@@ -24,11 +25,11 @@ def at_rest(vehicle: Vehicle, **changes: FloatArray) -> tuple[State[Any], Input[
 
 
 def rates(vehicle: Vehicle, s: State[Any], u: Input[Any]) -> State[Any]:
-    return named(vehicle, np.array(compiled_derivative(vehicle)(np.concatenate(s), np.concatenate(u))).ravel())
+    return named(vehicle, np.array(compiled(derivative, vehicle)(np.concatenate(s), np.concatenate(u))).ravel())
 
 
 def outputs(vehicle: Vehicle, s: State[Any], u: Input[Any]) -> Output[Any]:
-    y = np.array(compiled_output(vehicle)(np.concatenate(s), np.concatenate(u))).ravel()
+    y = np.array(compiled(output, vehicle)(np.concatenate(s), np.concatenate(u))).ravel()
     return Output(*parts(y, output_sizes(vehicle)))
 
 

@@ -22,7 +22,6 @@ from vehicle.combination.chain import (
     body_poses,
     derivative,
     kinematics,
-    output,
     relaxation,
     smooth_ground_sizes,
     wheel_travel,
@@ -314,24 +313,13 @@ def start_function(twin: SymbolicTwin) -> Any:
     return ca.Function("start", [ca.SX(0, 1), v, twin.symbols], [ca.densify(ca.vertcat(*state))])
 
 
-@lru_cache(maxsize=8)
-def compiled_derivative(vehicle: Vehicle) -> Any:
-    """Function (state, chain's input) -> time derivative of the state."""
+@lru_cache(maxsize=16)
+def compiled(part: Callable[..., Iterable[ca.SX]], vehicle: Vehicle) -> Any:
+    """Function (state, chain's input) -> ``part`` of the chain, which is ``chain.derivative`` or ``chain.output``."""
     x, u = _state(vehicle), _vector(layout.input_sizes(vehicle))
-    rate = derivative(
-        layout.Chain.of(vehicle), _named(vehicle, x), layout.Input(*layout.parts(u, layout.input_sizes(vehicle)))
-    )
-    return ca.Function("derivative", [x, u], [ca.cse(ca.vertcat(*rate))])
-
-
-@lru_cache(maxsize=8)
-def compiled_output(vehicle: Vehicle) -> Any:
-    """Function (state, chain's input) -> output."""
-    x, u = _state(vehicle), _vector(layout.input_sizes(vehicle))
-    outputs = output(
-        layout.Chain.of(vehicle), _named(vehicle, x), layout.Input(*layout.parts(u, layout.input_sizes(vehicle)))
-    )
-    return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
+    given = layout.Input(*layout.parts(u, layout.input_sizes(vehicle)))
+    values = part(layout.Chain.of(vehicle), _named(vehicle, x), given)
+    return ca.Function(part.__name__, [x, u], [ca.cse(ca.vertcat(*values))])
 
 
 def _chain_input(vehicle: Vehicle, v: ca.SX) -> layout.Input[ca.SX]:

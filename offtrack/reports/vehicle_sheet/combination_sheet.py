@@ -1,6 +1,5 @@
 """Data sheets of vehicles by name; that of a combination: loads, reach of steered axles, handling, and drawings."""
 
-import difflib
 import math
 from pathlib import Path
 from typing import Final
@@ -29,7 +28,7 @@ from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitS
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names, vehicle_sources
 from vehicle.combination.handling import Capability, longitudinal_capability
 from vehicle.combination.variants import FULL, load_cases, with_load
-from vehicle.foundation.user_file import read_toml
+from vehicle.foundation.user_file import nearest, read_toml
 from vehicle.rover.description import load_rover, rover_names
 
 _LARGEST_SCALE: Final = 0.85  # [in/m]; a short truck does not fill the sheet
@@ -286,10 +285,5 @@ def is_rover(name_or_path: str) -> bool:
         return "sinkage_limit" in read_toml(Path(name_or_path))
     vehicles, rovers = vehicle_names(), rover_names()
     if name_or_path not in (*vehicles, *rovers):
-        close = difflib.get_close_matches(name_or_path, (*vehicles, *rovers), n=1, cutoff=0.5)
-        hint = f"; did you mean '{close[0]}'?" if close else ""
-        raise ValueError(
-            f"unknown vehicle or rover '{name_or_path}'{hint} (vehicles: {', '.join(vehicles)}; "
-            f"rovers: {', '.join(rovers)}; or a .toml file)"
-        )
+        raise ValueError(f"unknown vehicle or rover '{name_or_path}'{nearest(name_or_path, (*vehicles, *rovers))}")
     return name_or_path in rovers

@@ -221,10 +221,7 @@ def _couplings(ax: Axes, drawing: CombinationDrawing) -> None:
         start = z + drawing.scale.metres(0.42)
         pivot(ax, origin, z)
         ax.annotate("", (origin, z), (origin, start), arrowprops=arrow, zorder=5.2)
-        text = _tonnes(data.coupling_load)
-        ax.text(
-            origin, start + drawing.scale.metres(0.03), text, ha="center", va="bottom", fontsize=8.0, color=sheet.LOAD
-        )
+        sheet.load_text(ax, origin, start + drawing.scale.metres(0.03), _tonnes(data.coupling_load), va="bottom")
 
 
 def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
@@ -237,7 +234,7 @@ def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
             sheet.load_arrow(ax, axle.behind_front, drawing.scale.metres(_ARROW) * axle.load / largest, row, text)
         for group in _groups([axle for axle in unit.axles if not axle.lifted]):
             _bracket(ax, drawing, group)
-    ax.text(-drawing.scale.metres(0.12), row, "load [t]", ha="right", va="top", fontsize=8.0, color=sheet.LOAD)
+    sheet.load_text(ax, -drawing.scale.metres(0.12), row, "load [t]", ha="right")
 
 
 def _groups(axles: Sequence[AxleSheet]) -> list[list[AxleSheet]]:
@@ -255,8 +252,7 @@ def _bracket(ax: Axes, drawing: CombinationDrawing, group: Sequence[AxleSheet]) 
     first, last, z = group[0].behind_front, group[-1].behind_front, -drawing.scale.metres(_GROUP)
     tick = drawing.scale.metres(0.05)
     ax.plot((first, first, last, last), (z + tick, z, z, z + tick), color=sheet.LOAD, linewidth=0.9)
-    total = _tonnes(sum(axle.load for axle in group))
-    ax.text(0.5 * (first + last), z - tick, total, ha="center", va="top", fontsize=8.0, color=sheet.LOAD)
+    sheet.load_text(ax, 0.5 * (first + last), z - tick, _tonnes(sum(axle.load for axle in group)))
 
 
 def _tonnes(load: float) -> str:

@@ -49,15 +49,7 @@ def side_view(ax: Axes, scale: sheet.Scale, data: RoverSheet) -> None:
         sheet.wheel_from_side(ax, (x, rover.radius), rover.radius, colour, 0.86, driven=wheel.driven)
         length = scale.metres(_ARROW) * carried[x] / max(carried.values())
         sheet.load_arrow(ax, x, length, -scale.metres(_LOAD_TEXT), f"{carried[x]:.0f}")
-    ax.text(
-        -half - scale.metres(0.1),
-        -scale.metres(_LOAD_TEXT),
-        "[N]",
-        ha="right",
-        va="top",
-        fontsize=8.0,
-        color=sheet.LOAD,
-    )
+    sheet.load_text(ax, -half - scale.metres(0.1), -scale.metres(_LOAD_TEXT), "[N]", ha="right")
     sheet.centre_of_gravity(ax, -rover.cg_x, rover.cg_height, scale.metres(0.1))
     sheet.horizontal_dimension(ax, scale, -scale.metres(_AXLES), [-half, *stations, half])
     sheet.horizontal_dimension(ax, scale, -scale.metres(_LENGTH), [-half, half])

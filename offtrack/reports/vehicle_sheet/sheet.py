@@ -162,7 +162,12 @@ def load_arrow(ax: Axes, x: float, length: float, low: float, text: str) -> None
     if length > 0.0:
         arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
         ax.annotate("", (x, 0.0), (x, -length), arrowprops=arrow)
-    ax.text(x, low, text, ha="center", va="top", fontsize=8.0, color=LOAD)
+    load_text(ax, x, low, text)
+
+
+def load_text(ax: Axes, x: float, z: float, text: str, ha: str = "center", va: str = "top") -> None:
+    """A load in words, at x and z [m]."""
+    ax.text(x, z, text, ha=ha, va=va, fontsize=8.0, color=LOAD)
 
 
 def wheel_from_side(

@@ -22,8 +22,9 @@ from scenarios.assembly.adapters import outlines
 from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.results.swept_path import swept_path
 from vehicle.clock import TICK
+from vehicle.combination.chain import output
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.functions import compiled_output, step_in_calls
+from vehicle.combination.functions import compiled, step_in_calls
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.combination.multibody import Speeds, Vector, speed_rates
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -176,7 +177,7 @@ def _friction_circle(vehicle: Vehicle, count: int) -> Check:
     """Largest excess of a wheel's horizontal force over friction times load, in random states."""
     rng = np.random.default_rng(1)
     outputs = np.array(
-        compiled_output(vehicle).map(count)(random_states(vehicle, rng, count), random_inputs(vehicle, rng, count))
+        compiled(output, vehicle).map(count)(random_states(vehicle, rng, count), random_inputs(vehicle, rng, count))
     )
     used = Output(*parts(outputs, output_sizes(vehicle))).friction_used
     return Check(

@@ -11,8 +11,9 @@ import numpy as np
 
 from offtrack.studies.validation.check import Check, CheckSection, Plot, Series
 from offtrack.studies.validation.simple_drives import linear_tyre, on_single_axles, runge_kutta, with_tyres
+from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
-from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.functions import compiled
 from vehicle.combination.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
 from vehicle.combination.layout import Output, State, output_sizes, parts, state_sizes
 from vehicle.combination.linear import LateralModel, lateral_model, straight_running
@@ -192,13 +193,13 @@ def step_response(vehicle: Vehicle, speed: float, direction: Direction) -> StepR
     moving = np.concatenate(
         [np.full(n, name.startswith("deflection")) for name, n in zip(s._fields, sizes, strict=True)]
     )
-    derivative, output = compiled_derivative(vehicle), compiled_output(vehicle)
+    rate_of, output_of = compiled(derivative, vehicle), compiled(output, vehicle)
 
     def rate(_: float, state: FloatArray) -> FloatArray:
-        return np.where(moving, np.array(derivative(state, u)).ravel(), 0.0)
+        return np.where(moving, np.array(rate_of(state, u)).ravel(), 0.0)
 
     def force(state: FloatArray) -> float:
-        out = Output(*parts(np.array(output(state, u)).ravel(), output_sizes(vehicle)))
+        out = Output(*parts(np.array(output_of(state, u)).ravel(), output_sizes(vehicle)))
         return float((out.force_y if direction == "side" else out.force_x)[0])
 
     lag = _LENGTH / speed

@@ -15,7 +15,7 @@ from vehicle.combination.chain import derivative, relaxation, wheel_travel
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import (
     brake_states,
-    compiled_derivative,
+    compiled,
     numbers,
     step_function,
     symbolic_twin,
@@ -91,7 +91,7 @@ def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int)
     command, ground = (parts(part, of) for part, of in zip(parts(v, [sum(s) for s in sizes]), sizes, strict=True))
     u = chain_input(chain, CommandInputs(*command), GroundInputs(*ground))
     lists, s, at = Chain.of(chain), State(*parts(x, state_sizes(chain))), State(*slices(state_sizes(chain)))
-    derived, relaxing = compiled_derivative(chain), ca.vertcat(*relaxation(lists, s, u))
+    derived, relaxing = compiled(derivative, chain), ca.vertcat(*relaxation(lists, s, u))
 
     def rate(state: ca.SX) -> Any:
         return derived(state, ca.vertcat(*u))
@@ -215,7 +215,7 @@ def test_the_twin_with_its_numbers_is_the_vehicle(name: str) -> None:
     )
     got = ca.Function("f", [x, u, twin.symbols], [ca.vertcat(*rates)])(state, given, twin.values)
     # The same operations but for constants folded in another order: some hundred roundings, and cancellation below 10.
-    np.testing.assert_allclose(got, compiled_derivative(vehicle)(state, given), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(got, compiled(derivative, vehicle)(state, given), rtol=1e-10, atol=1e-12)
 
 
 def test_equal_structure_is_equal_topology(tractor_semitrailer: Vehicle, longer_semitrailer: Vehicle) -> None:
