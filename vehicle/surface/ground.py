@@ -15,8 +15,9 @@ Two tracks d apart then have the cross density Gd(n) * X K1(X) with X = 2 pi n d
 long waves (X -> 0 gives 1) and independent for short ones, which makes a vehicle roll.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 import scipy
@@ -36,7 +37,7 @@ _WHEEL_TRACK = 1.0  # of the wheels, to either side of the middle [m]
 _WANDER = 0.3  # its standard deviation [m]
 _REFERENCE = 0.1  # n0 of ISO 8608 [cycles/m]
 # Gd(n0) [m3]: geometric means of the classes of ISO 8608, each four times the one before
-ROAD_CLASSES = MappingProxyType({name: 16e-6 * 4.0**i for i, name in enumerate("ABCDEFGH")})
+ROAD_CLASSES: Final[Mapping[str, float]] = {name: 16e-6 * 4.0**i for i, name in enumerate("ABCDEFGH")}
 _CELL = 0.1  # nodes of the field: waves down to 0.2 m, as short as a contact patch is long [m]
 _NODES = 1024  # along each side of the tile: waves up to 102.4 m, of 0.3 Hz at 120 km/h; a power of two for the FFT
 PATCH_SPREAD = 0.2 / np.sqrt(12.0)  # of the contact patch of a truck's tyre, 0.2 m long at its rated load [m]

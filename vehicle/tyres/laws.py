@@ -10,7 +10,6 @@ direction.
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Annotated, Final, Literal, NamedTuple
 
 import casadi as ca
@@ -196,14 +195,12 @@ def _force(curve: _LoadedCurve, demand: Num) -> Num:
     return rise - (curve.peak_force - curve.sliding_force) * (f**2 * (3.0 - 2.0 * f))
 
 
-TYRES: Final[Mapping[str, type[Tyre]]] = MappingProxyType(
-    {
-        "linear": LinearTyre,
-        "brush": BrushTyre,
-        "magic_formula": MagicFormulaTyre,
-        "tmeasy": TmeasyTyre,
-    }
-)
+TYRES: Final[Mapping[str, type[Tyre]]] = {
+    "linear": LinearTyre,
+    "brush": BrushTyre,
+    "magic_formula": MagicFormulaTyre,
+    "tmeasy": TmeasyTyre,
+}
 
 
 def tyre_law(name: object) -> type[Tyre] | None:
