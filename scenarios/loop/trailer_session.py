@@ -99,9 +99,9 @@ class SteeredTrailer:
         return map(as_estimate, self.channel.delivered)
 
     @property
-    def newest(self) -> Estimate | None:
-        """The estimate delivered last."""
-        return None if self.channel.newest is None else as_estimate(self.channel.newest)
+    def newest(self) -> OffTracking | None:
+        """The off-tracking delivered last."""
+        return None if self.channel.newest is None else as_estimate(self.channel.newest).off_tracking
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -278,8 +278,7 @@ class TrailerSession(RunSession[Truth, VehicleCommand, CombinationRecord]):
     @property
     def estimate(self) -> OffTracking | None:
         """The off-tracking of the last trailer that was delivered last."""
-        newest = self.trailers[-1].newest
-        return None if newest is None else newest.off_tracking
+        return self.trailers[-1].newest
 
     def run(self, progress: Progress = no_progress) -> None:
         """Advance until there is an outcome, and wait for the pictures that are still rendered."""

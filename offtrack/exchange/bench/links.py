@@ -176,12 +176,10 @@ def opened_bench(udp: str | None, can: str | None) -> Iterator[LinkedBench]:
     """
     with ExitStack() as cleanup:
         links: list[BenchLink] = []
-        if udp is not None:
-            links.append(UdpLink(udp))
-            cleanup.callback(links[-1].close)
-        if can is not None:
-            links.append(CanLink(can))
-            cleanup.callback(links[-1].close)
+        for kind, text in ((UdpLink, udp), (CanLink, can)):
+            if text is not None:
+                links.append(kind(text))
+                cleanup.callback(links[-1].close)
         yield LinkedBench(links)
 
 

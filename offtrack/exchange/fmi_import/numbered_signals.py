@@ -22,7 +22,6 @@ from vehicle.surface import Surface
 METRES: Final = 30  # of the hitch's path that an FMU can take, a metre apart
 PATH_POINTS: Final = 200  # of the path as it is; a longer one is thinned out
 NO_STD: Final = 1e3  # stands for an unknown standard deviation [m]
-NO_ESTIMATE: Final = {"off_tracking_std": NO_STD, "off_tracking_health": 2.0, "off_tracking_time": -1.0}  # others: 0
 _HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}
 _OF_HEALTH: Final = {value: health for health, value in _HEALTH.items()}
 
@@ -44,7 +43,7 @@ def articulation_signals(n_units: int) -> tuple[Signal, ...]:
 
 
 def estimate_signals(*, coarse: bool) -> tuple[Signal, ...]:
-    """Signals of an estimate; ``coarse``: with the path at every metre besides its own points."""
+    """Signals of an estimate; they start as without one. ``coarse``: with the path at every metre too."""
     metres, points = range(1, METRES + 1), range(1, PATH_POINTS + 1)
     path = [
         *(Signal(f"path_x_{k}", "m", f"hitch's path {k} m back, in the trailer's frame") for k in metres),
@@ -52,12 +51,12 @@ def estimate_signals(*, coarse: bool) -> tuple[Signal, ...]:
     ]
     return (
         Signal("off_tracking", "m", "estimated off-tracking, + when the path of the hitch lies left"),
-        Signal("off_tracking_std", "m", "its stated standard deviation; 1e3 if there is none"),
+        Signal("off_tracking_std", "m", "its stated standard deviation; 1e3 if there is none", NO_STD),
         Signal("off_tracking_known", "-", "1 once there is an estimate, also if it is lost"),
         Signal("off_tracking_valid", "-", "1 while there is an estimate that is not lost"),
-        Signal("off_tracking_health", "-", "0 ok, 1 degraded, 2 lost"),
+        Signal("off_tracking_health", "-", "0 ok, 1 degraded, 2 lost", 2.0),
         Signal("off_tracking_age", "s", "since the image was taken"),
-        Signal("off_tracking_time", "s", "at which the image was taken; -1: the age says it"),
+        Signal("off_tracking_time", "s", "at which the image was taken; -1: the age says it", -1.0),
         Signal("off_tracking_bridged", "s", "since the last motion that was measured, by dead reckoning"),
         Signal("path_tangent", "rad", "direction of the hitch's path at the follow point, in the trailer's frame"),
         Signal("hitch_direction", "rad", "direction of the hitch's travel in the trailer's frame, + left"),
@@ -91,7 +90,7 @@ def estimate_values(tick: int, estimate: OffTracking | None, used: Set[str]) -> 
     The points of the path are given only where they are ``used``.
     """
     if estimate is None:
-        return dict.fromkeys((*_ZEROS, *(name for name in used if name.startswith("path_"))), 0.0) | NO_ESTIMATE
+        return {name: start for name, start in _UNKNOWN.items() if name in used or not name.startswith("path_")}
     values = {
         "off_tracking": estimate.value,
         "off_tracking_std": min(estimate.std, NO_STD),
@@ -115,9 +114,7 @@ def estimate_values(tick: int, estimate: OffTracking | None, used: Set[str]) -> 
     return values
 
 
-_ZEROS: Final = ("off_tracking", "off_tracking_known", "off_tracking_valid", "off_tracking_age",
-                 "off_tracking_bridged", "path_tangent", "hitch_direction", "hitch_direction_rate", "hitch_speed",
-                 "hitch_lateral_speed", "trailer_yaw_rate")  # fmt: skip
+_UNKNOWN: Final = {one.name: one.start for one in estimate_signals(coarse=True)}
 
 
 def estimate_of(tick: int, values: Mapping[str, float]) -> OffTracking | None:

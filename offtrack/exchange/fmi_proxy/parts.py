@@ -100,7 +100,7 @@ def law_proxy(
         kind="law",
         name=f"{name.rpartition(':')[2]}_{vehicle.name}",
         summary=f"trailer steering law {name} of offtrack for {vehicle.name}",
-        inputs=[signal._replace(start=numbered_signals.NO_ESTIMATE.get(signal.name, 0.0)) for signal in inputs],
+        inputs=inputs,
         outputs=[
             Signal(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
         ],
@@ -379,10 +379,7 @@ def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> prox
         summary=f"off-tracking by {scenario.off_tracking} of offtrack, in the world of {scenario.name}",
         inputs=list(numbered_signals.truth_signals(vehicle)),
         outputs=[
-            *(
-                signal._replace(start=numbered_signals.NO_ESTIMATE.get(signal.name, 0.0))
-                for signal in numbered_signals.estimate_signals(coarse=False)
-            ),
+            *numbered_signals.estimate_signals(coarse=False),
             *readings,
             Signal("off_tracking_count", "-", "estimates so far"),
         ],
@@ -450,10 +447,8 @@ class SensorComputation(proxy.Computation):
                     reading = numbered_signals.reading_values(self._trailer.trailer.signals.sample(truth))
                     self._readings = {MEASURED + name: value for name, value in reading.items()}
             channel.deliver(now)
-        newest = self._trailer.newest
-        estimate = None if newest is None else newest.off_tracking
         return {
-            **numbered_signals.estimate_values(tick + ticks, estimate, _USED),
+            **numbered_signals.estimate_values(tick + ticks, self._trailer.newest, _USED),
             **self._readings,
             "off_tracking_count": float(len(channel.delivered)),
         }

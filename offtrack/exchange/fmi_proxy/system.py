@@ -33,6 +33,7 @@ _VERSION: Final = 2  # of FMI: runners of SSP 1.0 take no later one
 _SSD: Final = "http://ssp-standard.org/SSP1/SystemStructureDescription"
 _SSC: Final = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _FMU: Final = "application/x-fmu-sharedlibrary"
+_ENDS: Final = ("startElement", "startConnector", "endElement", "endConnector")  # of a `Connection`
 
 
 class Connection(NamedTuple):
@@ -78,14 +79,7 @@ class FmuSystem:
             _connectors(component, self._connected(name, exported.variables))
         connections = SubElement(system, _ssd("Connections"))
         for one in self.connections:
-            SubElement(
-                connections,
-                _ssd("Connection"),
-                startElement=one.source,
-                startConnector=one.output,
-                endElement=one.target,
-                endConnector=one.input,
-            )
+            SubElement(connections, _ssd("Connection"), dict(zip(_ENDS, one, strict=True)))
         _units(root, [one for exported in self.components.values() for one in exported.variables])
         SubElement(root, _ssd("DefaultExperiment"), startTime="0", stopTime=repr(self.stop))
         return xml_text(root)
