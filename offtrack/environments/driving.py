@@ -69,43 +69,6 @@ from vehicle.frames import FloatArray
 _STEP = to_ticks(PERIOD, "control period")
 _MAX_SHIFT_SPEED: Final = 0.1  # gear changes below; a stopped combination rocks back at about this speed [m/s]
 
-
-class SlippingTyreFleet:
-    """n combinations on slipping tyres, forwards and backwards, with unsteered trailer axles."""
-
-    def __init__(self, vehicle: Vehicle, n: int, engine: Engine) -> None:
-        """All equal to ``vehicle``."""
-        self._fleet, self._variation = PlantBatch(vehicle, n, engine), Variation(vehicle)
-        self._straight = np.zeros((n, vehicle.n_by_law))
-        self._speed = np.zeros(n)
-
-    def place(
-        self, lanes: Lanes, drawn: Circumstances, speed: FloatArray | None = None, centre: FloatArray | None = None
-    ) -> BatchMotion:
-        """Place these at W's origin at speeds (k,) [m/s], by default at standstill.
-
-        The ground is a plane, or a cone with its apex at ``centre`` (k, 2) [m] where that is no NaN.
-        """
-        ground = BatchGround(
-            drawn.friction, drawn.cross_fall, np.full((len(lanes), 2), np.nan) if centre is None else centre
-        )
-        speeds = np.zeros(len(lanes)) if speed is None else speed
-        return self._noted(self._fleet.place(lanes, self._variation.numbers(drawn), ground, speeds))
-
-    def step(self, steer: FloatArray, acceleration: FloatArray) -> BatchMotion:
-        """Advance by a control period under constant demands, (n,) [rad] and (n,) [m/s2], + forwards.
-
-        An acceleration against the motion brakes; near standstill the gear changes.
-        """
-        direction = np.where(np.abs(self._speed) > _MAX_SHIFT_SPEED, self._speed, acceleration)
-        gear = np.where(direction < 0.0, -1.0, 1.0)
-        return self._noted(self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear))
-
-    def _noted(self, motion: BatchMotion) -> BatchMotion:
-        self._speed = motion.velocities[:, 0, 0]
-        return motion
-
-
 Task = Literal["bay", "gate", "road"]
 
 _MAX_ACCELERATION: Final = 1.0  # of the action [m/s2]
@@ -150,9 +113,9 @@ class Goal:
         self._ends, self.poses = np.full(n, self._end), np.zeros((n, 3))
         self.relative = np.zeros((n, 3))  # in the frame of the trailer's end: x, y [m] and psi [rad]
 
-    def start(self, lanes: Lanes, uniform: FloatArray, drawn: Circumstances) -> tuple[None, None]:
+    def start(self, lanes: Lanes, uniform: FloatArray, drawn: Circumstances) -> tuple[FloatArray, FloatArray]:
         """At standstill on a plane."""
-        return None, None
+        return np.zeros(len(lanes)), np.full((len(lanes), 2), np.nan)
 
     def begin(self, lanes: Lanes, uniform: FloatArray, drawn: Circumstances, now: BatchMotion) -> None:
         """Draw the goals of these episodes from uniform numbers (k, 3)."""
@@ -310,7 +273,8 @@ class TractorTrailerDriving:
         vehicle = self.vehicle = load_vehicle(options.vehicle)
         if len(vehicle.units) < 2 or vehicle.units[0].steering is None:
             raise ValueError(f"vehicle {vehicle.name}: must be a tractor with steering that tows a trailer")
-        self._mover = SlippingTyreFleet(vehicle, n, options.engine)
+        self._fleet, self._variation = PlantBatch(vehicle, n, options.engine), Variation(vehicle)
+        self._straight = np.zeros((n, vehicle.n_by_law))  # of the trailers' axles
         self._steer_limit = vehicle.units[0].steering.limit
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.aim: Goal | Road = (Road if options.task == "road" else Goal)(n, options, vehicle)
@@ -323,14 +287,16 @@ class TractorTrailerDriving:
         self.observation_space = observation_space(self.features)
         self._elapsed, self._cost = np.zeros(n), np.zeros(n)
         self._top_view = TopView(outlines(vehicle), self.aim.courses)
-        self.now = self._mover.step(np.zeros(n), np.zeros(n))
+        self.now = self._fleet.step(np.zeros(n), np.zeros(n), self._straight, _STEP, np.ones(n))
 
     def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
         """Begin episodes; options are those of ``Domain``."""
         domain = narrowed(self._options.domain, options)
         uniform = np.array([rng.random(N_DRAWN + 3) for rng in generators])
         drawn = domain.drawn(uniform[:, 3:])
-        self.now = self._mover.place(lanes, drawn, *self.aim.start(lanes, uniform, drawn))
+        speed, centre = self.aim.start(lanes, uniform, drawn)
+        ground = BatchGround(drawn.friction, drawn.cross_fall, centre)
+        self.now = self._fleet.place(lanes, self._variation.numbers(drawn), ground, speed)
         self.aim.begin(lanes, uniform, drawn, self.now)
         self._elapsed[lanes], self._cost = 0.0, self.aim.cost()
         if isinstance(self.aim, Road):
@@ -339,9 +305,12 @@ class TractorTrailerDriving:
     def step(self, actions: NDArray[np.float32]) -> Result:
         """Advance all episodes by 20 ms; the first entry is the steer demand, the second the acceleration."""
         demand = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
-        along = np.sign(demand[:, 1]) * self.now.velocities[:, 0, 0]
+        speed = self.now.velocities[:, 0, 0]
+        along = np.sign(demand[:, 1]) * speed
         acceleration = np.where(along >= self.aim.max_speed, 0.0, _MAX_ACCELERATION * demand[:, 1])
-        self.now = self._mover.step(self._steer_limit * demand[:, 0], acceleration)
+        gear = np.where(np.where(np.abs(speed) > _MAX_SHIFT_SPEED, speed, acceleration) < 0.0, -1.0, 1.0)
+        steer = self._steer_limit * demand[:, 0]
+        self.now = self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear)
         self._elapsed += PERIOD
         self.aim.step(self.now)
         return self._result(demand)

@@ -433,26 +433,20 @@ def vector(name: str, num_envs: int = 1, **options: Any) -> CoreVectorEnv:
     ``max_episode_steps`` cuts every episode after that many steps, as ``gymnasium.make`` does for a single one.
     """
     own = {key: options.pop(key) for key in ("autoreset_mode", "render_mode") if key in options}
-    steps = options.pop(_LIMIT, None)
-    build = _builder(name, options)
-    if steps not in (None, -1):  # gymnasium: -1 is no limit
-        build = partial(_limited, build, checked_count(_LIMIT, steps, _MAX_STEPS))
-    return CoreVectorEnv(build, num_envs, **own)
+    return CoreVectorEnv(_builder(name, options, options.pop(_LIMIT, None)), num_envs, **own)
 
 
-def _builder(name: str, options: dict[str, Any]) -> Callable[[int], Core]:
+def _builder(name: str, options: dict[str, Any], limit: Any = None) -> Callable[[int], Core]:
     """Function that builds a core of n episodes; it can be pickled."""
     if name not in CORES:
         raise ValueError(f"unknown environment {name!r:.80}{nearest(str(name), CORES)}")
     repeat = checked_count(_REPEAT, options.pop(_REPEAT, 1), _MAX_REPEAT)
-    return partial(_core, name, repeat, options)
+    steps = None if limit in (None, -1) else checked_count(_LIMIT, limit, _MAX_STEPS)  # gymnasium: -1 is no limit
+    return partial(_core, name, repeat, steps, options)
 
 
-def _limited(build: Callable[[int], Core], steps: int, n: int) -> Core:
-    return Limited(build(n), steps)
-
-
-def _core(name: str, repeat: int, options: dict[str, Any], n: int) -> Core:
+def _core(name: str, repeat: int, steps: int | None, options: dict[str, Any], n: int) -> Core:
     build, options_type = CORES[name]
     core = build(n, options_type.of(options, name))
-    return core if repeat == 1 else Repeated(core, repeat)
+    repeated = core if repeat == 1 else Repeated(core, repeat)
+    return repeated if steps is None else Limited(repeated, steps)

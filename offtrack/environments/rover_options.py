@@ -132,17 +132,6 @@ class SensedRover:
         return picture
 
 
-def check_slip_sensing(scenario: RoverScenario, *, estimates: bool, step: int) -> None:
-    """Refuse a scenario whose sensors do not fit an environment with control steps of this many ticks.
-
-    Raises:
-        ValueError: one line.
-    """
-    if estimates and scenario.slip_estimator == "truth":
-        raise ValueError(f"sensing: scenario {scenario.name} has slip_estimator = truth; use observation = 'truth'")
-    check_schedule(rig_schedule(scenario.rig, PERIOD), step, step_name="the control step, ")
-
-
 class RoverMoment(NamedTuple):
     """Ground truth of n rovers after a step, independent of the observation."""
 
@@ -248,5 +237,7 @@ class RoverSteeringOptions(EpisodeOptions):
         scenario = of_kind(
             scenario, RoverScenario, f"sensing: scenario {scenario.name} is a trailer's: this is for rovers"
         )
-        check_slip_sensing(scenario, estimates=self.observation == "estimate", step=step)
+        if self.observation == "estimate" and scenario.slip_estimator == "truth":
+            raise ValueError(f"sensing: scenario {scenario.name} has slip_estimator = truth; use observation = 'truth'")
+        check_schedule(rig_schedule(scenario.rig, PERIOD), step, step_name="the control step, ")
         return scenario

@@ -9,18 +9,12 @@ import pytest
 
 import offtrack  # noqa: F401  # registers the environments
 from offtrack.environments import rover_options
-from offtrack.environments.driving import SlippingTyreFleet
-from offtrack.environments.registry import vector
-from offtrack.environments.rewards import N_DRAWN, Circumstances, Domain
+from offtrack.environments.registry import single, vector
 from offtrack.environments.rover_options import RoverMoment
 from tests.environments import features
-from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 DRIVING = "offtrack/TractorTrailerDriving-v0"
-
-
-VEHICLE = load_vehicle("eu_tractor_semitrailer")
 
 
 def test_backing_into_a_bay_completes_once_the_trailer_stands_there() -> None:
@@ -43,22 +37,22 @@ def test_backing_into_a_bay_completes_once_the_trailer_stands_there() -> None:
     assert info["distance_m"] < 0.3
 
 
-def gentle() -> Circumstances:
-    middle, ones = Domain().drawn(np.full((1, N_DRAWN), 0.5)), np.ones(1)
-    return middle._replace(friction=0.8 * ones, cross_fall=0.0 * ones, load=ones, length=ones, actuator_lag=ones)
+LEVEL_ROAD = {"cross_fall": 0.0, "load": 1.0, "length": 1.0}
 
 
-def moved(mover: SlippingTyreFleet, acceleration: float, seconds: float) -> FloatArray:
-    """Speeds of the tractor every 20 ms [m/s]."""
-    demand = np.zeros(1), np.full(1, acceleration)
-    return np.array([mover.step(*demand).velocities[0, 0, 0] for _ in range(round(50 * seconds))])
+def speeds(friction: float, *demands: tuple[float, float]) -> list[FloatArray]:
+    """Speeds of the tractor every 20 ms [m/s], for demands of acceleration [m/s2] that each last some seconds."""
+    env = single("TractorTrailerDriving-v0", task="bay")
+    env.reset(seed=1, options={**LEVEL_ROAD, "friction": friction})
+    return [
+        np.array([env.step(np.array([0.0, demand], np.float32))[0][5] for _ in range(round(50 * seconds))])
+        for demand, seconds in demands
+    ]
 
 
 def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combination() -> None:
     """1 m/s2 back for 2 s, forward for 4 s: it slows, stops and goes on the other way at the same rate, no jump."""
-    mover = SlippingTyreFleet(VEHICLE, 1, "auto")
-    mover.place(np.arange(1), gentle())
-    back, forward = moved(mover, -1.0, 2.0), moved(mover, 1.0, 4.0)
+    back, forward = speeds(0.8, (-1.0, 2.0), (1.0, 4.0))
     # 0.25 s of lag and 0.006 g of rolling drag at first; wheels and gearing take 1 to 2 %.
     assert back[-1] == pytest.approx(-(2.0 - 0.25) * (1.0 - 0.06), abs=0.05)
     braking, driving = (forward[80] - forward[55]) / 0.5, (forward[-1] - forward[-26]) / 0.5
@@ -69,13 +63,9 @@ def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combinatio
 
 def test_driven_wheels_slip_backwards_too() -> None:
     """On ice of friction 0.05 an axle that carries 11.4 of 40 t pushes with 0.14 m/s2 at most, at any demand."""
-    speeds = {}
-    for friction in (0.8, 0.05):
-        mover = SlippingTyreFleet(VEHICLE, 1, "auto")
-        mover.place(np.arange(1), gentle()._replace(friction=np.array([friction])))
-        speeds[friction] = moved(mover, -1.0, 2.0)[-1]
-    assert -2.0 * 0.05 * 9.81 * 12.0 / 40.0 < speeds[0.05] < -0.02
-    assert speeds[0.8] < -1.5
+    on_asphalt, on_ice = (float(speeds(friction, (-1.0, 2.0))[0][-1]) for friction in (0.8, 0.05))
+    assert -2.0 * 0.05 * 9.81 * 12.0 / 40.0 < on_ice < -0.02
+    assert on_asphalt < -1.5
 
 
 LEVEL = {"cross_fall": 0.0, "grade": 0.0, "curvature": 0.0, "speed": 0.1, "sensor_error": 1.0}
