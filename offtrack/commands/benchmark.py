@@ -1,6 +1,7 @@
 """`offtrack benchmark`: evaluate a law, a driver or a network in a task, beside the baselines."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +11,7 @@ from offtrack.commands.console import AsJson, PlainConsole, Quiet, progress_bar,
 from offtrack.environments.tasks import EPISODES, TASKS, task_of
 from offtrack.environments.training.benchmark import (
     Estimate,
+    Evaluation,
     Results,
     evaluated,
     header,
@@ -69,21 +71,19 @@ def benchmark(
     if policy is not None and not evaluates:
         rows.append(_of_task(read_results(Path(policy)), task, policy))
     elif policy is not None:
-        head = header(task, policy, observation)
+        asked = Evaluation(task, policy, observation)
+        head = header(asked)
         path = out or Path("runs") / f"benchmark-{task}-{head['policy'].replace(':', '.')}.json"
         former = _former(path, head)
         with progress_display(shown=not (quiet or as_json)) as display:
             bar = progress_bar(display, f"benchmark {task}")
             path.parent.mkdir(parents=True, exist_ok=True)
-
-            def keep(results: Results) -> None:
-                write_results(results, path)
-
-            rows.append(evaluated(task, policy, episodes, former, keep, bar, observation=observation))
+            keep = partial(write_results, path=path)
+            rows.append(evaluated(asked, head, episodes, bar, former=former, keep=keep))
     if as_json:
-        typer.echo(json.dumps([_plain(summary(row)) for row in rows], indent=2))
+        typer.echo(json.dumps([plain_row(row) for row in rows], indent=2))
     elif not quiet:
-        _print(task, rows)
+        print_results(task, rows)
         if evaluates:
             PlainConsole().print(f"Results: {path}", soft_wrap=True)
 
@@ -91,6 +91,8 @@ def benchmark(
 def _of_task(results: Results, task: str, file: str) -> Results:
     if results.head["task"] != task:
         raise ValueError(f"{file}: holds results of the task {results.head['task']}, not of {task}")
+    if "vehicle" in results.head:
+        raise ValueError(f"{file}: holds results of another vehicle, {results.head['vehicle']}")
     return results
 
 
@@ -122,7 +124,8 @@ def _list(*, as_json: bool) -> None:
     PlainConsole().print(table)
 
 
-def _print(name: str, rows: list[Results]) -> None:
+def print_results(name: str, rows: list[Results]) -> None:
+    """Print the table of these results of a task."""
     task, summaries = task_of(name), [summary(row) for row in rows]
     title = f"{name}: means and 95 % intervals; error: {task.error} at the end; effort: RMS rate of the steering demand"
     columns = (">success [%]", ">error [m]", ">clearance [m]", ">effort [1/s]", ">rolled over [%]")
@@ -147,5 +150,7 @@ def _shown(value: Estimate, factor: float, digits: int) -> str:
     return f"{mean}\n{low}..{high}"
 
 
-def _plain(row: dict[str, Any]) -> dict[str, Any]:
+def plain_row(results: Results) -> dict[str, Any]:
+    """The row of these results for JSON."""
+    row = summary(results)
     return {name: value._asdict() if isinstance(value, Estimate) else value for name, value in row.items()}

@@ -2,15 +2,14 @@
 
 import json
 import os
-import shlex
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, cast, get_args
+from typing import Annotated, cast, get_args
 
 import typer
 
-from controllers.trailer_steering.policy import feature_names, load_network
+from controllers.trailer_steering.policy import feature_names
+from offtrack.commands.benchmark import plain_row, print_results
 from offtrack.commands.console import (
     AsJson,
     PlainConsole,
@@ -24,26 +23,18 @@ from offtrack.commands.console import (
     table_of,
 )
 from offtrack.environments import registry
-from offtrack.environments.tasks import EPISODES, task_of
-from offtrack.environments.training import benchmark
-from offtrack.environments.training.benchmark import evaluated, write_results
-from offtrack.environments.training.evaluation import described, evaluate
+from offtrack.environments.tasks import EPISODES, LAWS, task_of
+from offtrack.environments.training.benchmark import Evaluation, evaluated, header, shipped_results, write_results
 from offtrack.environments.training.training_directory import (
     DEFAULT_DOMAIN,
     NETWORK,
-    PICTURE,
     RESULTS,
-    SUMMARY,
     Algorithm,
     Plan,
-    Point,
-    Scores,
     check_directory,
-    draw_curve,
     keep_network,
     keep_summary,
     opened_directory,
-    summary,
     trained_for,
 )
 from offtrack.studies.pool import RunOptions, run_cases
@@ -64,7 +55,7 @@ from offtrack.studies.tuning import (
 from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
-from scenarios.progress import Progress, postponed_interrupts
+from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import check_new_file, new_run_directory, replaced
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.quantity import check_number
@@ -80,19 +71,17 @@ _PPO_ENVS, _SAC_ENVS = 512, 32
 
 
 def train(
-    task: Annotated[
-        str | None,
-        typer.Option(
-            help="Task of the benchmark (see: offtrack benchmark).", show_default="steering on courses of many kinds"
-        ),
-    ] = None,
+    task: Annotated[str, typer.Option(help="Task of the benchmark (see: offtrack benchmark).")] = "paths",
     algorithm: Annotated[str, typer.Option(help="Algorithm of stable-baselines3: ppo or sac.")] = "ppo",
     observation: Annotated[
         str, typer.Option(help="Observation of the policy: surrogate (with estimation errors) or truth.")
     ] = "surrogate",
     vehicle: Annotated[
-        str, typer.Option(help="Name of a vehicle or a TOML file; its last trailer is steered.")
-    ] = "uk_longer_semitrailer",
+        str | None,
+        typer.Option(
+            help="Name of a vehicle or a TOML file; its last trailer is steered.", show_default="uk_longer_semitrailer"
+        ),
+    ] = None,
     steps: Annotated[
         int, typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones.")
     ] = _DEFAULT_STEPS,
@@ -103,24 +92,23 @@ def train(
         int | None, typer.Option(help="Number of environments in parallel.", show_default="512; sac: 32")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of networks, noise and episodes.")] = 1,
-    episodes: Annotated[int, typer.Option(help="Episodes per condition of the final comparison.")] = 4,
+    episodes: Annotated[int, typer.Option(help="Number of episodes of the final comparison.")] = EPISODES,
     threads: Annotated[int | None, typer.Option(help="Threads of the learner.", show_default="one per core")] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             help="Output directory; an existing training is resumed.",
-            show_default="runs/train-OBSERVATION-SEED, or runs/train-TASK-ALGORITHM-SEED",
+            show_default="runs/train-TASK-ALGORITHM-SEED",
         ),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a policy with PPO or SAC for trailer steering or a task, and compare it with laws and drivers.
+    """Train a policy with PPO or SAC for a task of the benchmark, and compare it with the laws or drivers there.
 
-    After an interrupt the same command resumes from the last checkpoint. Writes policy.npz (for
-    trailer_steering=policy), learning_curve.parquet and .png, checkpoint.zip, and summary.json with the comparison on
-    courses, frictions and speeds outside the training; for a task, benchmark.json with the benchmark's results. Needs
-    the extra rl.
+    After an interrupt the same command resumes from the last checkpoint. Writes policy.npz (of a trailer: for
+    trailer_steering=policy), learning_curve.parquet and .png, checkpoint.zip, benchmark.json with the results in the
+    benchmark, and summary.json. Needs the extra rl.
     """
     check_number("--steps", steps, 1000, 1e12)
     check_number("--minutes", minutes, 0.05, 1e6, "min")
@@ -131,9 +119,9 @@ def train(
     check_extra("rl", "training needs", "stable_baselines3", "torch")
     if observation not in ("surrogate", "truth"):
         raise ValueError(f"--observation {observation}: must be surrogate or truth")
-    if algorithm not in get_args(Algorithm) or (algorithm != "ppo" and task is None):
-        raise ValueError(f"--algorithm {algorithm}: must be ppo, or with a --task sac")
-    if task is not None and task_of(task) and vehicle != Plan().vehicle:
+    if algorithm not in get_args(Algorithm):
+        raise ValueError(f"--algorithm {algorithm}: must be ppo or sac")
+    if task_of(task).role != "trailer" and vehicle is not None:
         raise ValueError(f"--vehicle {vehicle}: task {task} has a vehicle of its own")
     import torch
 
@@ -148,7 +136,7 @@ def train(
         task=task,
         algorithm=cast(Algorithm, algorithm),
     )
-    directory = out or Path("runs") / f"train-{observation if task is None else f'{task}-{algorithm}'}-{seed}"
+    directory = out or Path("runs") / f"train-{task}-{algorithm}-{seed}"
     network = directory / NETWORK
     check_directory(plan, directory)
     registry.vector(plan.name, 1, **plan.environment()).close()  # refuses what can not be trained
@@ -157,35 +145,24 @@ def train(
         learned, curve = learn(plan, budget, directory, progress_bar(display, "train"))
         with postponed_interrupts():
             keep_network(learned, network)
-        command = shlex.join(["offtrack", *sys.argv[1:]])
-        if plan.task is not None:
-            result = _benchmark(plan, curve, directory, progress_bar(display, "compare"), command)
-            if as_json:
-                typer.echo(json.dumps(result, indent=2))
-            elif not quiet:
-                typer.echo(f"{directory / RESULTS}: {100.0 * result['success']:.0f} % success; the table beside the")
-                typer.echo(f"baselines: offtrack benchmark {plan.task} --policy {directory / RESULTS}")
-            return
-        scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
-        result = summary(plan, curve, scores, described(), command)
-        keep_summary(result, curve, scores, directory)
+        # Results of another vehicle are not shipped.
+        rows = [] if vehicle else shipped_results(task)
+        seen = None if task_of(task).observation is None else observation
+        for policy in (*(LAWS[:3] if vehicle else ()), str(network)):
+            asked = Evaluation(task, policy, seen, vehicle)
+            rows.append(evaluated(asked, header(asked), episodes, progress_bar(display, "compare")))
+        write_results(rows[-1], directory / RESULTS)
+        results = {"success": plain_row(rows[-1])["success"]["mean"], "benchmark": [plain_row(row) for row in rows]}
+        result = keep_summary(plan, curve, results, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     elif not quiet:
-        _print(result, scores, network)
-
-
-def _benchmark(plan: Plan, curve: list[Point], directory: Path, progress: Progress, command: str) -> dict[str, Any]:
-    """Evaluate the network in its task; the summary, which is kept in the directory."""
-    name, policy = str(plan.task), str(directory / NETWORK)
-    choice = task_of(name).observation and plan.observation
-    results = evaluated(name, policy, EPISODES, None, lambda _: None, progress, observation=choice)
-    write_results(results, directory / RESULTS)
-    success = benchmark.summary(results)["success"].mean
-    result = {**summary(plan, curve, {}, [], command), "success": success}
-    replaced(directory / SUMMARY, json.dumps(result, indent=2) + "\n")
-    draw_curve(curve, {}, directory / PICTURE)
-    return result
+        print_results(task, rows)
+        console = PlainConsole()
+        console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min: {network}")
+        if task_of(task).role == "trailer":
+            run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
+            console.print(f"Run it: {run}", soft_wrap=True)
 
 
 CONVERT_EXAMPLES = (
@@ -240,19 +217,6 @@ def _speeds(text: str) -> tuple[float, float]:
     if not 0.0 <= low < high <= 40.0:
         raise ValueError(f"--speed-kmh {text}: must be LOW,HIGH with 0 <= LOW < HIGH <= 144 km/h")
     return low, high
-
-
-def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
-    title = "Off-tracking of the follow point, RMS (largest) in metres; * ended in a mishap"
-    table = table_of("", *(f">{law}" for law in next(iter(scores.values()))), title=title)
-    for name, laws in scores.items():
-        marks = [f"{s.rms_m:.3f} ({s.max_m:.2f}){'*' * s.mishaps}" for s in laws.values()]
-        table.add_row(name if name == "trained" else f"unseen {name}", *marks)
-    console = PlainConsole()
-    console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min")
-    console.print(table)
-    run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
-    console.print(f"Run it: {run}", soft_wrap=True)
 
 
 FIT_EXAMPLES = "Example: offtrack fit-surrogate runs/roundabout-1 runs/figure-of-eight-1 --out surrogate.toml"

@@ -21,7 +21,8 @@ from controllers.trailer_steering.policy import (
     save_network,
     shipped_networks,
 )
-from offtrack.environments.training.evaluation import NetworkPilot, driven
+from offtrack.environments.training.benchmark import driven
+from offtrack.environments.training.pilots import NetworkPilot
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
 from scenarios.assembly.trailer_run import assemble

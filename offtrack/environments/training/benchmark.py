@@ -8,7 +8,6 @@ the versions, one row for each episode, and a digest of all that. The results of
 import hashlib
 import importlib.metadata
 import json
-import math
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,14 +18,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
-from controllers.trailer_steering.policy import Network, TrainedFor, load_network, shipped_networks
+from controllers.trailer_steering.policy import Network, TrainedFor, load_network, network_file, shipped_networks
 from offtrack.environments import registry
-from offtrack.environments.core import Features
-from offtrack.environments.tasks import FIRST_SEED, Task, task_of
-from offtrack.environments.training.evaluation import LawPilot, NetworkPilot, driven
-from offtrack.environments.training.pilots import DRIVERS, Actions, Pilot
+from offtrack.environments.tasks import FIRST_SEED, Role, Task, task_of
+from offtrack.environments.training.law_pilot import LawPilot
+from offtrack.environments.training.pilots import DRIVERS, NetworkPilot, Pilot
+from offtrack.studies.table import Exceeding
 from scenarios.assembly.surrogate import load_surrogate
 from scenarios.catalogue import TRAILER_STEERING
 from scenarios.extras import check_extra
@@ -40,7 +38,6 @@ BLOCK: Final = 20  # episodes that are driven together, and kept together
 _VERSION: Final = 1  # of the results file
 _PACKAGES: Final = ("offtrack", "numpy", "casadi", "gymnasium")
 _RESAMPLES: Final = 2000  # of the bootstrap
-_Z: Final = 1.959964  # of an interval of 95 %
 _SHIPPED: Final = resources.files("offtrack.environments")
 _KEYS: Final = ("version", "task", "policy", "policy_sha256", "observation", "first_seed", "versions", "processor_s")
 
@@ -55,10 +52,27 @@ class Episode(NamedTuple):
     effort: float  # RMS rate of the steering demand over its limit [1/s]
 
 
+class Evaluation(NamedTuple):
+    """What is to be evaluated."""
+
+    task: str
+    policy: str  # law, driver, shipped network or file
+    observation: str | None = None  # None: as in the task
+    vehicle: str | None = None  # None: as in the task
+
+    @property
+    def file(self) -> Path | None:
+        """File of a network or model; None for a law or a driver."""
+        if self.policy == "policy":
+            return network_file(shipped_networks()[0])
+        path = Path(self.policy)
+        return networks().get(self.policy) or (path if path.suffix in (".npz", ".zip") else None)
+
+
 class Results(NamedTuple):
     """What was evaluated, and its episodes, from the first seed on."""
 
-    head: Mapping[str, Any]  # by ``_KEYS``
+    head: Mapping[str, Any]  # ``_KEYS``, and ``vehicle`` if it is not the task's
     episodes: tuple[Episode, ...]
 
 
@@ -82,124 +96,114 @@ def shipped_results(task: str) -> list[Results]:
 
 
 def evaluated(
-    name: str, policy: str, episodes: int, former: Results | None, keep: Callable[[Results], None], progress: Progress,
-    *, observation: str | None = None,
-) -> Results:  # fmt: skip
-    """Results of a policy in a task, those of a former evaluation included; every block is given to ``keep``.
-
-    Raises:
-        ValueError: one line, if the policy is unknown or does not fit the task.
-    """
+    asked: Evaluation,
+    head: Mapping[str, Any],
+    episodes: int,
+    progress: Progress,
+    *,
+    former: Results | None = None,
+    keep: Callable[[Results], None] = lambda _: None,
+) -> Results:
+    """Results with this ``header``, those of a former evaluation included; every block is given to ``keep``."""
     done = list(former.episodes if former is not None else ())
     spent = float(former.head["processor_s"]) if former is not None else 0.0
-    head = header(name, policy, observation)
     results = Results({**head, "processor_s": spent}, tuple(done))
     while len(done) < episodes:
-        progress(len(done), episodes, policy)
+        progress(len(done), episodes, asked.policy)
         begun = time.process_time()
-        done += _block(name, policy, FIRST_SEED + len(done), min(BLOCK, episodes - len(done)), observation)
+        done += _block(asked, FIRST_SEED + len(done), min(BLOCK, episodes - len(done)))
         spent += time.process_time() - begun
         results = Results({**head, "processor_s": round(spent, 1)}, tuple(done))
         keep(results)
-    progress(1, 1, policy)
+    progress(1, 1, asked.policy)
     return results
 
 
-def header(name: str, policy: str, observation: str | None) -> dict[str, Any]:
+def header(asked: Evaluation) -> dict[str, Any]:
     """What is evaluated, without its time.
 
     Raises:
         ValueError: one line, if the policy is unknown or does not fit the task.
     """
-    task = task_of(name)
-    if observation is not None and (task.observation is None or observation not in ("surrogate", "truth", "estimate")):
+    task, seen = task_of(asked.task), asked.observation
+    if seen is not None and (task.observation is None or seen not in ("surrogate", "truth", "estimate")):
         choices = "has no choice" if task.observation is None else "must be surrogate, truth or estimate"
-        raise ValueError(f"--observation {observation}: of task {name} {choices}")
+        raise ValueError(f"--observation {seen}: of task {asked.task} {choices}")
     with ExitStack() as cleanup:
-        _opened(name, policy, 1, observation, cleanup)  # refuses what does not fit
-    file = _file(policy)
+        _opened(asked, 1, cleanup)  # refuses what does not fit
+    file = asked.file
     return {
         "version": _VERSION,
-        "task": name,
-        "policy": policy if file is None else file.stem,
+        "task": asked.task,
+        "policy": asked.policy if file is None or asked.policy == "policy" else file.stem,
         "policy_sha256": None if file is None else digest(file),
-        "observation": observation or task.observation,
+        "observation": seen or task.observation,
         "first_seed": FIRST_SEED,
         "versions": {"python": platform.python_version()} | {one: importlib.metadata.version(one) for one in _PACKAGES},
+        **({} if asked.vehicle is None else {"vehicle": asked.vehicle}),
     }
 
 
-def _block(name: str, policy: str, seed: int, n: int, observation: str | None) -> list[Episode]:
-    task = task_of(name)
+def _block(asked: Evaluation, seed: int, n: int) -> list[Episode]:
     with ExitStack() as cleanup:
-        env, pilot = _opened(name, policy, n, observation, cleanup)
-        watched = _Watched(pilot, env.core.control_rate, task.role)
-        ended = driven(env, watched, seed)
-        efforts = watched.efforts().tolist()
-        return [_episode(task, info, effort) for info, effort in zip(ended, efforts, strict=True)]
+        task, (env, pilot) = task_of(asked.task), _opened(asked, n, cleanup)
+        return [_episode(task, info) for info in driven(env, pilot, seed, role=task.role)]
 
 
-def _episode(task: Task, info: Mapping[str, Any], effort: float) -> Episode:
+def _episode(task: Task, info: Mapping[str, Any]) -> Episode:
     outcome, clearance = str(info["outcome"]), info.get("edge_clearance_min_m")
     good = task.most is None or float(info[task.most[0]]) <= task.most[1]
     error, clear = round(float(info[task.error]), 4), None if clearance is None else round(float(clearance), 4)
-    return Episode(outcome, outcome == "completed" and good, error, clear, round(effort, 4))
+    return Episode(outcome, outcome == "completed" and good, error, clear, round(float(info["effort"]), 4))
 
 
-class _Watched:
-    """A pilot whose steering effort is measured."""
-
-    def __init__(self, pilot: Pilot, rate: float, role: str) -> None:
-        self._pilot, self._rate, self._role = pilot, rate, role
-
-    def begin(self, observation: Features) -> None:
-        """Begin episodes."""
-        self._pilot.begin(observation)
-        self._last: FloatArray | None = None
-        self._squares, self._steps = np.zeros(len(observation)), np.zeros(len(observation))
-
-    def act(self, observation: Features, going: NDArray[np.bool_]) -> Actions:
-        """Actions of the pilot."""
-        actions = self._pilot.act(observation, going)
-        steer = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        if self._role == "driver":
-            steer = steer[:, :1]
-        elif self._role == "rover":
-            steer = 0.5 * (steer[:, 1:] - steer[:, :1])
-        rates = self._rate * (steer - (steer if self._last is None else self._last))
-        self._squares += going * np.mean(rates**2, axis=1)
-        self._steps += going
-        self._last = steer
-        return actions
-
-    def efforts(self) -> FloatArray:
-        """RMS of the rates of each episode (n,) [1/s]."""
-        rms: FloatArray = np.sqrt(self._squares / np.maximum(self._steps, 1.0))
-        return rms
+def driven(
+    env: Any, pilot: Pilot, seed: int, options: dict[str, Any] | None = None, *, role: Role = "trailer"
+) -> list[dict[str, Any]]:
+    """Info at the end of one episode of every sub-environment, and ``effort``: RMS rate of the steering demand."""
+    observation, _ = env.reset(seed=seed, options=options)
+    pilot.begin(observation)
+    ended: dict[int, dict[str, Any]] = {}
+    active, squares, steps = np.ones(env.num_envs, dtype=bool), np.zeros(env.num_envs), 0
+    last: FloatArray | None = None
+    while active.any():
+        actions = pilot.act(observation, active)
+        steer = _STEER[role](np.clip(actions.astype(np.float64), -1.0, 1.0))
+        rates = env.core.control_rate * (steer - (steer if last is None else last))
+        squares += active * np.mean(rates**2, axis=1)
+        steps, last = steps + 1, steer
+        observation, _, terminated, truncated, info = env.step(actions)
+        done = active & (terminated | truncated)
+        for k in np.flatnonzero(done).tolist():
+            ended[k] = {name: values[k] for name, values in info.items() if not name.startswith("_")}
+            ended[k] |= {"mishap": bool(terminated[k]), "effort": np.sqrt(squares[k] / steps)}
+        active &= ~done
+    return [ended[k] for k in range(env.num_envs)]
 
 
-def _file(policy: str) -> Path | None:
-    """File of a network or model; None for a law or a driver."""
-    return networks().get(policy) or (Path(policy) if Path(policy).suffix in (".npz", ".zip") else None)
+_STEER: Final[Mapping[Role, Callable[[FloatArray], FloatArray]]] = {  # the steering among the actions
+    "trailer": lambda actions: actions,
+    "driver": lambda actions: actions[:, :1],
+    "rover": lambda actions: 0.5 * (actions[:, 1:] - actions[:, :1]),
+}
 
 
-def _opened(name: str, policy: str, n: int, observation: str | None, cleanup: ExitStack) -> tuple[Any, Pilot]:
-    """Environment of n episodes, and the pilot."""
-    task = task_of(name)
-    options = task.environment_options(observation)
+def _opened(asked: Evaluation, n: int, cleanup: ExitStack) -> tuple[Any, Pilot]:
+    """Environment of n episodes, and the pilot. A network for a trailer steers as the law ``policy``."""
+    task, policy, file = task_of(asked.task), asked.policy, asked.file
+    options = task.environment_options(asked.observation, asked.vehicle)
     env = registry.vector(task.environment, n, autoreset_mode=AutoresetMode.DISABLED, **options)
     cleanup.callback(env.close)
-    file, core = _file(policy), env.core
-    if file is not None:
-        return env, NetworkPilot(_network(file, core))
-    if task.role == "trailer" and (policy in TRAILER_STEERING or ":" in policy):
-        vehicle = load_vehicle(str(task.options.get("vehicle", "uk_longer_semitrailer")))
-        parameters = {"path": shipped_networks()[0]} if policy == "policy" else {}
-        return env, cleanup.enter_context(closing(LawPilot(core, vehicle, policy, load_surrogate(), parameters)))  # type: ignore[arg-type]
+    if task.role == "trailer" and (policy in TRAILER_STEERING or ":" in policy or (file and file.suffix == ".npz")):
+        law, parameters = (policy, {}) if file is None else ("policy", {"path": str(file)})
+        vehicle = load_vehicle(str(options.get("vehicle", "uk_longer_semitrailer")))
+        return env, cleanup.enter_context(closing(LawPilot(env.core, vehicle, law, load_surrogate(), parameters)))  # type: ignore[arg-type]
+    if file is not None and policy != "policy":
+        return env, NetworkPilot(_network(file, env.core))
     if policy not in task.drivers:
-        known = ", ".join((*task.drivers, *(one for one in networks() if one.startswith(f"{name}-"))))
+        known = ", ".join((*task.drivers, *(one for one in networks() if one.startswith(f"{asked.task}-"))))
         raise ValueError(f"--policy {policy:.200}: must be one of {known}, or a file .npz or .zip of a network")
-    return env, DRIVERS[policy](core)  # type: ignore[arg-type]  # a driver fits the core of its task
+    return env, DRIVERS[policy](env.core)  # type: ignore[arg-type]  # a driver fits the core of its task
 
 
 def _network(file: Path, core: Any) -> Network:
@@ -232,9 +236,9 @@ def read_results(path: Path) -> Results:
     text = read_text(path, FileKind.RECORD)
     try:
         content = json.loads(text)
-        head = {key: content[key] for key in _KEYS}
+        head = {key: content[key] for key in (*_KEYS, *(["vehicle"] if "vehicle" in content else []))}
         episodes = tuple(Episode(*row) for row in content["episodes"])
-        if head["version"] != _VERSION or tuple(content["columns"]) != Episode._fields or not episodes:
+        if (head["version"], tuple(content["columns"])) != (_VERSION, Episode._fields) or not episodes:
             raise ValueError("version")
         task_of(head["task"])
         found = _digest({**head, "columns": Episode._fields, "episodes": episodes})
@@ -251,29 +255,26 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """Means with intervals of 95 %: Wilson's of shares, a bootstrap's of other means."""
+    """Means with intervals of 95 %: Clopper and Pearson's of shares, a bootstrap's of other means."""
     episodes = results.episodes
     clear = [episode.clearance_m for episode in episodes if episode.clearance_m is not None]
     return {
         "policy": results.head["policy"],
         "observation": results.head["observation"],
         "episodes": len(episodes),
-        "success": wilson(sum(episode.success for episode in episodes), len(episodes)),
+        "success": share(sum(episode.success for episode in episodes), len(episodes)),
         "error_m": mean([episode.error_m for episode in episodes]),
         "clearance_m": mean(clear) if clear else None,
         "effort": mean([episode.effort for episode in episodes]),
-        "rolled_over": wilson(sum(episode.outcome == "rolled over" for episode in episodes), len(episodes)),
+        "rolled_over": share(sum(episode.outcome == "rolled over" for episode in episodes), len(episodes)),
         "processor_s": results.head["processor_s"],
     }
 
 
-def wilson(successes: int, n: int) -> Estimate:
-    """Share with Wilson's interval (Wilson 1927)."""
-    share, z = successes / n, _Z**2 / n
-    half = _Z * math.sqrt(share * (1.0 - share) / n + z / (4.0 * n))
-    return Estimate(
-        share, max(0.0, (share + 0.5 * z - half) / (1.0 + z)), min(1.0, (share + 0.5 * z + half) / (1.0 + z))
-    )
+def share(number: int, n: int) -> Estimate:
+    """Share with its Clopper-Pearson interval."""
+    found = Exceeding(number, n)
+    return Estimate(found.share, *found.interval())
 
 
 def mean(values: Sequence[float]) -> Estimate:

@@ -30,17 +30,14 @@ from offtrack.environments.training.training_directory import (
     SAC_ACTIONS_PER_UPDATE,
     SAC_SETTINGS,
     SETTINGS,
-    TASK_GAMMA,
     Plan,
     Point,
     normalisation,
     read_curve,
-    trained_for,
     write_curve,
 )
 from scenarios.progress import Progress
 from scenarios.results.run_directory import replacing
-from vehicle.combination.description import load_vehicle
 from vehicle.foundation.data_file import read_archive, unpacked
 from vehicle.foundation.user_file import FileKind, shown
 from vehicle.frames import FloatArray
@@ -92,10 +89,8 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> tu
             model.learn(left, callback=recorder, reset_num_timesteps=False)
             recorder.keep(model)
         state = {name: _array(tensor) for name, tensor in model.policy.state_dict().items()}
-        domain = plan.domain()
-        steers = TrainedFor() if domain is None else trained_for(load_vehicle(plan.vehicle), domain)
         names = tuple(feature.name for feature in _features(env))
-        return _assembled(directory / CHECKPOINT, state, {}, names, steers, "tanh"), recorder.curve
+        return _assembled(directory / CHECKPOINT, state, {}, names, plan.domain(), "tanh"), recorder.curve
     finally:
         env.close()
 
@@ -109,7 +104,7 @@ def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: "_Recorder") -
         "features_extractor_class": Scaled,
         "features_extractor_kwargs": {"mean": list(mean), "scale": list(scale)},
     }
-    common: dict[str, Any] = {"seed": plan.seed, "device": "cpu", "gamma": s.gamma if plan.task is None else TASK_GAMMA}
+    common: dict[str, Any] = {"seed": plan.seed, "device": "cpu", "gamma": plan.discount}
     if plan.algorithm == "sac":
         updates = max(1, plan.envs // SAC_ACTIONS_PER_UPDATE)
         arguments = {"net_arch": list(s.layers), **scaled}
@@ -342,9 +337,8 @@ def _json(path: Path, content: bytes) -> dict[str, Any]:
 
 def _state(path: Path, content: bytes) -> dict[str, FloatArray]:
     """Tensors by name."""
-    unpacked(content, f"{path}: policy.pth", FileKind.CHECKPOINT)  # an archive itself, whose size is checked here
     try:
-        tensors = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        tensors = _tensors(content)
         return {str(name): np.asarray(tensor.detach().numpy(), dtype=np.float64) for name, tensor in tensors.items()}
     except Exception as error:  # of any class, for a damaged file
         raise ValueError(f"{path}: policy.pth cannot be read: {shown(str(error).partition(chr(10))[0], 120)}") from None

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from controllers.path import Path, Segment
 from controllers.reversing_law import ReverseReference, ReversingLaw, RollingChain
+from controllers.trailer_steering.policy import Network
 from offtrack.environments.core import Features
 from offtrack.environments.drivers import Drivers, Tracks
 from offtrack.environments.driving import Goal, Road, TractorTrailerDriving
@@ -33,6 +34,20 @@ class Pilot(Protocol):
 
     def act(self, observation: Features, going: NDArray[np.bool_], /) -> Actions:
         """Actions (n, n_action) for an observation, once a control step; any for episodes that are over."""
+
+
+class NetworkPilot:
+    """A network that steers all episodes."""
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+
+    def begin(self, observation: Features) -> None:
+        """Do nothing: the network has no memory."""
+
+    def act(self, observation: Features, going: NDArray[np.bool_]) -> Actions:
+        """Actions of the network."""
+        return self._network(observation.astype(np.float64)).astype(np.float32)
 
 
 class OnRoad:

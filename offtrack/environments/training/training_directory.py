@@ -1,16 +1,18 @@
 """Training plan of a policy (task and settings of the learner) and the files of its directory.
 
 The settings were chosen on seeds from 100 on. An action is held for four control steps, 80 ms: the axles respond
-within 150 ms, and estimates come every 100 ms, so actions see estimates of every age. The horizon of the discount is
-2 s. Rewards fall linearly with the distance from the path, not with its square, so that the last centimetres count.
+within 150 ms, and estimates come every 100 ms, so actions see estimates of every age. Rewards fall
+linearly with the distance from the path, not with its square, so that the last centimetres count.
 """
 
 import importlib.metadata
 import json
 import platform
+import shlex
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -21,27 +23,22 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from controllers.trailer_steering.policy import Network, TrainedFor, save_network
-from offtrack.environments import rewards
-from offtrack.environments.rewards import Domain, Reward, narrowed
+from offtrack.environments.rewards import Domain, narrowed
 from offtrack.environments.tasks import task_of
-from offtrack.reports.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
+from offtrack.reports.plots import STYLE, TRUE, WIDTH, legend_below
 from offtrack.studies.run_study import check_study_directory, opened_study
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.results.log import read_table
 from scenarios.results.run_directory import replaced, replacing
-from vehicle.combination.description import Vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
 
-ENVIRONMENT: Final = "TrailerSteering-v0"
 ACTION_REPEAT: Final = 4
-REWARD: Final[Mapping[Reward, float]] = {rewards.off_path: 1.0, rewards.outside_path: 0.1, rewards.steer_effort: 0.02}
+REWARD: Final = {"off_path": 1.0, "outside_path": 0.1, "near_edge": 1.0, "steer_effort": 0.02}  # of a trailer
 REWARD_SCALE: Final = 0.1  # gives values of the order of 1: half a metre for two seconds is -5
-TASK_REWARD: Final = {"off_path": 1.0, "near_edge": 1.0, "steer_effort": 0.02}
 Algorithm = Literal["ppo", "sac"]
-COURSES: Final = ("roundabout", "roundabout-right", "turn-90", *(f"random-{k}" for k in range(1, 17)))
 DEFAULT_DOMAIN: Final = Domain()  # of the environment
-DOMAIN: Final = Domain(friction=(0.3, 0.9), speed=(1.4, 5.0))
 
 # Mean and standard deviation of features, by the prefix of their names. They are fixed instead of running statistics:
 # left and right stay symmetric, and nearly constant features such as ``usable`` are not amplified.
@@ -81,7 +78,6 @@ class Settings(NamedTuple):
     n_steps: int = 32  # actions of every environment between updates: 2.6 s
     batch_size: int = 2048
     n_epochs: int = 10
-    gamma: float = 0.96  # per action: a horizon of 2 s
     gae_lambda: float = 0.9
     learning_rate: float = 1e-3  # falls linearly to a tenth
     clip_range: float = 0.2
@@ -90,7 +86,6 @@ class Settings(NamedTuple):
 
 
 SETTINGS: Final = Settings()
-TASK_GAMMA: Final = 0.985  # per action, in tasks with an end to reach: a horizon of 5 s
 # Of SAC, with the names of stable-baselines3; an update for every 4 actions of all environments together
 SAC_SETTINGS: Final[Mapping[str, Any]] = {
     "learning_rate": 7e-4,
@@ -109,58 +104,43 @@ EXPLORATION: Final = (0.3, 0.05)  # standard deviation of the actions at start a
 class Plan:
     """Parameters that determine a training, apart from its length."""
 
+    task: str = "paths"  # of the benchmark
+    algorithm: Algorithm = "ppo"
     observation: str = "surrogate"
-    vehicle: str = "uk_longer_semitrailer"
+    vehicle: str | None = None  # None: the task's
     envs: int = 512
     seed: int = 1
-    task: str | None = None  # of the benchmark; None: steering on many courses, with a reward of its own
-    algorithm: Algorithm = "ppo"
 
     @property
     def name(self) -> str:
         """Name of the environment."""
-        return ENVIRONMENT if self.task is None else task_of(self.task).environment
+        return task_of(self.task).environment
+
+    @property
+    def discount(self) -> float:
+        """Discount of the rewards, per action."""
+        return task_of(self.task).discount
 
     def environment(self) -> dict[str, Any]:
         """Options of the training environments."""
-        if self.task is not None:
-            task = task_of(self.task)
-            steers = {"reward": TASK_REWARD} if task.role == "trailer" else {}
-            repeat = {} if task.role == "rover" else {"action_repeat": ACTION_REPEAT}
-            return {**task.environment_options(self.observation, training=True), **steers, **repeat}
-        return {
-            "observation": self.observation,
-            "vehicle": self.vehicle,
-            "courses": COURSES,
-            "domain": DOMAIN,
-            "reward": REWARD,
-            "action_repeat": ACTION_REPEAT,
-        }
-
-    def domain(self) -> Domain | None:
-        """What a trailer's network is trained for; None for other tasks."""
-        if self.task is None:
-            return DOMAIN
         task = task_of(self.task)
-        return narrowed(DEFAULT_DOMAIN, task.options["domain"]) if task.role == "trailer" else None
+        steers = {"reward": REWARD} if task.role == "trailer" else {}
+        repeat = {} if task.role == "rover" else {"action_repeat": ACTION_REPEAT}
+        return {**task.environment_options(self.observation, self.vehicle, training=True), **steers, **repeat}
+
+    def domain(self) -> TrainedFor:
+        """What a trailer's network is trained for; anything for others."""
+        options = self.environment()
+        if task_of(self.task).role != "trailer":
+            return TrainedFor()
+        vehicle = load_vehicle(options.get("vehicle", "uk_longer_semitrailer"))
+        return trained_for(vehicle, narrowed(DEFAULT_DOMAIN, options["domain"]))
 
     def plain(self) -> dict[str, Any]:
         """The plan for JSON, including the fixed settings of this version."""
-        if self.task is not None:
-            settings = SAC_SETTINGS if self.algorithm == "sac" else {**SETTINGS._asdict(), "gamma": TASK_GAMMA}
-            own = {"task": self.task, "algorithm": self.algorithm, "envs": self.envs, "seed": self.seed}
-            return {**own, "environment": self.name, "options": self.environment(), self.algorithm: settings}
-        return {
-            **{name: value for name, value in asdict(self).items() if name not in ("task", "algorithm")},
-            "environment": ENVIRONMENT,
-            "action_repeat": ACTION_REPEAT,
-            "reward": {part.__name__: weight for part, weight in REWARD.items()},
-            "courses": list(COURSES),
-            "domain": {name: list(limits) for name, limits in asdict(DOMAIN).items()},
-            "ppo": {**SETTINGS._asdict(), "layers": list(SETTINGS.layers)},
-            "last_learning_rate": LAST_LEARNING_RATE,
-            "exploration": list(EXPLORATION),
-        }
+        settings = SAC_SETTINGS if self.algorithm == "sac" else {**SETTINGS._asdict(), "gamma": self.discount}
+        own = {"task": self.task, "algorithm": self.algorithm, "envs": self.envs, "seed": self.seed}
+        return {**own, "environment": self.name, "options": self.environment(), self.algorithm: settings}
 
 
 def normalisation(feature: str) -> tuple[float, float]:
@@ -169,20 +149,6 @@ def normalisation(feature: str) -> tuple[float, float]:
 
 
 _WINDOW = 15  # points of the moving average
-_LEVELS = (ESTIMATED, INK, GREY, *SERIES[2:4])  # colours of the laws
-
-
-POLICY: Final = "policy"  # key of the trained network among the laws
-
-
-class Score(NamedTuple):
-    """Results of one law in the episodes of one condition."""
-
-    rms_m: float  # of the episodes' off-tracking, root of the mean square
-    median_rms_m: float
-    max_m: float  # largest off-tracking of all episodes
-    outside_max_m: float  # largest distance of the follow point to the outside of a turn, of all episodes
-    mishaps: int  # episodes that ended in a mishap
 
 
 class Point(NamedTuple):
@@ -220,23 +186,20 @@ def read_curve(path: Path) -> list[Point]:
     return [Point(**row) for row in table.to_pylist()]
 
 
-def draw_curve(curve: Sequence[Point], levels: Mapping[str, float], path: Path) -> None:
-    """Draws off-tracking over steps as a PNG, with the off-tracking of trailer laws in the same episodes as lines.
-
-    Without laws, as of a task, it draws the share of completed episodes.
-    """
+def draw_curve(curve: Sequence[Point], path: Path) -> None:
+    """Draws the share of completed episodes over steps as a PNG; for trailers their off-tracking."""
     steps = np.array([point.steps for point in curve]) / 1e6
-    rms = np.array([point.rms_m if levels else point.success for point in curve])
-    known = np.isfinite(rms)
+    rms = np.array([point.rms_m for point in curve])
+    trailers = bool(np.isfinite(rms).any())
+    values = rms if trailers else np.array([point.success for point in curve])
+    known = np.isfinite(values)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
         ax = figure.subplots()
-        ax.plot(steps[known], rms[known], color=TRUE, linewidth=0.6, alpha=0.4)
-        ax.plot(steps[known], _smoothed(rms[known]), color=TRUE, linewidth=2.0, label="policy while exploring")
-        for (law, level), colour in zip(levels.items(), _LEVELS, strict=False):
-            ax.axhline(level, color=colour, linewidth=1.3, linestyle=(0, (6, 3)), label=law)
+        ax.plot(steps[known], values[known], color=TRUE, linewidth=0.6, alpha=0.4)
+        ax.plot(steps[known], _smoothed(values[known]), color=TRUE, linewidth=2.0, label="policy while exploring")
         ax.set(xlabel="control steps [millions]", ylabel="share of completed episodes")
-        if levels:
+        if trailers:
             ax.set(yscale="log", ylabel="off-tracking of an episode, RMS [m]")
             ax.yaxis.set_major_formatter("{x:g}")
         legend_below(figure, ax)
@@ -254,10 +217,8 @@ PLAN: Final = "training.json"
 NETWORK: Final = "policy.npz"
 SUMMARY: Final = "summary.json"
 PICTURE: Final = "learning_curve.png"
-RESULTS: Final = "benchmark.json"  # of a task
+RESULTS: Final = "benchmark.json"
 _PACKAGES: Final = ("offtrack", "stable-baselines3", "torch", "gymnasium", "numpy", "casadi")
-
-Scores = Mapping[str, Mapping[str, Score]]  # by condition and law
 
 
 def check_directory(plan: Plan, directory: Path) -> None:
@@ -304,27 +265,20 @@ def keep_network(network: Network, path: Path) -> None:
         save_network(network, file)
 
 
-def summary(
-    plan: Plan, curve: list[Point], scores: Scores, conditions: list[dict[str, Any]], command: str
-) -> dict[str, Any]:
-    """Summary of the training for JSON; ``conditions`` describe those of the scores."""
+def keep_summary(plan: Plan, curve: list[Point], results: Mapping[str, Any], directory: Path) -> dict[str, Any]:
+    """Write ``summary.json``, with these results of the benchmark, and the picture of the curve; return the summary."""
     last = curve[-1]
-    return {
-        "command": command,
+    content = {
+        "command": shlex.join(["offtrack", *sys.argv[1:]]),
         "plan": plan.plain(),
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}},
         "steps": last.steps,
         "wall_s": round(last.wall_s, 1),
-        "conditions": conditions,
-        "scores": {name: {law: score._asdict() for law, score in laws.items()} for name, laws in scores.items()},
+        **results,
     }
-
-
-def keep_summary(content: Mapping[str, Any], curve: list[Point], scores: Scores, directory: Path) -> None:
-    """Write ``summary.json`` and the learning curve, with the laws' results in the training conditions."""
     replaced(directory / SUMMARY, json.dumps(content, indent=2, allow_nan=False) + "\n")
-    levels = {law: score.rms_m for law, score in scores["trained"].items() if law != POLICY}
-    draw_curve(curve, levels, directory / PICTURE)
+    draw_curve(curve, directory / PICTURE)
+    return content
 
 
 def _version(package: str) -> str | None:

@@ -14,15 +14,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from controllers.trailer_steering.policy import Network, load_network
+from controllers.trailer_steering.policy import Network, TrainedFor, feature_names, load_network, save_network
 from offtrack.commands.cli import app
 from offtrack.environments.registry import vector
-from offtrack.environments.rewards import Domain
-from offtrack.environments.training import evaluation
-from offtrack.environments.training.evaluation import CONDITIONS, Condition, LawPilot, scored
+from offtrack.environments.training.benchmark import Evaluation, evaluated, header, read_results
+from offtrack.environments.training.law_pilot import LawPilot
 from offtrack.environments.training.training_directory import (
-    COURSES,
-    DOMAIN,
     Plan,
     Point,
     check_directory,
@@ -53,7 +50,7 @@ def test_a_curve_is_read_as_it_was_written_and_drawn(tmp_path: Path) -> None:
     ]
     write_curve(curve, tmp_path / "curve.parquet")
     assert str(read_curve(tmp_path / "curve.parquet")) == str(curve)
-    draw_curve(curve, {"none": 1.0}, tmp_path / "curve.png")
+    draw_curve(curve, tmp_path / "curve.png")
     assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["curve.parquet", "curve.png"]
 
@@ -72,19 +69,19 @@ def test_a_directory_keeps_to_one_training(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:
-    """A network of zeros is what `none` is, to the last bit; command steer is another thing."""
-    names = 18
-    zeros = Network((np.zeros((2, names)),), (np.zeros(2),), np.zeros(names), np.ones(names), ("",) * names)
-    short = Condition("short", "", ("turn-90",), Domain(speed=(5.5, 5.6), friction=(0.8, 0.9)))
-    conditions = {condition.name: condition for condition in CONDITIONS}  # but the first they are not in the training
-    assert set(conditions["courses"].courses).isdisjoint(COURSES)
-    assert conditions["friction"].domain.friction[1] <= DOMAIN.friction[0]
-    assert conditions["speed"].domain.speed[0] >= DOMAIN.speed[1]
-    straight, none, linkage = (scored(Plan(), short, law, zeros, 1) for law in ("policy", "none", "command_steer"))
-    assert straight == none
-    assert none.mishaps == 0
-    assert linkage.rms_m < 0.9 * none.rms_m
+def test_a_network_is_evaluated_as_the_law_that_it_becomes(tmp_path: Path) -> None:
+    """A network of zeros is what `none` is within its domain; for no speed at all it is what path preview is."""
+    names = feature_names(2, [unit.name for unit in load_vehicle("uk_longer_semitrailer").units])
+    ones = np.ones(len(names))
+    zeros = Network((np.zeros((2, len(names))),), (np.zeros(2),), 0.0 * ones, ones, names)
+    found = {}
+    for name, fastest in (("zeros", 10.0), ("nowhere", -10.0)):
+        save_network(zeros._replace(trained_for=TrainedFor(speed=(fastest - 1.0, fastest))), tmp_path / f"{name}.npz")
+    for policy in ("none", "path_preview", str(tmp_path / "zeros.npz"), str(tmp_path / "nowhere.npz")):
+        asked = Evaluation("slippery-turn", policy)
+        found[Path(policy).stem] = evaluated(asked, header(asked), 2, no_progress).episodes
+    assert found["zeros"] == found["none"]
+    assert found["nowhere"] == found["path_preview"] != found["none"]
 
 
 def test_without_the_extra_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,18 +96,13 @@ def test_without_the_extra_the_command_says_what_to_install(monkeypatch: pytest.
 
 @pytest.mark.slow
 @needs_extra
-def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_is_gone_on_with_and_its_network_is_the_learners(tmp_path: Path) -> None:
     """Two updates, then two more by the same command; the arrays give the mean action of the checkpoint's model."""
     from stable_baselines3 import PPO
 
-    short = Condition("trained", "short", ("turn-90",), Domain(speed=(5.5, 5.6), friction=(0.8, 0.9)))
-    monkeypatch.setattr(evaluation, "CONDITIONS", (short,))
-    monkeypatch.setattr(evaluation, "LAWS", ("none",))
-
     def told(steps: int, out: str) -> dict[str, object]:
-        options = ["--envs", "8", "--episodes", "1", "--threads", "1", "--seed", "101", "--json"]
+        options = ["--task", "slippery-turn", "--envs", "8", "--episodes", "1", "--threads", "1", "--seed", "101"]
+        options += ["--json"]
         result = CliRunner().invoke(app, ["train", "--steps", str(steps), "--out", str(tmp_path / out), *options])
         assert result.exit_code == 0, result.stderr
         answer: dict[str, object] = json.loads(result.stdout)
@@ -131,7 +123,8 @@ def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
     assert network(features.astype(np.float64)) == pytest.approx(expected, abs=1e-5)
     assert not any(file.name.startswith(".") for file in (tmp_path / "run").iterdir())
     kept = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
-    assert set(kept["scores"]["trained"]) == {"policy", "none"}
+    assert {"policy", "none"} <= {row["policy"] for row in kept["benchmark"]}
+    assert len(read_results(tmp_path / "run" / "benchmark.json").episodes) == 1
 
 
 class _Planted:

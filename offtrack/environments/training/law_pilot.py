@@ -1,38 +1,30 @@
-"""Comparison of a network with steering laws, all in the same episodes outside the training.
+"""Steering laws as pilots of ``TrailerSteering``.
 
 A law gets the observed estimate and signals, and the hitch path at the time of the estimate: the true path plus the
 estimate's error, which grows linearly from hitch to follow point as in the surrogate.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, closing
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from controllers.trailer import Combination, TrailerSteering
-from controllers.trailer_steering.policy import Network, feature_names
+from controllers.trailer_steering.policy import feature_names
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing, tangent
-from offtrack.environments import registry
-from offtrack.environments.core import Features
 from offtrack.environments.observations import Mark
-from offtrack.environments.rewards import Domain
 from offtrack.environments.trailer_steering import TrailerSteering as TrailerSteeringCore
-from offtrack.environments.training.pilots import Pilot
-from offtrack.environments.training.training_directory import COURSES, DOMAIN, ENVIRONMENT, POLICY, Plan, Score
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
-from scenarios.assembly.surrogate import SurrogateParameters, load_surrogate
-from scenarios.progress import Progress
+from scenarios.assembly.surrogate import SurrogateParameters
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, to_ticks
-from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.foundation.own_parts import close_part
 from vehicle.frames import FloatArray, arc_length
 from vehicle.option import Parameter
@@ -166,110 +158,3 @@ class LawPilot:
             yaw_rates=row[self._yaw_rates],
             lateral_acceleration=speed * turning,  # steady turn: the observation has no accelerometer
         )
-
-
-LAWS: Final = ("none", "command_steer", "path_preview")
-_SEED: Final = 1_000_000  # far from the seeds of training episodes
-
-
-class Condition(NamedTuple):
-    """Kind of episodes."""
-
-    name: str
-    words: str  # description
-    courses: tuple[str, ...]
-    domain: Domain
-
-
-UNSEEN: Final = ("figure-of-eight", "farm-track", *(f"random-{k}" for k in range(101, 109)))
-CONDITIONS: Final = (
-    Condition("trained", "courses and conditions of the training", COURSES, DOMAIN),
-    Condition("courses", "a figure of eight, a farm track, eight other smooth paths", UNSEEN, DOMAIN),
-    Condition("friction", "friction 0.2 to 0.3; training from 0.3 on", COURSES, replace(DOMAIN, friction=(0.2, 0.3))),
-    Condition("speed", "5 to 5.6 m/s; training up to 5 m/s", COURSES, replace(DOMAIN, speed=(5.0, 5.6))),
-)
-
-
-class NetworkPilot:
-    """A network that steers all episodes."""
-
-    def __init__(self, network: Network) -> None:
-        self._network = network
-
-    def begin(self, observation: Features) -> None:
-        """Do nothing: the network has no memory."""
-
-    def act(self, observation: Features, active: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Actions of the network."""
-        return self._network(observation.astype(np.float64)).astype(np.float32)
-
-
-def evaluate(plan: Plan, network: Network, episodes: int, progress: Progress) -> dict[str, dict[str, Score]]:
-    """Scores by condition and law, the network first, over this number of episodes each.
-
-    Raises:
-        ValueError: one line, if a law can not steer this vehicle.
-    """
-    scores: dict[str, dict[str, Score]] = {}
-    laws = (POLICY, *LAWS)
-    for condition in CONDITIONS:
-        scores[condition.name] = {}
-        for law in laws:
-            progress(sum(map(len, scores.values())), len(CONDITIONS) * len(laws), f"{condition.name}, {law}")
-            scores[condition.name][law] = scored(plan, condition, law, network, episodes)
-    progress(1, 1)
-    return scores
-
-
-def scored(plan: Plan, condition: Condition, law: str, network: Network, episodes: int) -> Score:
-    """Score of one law, or of the network, in one condition."""
-    env = registry.vector(
-        ENVIRONMENT,
-        episodes,
-        observation=plan.observation,
-        vehicle=plan.vehicle,
-        courses=condition.courses,
-        domain=condition.domain,
-        autoreset_mode=AutoresetMode.DISABLED,
-    )
-    with ExitStack() as cleanup:
-        cleanup.callback(env.close)
-        core = cast(TrailerSteeringCore, env.core)
-        pilot: Pilot = NetworkPilot(network)
-        if law != POLICY:
-            pilot = cleanup.enter_context(closing(LawPilot(core, load_vehicle(plan.vehicle), law, load_surrogate())))
-        return _score(driven(env, pilot, _SEED + plan.seed))
-
-
-def driven(env: Any, pilot: Pilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
-    """Info at the end of one episode of every sub-environment."""
-    observation, _ = env.reset(seed=seed, options=options)
-    pilot.begin(observation)
-    ended: dict[int, dict[str, Any]] = {}
-    active = np.ones(env.num_envs, dtype=bool)
-    while active.any():
-        observation, _, terminated, truncated, info = env.step(pilot.act(observation, active))
-        done = active & (terminated | truncated)
-        for k in np.flatnonzero(done).tolist():
-            ended[k] = {name: values[k] for name, values in info.items() if not name.startswith("_")}
-            ended[k]["mishap"] = bool(terminated[k])
-        active &= ~done
-    return [ended[k] for k in range(env.num_envs)]
-
-
-def _score(episodes: Sequence[dict[str, Any]]) -> Score:
-    rms = np.array([episode["true_rms_m"] for episode in episodes])
-    return Score(
-        rms_m=float(np.sqrt(np.mean(rms**2))),
-        median_rms_m=float(np.median(rms)),
-        max_m=float(max(episode["true_max_m"] for episode in episodes)),
-        outside_max_m=float(max(episode["outside_max_m"] for episode in episodes)),
-        mishaps=sum(episode["mishap"] for episode in episodes),
-    )
-
-
-def described() -> list[dict[str, Any]]:
-    """The conditions for JSON."""
-    return [
-        {"name": c.name, "words": c.words, "courses": list(c.courses), "domain": asdict(c.domain)} for c in CONDITIONS
-    ]
