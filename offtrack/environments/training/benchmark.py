@@ -34,7 +34,8 @@ from vehicle.combination.description import load_vehicle
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray
 
-BLOCK: Final = 20  # episodes that are driven together, and kept together
+BLOCK: Final = 50  # episodes that are driven together, and kept together
+_RENDERED: Final = 5  # the same, with cameras: each has its own world
 _VERSION: Final = 1  # of the results file
 _PACKAGES: Final = ("offtrack", "numpy", "casadi", "gymnasium")
 _RESAMPLES: Final = 2000  # of the bootstrap
@@ -108,10 +109,11 @@ def evaluated(
     done = list(former.episodes if former is not None else ())
     spent = float(former.head["processor_s"]) if former is not None else 0.0
     results = Results({**head, "processor_s": spent}, tuple(done))
+    block = _RENDERED if asked.observation == "estimate" else BLOCK
     while len(done) < episodes:
         progress(len(done), episodes, asked.policy)
         begun = time.process_time()
-        done += _block(asked, FIRST_SEED + len(done), min(BLOCK, episodes - len(done)))
+        done += _block(asked, FIRST_SEED + len(done), min(block, episodes - len(done)))
         spent += time.process_time() - begun
         results = Results({**head, "processor_s": round(spent, 1)}, tuple(done))
         keep(results)
