@@ -1,6 +1,13 @@
 // The plan view: ground, road, swept path, paths as far as they are driven, bodies and wheels. Zoom and pan by mouse,
 // touch and keys; what does not move is drawn once for each view.
 
+// A line through points given as x, y, x, y, ….
+function traced(points) {
+  const line = new Path2D();
+  for (let k = 0; k < points.length; k += 2) line.lineTo(points[k], points[k + 1]);
+  return line;
+}
+
 class Plan {
   constructor(canvas, playback, onChange) {
     Object.assign(this, { canvas, playback, onChange });
@@ -159,14 +166,10 @@ class Plan {
       const { left, right } = road;
       for (let k = 0; k + 3 < left.length; k += 2) {
         if (!this.inView(left[k], left[k + 1], width, height, 30)) continue;
-        context.beginPath();
-        context.moveTo(left[k], left[k + 1]);
-        context.lineTo(left[k + 2], left[k + 3]);
-        context.lineTo(right[k + 2], right[k + 3]);
-        context.lineTo(right[k], right[k + 1]);
-        context.closePath();
-        context.fill();
-        context.stroke();
+        const piece = traced([...left.subarray(k, k + 4), right[k + 2], right[k + 3], right[k], right[k + 1]]);
+        piece.closePath();
+        context.fill(piece);
+        context.stroke(piece);
       }
     }
     if (this.friction) {
@@ -180,17 +183,12 @@ class Plan {
     }
     context.strokeStyle = colours.ink;
     context.lineWidth = 1.2 / this.scale;
-    context.beginPath();
-    for (const outline of things)
-      for (let k = 0; k < outline.length; k += 2) context[k ? "lineTo" : "moveTo"](outline[k], outline[k + 1]);
-    context.stroke();
+    for (const outline of things) context.stroke(traced(outline));
     for (const line of lines) {
       context.strokeStyle = colours[line.colour];
       context.globalAlpha = 0.55;
       context.lineWidth = line.width || 4 / this.scale;
-      context.beginPath();
-      for (let k = 0; k < line.points.length; k += 2) context.lineTo(line.points[k], line.points[k + 1]);
-      context.stroke();
+      context.stroke(traced(line.points));
       context.globalAlpha = 1;
     }
     if (runs.length === 1) for (const run of runs) this.drawSwept(context, run, width, height);
@@ -247,13 +245,11 @@ class Plan {
   }
 
   drawBody(context, run, body, b, row, ink) {
-    const colours = palette(), corners = body.outline.map((corner) => run.place(b, corner, row));
-    context.beginPath();
-    corners.forEach((corner) => context.lineTo(...corner));
-    context.closePath();
+    const colours = palette(), corners = body.outline.map((corner) => run.place(b, corner, row)), outline = traced(corners.flat());
+    outline.closePath();
     context.globalAlpha = this.playback.runs.length > 1 ? 0.25 : 0.85; // of several runs none hides another
     context.fillStyle = colours.paper;
-    context.fill();
+    context.fill(outline);
     context.globalAlpha = 1;
     context.fillStyle = ink;
     const [, , psi] = run.pose(b, row);
@@ -267,10 +263,7 @@ class Plan {
     }
     context.strokeStyle = ink;
     context.lineWidth = 1.4 / this.scale;
-    context.beginPath();
-    corners.forEach((corner) => context.lineTo(...corner));
-    context.closePath();
-    context.stroke();
+    context.stroke(outline);
     return corners;
   }
 
@@ -280,12 +273,7 @@ class Plan {
     const colours = palette();
     context.strokeStyle = context.fillStyle = colours.soft;
     context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(14, height - 20);
-    context.lineTo(14, height - 14);
-    context.lineTo(14 + length * this.scale, height - 14);
-    context.lineTo(14 + length * this.scale, height - 20);
-    context.stroke();
+    context.stroke(new Path2D(`M14 ${height - 20}v6h${length * this.scale}v-6`));
     context.font = "12px system-ui, sans-serif";
     context.fillText(`${Number(length.toPrecision(1))} m`, 18, height - 20);
   }
