@@ -73,7 +73,8 @@ class PlantBatch:
         self._open_kernels()
         commands, ground = command_sizes(vehicle), ground_input_sizes(vehicle)
         self._n_command, self._n_trailer = sum(commands), commands.trailer_steer
-        self._ground = GroundInputs(*(_shifted(part, self._n_command) for part in slices(ground)))
+        # behind the command
+        self._ground = GroundInputs(*slices((self._n_command, *ground))[1:])
         first_number = self._n_command + sum(ground)
         self._numbers = slice(first_number, None)
         nominal = numbers(vehicle)
@@ -283,7 +284,3 @@ def _motion_function(vehicle: Vehicle) -> Any:
     wheels = WheelTruth(*(of_wheels(x, u, own)[part] for part in slices(wheel_truth_sizes(vehicle))))
     motion = ca.cse(ca.densify(ca.vertcat(*_BatchMotionParts.of(kinematics, wheels))))
     return ca.Function("motion", [x, ca.vertcat(u, own), ca.SX(0, 1)], [motion])
-
-
-def _shifted(part: slice, by: int) -> slice:
-    return slice(by + part.start, by + part.stop)

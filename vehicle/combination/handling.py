@@ -7,7 +7,7 @@ transmit friction times their load at most. Needs the vehicle's table ``[powertr
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -244,16 +244,13 @@ def _loads(vehicle: Vehicle, normal: float, felt: float) -> list[list[float]]:
     n, rolling = len(vehicle.units), [0.0] * len(vehicle.units)
     loads: list[list[float]] = []
     for _ in range(2):  # rolling resistance depends little on the loads that it shifts
-        pulls = [sum(unit.mass * felt + drag for unit, drag in _from(vehicle, rolling, i)) for i in range(n)]
+        needed = [unit.mass * felt + drag for unit, drag in zip(vehicle.units, rolling, strict=True)]
+        pulls = [sum(needed[i:]) for i in range(n)]
         hitches = [Vector(0.0 if i == 0 else pull, 0.0) for i, pull in enumerate(pulls)]
         on_axles = chain_loads(vehicle, [normal] * n, [felt] * n, hitches, [Vector(1.0, 0.0)] * n).axles
         loads = [[float(load) for load in of_unit] for of_unit in on_axles]
         rolling = [_rolling(unit, of_unit) for unit, of_unit in zip(vehicle.units, loads, strict=True)]
     return loads
-
-
-def _from(vehicle: Vehicle, rolling: Sequence[float], i: int) -> Iterator[tuple[Unit, float]]:
-    return zip(vehicle.units[i:], rolling[i:], strict=True)
 
 
 def _rolling(unit: Unit, loads: Sequence[float]) -> float:
