@@ -10,18 +10,7 @@ from hypothesis import strategies as st
 
 from controllers.equations import settle
 from controllers.trailer import Actuation, Combination, Linkage, no_axle_answers
-from controllers.trailer_steering.kinematics import (
-    Answers,
-    AxleGroup,
-    Predictor,
-    SteerHistory,
-    TractorMotion,
-    angles_at,
-    extended,
-    motion_between,
-    recorded,
-    straight_behind,
-)
+from controllers.trailer_steering import kinematics
 from estimators.estimates import OffTracking
 from estimators.hitch_motion import HitchMotion
 from tests.trailers import ALL_STEERED as TRAILER
@@ -32,8 +21,8 @@ from vehicle.frames import FloatArray
 # Axle angles, slip and yaw
 
 
-ALL_STEERED = AxleGroup.of(TRAILER)
-TWO_STEERED = AxleGroup.of(replace(TRAILER, steered=(False, True, True)))
+ALL_STEERED = kinematics.AxleGroup.of(TRAILER)
+TWO_STEERED = kinematics.AxleGroup.of(replace(TRAILER, steered=(False, True, True)))
 directions = st.floats(-0.8, 0.8)
 slips = st.floats(-0.05, 0.05)
 
@@ -43,7 +32,7 @@ def test_all_axle_lines_meet_in_one_centre(lead: float, follow: float) -> None:
     """No scrub: the normals of all wheels pass through the point where those of hitch and follow point meet."""
     assume(abs(lead - follow) > 1e-2)
     unlimited = replace(TRAILER, max_steer=1.5)
-    angles = AxleGroup.of(unlimited).steer_angles(lead, follow, 0.0)
+    angles = kinematics.AxleGroup.of(unlimited).steer_angles(lead, follow, 0.0)
     # A centre at (-c, d) has tan(direction) = (c - x)/d at the distance x behind the hitch.
     d = 14.0 / (math.tan(lead) - math.tan(follow))
     c = d * math.tan(lead)
@@ -61,7 +50,7 @@ def test_yaw_follows_from_slip_as_slip_does_from_yaw(lead: float, slip: float, a
 @pytest.mark.parametrize("axles", [ALL_STEERED, TWO_STEERED], ids=["three", "two"])
 @given(lead=st.floats(-0.3, 0.3), follow=st.floats(-0.3, 0.3), slip=slips)
 def test_steer_angles_send_the_follow_point_where_it_is_wanted(
-    axles: AxleGroup, lead: float, follow: float, slip: float
+    axles: kinematics.AxleGroup, lead: float, follow: float, slip: float
 ) -> None:
     """Put into the moment balance, slip and fixed axle included, they give the yaw that turns lead into follow."""
     angles = axles.steer_angles(lead, follow, slip)
@@ -75,7 +64,7 @@ def test_what_an_axle_at_its_limit_lacks_the_others_give() -> None:
     """Coming out of a tight turn with one axle fixed, the last axle would need more than 30 deg; the moment stays."""
     lead, follow = 0.1, -0.57
     angles = TWO_STEERED.steer_angles(lead, follow, 0.0)
-    unlimited = AxleGroup.of(replace(TRAILER, steered=(False, True, True), max_steer=1.5))
+    unlimited = kinematics.AxleGroup.of(replace(TRAILER, steered=(False, True, True), max_steer=1.5))
     asked = unlimited.steer_angles(lead, follow, 0.0)
     assert abs(asked[1]) > TRAILER.max_steer > abs(asked[0])
     assert angles[1] == pytest.approx(-TRAILER.max_steer)
@@ -97,7 +86,7 @@ def test_groups_and_ratios_say_which_axles_turn_together() -> None:
 def test_linked_axles_turn_in_their_ratio_with_the_moment_asked_for(lead: float, follow: float, slip: float) -> None:
     """One actuator has one angle; at it the trailer turns as it would with an angle for each axle."""
     asked = TWO_STEERED.steer_angles(lead, follow, slip)
-    angles = AxleGroup.of(LINKED).steer_angles(lead, follow, slip)
+    angles = kinematics.AxleGroup.of(LINKED).steer_angles(lead, follow, slip)
     assert angles[0] == pytest.approx(0.638 * angles[1], abs=1e-15)
     assert abs(angles[1]) <= LINKED.max_steer
     assume(abs(angles[1]) < LINKED.max_steer - 1e-9)
@@ -107,8 +96,8 @@ def test_linked_axles_turn_in_their_ratio_with_the_moment_asked_for(lead: float,
 # Prediction from an old estimate to the moment when the steering has answered
 
 
-TWO_OF_THREE_AXLES = AxleGroup.of(TWO_OF_THREE)
-PREDICTOR = Predictor(TWO_OF_THREE, TWO_OF_THREE_AXLES)
+TWO_OF_THREE_AXLES = kinematics.AxleGroup.of(TWO_OF_THREE)
+PREDICTOR = kinematics.Predictor(TWO_OF_THREE, TWO_OF_THREE_AXLES)
 
 
 def seen(*, direction: float, direction_rate: float, speed: float, yaw_rate: float) -> OffTracking:
@@ -122,11 +111,11 @@ def seen(*, direction: float, direction_rate: float, speed: float, yaw_rate: flo
     )
 
 
-def history(read: FloatArray) -> SteerHistory:
+def history(read: FloatArray) -> kinematics.SteerHistory:
     """Readings (n, 2) every 20 ms from tick 1000 on."""
-    past: SteerHistory = ()
+    past: kinematics.SteerHistory = ()
     for k, angles in enumerate(read):
-        past = recorded(past, signals(1000 + 20 * k, angles=angles), 3000)
+        past = kinematics.recorded(past, signals(1000 + 20 * k, angles=angles), 3000)
     return past
 
 
@@ -169,12 +158,12 @@ def test_angles_read_meanwhile_and_on_their_way_turn_the_trailer() -> None:
 
 def test_steer_readings_are_kept_in_order_and_only_as_long_as_needed() -> None:
     """A reading that comes again changes nothing; old ones go; between two the angle is interpolated."""
-    past: SteerHistory = ()
+    past: kinematics.SteerHistory = ()
     for tick in range(0, 200, 20):
-        past = recorded(past, signals(tick, angles=np.array([tick * 1e-3, 0.0])), 100)
-    assert recorded(past, signals(180, angles=np.ones(2)), 100) == past
+        past = kinematics.recorded(past, signals(tick, angles=np.array([tick * 1e-3, 0.0])), 100)
+    assert kinematics.recorded(past, signals(180, angles=np.ones(2)), 100) == past
     assert [reading.tick for reading in past] == [80, 100, 120, 140, 160, 180]
-    assert angles_at(past, np.array([130.0, 0.0])) == pytest.approx(np.array([[0.13, 0.0], [0.08, 0.0]]))
+    assert kinematics.angles_at(past, np.array([130.0, 0.0])) == pytest.approx(np.array([[0.13, 0.0], [0.08, 0.0]]))
 
 
 # Motion of a tractor's rear axle
@@ -193,7 +182,7 @@ def test_the_speed_does_not_depend_on_how_the_front_wheels_slip(steer: float, sl
         yaw_rate = speed * (math.tan(travel) - slip) / TRACTOR.steered_axles[0].x
         rolling = speed * math.cos(steer) + speed * math.tan(travel) * math.sin(steer)
         read = signals(0, speed=rolling * math.cos(steer), steer=steer, yaw_rates=np.array([yaw_rate, 0.0]))
-        assert TractorMotion(COMBINATION).speed(read, slip) == pytest.approx(speed, abs=1e-12)
+        assert kinematics.TractorMotion(COMBINATION).speed(read, slip) == pytest.approx(speed, abs=1e-12)
 
 
 def test_a_steered_trailer_ahead_rolls_instead_of_scrubbing() -> None:
@@ -209,9 +198,9 @@ def test_a_steered_trailer_ahead_rolls_instead_of_scrubbing() -> None:
     v_x, v_y = c * speed - s * v_y, s * speed + c * v_y
     rolling = np.array([math.atan((v_y + axle.x * rates[1]) / v_x) for axle in lead.axles if axle.steered])
     read = replace(signals(0), speed=speed, articulation=gammas, yaw_rates=rates)
-    known = TractorMotion(Combination(vehicle, 1)).slip(replace(read, angles=rolling))
-    straight = TractorMotion(Combination(vehicle, 1)).slip(replace(read, angles=np.zeros(len(rolling))))
-    assumed = TractorMotion(Combination(vehicle, 2)).slip(
+    known = kinematics.TractorMotion(Combination(vehicle, 1)).slip(replace(read, angles=rolling))
+    straight = kinematics.TractorMotion(Combination(vehicle, 1)).slip(replace(read, angles=np.zeros(len(rolling))))
+    assumed = kinematics.TractorMotion(Combination(vehicle, 2)).slip(
         replace(read, angles=np.zeros(sum(axle.steered for axle in second.axles)))
     )
     assert abs(straight - known) > 0.005
@@ -252,11 +241,11 @@ def test_without_lag_the_rate_alone_limits() -> None:
 
 def test_the_mean_motion_between_two_ticks_is_that_of_the_steps_between() -> None:
     """Within a step it is interpolated; there is none beyond the last."""
-    path, moves = straight_behind(14.0), HitchMotion(3.0, 0.3, 0.1)
+    path, moves = kinematics.straight_behind(14.0), HitchMotion(3.0, 0.3, 0.1)
     for tick in range(0, 100, 20):
-        path = extended(path, tick, moves, 0.02)
-    assert motion_between(path, 10, 70) == pytest.approx(moves, rel=1e-3)
-    assert motion_between(path, 10, 90) is None
+        path = kinematics.extended(path, tick, moves, 0.02)
+    assert kinematics.motion_between(path, 10, 70) == pytest.approx(moves, rel=1e-3)
+    assert kinematics.motion_between(path, 10, 90) is None
 
 
 def test_axles_at_their_grip_answer_no_more() -> None:
@@ -274,16 +263,20 @@ def test_the_lag_of_actuators_is_measured_where_they_are_slow(true: float, measu
     """
     trailer, rng = replace(TRAILER, actuator_lag=0.15), np.random.default_rng(1)
     angles, goal = np.zeros(3), np.zeros(3)
-    history: SteerHistory = ()
-    answers = stuck = Answers()
+    history: kinematics.SteerHistory = ()
+    answers = stuck = kinematics.Answers()
     for tick in range(0, 20_000, 20):
         angles = angles + (goal - angles) * (1.0 - math.exp(-0.02 / true))
-        history = recorded(history, signals(tick, angles=angles + np.radians(noise) * rng.normal(size=3)), 100)
+        history = kinematics.recorded(
+            history, signals(tick, angles=angles + np.radians(noise) * rng.normal(size=3)), 100
+        )
         answers = answers.with_reading(trailer, history, Actuation(goal=goal, able=np.ones(3, dtype=bool)))
         stuck = stuck.with_reading(trailer, history, Actuation(goal=goal, able=np.zeros(3, dtype=bool)))
         goal = np.full(3, math.radians(5.0) * math.sin(2.0 * math.pi * 0.3 * tick / 1000.0))
     assert answers.lag(trailer) == pytest.approx(measured, rel=0.15)
     assert stuck.lag(trailer) == 0.15
     at_limit = replace(trailer, max_steer_rate=1e-4)
-    beyond = Answers().with_reading(at_limit, history, Actuation(goal=goal + 1.0, able=np.ones(3, dtype=bool)))
+    beyond = kinematics.Answers().with_reading(
+        at_limit, history, Actuation(goal=goal + 1.0, able=np.ones(3, dtype=bool))
+    )
     assert beyond.lag(at_limit) == 0.15

@@ -9,16 +9,7 @@ import pytest
 from cv2.typing import MatLike
 from numpy.typing import NDArray
 
-from sensors.camera.image_formation import (
-    AutoExposure,
-    LensMap,
-    LightNoise,
-    Twist,
-    covering_pinholes,
-    grey,
-    moved,
-    twist_between,
-)
+from sensors.camera import image_formation
 from sensors.camera.rig import UNDISTORTED, RawStereoRig, StereoRig, mount_rotation
 from sensors.camera.stereo_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.messages import StereoFrame
@@ -109,7 +100,7 @@ def test_plain_cameras_see_what_pinholes_see(world: World, pose: FloatArray, see
     """
     frame = sees()
     direct = StereoRenderer(world, RIG.calibration())
-    left, right = (grey(image) for image in direct.render(pose))
+    left, right = (image_formation.grey(image) for image in direct.render(pose))
     direct.close()
     # [px] What is drawn at another place of the framebuffer is rasterised differently, which no one image shows.
     assert np.abs(np.median(displacement(frame.left, left), axis=0)).max() < 0.01
@@ -152,15 +143,17 @@ def test_chassis_twist_follows_the_load_transfer(sees: Sees) -> None:
 
 def driven(pose: FloatArray, seconds: float) -> FloatArray:
     """The trailer at some time around ``pose``: 5 m/s around a bend of 12 m, while it pitches and rolls."""
-    return moved(pose, Twist(np.array([5.0, 0.3, 0.1]), np.array([0.20, -0.12, 0.42])), seconds)
+    return image_formation.moved(
+        pose, image_formation.Twist(np.array([5.0, 0.3, 0.1]), np.array([0.20, -0.12, 0.42])), seconds
+    )
 
 
 def test_twist_and_pose_are_each_others_inverse(pose: FloatArray) -> None:
     """The motion found between two captures leads from the one to the other; up to a quarter of the squared turn."""
-    twist = twist_between(pose, driven(pose, PERIOD), PERIOD)
+    twist = image_formation.twist_between(pose, driven(pose, PERIOD), PERIOD)
     np.testing.assert_allclose(twist.v, [5.0, 0.3, 0.1], atol=5.0 * 0.05**2 / 4.0)
     np.testing.assert_allclose(twist.w, [0.20, -0.12, 0.42], atol=1e-9)
-    assert not twist_between(pose, driven(pose, PERIOD), 1.0).v.any()  # too long ago to know
+    assert not image_formation.twist_between(pose, driven(pose, PERIOD), 1.0).v.any()  # too long ago to know
 
 
 @pytest.mark.slow
@@ -201,7 +194,7 @@ def test_vignetting_darkens_the_corners_by_its_share(sees: Sees) -> None:
 
 def test_auto_exposure_brings_the_dark_to_a_medium_level(sees: Sees) -> None:
     """It comes settled; when the light changes it follows within some time constants, one of them for 63 %."""
-    control = AutoExposure(time_constant=0.2)
+    control = image_formation.AutoExposure(time_constant=0.2)
     gain = control.settled(59.0)
     assert gain == pytest.approx(2.0)
     after = control.step(gain, 118.0, 0.2)  # twice the light
@@ -216,7 +209,7 @@ def test_auto_exposure_brings_the_dark_to_a_medium_level(sees: Sees) -> None:
 def test_noise_grows_with_the_light_and_with_the_gain(level: float, gain: float) -> None:
     """var = read^2 + shot^2 gain level/255 of the amplified level, plus 1/12 of rounding; 0 cuts half of it off."""
     rng = np.random.default_rng(7)
-    noise = LightNoise.draw(rng, 2.0, 10.0, 500_000)
+    noise = image_formation.LightNoise.draw(rng, 2.0, 10.0, 500_000)
     seen = noise.sensed(np.full((500, 1000), level, dtype=np.float32), gain, rng).astype(float)
     expected = math.sqrt(4.0 + 100.0 * gain * (gain * level) / 255.0 + 1.0 / 12.0)
     if level == 0.0:
@@ -264,16 +257,16 @@ def test_frames_are_stamped_and_coloured_as_asked(sees: Sees) -> None:
     assert sent.colour is None
     assert shown.colour is not None
     assert np.array_equal(sent.left, shown.left)
-    assert grey(shown.colour).mean() == pytest.approx(sent.left.mean(), abs=0.5)
+    assert image_formation.grey(shown.colour).mean() == pytest.approx(sent.left.mean(), abs=0.5)
 
 
 def test_covering_pinhole_is_the_camera_itself_if_there_is_no_lens() -> None:
     """Then nothing is resampled and nothing costs more; a lens that bends outwards needs a larger one."""
-    plain = covering_pinholes(RIG.raw())
+    plain = image_formation.covering_pinholes(RIG.raw())
     assert (plain.width, plain.height) == (RIG.width, RIG.height)
-    assert LensMap.of(RIG.raw().left, plain).is_identity
-    bent = covering_pinholes(RIG.raw(BARREL))
+    assert image_formation.LensMap.of(RIG.raw().left, plain).is_identity
+    bent = image_formation.covering_pinholes(RIG.raw(BARREL))
     assert bent.width > 1.3 * RIG.width
-    at = LensMap.of(RIG.raw(BARREL).left, bent).pixels
+    at = image_formation.LensMap.of(RIG.raw(BARREL).left, bent).pixels
     assert at.min() >= 1.0  # a cubic reaches one pixel before and two behind
     assert (at.max(axis=(0, 1)) <= [bent.width - 3.0, bent.height - 3.0]).all()

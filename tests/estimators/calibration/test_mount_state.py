@@ -8,22 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.calibration import mount_state
 from estimators.calibration.corrections import NONE, SelfCalibratedMotion, doubt
 from estimators.calibration.epipolar import EpipolarFit, RightRotation, fitted_to_rays
-from estimators.calibration.mount_state import (
-    DELAY,
-    LENS,
-    OFFSET,
-    YAW,
-    MountState,
-    Twist,
-    initial,
-    innovation,
-    is_surprising,
-    reopened,
-    with_fit,
-    with_information,
-)
 from estimators.calibration.self_calibration import SelfCalibratedOdometry, ground_moves
 from estimators.context import Odometry
 from estimators.estimates import Health
@@ -38,7 +25,7 @@ from vehicle.frames import FloatArray, inverse
 
 KNOCKED = RightRotation(*np.radians([0.9, -1.0, 0.8]).tolist())
 SHIFTS = [np.array([0.03, 0.01, -0.14]), np.array([0.0, 0.0, 0.12]), np.array([0.02, -0.01, -0.8])]  # [m]
-SPEED = Twist(np.zeros(3), np.array([0.0, 0.0, -5.0]), 0.0)
+SPEED = mount_state.Twist(np.zeros(3), np.array([0.0, 0.0, -5.0]), 0.0)
 DELAY_S = 0.05  # of the drive below: 0.25 m at 5 m/s [s]
 FRAMES = 9
 
@@ -96,33 +83,35 @@ def fit(roll: float = 0.0, yaw: float = 0.0, pitch: float = 0.0, shift: float = 
     return EpipolarFit(np.array([*np.radians([roll, yaw, pitch]), shift]), np.diag(std**2), 0.1)
 
 
-def updated(state: MountState, seen: EpipolarFit, twist: Twist = SPEED) -> MountState:
-    return with_fit(state, innovation(state, seen, twist, 0.5), 1.0)
+def updated(
+    state: mount_state.MountState, seen: EpipolarFit, twist: mount_state.Twist = SPEED
+) -> mount_state.MountState:
+    return mount_state.with_fit(state, mount_state.innovation(state, seen, twist, 0.5), 1.0)
 
 
 def test_a_lens_error_looks_like_yaw_until_motion_tells_them_apart() -> None:
     """0.2 deg in the rows of 30 pairs leave yaw uncertain by 0.1 deg; once it is known, a knock shows at once."""
-    state = initial()
+    state = mount_state.initial()
     for _ in range(30):
         state = updated(state, fit(yaw=0.2))
-    assert np.degrees(state.std[YAW]) > 0.1
+    assert np.degrees(state.std[mount_state.YAW]) > 0.1
     exact = np.diag([0.0, np.radians(0.002) ** -2, 0.0])
-    state = with_information(state, exact, exact @ (np.zeros(3) - state.mean[:3]))
-    assert np.degrees(state.mean[[YAW, LENS]]) == pytest.approx([0.0, 0.2], abs=0.01)
-    assert is_surprising(state, innovation(state, fit(yaw=0.5), SPEED, 0.5))
-    state = updated(reopened(state), fit(yaw=0.5))
-    assert np.degrees(state.mean[YAW]) == pytest.approx(0.3, abs=0.02)
-    assert np.degrees(state.std[YAW]) < 0.05
+    state = mount_state.with_information(state, exact, exact @ (np.zeros(3) - state.mean[:3]))
+    assert np.degrees(state.mean[[mount_state.YAW, mount_state.LENS]]) == pytest.approx([0.0, 0.2], abs=0.01)
+    assert mount_state.is_surprising(state, mount_state.innovation(state, fit(yaw=0.5), SPEED, 0.5))
+    state = updated(mount_state.reopened(state), fit(yaw=0.5))
+    assert np.degrees(state.mean[mount_state.YAW]) == pytest.approx(0.3, abs=0.02)
+    assert np.degrees(state.std[mount_state.YAW]) < 0.05
 
 
 def test_speed_tells_a_delay_from_an_offset() -> None:
     """10 ms at 5 and at 10 m/s beside a constant 3 mm."""
-    state = initial()
+    state = mount_state.initial()
     for k in range(40):
         v = -5.0 - 5.0 * (k % 2)
         state = updated(state, fit(shift=0.01 * v + 0.003), SPEED._replace(velocity=np.array([0.0, 0.0, v])))
-    assert state.mean[DELAY] == pytest.approx(0.01, abs=3e-4)
-    assert state.mean[OFFSET] == pytest.approx(0.003, abs=2e-3)
+    assert state.mean[mount_state.DELAY] == pytest.approx(0.01, abs=3e-4)
+    assert state.mean[mount_state.OFFSET] == pytest.approx(0.003, abs=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +130,7 @@ def test_a_pair_is_doubted_for_what_is_not_corrected(
     calibration: StereoCalibration, yaw_deg: float, std_deg: float, left_over: float, correcting: bool, health: Health
 ) -> None:
     """A wrong yaw of a calibration that is only watched, or a displacement, in baselines, that is not compensated."""
-    state = MountState(np.radians([0.0, yaw_deg, 0.0, 0.0, 0.0, 0.0]), np.radians(std_deg) ** 2 * np.eye(6))
+    state = mount_state.MountState(np.radians([0.0, yaw_deg, 0.0, 0.0, 0.0, 0.0]), np.radians(std_deg) ** 2 * np.eye(6))
     found = doubt(calibration, state, NONE, 5.0, left_over * calibration.baseline, correcting=correcting)
     assert found.health is health
     assert found.shift == pytest.approx(abs(left_over) * calibration.baseline)
@@ -151,10 +140,10 @@ def test_a_pair_is_doubted_for_what_is_not_corrected(
 
 
 def test_a_standing_camera_learns_nothing_of_a_delay() -> None:
-    state = initial()
+    state = mount_state.initial()
     for _ in range(20):
         state = updated(state, fit(), SPEED._replace(velocity=np.zeros(3)))
-    assert state.std[DELAY] == pytest.approx(initial().std[DELAY])
+    assert state.std[mount_state.DELAY] == pytest.approx(mount_state.initial().std[mount_state.DELAY])
 
 
 @pytest.fixture(scope="module")
@@ -256,21 +245,25 @@ def test_a_standstill_is_checked_by_the_images(drive: Drive) -> None:
 
 def test_yaw_and_delay_are_told_apart_in_a_turn() -> None:
     """Views whose delay was compensated with 1 ms too little see the rest of it as yaw: 0.2 rad/s times 1 ms."""
-    state = updated(initial(), fit(shift=-0.25))  # 50 ms at 5 m/s
+    state = updated(mount_state.initial(), fit(shift=-0.25))  # 50 ms at 5 m/s
     turning = SPEED._replace(turn=np.array([0.0, 0.2, 0.0]))
     exact = np.diag([0.0, np.radians(0.001) ** -2, 0.0])
     seen = state.mean[:3] + np.array([0.0, 2e-4, 0.0])
-    found = with_information(state, exact, exact @ (seen - state.mean[:3]), turning, float(state.mean[DELAY]))
-    assert found.mean[YAW] + 0.2 * (found.mean[DELAY] - state.mean[DELAY]) == pytest.approx(seen[1], abs=2e-5)
-    assert found.std[YAW] > np.radians(0.005)  # the delay is known to 1 ms, not better
+    found = mount_state.with_information(
+        state, exact, exact @ (seen - state.mean[:3]), turning, float(state.mean[mount_state.DELAY])
+    )
+    assert found.mean[mount_state.YAW] + 0.2 * (
+        found.mean[mount_state.DELAY] - state.mean[mount_state.DELAY]
+    ) == pytest.approx(seen[1], abs=2e-5)
+    assert found.std[mount_state.YAW] > np.radians(0.005)  # the delay is known to 1 ms, not better
 
 
 def test_in_a_turn_a_known_delay_explains_the_yaw_that_a_pair_shows() -> None:
     """50 ms at 0.2 rad/s are 0.57 deg: they are no knock of the right camera, which is 0.1 m slower at its end."""
-    state = initial()
+    state = mount_state.initial()
     exact = np.diag([0.0, np.radians(0.002) ** -2, 0.0])
-    state = with_information(updated(state, fit(shift=-0.25)), exact, exact @ -state.mean[:3])
+    state = mount_state.with_information(updated(state, fit(shift=-0.25)), exact, exact @ -state.mean[:3])
     turning = SPEED._replace(turn=np.array([0.0, 0.2, 0.0]))
-    seen = innovation(state, fit(yaw=math.degrees(0.2 * DELAY_S), shift=-0.255), turning, 0.5)
-    assert not is_surprising(state, seen)
-    assert np.degrees(with_fit(state, seen, 1.0).mean[YAW]) == pytest.approx(0.0, abs=0.02)
+    seen = mount_state.innovation(state, fit(yaw=math.degrees(0.2 * DELAY_S), shift=-0.255), turning, 0.5)
+    assert not mount_state.is_surprising(state, seen)
+    assert np.degrees(mount_state.with_fit(state, seen, 1.0).mean[mount_state.YAW]) == pytest.approx(0.0, abs=0.02)

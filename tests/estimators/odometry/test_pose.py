@@ -5,16 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from estimators.odometry import pose
 from estimators.odometry.image_points import Matches
-from estimators.odometry.pose import (
-    CORRELATION,
-    Consensus,
-    Observations,
-    Solution,
-    consensus,
-    point_covariance,
-    refined,
-)
 from estimators.rigid_motion import rotation_vector
 from estimators.stereo_pair import linearised, project, triangulate, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
@@ -50,17 +42,19 @@ def error(X_PC: FloatArray) -> FloatArray:
     return np.concatenate([rotation_vector(MOTION[:3, :3] @ X_PC[:3, :3].T), MOTION[:3, 3] - X_PC[:3, 3]])
 
 
-def observations(calibration: StereoCalibration, matches: Matches, variance: FloatArray = VARIANCE) -> Observations:
+def observations(
+    calibration: StereoCalibration, matches: Matches, variance: FloatArray = VARIANCE
+) -> pose.Observations:
     """The points that the previous images define, and the current images, with the variance of ``images``."""
     points = triangulate(calibration, matches.previous)
-    covariance = point_covariance(calibration, points, VARIANCE)
-    return Observations(points, covariance, matches.current, np.broadcast_to(variance, points.shape))
+    covariance = pose.point_covariance(calibration, points, VARIANCE)
+    return pose.Observations(points, covariance, matches.current, np.broadcast_to(variance, points.shape))
 
 
-def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0) -> tuple[Consensus, Solution]:
+def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0) -> tuple[pose.Consensus, pose.Solution]:
     seen = observations(calibration, matches)
-    agreed = consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(seed))
-    return agreed, refined(calibration, seen, agreed.X_PC, agreed.inliers)
+    agreed = pose.consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(seed))
+    return agreed, pose.refined(calibration, seen, agreed.X_PC, agreed.inliers)
 
 
 def test_triangulation_inverts_projection(calibration: StereoCalibration) -> None:
@@ -85,8 +79,8 @@ def test_both_back_ends_find_the_same(calibration: StereoCalibration, monkeypatc
     for name in ("", "none"):
         monkeypatch.setenv("OFFTRACK_COMPILER", name)
         seen = observations(calibration, matches)
-        agreed = consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(0))
-        found.append(refined(calibration, seen, agreed.X_PC, agreed.inliers, newest))
+        agreed = pose.consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(0))
+        found.append(pose.refined(calibration, seen, agreed.X_PC, agreed.inliers, newest))
     compiled, plain = found
     assert compiled.converged
     assert plain.converged
@@ -143,7 +137,7 @@ def test_hypotheses_out_of_reach_are_not_believed(calibration: StereoCalibration
     rng = np.random.default_rng(6)
     matches = matched(calibration, rng, 100, STD)
     points = triangulate(calibration, matches.previous)
-    agreed = consensus(calibration, points, matches.current, np.eye(4), 0.1, rng)  # the motion is 0.5 m
+    agreed = pose.consensus(calibration, points, matches.current, np.eye(4), 0.1, rng)  # the motion is 0.5 m
     assert np.linalg.norm(agreed.X_PC[:3, 3]) < 0.1
 
 
@@ -154,7 +148,7 @@ def test_covariance_is_that_of_the_errors(calibration: StereoCalibration) -> Non
         rng = np.random.default_rng(100 + seed)
         _, solution = solved(calibration, matched(calibration, rng, 250, STD), seed)
         e = error(solution.X_PC)
-        squared.append(e @ np.linalg.solve(solution.covariance / CORRELATION**2, e))
+        squared.append(e @ np.linalg.solve(solution.covariance / pose.CORRELATION**2, e))
     # chi-squared of 6 degrees: mean 6, its standard error over 150 draws sqrt(12 / 150) = 0.28
     assert np.mean(squared) == pytest.approx(6.0, abs=0.9)
 
@@ -191,7 +185,7 @@ def test_covariance_of_points_is_that_of_their_spread(calibration: StereoCalibra
     rng = np.random.default_rng(9)
     point = np.array([[1.0, 2.0, 12.0]])
     spread = np.cov(triangulate(calibration, images(calibration, np.repeat(point, 4000, axis=0), rng, STD)).T)
-    predicted = point_covariance(calibration, point, STD**2 * VARIANCE)[0]
+    predicted = pose.point_covariance(calibration, point, STD**2 * VARIANCE)[0]
     # 4000 draws: 2.2 % of a variance, times 4; the second order of triangulation is below
     assert predicted == pytest.approx(spread, rel=0.1, abs=0.01 * spread.max())
     assert predicted[2, 2] > 20.0 * predicted[0, 0]
@@ -206,10 +200,10 @@ def test_own_part_of_the_covariance_is_the_difference_between_frames(calibration
     solutions = [solved(calibration, Matches(previous, images(calibration, moved, rng, STD)))[1] for _ in range(60)]
     across = np.std([error(solution.X_PC) for solution in solutions], axis=0)
     seen = observations(calibration, Matches(previous, images(calibration, moved, rng, STD)))
-    solution = refined(calibration, seen, MOTION, np.ones(len(points), np.bool_))
-    own = np.sqrt(np.diag(solution.own)) / CORRELATION
+    solution = pose.refined(calibration, seen, MOTION, np.ones(len(points), np.bool_))
+    own = np.sqrt(np.diag(solution.own)) / pose.CORRELATION
     assert own == pytest.approx(across, rel=0.4)  # a standard deviation of 60: 9 %, times 4
-    assert np.all(own < np.sqrt(np.diag(solution.covariance)) / CORRELATION)
+    assert np.all(own < np.sqrt(np.diag(solution.covariance)) / pose.CORRELATION)
 
 
 @pytest.mark.parametrize(("wrong", "kept"), [(0.2, True), (0.45, False)])
@@ -224,7 +218,7 @@ def test_a_prediction_that_a_clear_majority_agrees_with_needs_no_hypotheses(
     z[~right] += 20.0
     predicted = MOTION.copy()
     predicted[2, 3] += 1e-3
-    agreed = consensus(calibration, points, z, predicted, 1.0, draws)
+    agreed = pose.consensus(calibration, points, z, predicted, 1.0, draws)
     drawn = draws.bit_generator.state != np.random.default_rng(12).bit_generator.state
     assert drawn is not kept
     assert np.array_equal(agreed.X_PC, predicted) or drawn

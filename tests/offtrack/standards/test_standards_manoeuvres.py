@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.path import Path, arc, line
+from offtrack.studies.standards import open_loop
 from offtrack.studies.standards.assessment import Assessment, compared_with_limits, linear_figures
 from offtrack.studies.standards.braking_and_drive import (
     Incline,
@@ -15,26 +16,6 @@ from offtrack.studies.standards.braking_and_drive import (
     braking_split,
 )
 from offtrack.studies.standards.low_speed import front_reach, reach
-from offtrack.studies.standards.open_loop import (
-    CHANGE_FREQUENCY,
-    CHANGE_OFFSET,
-    CHANGE_PEAK,
-    DWELL,
-    DWELL_END,
-    DWELL_FREQUENCY,
-    DWELL_START,
-    RANDOM_PEAK,
-    amplification_response,
-    lane_change,
-    prescribed_acceleration,
-    prescribed_path,
-    pulse,
-    random_steer,
-    sine_dwell_wave,
-    sine_with_dwell,
-    steer_cycle,
-    steer_for,
-)
 from offtrack.studies.standards.proving_ground import (
     KINDS,
     STANDARD,
@@ -254,10 +235,12 @@ def test_a_circle_that_friction_does_not_allow_is_not_measured() -> None:
 def test_the_sine_with_dwell_has_its_shape() -> None:
     """A quarter before the end it is at the far peak and stays there for the dwell; its ends are zero."""
     time = np.linspace(0.0, 6.0, 6001)
-    values = sine_dwell_wave(time)
-    assert not values[time <= DWELL_START].any()
-    assert not values[time >= DWELL_END].any()
-    held = (time > DWELL_START + 0.75 / DWELL_FREQUENCY) & (time < DWELL_START + 0.75 / DWELL_FREQUENCY + DWELL)
+    values = open_loop.sine_dwell_wave(time)
+    assert not values[time <= open_loop.DWELL_START].any()
+    assert not values[time >= open_loop.DWELL_END].any()
+    held = (time > open_loop.DWELL_START + 0.75 / open_loop.DWELL_FREQUENCY) & (
+        time < open_loop.DWELL_START + 0.75 / open_loop.DWELL_FREQUENCY + open_loop.DWELL
+    )
     np.testing.assert_allclose(values[held], -1.0)
     assert values.max() == pytest.approx(1.0)
     assert np.abs(np.diff(values)).max() < 0.004  # it does not jump: 2 pi 0.5 Hz 1 ms is 0.0031
@@ -269,12 +252,12 @@ def test_the_amplitude_of_the_sine_with_dwell_is_a_steady_fifth_of_g() -> None:
     acceleration, speed = 0.2 * GRAVITY, 20.0
     by_gradient = 3.8 * acceleration / speed**2 + understeer_gradient(vehicle, speed) * acceleration
     # the tridem's scrub lengthens the wheelbase a little
-    assert steer_for(vehicle, acceleration, speed) == pytest.approx(by_gradient, rel=0.05)
+    assert open_loop.steer_for(vehicle, acceleration, speed) == pytest.approx(by_gradient, rel=0.05)
 
 
 def test_after_a_sine_with_dwell_a_stable_truck_stops_yawing() -> None:
     """A rigid truck's yaw is well damped; all load transfer and displacement are those of a lane change."""
-    figures = sine_with_dwell(load_vehicle("rigid_truck"), "none").figures
+    figures = open_loop.sine_with_dwell(load_vehicle("rigid_truck"), "none").figures
     assert figures["dwell_yaw_rate_ratio_1_5_s"] < 0.05 < 1.0
     assert figures["dwell_yaw_rate_ratio_0_75_s"] >= figures["dwell_yaw_rate_ratio_1_5_s"]
     assert figures["dwell_amplification_yaw"] == pytest.approx(1.0)
@@ -283,7 +266,7 @@ def test_after_a_sine_with_dwell_a_stable_truck_stops_yawing() -> None:
 
 def test_the_random_steer_excites_what_it_says() -> None:
     """Lines from 0.1 to 1.5 Hz with equal amplitudes, none elsewhere; it repeats every 40 s."""
-    steer = steer_cycle(load_vehicle("eu_tractor_semitrailer"), KINDS["random_steer"].speed, 0.8)
+    steer = open_loop.steer_cycle(load_vehicle("eu_tractor_semitrailer"), KINDS["random_steer"].speed, 0.8)
     spectrum = np.abs(np.fft.rfft(steer))
     f = np.fft.rfftfreq(len(steer), 40.0 / len(steer))
     inside = (f > 0.09) & (f < 1.51)
@@ -296,14 +279,14 @@ def test_the_random_steer_excites_what_it_says() -> None:
 def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) -> None:
     """Small accelerations, theory with the same lags of tyres and roll: within 3 % at every frequency that matters."""
     vehicle = load_vehicle(name)
-    done = random_steer(vehicle, "none")
+    done = open_loop.random_steer(vehicle, "none")
     assert done.outcome == "completed"
     assert done.figures["random_theory_difference"] < 0.03
-    response = amplification_response(vehicle, done.log, KINDS["random_steer"].speed, 0.8)
+    response = open_loop.amplification_response(vehicle, done.log, KINDS["random_steer"].speed, 0.8)
     assert done.figures["random_amplification"] == pytest.approx(response.theory.max(), rel=0.03)
     unit = vehicle.units[0].name
     lateral = done.log[f"v_x_{unit}"] * done.log[f"yaw_rate_{unit}"]
-    assert np.abs(lateral).max() < 2.0 * RANDOM_PEAK  # it is a small motion indeed
+    assert np.abs(lateral).max() < 2.0 * open_loop.RANDOM_PEAK  # it is a small motion indeed
     if name == "a_double":  # the comparison can fail: theory without lags of tyres is farther away
         without = rearward_amplification(vehicle, KINDS["random_steer"].speed, response.frequency)
         strong = response.measured > 0.5 * response.measured.max()
@@ -312,25 +295,25 @@ def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) ->
 
 def test_the_prescribed_motion_is_the_standards() -> None:
     """0.15 g over 2 pi (0.4 Hz)^2 is 1.4637 m; the path is the acceleration's second integral at 88 km/h."""
-    assert pytest.approx(1.4637, abs=5e-5) == CHANGE_OFFSET
-    assert pytest.approx(0.15 * GRAVITY) == CHANGE_PEAK
+    assert pytest.approx(1.4637, abs=5e-5) == open_loop.CHANGE_OFFSET
+    assert pytest.approx(0.15 * GRAVITY) == open_loop.CHANGE_PEAK
     time: FloatArray = np.arange(0.0, 6.0, 1e-3)
-    wave = prescribed_acceleration(time)
-    assert wave.max() == pytest.approx(CHANGE_PEAK, rel=1e-5)
-    assert np.count_nonzero(wave) * 1e-3 == pytest.approx(1.0 / CHANGE_FREQUENCY, abs=2e-3)
+    wave = open_loop.prescribed_acceleration(time)
+    assert wave.max() == pytest.approx(open_loop.CHANGE_PEAK, rel=1e-5)
+    assert np.count_nonzero(wave) * 1e-3 == pytest.approx(1.0 / open_loop.CHANGE_FREQUENCY, abs=2e-3)
     at = KINDS["lane_change"].under(STANDARD)
-    path = prescribed_path(at.speed * time, at)
+    path = open_loop.prescribed_path(at.speed * time, at)
     second = np.diff(path, 2) / 1e-6
     np.testing.assert_allclose(second, wave[1:-1], atol=5e-3)  # differences over 1 ms, at most where the wave kinks
-    assert path[-1] == pytest.approx(CHANGE_OFFSET)
+    assert path[-1] == pytest.approx(open_loop.CHANGE_OFFSET)
 
 
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck"])
 def test_the_robot_does_what_is_prescribed(name: str) -> None:
     """Front axle within 1 % of 0.15 g and within 20 mm of its path, a 70th of the offset."""
-    done = lane_change(load_vehicle(name), "none")
+    done = open_loop.lane_change(load_vehicle(name), "none")
     assert done.outcome == "completed"
-    assert done.figures["front_peak_acceleration_m_s2"] == pytest.approx(CHANGE_PEAK, rel=0.01)
+    assert done.figures["front_peak_acceleration_m_s2"] == pytest.approx(open_loop.CHANGE_PEAK, rel=0.01)
     assert done.figures["front_path_error_m"] < 0.020
     assert math.isfinite(done.figures["transient_off_tracking_m"])
     assert done.figures["rearward_amplification_yaw"] == pytest.approx(1.0) or name != "rigid_truck"
@@ -341,7 +324,7 @@ def test_the_damping_of_the_pulse_is_that_of_linear_theory_by_the_same_rule(name
     """The modes' own ratios are 0.351, 0.727 and 0.467: extremes mix the modes, and well damped ones have no second."""
     vehicle = load_vehicle(name)
     assert linear_figures(vehicle)["yaw_damping"] == pytest.approx(
-        pulse(vehicle, "none").figures["yaw_damping"], rel=0.01
+        open_loop.pulse(vehicle, "none").figures["yaw_damping"], rel=0.01
     )
 
 
@@ -349,7 +332,9 @@ def test_figures_that_differ_from_theory_say_why() -> None:
     """By more than 3 %; others need no reason."""
     vehicle = load_vehicle("a_double")
     linear = {"yaw_damping": 0.20, "pulse_load_transfer": 0.26}
-    made = Assessment(vehicle=vehicle, trailer_steering="none", manoeuvres=(pulse(vehicle, "none"),), linear=linear)
+    made = Assessment(
+        vehicle=vehicle, trailer_steering="none", manoeuvres=(open_loop.pulse(vehicle, "none"),), linear=linear
+    )
     (line,) = made.disagreements()
     assert line.startswith("yaw_damping: 0.29")
     assert line.endswith(" measured, 0.2 by linear theory: theory takes linear tyres at their static loads")

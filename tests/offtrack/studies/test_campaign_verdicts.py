@@ -11,17 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from offtrack.studies.campaigns import failures
 from offtrack.studies.campaigns.campaign import Campaign, load_campaign
 from offtrack.studies.campaigns.campaign_page import campaign_page
-from offtrack.studies.campaigns.failures import (
-    Times,
-    badness,
-    bisected,
-    cells_of,
-    requirement_failures,
-    totals,
-    unaccepted,
-)
 from offtrack.studies.campaigns.fault_entry import FaultTime
 from offtrack.studies.campaigns.verdict import END_OF_RUN, Limit, response, verdict_on
 from offtrack.studies.case import Case, Outcome
@@ -157,7 +149,7 @@ def test_a_verdict_names_what_is_broken_and_its_value(campaign: Campaign, tmp_pa
     assert wide.reasons == "off_tracking.true_max_m = 0.8; road.wheel_clearance_left_m = -0.2"
     folded = campaign.judge(made(campaign, tmp_path, 2, outcome="jackknifed"))
     assert folded.reasons == "jackknifed"
-    assert badness(folded) > badness(wide) > badness(passed)
+    assert failures.badness(folded) > failures.badness(wide) > failures.badness(passed)
     assert campaign.judge(made(campaign, tmp_path, 2, left=None)).reasons == "road.wheel_clearance_left_m = no value"
     broken = campaign.judge(made(campaign, tmp_path, 2, outcome="failed: ValueError: x", off=9.0))
     assert [breach.requirement for breach in broken.breaches] == [END_OF_RUN]
@@ -191,7 +183,7 @@ def test_runs_that_ended_before_their_fault_are_left_out(campaign: Campaign, tmp
     outcomes[2] = Outcome(case=outcomes[2].case, numbers=early, signals=outcomes[2].signals)
     runs = [campaign.judge(outcome) for outcome in outcomes]
     assert runs[2].verdict == "fault not reached"
-    cells = {cell.place: cell for cell in cells_of(campaign, runs)}
+    cells = {cell.place: cell for cell in failures.cells_of(campaign, runs)}
     assert len(cells["gyro_bias", "", "path_preview"].runs) == 1
     assert len(cells["gyro_bias", "", "mpc"].runs) == 2
 
@@ -200,17 +192,17 @@ def test_probabilities_are_counted_for_each_fault_law_and_requirement(campaign: 
     """One of two runs fails: from 1 to 99 %; none of one still allows 97.5 %, more than is accepted."""
     outcomes = [made(campaign, tmp_path, k, off=0.8 if k == 2 else 0.1) for k in range(len(campaign.cases()))]
     runs = [campaign.judge(outcome) for outcome in outcomes]
-    cells = cells_of(campaign, runs)
+    cells = failures.cells_of(campaign, runs)
     found = {cell.place: (cell.failing.beyond, cell.failing.runs) for cell in cells}
     assert found["gyro_bias", "", "path_preview"] == (1, 2)
     assert found["wheel_speed_dropout", "", "mpc"] == (0, 1)
-    assert {cell.place: len(cell.runs) for cell in totals(cells)} == {
+    assert {cell.place: len(cell.runs) for cell in failures.totals(cells)} == {
         ("all faults", "", "path_preview"): 3,
         ("all faults", "", "mpc"): 3,
     }
-    broken = requirement_failures(campaign, runs)["off_tracking.true_max_m"]
+    broken = failures.requirement_failures(campaign, runs)["off_tracking.true_max_m"]
     assert (broken["path_preview"].beyond, broken["mpc"].beyond, broken["mpc"].runs) == (1, 0, 3)
-    assert {cell.place for cell in unaccepted(campaign, cells)} == {
+    assert {cell.place for cell in failures.unaccepted(campaign, cells)} == {
         ("gyro_bias", "", "path_preview"),
         ("wheel_speed_dropout", "", "path_preview"),
         ("wheel_speed_dropout", "", "mpc"),
@@ -224,7 +216,7 @@ def test_a_law_that_fails_without_a_fault_is_told_first(campaign: Campaign, tmp_
     off = [0.9 if k == 1 else 0.8 if fault.startswith("gyro_bias:5") else 0.1 for k, fault in enumerate(faults)]
     runs = [campaign.judge(made(campaign, tmp_path, k, off=one)) for k, one in enumerate(off)]
     assert (runs[1].fault, dict(cases[1].axes)["trailer_steering"]) == ("none", "mpc")
-    page = campaign_page("campaign-mine", campaign, runs, cells_of(campaign, runs), (), [""] * len(runs))
+    page = campaign_page("campaign-mine", campaign, runs, failures.cells_of(campaign, runs), (), [""] * len(runs))
     told = re.findall(r"<li>(.*?)</li>", page[: page.index("<h2>")])
     assert told == [
         "Without any fault 1 of 1 run of mpc fail.",
@@ -237,9 +229,9 @@ def test_a_law_that_fails_without_a_fault_is_told_first(campaign: Campaign, tmp_
 
 def test_medians_count_what_never_came() -> None:
     """Two of three never: so is the median; values that do not apply are left out."""
-    assert Times.of([1.0, math.inf, 2.0, math.nan]) == (3, 1, 2.0, math.inf)
-    assert Times.of([1.0, math.inf, math.inf]).median == math.inf
-    assert math.isnan(Times.of([math.nan]).median)
+    assert failures.Times.of([1.0, math.inf, 2.0, math.nan]) == (3, 1, 2.0, math.inf)
+    assert failures.Times.of([1.0, math.inf, math.inf]).median == math.inf
+    assert math.isnan(failures.Times.of([math.nan]).median)
 
 
 def amount(case: Case) -> float:
@@ -256,7 +248,7 @@ def test_bisection_finds_the_smallest_value_that_fails(campaign: Campaign, tmp_p
         outcomes = (made(campaign, tmp_path, 2, off=0.9 if fail else 0.1) for fail in fails)
         return [dataclasses.replace(one, case=case) for one, case in zip(outcomes, cases, strict=True)]
 
-    preview, mpc = bisected(campaign, [], make)
+    preview, mpc = failures.bisected(campaign, [], make)
     assert (preview.law, preview.finding, preview.exceptions) == ("path_preview", "never fails", ())
     assert (mpc.law, mpc.finding, mpc.exceptions) == ("mpc", "found", ())
     low, high = mpc.bracket
@@ -277,5 +269,5 @@ def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tm
 
     runs = [campaign.judge(outcome(case, "gyro_bias:5" in dict(case.axes)["faults"])) for case in campaign.cases()]
     for fails, finding, exceptions in ((False, "never fails", (5.0,)), (True, "always fails", (1.0,))):
-        searches = bisected(campaign, runs, partial(outcomes, fails))
+        searches = failures.bisected(campaign, runs, partial(outcomes, fails))
         assert [(search.finding, search.exceptions) for search in searches] == [(finding, exceptions)] * 2

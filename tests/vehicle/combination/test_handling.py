@@ -6,13 +6,7 @@ from typing import Any
 import pytest
 
 from tests.vehicle.chains import with_axles
-from vehicle.combination.data_sheet import (
-    STANDARD_SPEED,
-    data_sheet,
-    handling_at,
-    tightest_following,
-    tightest_turn,
-)
+from vehicle.combination import data_sheet
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.handling import (
     characteristic_speed,
@@ -129,7 +123,7 @@ def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(short_form
 def test_axles_carry_the_whole_weight(name: str) -> None:
     """Nothing floats: axle loads sum up to the weight, and each unit's to its own, what it gets and what it gives."""
     vehicle = load_vehicle(name)
-    sheet = data_sheet(vehicle)
+    sheet = data_sheet.data_sheet(vehicle)
     assert sum(axle.load for unit in sheet.units for axle in unit.axles) == pytest.approx(vehicle.mass * GRAVITY)
     given = [unit.coupling_load or 0.0 for unit in sheet.units]
     for unit, gives, gets in zip(sheet.units, given, [*given[1:], 0.0], strict=True):
@@ -139,7 +133,7 @@ def test_axles_carry_the_whole_weight(name: str) -> None:
 
 def test_axles_are_listed_where_they_stand_lifted_ones_too() -> None:
     """Behind the foremost point: 5.0 m to the drive axle, 4.45 m to the kingpin and 6.39 m on to the first axle."""
-    sheet = data_sheet(load_vehicle("eu_6x2_tractor_semitrailer"))
+    sheet = data_sheet.data_sheet(load_vehicle("eu_6x2_tractor_semitrailer"))
     stations = [[axle.behind_front for axle in unit.axles] for unit in sheet.units]
     assert stations[0] == pytest.approx([1.3, 5.0, 6.37])
     assert stations[1] == pytest.approx([10.84, 12.15, 13.46])
@@ -156,13 +150,13 @@ def test_full_lock_sweeps_the_circle_of_plane_geometry() -> None:
     """Wheelbase 5.70 m at 42 degrees: the outer front corner, 1.4 m ahead of the axle, sweeps 10.40 m."""
     truck = load_vehicle("rigid_truck").units[0]
     radius = 5.7 / math.tan(math.radians(42.0))
-    assert tightest_turn(truck) == pytest.approx(math.hypot(radius + 1.275, 7.1))
+    assert data_sheet.tightest_turn(truck) == pytest.approx(math.hypot(radius + 1.275, 7.1))
 
 
 def test_on_the_smallest_circle_the_last_axle_is_at_its_limit() -> None:
     """Path following without slip asks of an axle at x the angle -(x - L_f / 2) / sqrt(R^2 - L_f^2 / 4) (tangent)."""
     trailer = load_vehicle("uk_longer_semitrailer").units[1]
-    R = tightest_following(trailer)
+    R = data_sheet.tightest_following(trailer)
     assert R is not None
     asked = math.atan((10.62 - 7.0) / math.sqrt(R**2 - 7.0**2))
     assert math.degrees(asked) == pytest.approx(30.0)
@@ -170,7 +164,7 @@ def test_on_the_smallest_circle_the_last_axle_is_at_its_limit() -> None:
 
 def test_a_linkage_reaches_what_its_ratio_leaves() -> None:
     """42 degrees on the first axle are 0.665 times that on the second."""
-    axles = data_sheet(load_vehicle("rigid_truck_8x4")).units[0].axles
+    axles = data_sheet.data_sheet(load_vehicle("rigid_truck_8x4")).units[0].axles
     reaches = [math.degrees(axle.reach) for axle in axles if axle.reach is not None]
     assert reaches == pytest.approx([42.0, 0.665 * 42.0])
     assert {axle.group for axle in axles} == {"linkage", None}
@@ -178,8 +172,8 @@ def test_a_linkage_reaches_what_its_ratio_leaves() -> None:
 
 def test_amplification_needs_a_second_unit(tractor_semitrailer: Vehicle) -> None:
     """Of a rigid truck there is nothing to say; of a combination the other figures belong to the same speed."""
-    assert handling_at(load_vehicle("rigid_truck")).rearward_amplification is None
-    handling = handling_at(tractor_semitrailer)
-    assert handling.speed == STANDARD_SPEED
+    assert data_sheet.handling_at(load_vehicle("rigid_truck")).rearward_amplification is None
+    handling = data_sheet.handling_at(tractor_semitrailer)
+    assert handling.speed == data_sheet.STANDARD_SPEED
     assert handling.rearward_amplification is not None
     assert handling.rearward_amplification > 1.0  # a tractor-semitrailer amplifies a little

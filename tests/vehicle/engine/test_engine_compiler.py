@@ -10,22 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.engine.compiler import (
-    Compiler,
-    CompilerError,
-    compiler,
-    engine_name,
-    library,
-    warn_if_interpreted,
-)
+from vehicle.engine import compiler
 from vehicle.foundation.user_cache import warn_once
 
 SOURCE = "int answer(void) { return ANSWER; }"
 
 
 @pytest.fixture
-def gcc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Compiler:
-    found = compiler()
+def gcc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> compiler.Compiler:
+    found = compiler.compiler()
     if found is None:
         pytest.skip("no C compiler here")
     monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
@@ -37,37 +30,37 @@ def kept(tmp_path: Path) -> list[Path]:
     return sorted((tmp_path / "cache").iterdir())
 
 
-def test_a_library_is_compiled_once(gcc: Compiler, tmp_path: Path) -> None:
-    assert library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
+def test_a_library_is_compiled_once(gcc: compiler.Compiler, tmp_path: Path) -> None:
+    assert compiler.library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
     (made,) = kept(tmp_path)
     age = made.stat().st_mtime_ns
-    assert library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
+    assert compiler.library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
     assert [path.stat().st_mtime_ns for path in kept(tmp_path)] == [age]
 
 
-def test_each_source_macro_flag_and_compiler_has_its_own(gcc: Compiler, tmp_path: Path) -> None:
+def test_each_source_macro_flag_and_compiler_has_its_own(gcc: compiler.Compiler, tmp_path: Path) -> None:
     """All that a library was made from is in its name: nothing made from something else can be picked up."""
     other = "int answer(void) { return 2 * ANSWER; }"
-    assert library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
-    assert library(other, ["ANSWER=1"], gcc).answer() == 2
-    assert library(SOURCE, ["ANSWER=3"], gcc).answer() == 3
-    assert library(SOURCE, ["ANSWER=1"], gcc._replace(flags=(*gcc.flags, "-O1"))).answer() == 1
-    assert library(SOURCE, ["ANSWER=1"], gcc._replace(identity="a later version")).answer() == 1
+    assert compiler.library(SOURCE, ["ANSWER=1"], gcc).answer() == 1
+    assert compiler.library(other, ["ANSWER=1"], gcc).answer() == 2
+    assert compiler.library(SOURCE, ["ANSWER=3"], gcc).answer() == 3
+    assert compiler.library(SOURCE, ["ANSWER=1"], gcc._replace(flags=(*gcc.flags, "-O1"))).answer() == 1
+    assert compiler.library(SOURCE, ["ANSWER=1"], gcc._replace(identity="a later version")).answer() == 1
     assert len(kept(tmp_path)) == 5
 
 
 @pytest.mark.parametrize("content", [b"", b"cut short", None])
 def test_a_damaged_or_exchanged_file_is_made_anew(
-    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes | None
+    gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes | None
 ) -> None:
     """After a full disk, or with another library's content under its name, a file is not believed."""
-    library(SOURCE, ["ANSWER=5"], gcc)
+    compiler.library(SOURCE, ["ANSWER=5"], gcc)
     (wrong,) = kept(tmp_path)
-    library(SOURCE, ["ANSWER=6"], gcc)
+    compiler.library(SOURCE, ["ANSWER=6"], gcc)
     (right,) = (path for path in kept(tmp_path) if path != wrong)
     good = wrong.read_bytes()
     wrong.write_bytes(right.read_bytes() if content is None else content)
-    assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
     assert wrong.read_bytes() == good
     (warning,) = caplog.messages
     assert re.match(rf"offtrack: the cache is not used.*{wrong} is damaged", warning)
@@ -87,69 +80,69 @@ PLANTED: dict[str, Callable[[Path], object]] = {
 
 @pytest.mark.parametrize("reason", PLANTED)
 def test_a_planted_file_is_not_loaded(
-    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, reason: str
+    gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, reason: str
 ) -> None:
     """One line says which file, why, and what to do; the code is compiled and computes."""
-    library(SOURCE, ["ANSWER=5"], gcc)
+    compiler.library(SOURCE, ["ANSWER=5"], gcc)
     (wrong,) = kept(tmp_path)
     PLANTED[reason](wrong)
     for _ in range(2):
-        assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+        assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
     (warning,) = caplog.messages
     assert re.fullmatch(rf".*{tmp_path}/cache/.*{reason}.*", warning)
 
 
 def test_a_folder_that_others_may_write_is_not_used(
-    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Whether the folder itself or one above it is open: nothing is read from it or written to it.
 
     A sticky one above it, as /tmp is, is trusted: there nobody can rename what is not his own.
     """
-    library(SOURCE, ["ANSWER=5"], gcc)
+    compiler.library(SOURCE, ["ANSWER=5"], gcc)
     before = kept(tmp_path)
     for folder in (tmp_path, tmp_path / "cache"):
         mode = stat.S_IMODE(folder.stat().st_mode)
         folder.chmod(0o777)
-        assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
-        assert library(SOURCE, ["ANSWER=6"], gcc).answer() == 6
+        assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+        assert compiler.library(SOURCE, ["ANSWER=6"], gcc).answer() == 6
         folder.chmod(mode)
     assert len(caplog.messages) == 2
     for folder, warning in zip((tmp_path, tmp_path / "cache"), caplog.messages, strict=True):
         assert f"{folder} is open to other users (mode 777). Set OFFTRACK_CACHE" in warning
     assert before == kept(tmp_path)
     tmp_path.chmod(0o1777)
-    assert library(SOURCE, ["ANSWER=7"], gcc).answer() == 7
+    assert compiler.library(SOURCE, ["ANSWER=7"], gcc).answer() == 7
     assert len(kept(tmp_path)) == 2
     assert len(caplog.messages) == 2
 
 
 def test_the_files_of_another_user_are_not_used(
-    gcc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    gcc: compiler.Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    library(SOURCE, ["ANSWER=5"], gcc)
+    compiler.library(SOURCE, ["ANSWER=5"], gcc)
     somebody = os.geteuid() + 1000
     monkeypatch.setattr(os, "geteuid", lambda: somebody)
-    assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
     (warning,) = caplog.messages
     assert re.search(r" belongs to user \d+, not to you \(user \d+\). Set OFFTRACK_CACHE to a folder", warning)
 
 
 def test_whatever_the_umask_the_cache_is_private(
-    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Also the folders above it that have to be made; otherwise it would refuse itself the next time."""
     before = os.umask(0)
     try:
         for _ in range(2):
-            assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+            assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
     finally:
         os.umask(before)
     assert [stat.S_IMODE(path.stat().st_mode) for path in (tmp_path / "cache", *kept(tmp_path))] == [0o700, 0o600]
     assert caplog.messages == []
 
 
-def test_what_killed_builds_left_is_removed(gcc: Compiler, tmp_path: Path) -> None:
+def test_what_killed_builds_left_is_removed(gcc: compiler.Compiler, tmp_path: Path) -> None:
     """After an hour; a file that is being written stays."""
     folder = tmp_path / "cache"
     (folder / "build-of-a-former-version").mkdir(parents=True, mode=0o700)
@@ -159,12 +152,12 @@ def test_what_killed_builds_left_is_removed(gcc: Compiler, tmp_path: Path) -> No
     folder.chmod(0o700)
     for name in ("build-of-a-former-version", "build-old"):
         os.utime(folder / name, (0.0, 0.0))
-    library(SOURCE, ["ANSWER=5"], gcc)
+    compiler.library(SOURCE, ["ANSWER=5"], gcc)
     assert [path.name for path in kept(tmp_path) if path.suffix != ".so"] == ["build-new"]
 
 
 def test_without_memory_files_a_library_is_loaded_from_a_private_folder(
-    gcc: Compiler, monkeypatch: pytest.MonkeyPatch
+    gcc: compiler.Compiler, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Some systems forbid code from memory."""
 
@@ -172,7 +165,7 @@ def test_without_memory_files_a_library_is_loaded_from_a_private_folder(
         raise PermissionError(name)
 
     monkeypatch.setattr(os, "memfd_create", forbidden)
-    assert [library(SOURCE, [f"ANSWER={k}"], gcc).answer() for k in (1, 2)] == [1, 2]
+    assert [compiler.library(SOURCE, [f"ANSWER={k}"], gcc).answer() for k in (1, 2)] == [1, 2]
 
 
 SLOW = f"""
@@ -182,7 +175,7 @@ print(library(source, ["ANSWER=7"], compiler()).answer())
 """
 
 
-def test_two_processes_at_once_are_safe(gcc: Compiler, tmp_path: Path) -> None:
+def test_two_processes_at_once_are_safe(gcc: compiler.Compiler, tmp_path: Path) -> None:
     """Both compile, under names of their own; whoever is last replaces the whole file in one go."""
     command = [sys.executable, "-c", SLOW]
     with (
@@ -194,24 +187,24 @@ def test_two_processes_at_once_are_safe(gcc: Compiler, tmp_path: Path) -> None:
 
 
 def test_a_cache_that_can_not_be_written_does_no_harm(
-    gcc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    gcc: compiler.Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A file in the way stands for a home directory that is full or read-only: the code is kept for this run alone."""
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "file" / "cache"))
-    assert library(SOURCE, ["ANSWER=8"], gcc).answer() == 8
+    assert compiler.library(SOURCE, ["ANSWER=8"], gcc).answer() == 8
 
 
-def test_what_the_compiler_refuses_is_told(gcc: Compiler, tmp_path: Path) -> None:
-    with pytest.raises(CompilerError, match=r"^gcc [\d.]+ failed: .*error") as refusal:
-        library("int answer(void) { return }", [], gcc)
+def test_what_the_compiler_refuses_is_told(gcc: compiler.Compiler, tmp_path: Path) -> None:
+    with pytest.raises(compiler.CompilerError, match=r"^gcc [\d.]+ failed: .*error") as refusal:
+        compiler.library("int answer(void) { return }", [], gcc)
     assert "\n" not in str(refusal.value)
     assert not (tmp_path / "cache").exists() or kept(tmp_path) == []
 
 
 @pytest.mark.parametrize("words", ["ccache gcc", "'{folder}/ccache' gcc -m64", "{folder}/my ccache"])
 def test_the_compiler_is_a_command_as_in_cc(
-    words: str, gcc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, gcc: compiler.Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A program before the compiler's name, flags after it; a path with a space is one word."""
     for name, call in (("ccache", 'exec "$@"'), ("my ccache", 'exec gcc "$@"')):
@@ -219,10 +212,10 @@ def test_the_compiler_is_a_command_as_in_cc(
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setenv("OFFTRACK_COMPILER", words.format(folder=tmp_path))
-    found = compiler()
+    found = compiler.compiler()
     assert found is not None
     assert found.name == gcc.name
-    assert library(SOURCE, ["ANSWER=9"], found).answer() == 9
+    assert compiler.library(SOURCE, ["ANSWER=9"], found).answer() == 9
 
 
 @pytest.mark.parametrize(
@@ -240,20 +233,20 @@ def test_no_compiler_is_none(
     """A compiler that is switched off or missing counts as none; one line says what that costs and what to do."""
     monkeypatch.setenv("OFFTRACK_COMPILER", wanted)
     warn_once.cache_clear()
-    assert compiler() is None
-    assert engine_name() == f"interpreted ({reason})"
-    warn_if_interpreted()
-    warn_if_interpreted()
+    assert compiler.compiler() is None
+    assert compiler.engine_name() == f"interpreted ({reason})"
+    compiler.warn_if_interpreted()
+    compiler.warn_if_interpreted()
     (warning,) = caplog.messages
     assert warning.startswith(f"offtrack: vehicle models are interpreted ({reason}): each of their steps takes about 5")
     assert "Install gcc or clang" in warning
 
 
-def test_the_engine_names_its_compiler(gcc: Compiler) -> None:
+def test_the_engine_names_its_compiler(gcc: compiler.Compiler) -> None:
     """With the version, which clang gives along with that of an old gcc."""
-    assert engine_name() == f"compiled by {gcc.name}"
+    assert compiler.engine_name() == f"compiled by {gcc.name}"
     macros = "#define __GNUC__ 4\n#define __GNUC_MINOR__ 2\n#define __GNUC_PATCHLEVEL__ 1\n"
-    assert Compiler("/usr/bin/cc", (), macros).name == "gcc 4.2.1"
+    assert compiler.Compiler("/usr/bin/cc", (), macros).name == "gcc 4.2.1"
     own = "".join(f"#define __clang_{part}__ {n}\n" for part, n in (("major", 14), ("minor", 0), ("patchlevel", 6)))
-    assert Compiler("/usr/bin/cc", (), macros + own).name == "clang 14.0.6"
-    assert Compiler("/opt/tcc", (), "").name == "/opt/tcc"
+    assert compiler.Compiler("/usr/bin/cc", (), macros + own).name == "clang 14.0.6"
+    assert compiler.Compiler("/opt/tcc", (), "").name == "/opt/tcc"

@@ -10,32 +10,10 @@ import pytest
 
 from offtrack.studies.validation import equations
 from vehicle.clock import TICK
+from vehicle.combination import functions, layout
 from vehicle.combination.actuators import brakes_later
 from vehicle.combination.chain import derivative, relaxation, wheel_travel
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
-from vehicle.combination.functions import (
-    brake_states,
-    compiled,
-    numbers,
-    step_function,
-    symbolic_twin,
-    topology,
-    wheel_function,
-)
-from vehicle.combination.layout import (
-    Chain,
-    CommandInputs,
-    GroundInputs,
-    Input,
-    State,
-    chain_input,
-    command_sizes,
-    ground_input_sizes,
-    input_sizes,
-    parts,
-    slices,
-    state_sizes,
-)
 from vehicle.engine.compiler import compiler
 from vehicle.engine.integrator import after, damped_rate, half_weight, halfway
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
@@ -54,7 +32,7 @@ def random_states(vehicle: Vehicle) -> FloatArray:
 def random_inputs(vehicle: Vehicle) -> FloatArray:
     """CommandInputs and ground, (N, n_demands + n_footing)."""
     rng = np.random.default_rng(9)
-    demands, under = command_sizes(vehicle), ground_input_sizes(vehicle)
+    demands, under = layout.command_sizes(vehicle), layout.ground_input_sizes(vehicle)
     return np.hstack(
         [
             rng.uniform(-0.6, 0.6, (N, demands.steer)),
@@ -69,12 +47,12 @@ def random_inputs(vehicle: Vehicle) -> FloatArray:
 
 
 def one_by_one(function: Any, vehicle: Vehicle, engine: Engine, ticks: int = 1) -> FloatArray:
-    kernel = kernel_for_one(function, numbers(vehicle), engine)
+    kernel = kernel_for_one(function, functions.numbers(vehicle), engine)
     return np.array([kernel(x, u, ticks) for x, u in zip(random_states(vehicle), random_inputs(vehicle), strict=True)])
 
 
 def all_at_once(function: Any, vehicle: Vehicle, engine: Engine, ticks: int = 1) -> FloatArray:
-    kernel = kernel_for_many(function, numbers(vehicle), N, engine)
+    kernel = kernel_for_many(function, functions.numbers(vehicle), N, engine)
     return kernel(random_states(vehicle), random_inputs(vehicle), ticks)
 
 
@@ -86,12 +64,18 @@ ROUNDING = 1e-11
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int) -> None:
     """The integrator's step written in one piece, and the brakes advanced by the rates in its middle."""
-    x, v = ca.SX.sym("x", sum(state_sizes(chain))), ca.SX.sym("v", random_inputs(chain).shape[1])
-    sizes = command_sizes(chain), ground_input_sizes(chain)
-    command, ground = (parts(part, of) for part, of in zip(parts(v, [sum(s) for s in sizes]), sizes, strict=True))
-    u = chain_input(chain, CommandInputs(*command), GroundInputs(*ground))
-    lists, s, at = Chain.of(chain), State(*parts(x, state_sizes(chain))), State(*slices(state_sizes(chain)))
-    derived, relaxing = compiled(derivative, chain), ca.vertcat(*relaxation(lists, s, u))
+    x, v = ca.SX.sym("x", sum(layout.state_sizes(chain))), ca.SX.sym("v", random_inputs(chain).shape[1])
+    sizes = layout.command_sizes(chain), layout.ground_input_sizes(chain)
+    command, ground = (
+        layout.parts(part, of) for part, of in zip(layout.parts(v, [sum(s) for s in sizes]), sizes, strict=True)
+    )
+    u = layout.chain_input(chain, layout.CommandInputs(*command), layout.GroundInputs(*ground))
+    lists, s, at = (
+        layout.Chain.of(chain),
+        layout.State(*layout.parts(x, layout.state_sizes(chain))),
+        layout.State(*layout.slices(layout.state_sizes(chain))),
+    )
+    derived, relaxing = functions.compiled(derivative, chain), ca.vertcat(*relaxation(lists, s, u))
 
     def rate(state: ca.SX) -> Any:
         return derived(state, ca.vertcat(*u))
@@ -99,12 +83,12 @@ def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int)
     half = half_weight(relaxing, TICK)
     middle = ca.vertcat(halfway(x, rate(x), half)[: at.brake_valve.start], s.brake_valve)
     whole = after(x, rate(x), rate(middle), damped_rate(relaxing), half)
-    there = State(*parts(middle, state_sizes(chain)))._replace(brake_pressure=s.brake_pressure)
+    there = layout.State(*layout.parts(middle, layout.state_sizes(chain)))._replace(brake_pressure=s.brake_pressure)
     travel, spin = ca.vertsplit(wheel_travel(lists, s, u)), ca.vertsplit(rate(middle)[at.omega])
     brakes = brakes_later(lists, there, travel, spin, TICK)
-    n = brake_states(chain).start
+    n = functions.brake_states(chain).start
     one = ca.Function("one", [x, v], [ca.vertcat(whole[:n], *brakes.pressure, *brakes.valve)])
-    found = one_by_one(step_function(chain), chain, "interpreted", ticks)
+    found = one_by_one(functions.step_function(chain), chain, "interpreted", ticks)
     for state, given, got in zip(random_states(chain), random_inputs(chain), found, strict=True):
         for _ in range(ticks):
             state = np.array(one(state, given)).ravel()
@@ -116,7 +100,7 @@ Function = Callable[[Vehicle], Any]
 
 def check_all_ways(of: Function, vehicle: Vehicle, engine: Engine, ticks: int) -> None:
     """One vehicle at a time, many with common numbers, and many with numbers of their own, here the same."""
-    function, own = of(vehicle), np.tile(numbers(vehicle), (N, 1))
+    function, own = of(vehicle), np.tile(functions.numbers(vehicle), (N, 1))
     expected = one_by_one(function, vehicle, "interpreted", ticks)
     assert np.isfinite(expected).all()
     rows = kernel_for_many(function, own, N, engine)(random_states(vehicle), random_inputs(vehicle), ticks)
@@ -126,7 +110,7 @@ def check_all_ways(of: Function, vehicle: Vehicle, engine: Engine, ticks: int) -
 
 @pytest.mark.parametrize("ticks", [1, 5])
 def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> None:
-    check_all_ways(step_function, chain, "interpreted", ticks)
+    check_all_ways(functions.step_function, chain, "interpreted", ticks)
 
 
 @pytest.mark.slow
@@ -134,14 +118,14 @@ def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> No
 @pytest.mark.parametrize("ticks", [1, 5])
 @pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
 def test_compiled_steps_are_as_interpreted(name: str, ticks: int, request: pytest.FixtureRequest) -> None:
-    check_all_ways(step_function, request.getfixturevalue(name), "compiled", ticks)
+    check_all_ways(functions.step_function, request.getfixturevalue(name), "compiled", ticks)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["interpreted", pytest.param("compiled", marks=with_compiler)])
 def test_wheels_look_alike_all_ways(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """Loads, slip and friction used, with an arc tangent of our own in compiled code."""
-    check_all_ways(wheel_function, longer_semitrailer, engine, 1)
+    check_all_ways(functions.wheel_function, longer_semitrailer, engine, 1)
 
 
 def test_without_a_compiler_it_runs_interpreted_and_says_so(
@@ -149,7 +133,7 @@ def test_without_a_compiler_it_runs_interpreted_and_says_so(
 ) -> None:
     """Nothing is missing but speed; who insists on compiled code is told why there is none."""
     monkeypatch.setenv("OFFTRACK_COMPILER", "none")
-    function, values = step_function(tractor_semitrailer), numbers(tractor_semitrailer)
+    function, values = functions.step_function(tractor_semitrailer), functions.numbers(tractor_semitrailer)
     x, u = random_states(tractor_semitrailer), random_inputs(tractor_semitrailer)
     warn_once.cache_clear()
     after = kernel_for_one(function, values, "auto")(x[0], u[0])
@@ -173,7 +157,7 @@ def test_a_compiler_that_fails_is_done_without(
     broken.chmod(0o755)
     monkeypatch.setenv("OFFTRACK_COMPILER", str(broken))
     monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
-    function, values = step_function(tractor_semitrailer), numbers(tractor_semitrailer)
+    function, values = functions.step_function(tractor_semitrailer), functions.numbers(tractor_semitrailer)
     x, u = random_states(tractor_semitrailer), random_inputs(tractor_semitrailer)
     np.testing.assert_array_equal(
         kernel_for_one(function, values, "auto")(x[0], u[0]),
@@ -189,7 +173,7 @@ def test_a_compiler_that_fails_is_done_without(
 
 def test_symbols_are_named_after_their_places_in_the_file(tractor_semitrailer: Vehicle) -> None:
     """A derivative by the symbol is a sensitivity to that number; words and switches are no numbers."""
-    twin = symbolic_twin(tractor_semitrailer)
+    twin = functions.symbolic_twin(tractor_semitrailer)
     named = dict(zip((symbol.name() for symbol in ca.vertsplit(twin.symbols)), twin.values, strict=True))
     assert named["units.1.mass"] == tractor_semitrailer.units[1].mass
     assert named["units.1.axles.2.tyre.damping"] == tractor_semitrailer.units[1].axles[2].tyre.damping
@@ -204,18 +188,22 @@ def test_symbols_are_named_after_their_places_in_the_file(tractor_semitrailer: V
 def test_the_twin_with_its_numbers_is_the_vehicle(name: str) -> None:
     """Every shipped vehicle: rates of a random state from the symbols and from the numbers."""
     vehicle = load_vehicle(name)
-    twin = symbolic_twin(vehicle)
-    sizes, of_input = state_sizes(vehicle), input_sizes(vehicle)
+    twin = functions.symbolic_twin(vehicle)
+    sizes, of_input = layout.state_sizes(vehicle), layout.input_sizes(vehicle)
     x, u = ca.SX.sym("x", sum(sizes)), ca.SX.sym("u", sum(of_input))
-    rates = derivative(Chain.of(twin.vehicle), State(*parts(x, sizes)), Input(*parts(u, of_input)))
+    rates = derivative(
+        layout.Chain.of(twin.vehicle), layout.State(*layout.parts(x, sizes)), layout.Input(*layout.parts(u, of_input))
+    )
     rng = np.random.default_rng(4)
     state = rng.uniform(0.01, 0.1, sum(sizes))
     given = np.concatenate(
-        Input(*(rng.uniform(0.1, 0.5, size) for size in of_input))._replace(friction=np.full(of_input.friction, 0.7))
+        layout.Input(*(rng.uniform(0.1, 0.5, size) for size in of_input))._replace(
+            friction=np.full(of_input.friction, 0.7)
+        )
     )
     got = ca.Function("f", [x, u, twin.symbols], [ca.vertcat(*rates)])(state, given, twin.values)
     # The same operations but for constants folded in another order: some hundred roundings, and cancellation below 10.
-    np.testing.assert_allclose(got, compiled(derivative, vehicle)(state, given), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(got, functions.compiled(derivative, vehicle)(state, given), rtol=1e-10, atol=1e-12)
 
 
 def test_equal_structure_is_equal_topology(tractor_semitrailer: Vehicle, longer_semitrailer: Vehicle) -> None:
@@ -227,11 +215,11 @@ def test_equal_structure_is_equal_topology(tractor_semitrailer: Vehicle, longer_
     shorter = tractor_semitrailer.model_copy(
         update={"units": (tractor, trailer.model_copy(update={"axles": trailer.axles[:2]}))}
     )
-    assert topology(heavier) == topology(tractor_semitrailer)
-    assert hash(topology(heavier)) == hash(topology(tractor_semitrailer))
-    assert step_function(heavier) is step_function(tractor_semitrailer)
-    assert not np.array_equal(numbers(heavier), numbers(tractor_semitrailer))
+    assert functions.topology(heavier) == functions.topology(tractor_semitrailer)
+    assert hash(functions.topology(heavier)) == hash(functions.topology(tractor_semitrailer))
+    assert functions.step_function(heavier) is functions.step_function(tractor_semitrailer)
+    assert not np.array_equal(functions.numbers(heavier), functions.numbers(tractor_semitrailer))
     grouped, single = (load_vehicle(f"uk_longer_semitrailer{which}") for which in ("_grouped", ""))
     for other in (shorter, longer_semitrailer, grouped):
-        assert topology(other) != topology(tractor_semitrailer)
-    assert topology(grouped) != topology(single)
+        assert functions.topology(other) != functions.topology(tractor_semitrailer)
+    assert functions.topology(grouped) != functions.topology(single)
