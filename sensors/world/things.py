@@ -63,7 +63,7 @@ def massed(*lumps: Mesh) -> Mesh:
         for other in lumps:
             if other is not lump:
                 hidden[~hidden] = inside(other, places[~hidden])
-        kept = lump.faces[(area > 0.0) & ~hidden.all(axis=1)]
+        kept = lump.faces[(area > _ROUNDING) & ~hidden.all(axis=1)]
         used, faces = np.unique(kept, return_inverse=True)
         outside.append(
             Mesh(
