@@ -70,7 +70,7 @@ def read_grey(path: Path, bits: int = 16) -> GreyImage:
     image = _decoded(path, _content(path))
     if image.mode.startswith("I"):  # 16 bits
         return upper_bits(np.asarray(image, dtype=np.uint32), bits)
-    return np.asarray(image.convert("L"))
+    return np.asarray(image if image.mode == "L" else image.convert("L"))
 
 
 def upper_bits(image: NDArray[Any], bits: int) -> GreyImage:

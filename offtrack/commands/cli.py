@@ -35,7 +35,7 @@ _COMMANDS: Final = {
     "draw": Entry("exchange", "Draw the swept path of a finished run for CAD or GIS.", "DRAW_EXAMPLES"),
     "export": Entry("exchange", "Write the signals of a finished run for other tools.", "EXPORT_EXAMPLES"),
     "validate": Entry("assess", "Compare the vehicle model with theory and published tables."),
-    "calibrate": Entry("estimate", "Calibrate cameras with photographs of a checkerboard.", "CALIBRATE_EXAMPLES"),
+    "calibrate": Entry("calibrate", "Calibrate cameras with photographs of a checkerboard.", "EXAMPLES"),
     "compare": Entry("study", "Compare steering laws, or finished runs, in a table.", "COMPARE_EXAMPLES"),
     "sweep": Entry("study", "Run every combination of a study's values with every seed.", "SWEEP_EXAMPLES"),
     "campaign": Entry("campaign", "Run a fault campaign: how often a loop fails requirements.", "EXAMPLES"),

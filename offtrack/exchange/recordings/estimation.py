@@ -152,6 +152,8 @@ def _reference(recording: Recording, count: int) -> FloatArray:
 
 
 _LARGEST_ROTATION: Final = math.radians(1.0)  # of a right camera on a rigid mount, against its calibration
+_FASTEST: Final = 70.0  # speed of a vehicle with a trailer, and some more [m/s]
+_FAR_OFF, _FAR_OFF_LEAST = 0.5, 0.05  # error of motions, of their length [-] and at least [m], of other poses
 VISO_OT: Final = "viso_ot"
 DATA_SHEET: Final = str(Scenario.model_fields["vehicle"].default)
 _IMAGES: Final = "stereo_camera"
@@ -327,6 +329,7 @@ def warnings(estimation: Estimation) -> tuple[str, ...]:
         *found,
         *calibration_warnings(motions, "leave out --no-self-calibration"),
         *_rotation_warnings(estimation),
+        *_plausibility_warnings(estimation),
         *doubts,
     )
 
@@ -343,6 +346,29 @@ def _rotation_warnings(estimation: Estimation) -> list[str]:
         f"the right camera is turned by {math.degrees(angle):.1f} deg against its calibration, more than a rigid mount "
         f"gives way ({math.degrees(_LARGEST_ROTATION):g} deg): it was corrected, but is the calibration theirs?"
     ]
+
+
+def _plausibility_warnings(estimation: Estimation) -> list[str]:
+    """Warnings if times or true poses cannot be those of the images."""
+    motions = motions_found(estimation)
+    if not motions:
+        return []
+    speed = float(np.median([np.linalg.norm(m.X_PC[:3, 3]) / (m.tick - m.previous_tick) for m in motions])) / TICK
+    found = []
+    if speed > _FASTEST:
+        found.append(f"the cameras move at {speed:.0f} m/s: are the times in seconds, or is --rate too high?")
+    poses = estimation.recording.poses
+    if poses is not None:
+        pose = {frame.files.tick: X for frame, X in zip(estimation.frames, poses, strict=False)}
+        true = np.array([(inverse(pose[m.previous_tick]) @ pose[m.tick])[:3, 3] for m in motions])
+        errors = np.linalg.norm(true - np.array([m.X_PC[:3, 3] for m in motions]), axis=1)
+        moved = np.linalg.norm(true, axis=1)
+        if float(np.median(errors)) > max(_FAR_OFF * float(np.median(moved)), _FAR_OFF_LEAST):
+            found.append(
+                f"motions differ from those of poses.txt by {np.median(errors):.2g} m a frame, of "
+                f"{np.median(moved):.2g} m: are they the left camera's poses at these frames, in this order?"
+            )
+    return found
 
 
 def _mostly_lost(estimation: Estimation) -> bool:

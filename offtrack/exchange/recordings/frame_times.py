@@ -5,6 +5,7 @@ EuRoC), or date and time (KITTI raw). Unix times may be in seconds, milliseconds
 """
 
 import os
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
@@ -39,11 +40,12 @@ def read_times(path: Path) -> FrameTimes:
     lines = read_text(path, FileKind.TABLE).splitlines()
     if len(lines) > MAX_FRAMES:
         raise ValueError(f"{path} has {len(lines)} lines: a recording must have at most {MAX_FRAMES} frames")
-    rows = [
-        (k, line.replace(",", " ").split())
-        for k, line in enumerate(lines, start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    numbered = ((k, line.strip()) for k, line in enumerate(lines, start=1))
+    kept = [(k, line) for k, line in numbered if line and not line.startswith("#")]
+    if kept and not re.search(r"\d", kept[0][1]):  # names of the columns
+        kept = kept[1:]
+    commas = _decimal_commas([line for _, line in kept])
+    rows = [(k, line.replace(",", "." if commas else " ").split()) for k, line in kept]
     column, notes = _column([row for _, row in rows])
     values = [_value(path, k, row, column) for k, row in rows]
     unit = unix_unit(min((value for _, value in values), default=0)) or 1
@@ -52,6 +54,13 @@ def read_times(path: Path) -> FrameTimes:
         notes = (*notes, f"{path.name}: times are in {_UNITS[unit]}")
     _check(path, times)
     return FrameTimes(tuple(time for _, time in times), notes)
+
+
+def _decimal_commas(lines: Sequence[str]) -> bool:
+    """True for single numbers with a comma as decimal sign: what stands before it does not count the frames."""
+    parts = [re.fullmatch(r"(\d+),\d+", line) for line in lines]
+    before = [int(part[1]) for part in parts if part]
+    return len(before) == len(lines) and any(after <= one for one, after in pairwise(before))
 
 
 def unix_unit(time: float | Decimal) -> int:
@@ -95,7 +104,7 @@ def _value(path: Path, number: int, row: list[str], column: int) -> tuple[int, f
 
 def _date(text: str) -> float:
     """Seconds since 1970 of a date and time such as 2011-09-26 13:02:25.964389445."""
-    day, _, fraction = text.partition(".")
+    day, _, fraction = text.rstrip("Z").partition(".")
     since = datetime.fromisoformat(day).replace(tzinfo=UTC).timestamp()
     return since + float(f"0.{fraction}" if fraction else 0.0)
 

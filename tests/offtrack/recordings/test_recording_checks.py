@@ -210,8 +210,11 @@ def test_what_has_no_partner_is_said_and_what_can_not_be_paired_is_refused() -> 
         ["# timestamp filename", "1403636579.5 rgb/a.png", "1403636579.6 rgb/b.png"],
         ["2014-06-24 19:02:59.500000000", "2014-06-24 19:02:59.600000000"],
         ["2014-06-24T19:02:59.5", "2014-06-24T19:02:59.6"],
+        ["2014-06-24T19:02:59.5Z", "2014-06-24T19:02:59.6Z"],
+        ["frame,time_s", "0,1403636579.5", "1,1403636579.6"],
+        ["1403636579,5", "1403636579,6"],
     ],
-    ids=["s", "ns", "us", "ms", "DSO", "EuRoC", "TUM", "KITTI raw", "ISO 8601"],
+    ids=["s", "ns", "us", "ms", "DSO", "EuRoC", "TUM", "KITTI raw", "ISO 8601", "UTC", "names", "comma"],
 )
 def test_tables_of_times_are_read_in_their_unit(tmp_path: Path, rows: list[str]) -> None:
     (tmp_path / "times.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
