@@ -18,7 +18,7 @@ from offtrack.exchange.exports.catalogue import plain_names
 from scenarios.assembly.adapters import course_of, outlines, plant_vehicle, vehicle_of
 from scenarios.extras import check_extra, import_extra
 from scenarios.options.scenario import Scenario, load_any_scenario, of_kind
-from scenarios.results.log import Log, read_log
+from scenarios.results.log import read_log
 from scenarios.results.run_directory import replacing
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from scenarios.roads.placement import DEGREES, WORLD, Coordinates, Placement
@@ -238,7 +238,7 @@ def driven_run(directory: Path) -> DrivenPath:
     nominal = vehicle_of(scenario)
     vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
     log, units = read_log(directory / "signals.parquet"), outlines(vehicle)
-    needed = ("time", *(name for unit in units for name in pose_signals(unit)))
+    needed = ("time", *(name for unit in units for name in unit.pose_signals))
     missing = [name for name in needed if name not in log]
     if missing:
         raise ValueError(f"{directory / 'signals.parquet'}: has no signal {shown(missing[0])}")
@@ -247,8 +247,8 @@ def driven_run(directory: Path) -> DrivenPath:
         title=f"{scenario.name}: {vehicle.name}",
         notes=(f"outcome: {outcome}, seed {seed}, {scenario.speed_kmh:g} km/h",),
         units=units,
-        poses=tuple(unit_poses(log, unit) for unit in units),
-        steer=tuple(axle_steer(log, unit) for unit in units),
+        poses=tuple(unit.poses(log) for unit in units),
+        steer=tuple(unit.axle_steer(log) for unit in units),
         time=log["time"],
         front_axle_x=vehicle.units[0].steered_axles[0].x,
         course=course.path.points(0.25),
@@ -256,23 +256,6 @@ def driven_run(directory: Path) -> DrivenPath:
         road_half_width=course.road_half_width,
         placement=course.placement if isinstance(course.placement, Placement) else None,
     )
-
-
-def pose_signals(unit: UnitOutline) -> tuple[str, ...]:
-    """Names of the signals of a unit's pose."""
-    return tuple(f"{quantity}_{unit.name}" for quantity in ("x", "y", "psi"))
-
-
-def unit_poses(log: Log, unit: UnitOutline) -> FloatArray:
-    """x [m], y [m], psi [rad] of a unit over time, (n, 3)."""
-    return np.column_stack([log[name] for name in pose_signals(unit)])
-
-
-def axle_steer(log: Log, unit: UnitOutline) -> FloatArray:
-    """Steer angle of each axle of a unit over time, (n, n_axles) [rad]; zero where the log has none."""
-    zero = np.zeros(len(log))
-    angles = [log[name] if name and name in log else zero for name in unit.steer_signals]
-    return np.nan_to_num(np.column_stack(angles))
 
 
 def _told(path: Path, key: str) -> Any:

@@ -83,7 +83,7 @@ def _trailer_rebuilt(scenario: Scenario, log: Log, summary: Mapping[str, Any]) -
     nominal = vehicle_of(scenario)
     vehicle, course = plant_vehicle(scenario), course_of(scenario, nominal)
     units = outlines(vehicle)
-    _check(log, ["time", *(f"{quantity}_{unit.name}" for unit in units for quantity in ("x", "y", "psi"))])
+    _check(log, ["time", *(name for unit in units for name in unit.pose_signals)])
     surface = Surface(friction=ground_friction(scenario.surface, course.centreline, course.friction))
     return RunResult(
         scenario=scenario.name,

@@ -16,14 +16,7 @@ from controllers.trailer_steering.safeguarded import Safeguarded
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import FusesSignals, Odometry, OffTrackingEstimator, OffTrackingSource, TrailerContext
 from estimators.off_tracking.viso_ot import VisoOt
-from scenarios.assembly import adapters
-from scenarios.assembly.applied_faults import (
-    LoopFaults,
-    opened_brake_faults,
-    opened_trailer_faults,
-    sensor_faults,
-    with_failing_brakes,
-)
+from scenarios.assembly import adapters, applied_faults
 from scenarios.assembly.drivers_and_laws import OpenedDriver, opened_driver, steering_parameters, trailer_law
 from scenarios.assembly.trailer_sensors import (
     SIGNALS,
@@ -190,7 +183,7 @@ def opened_sensing(scenario: Scenario, context: MountContext) -> Sensing:
     check_made("off_tracking", scenario.off_tracking, estimator, ("init", "step"))
     check_receives(f"off_tracking = {scenario.off_tracking}", estimator, opened.sensor)
     sensing = Sensing(
-        sensor=_with_faults(opened, sensor_faults(scenario.faults), context),
+        sensor=_with_faults(opened, applied_faults.sensor_faults(scenario.faults), context),
         schedule=opened.schedule,
         period=opened.schedule.period,
         estimator=Rectified(estimator, cameras.rectifier) if cameras and cameras.rectifier else estimator,
@@ -247,7 +240,7 @@ class WatchedTrailer:
     law: Safeguarded
     signals: CombinationSensors
     sensing: Sensing
-    faults: LoopFaults = field(default_factory=LoopFaults)
+    faults: applied_faults.LoopFaults = field(default_factory=applied_faults.LoopFaults)
 
     @property
     def n_steered(self) -> int:
@@ -274,7 +267,7 @@ class Assembly:
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
     recording: OpenedSensor | None  # recording cameras of the last trailer
-    brake_faults: LoopFaults
+    brake_faults: applied_faults.LoopFaults
     schedule: Schedule  # of the cameras, or of the reference units instead
     remarks: tuple[str, ...] = ()  # on the inputs, for the result's warnings
 
@@ -336,7 +329,7 @@ def _assembled(
     """The parts of a run; ``opened`` closes those that are there when a later one is refused."""
     nominal = adapters.vehicle_of(scenario)
     kind = adapters.plant_kind(scenario)
-    simulated = with_failing_brakes(scenario, adapters.plant_vehicle(scenario), kind)
+    simulated = applied_faults.with_failing_brakes(scenario, adapters.plant_vehicle(scenario), kind)
     units = adapters.watched_units(nominal)
     course = adapters.course_of(scenario, nominal)
     surface, remarks = opened_ground(scenario, course, seed)
@@ -346,9 +339,11 @@ def _assembled(
         laws[unit] = _law(scenario, nominal, unit, geometry)
         opened.callback(close_part, laws[unit])
     plant = adapters.opened_plant(scenario, simulated, surface)
-    brakes = opened_brake_faults(scenario, simulated, partial(stream, seed))
+    brakes = applied_faults.opened_brake_faults(scenario, simulated, partial(stream, seed))
     streams = {unit: partial(trailer_stream, seed, simulated, unit) for unit in units}
-    faults = {unit: opened_trailer_faults(scenario, simulated, unit, kind, streams[unit]) for unit in units}
+    faults = {
+        unit: applied_faults.opened_trailer_faults(scenario, simulated, unit, kind, streams[unit]) for unit in units
+    }
     driver = None if kind == "constant_slip" else opened_driver(scenario, nominal, course)
     opened.callback(close_part, driver.driver if driver else None)
     schedule = adapters.rig_schedule(scenario.rig, LOG_PERIOD)

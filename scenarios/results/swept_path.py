@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from scenarios.results.log import Log
 from vehicle.frames import FloatArray, arc_length, rows_every
 
 _QUARTER_TURN = 0.5 * math.pi
@@ -47,6 +48,21 @@ class UnitOutline:
         """Front left, front right, rear right, rear left corner in the unit's frame, shape (4, 2) [m]."""
         half = 0.5 * self.width
         return np.array([[self.front_x, half], [self.front_x, -half], [self.rear_x, -half], [self.rear_x, half]])
+
+    @property
+    def pose_signals(self) -> tuple[str, str, str]:
+        """Names of the signals of its pose."""
+        return f"x_{self.name}", f"y_{self.name}", f"psi_{self.name}"
+
+    def poses(self, log: Log) -> FloatArray:
+        """x [m], y [m], psi [rad] of its frame over time, (n_rows, 3)."""
+        return np.column_stack([log[name] for name in self.pose_signals])
+
+    def axle_steer(self, log: Log) -> FloatArray:
+        """Steer angle of each axle over time, (n_rows, n_axles) [rad]; zero where the log has none."""
+        zero = np.zeros(len(log))
+        angles = [log[name] if name and name in log else zero for name in self.steer_signals]
+        return np.nan_to_num(np.column_stack(angles))
 
 
 def placed(points: FloatArray, poses: FloatArray) -> FloatArray:

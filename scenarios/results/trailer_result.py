@@ -7,19 +7,9 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.results import metrics
+from scenarios.results import metrics, swept_path
 from scenarios.results.log import LOST, OK
 from scenarios.results.run_summary import Numbers, Outside, Result, Summary, number, timing_numbers
-from scenarios.results.swept_path import (
-    Clearance,
-    RoadEdges,
-    SweptPath,
-    TurnArc,
-    UnitOutline,
-    body_clearance,
-    swept_path,
-    wheel_clearance,
-)
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -85,7 +75,7 @@ class RunResult(Result):
 
     kind: ClassVar[str] = "trailer"
 
-    units: tuple[UnitOutline, ...]  # tractor first
+    units: tuple[swept_path.UnitOutline, ...]  # tractor first
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
     road: FloatArray  # (n, 2) centre line [m]
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right of its points [m]
@@ -94,7 +84,7 @@ class RunResult(Result):
     friction: FrictionPicture | None = None  # around the road; None: one friction everywhere
     road_known: bool = True  # False for a recorded drive: the road above is only drawn
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
-    arcs: tuple[TurnArc, ...] = ()  # turns of the course
+    arcs: tuple[swept_path.TurnArc, ...] = ()  # turns of the course
     path_deviation: float | None = None  # largest distance of the points of a course's file from its path [m]
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
     cameras: tuple[MountedCamera, ...] = ()  # of all trailers
@@ -130,7 +120,7 @@ class RunResult(Result):
         return numbers | ({"trailers": trailer_summaries(self)} if len(self.trailers) > 1 else {})
 
     @property
-    def trailer(self) -> UnitOutline:
+    def trailer(self) -> swept_path.UnitOutline:
         """Outline of the last trailer."""
         return self.units[-1]
 
@@ -154,10 +144,6 @@ class RunResult(Result):
         """Limit of the last trailer's actuators [rad]; None: none is steered."""
         return self.trailers[-1].max_steer
 
-    def poses(self, unit: UnitOutline) -> FloatArray:
-        """Pose of the unit's frame over time: x [m], y [m], psi [rad], shape (n_rows, 3)."""
-        return np.column_stack([self.log[f"{quantity}_{unit.name}"] for quantity in ("x", "y", "psi")])
-
     def signal(self, name: str) -> FloatArray:
         """The signal over time, shape (n_rows,); NaN throughout if this run has none of that name."""
         return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
@@ -167,12 +153,6 @@ class RunResult(Result):
         judged = next((one for one in self.trailers if one.name == trailer), self.trailers[-1])
         ending = f"command_{judged.name}" if demands else judged.name
         return tuple(f"steer_trailer_{k}_{ending}" for k in range(1, judged.n_steered + 1))
-
-    def axle_steer(self, unit: UnitOutline) -> FloatArray:
-        """Steer angle of each axle of a unit over time, shape (n_rows, n_axles) [rad], for drawings."""
-        zero = np.zeros(len(self.log))
-        angles = [self.signal(name) if name else zero for name in unit.steer_signals]
-        return np.nan_to_num(np.column_stack(angles)) if angles else np.zeros((len(self.log), 0))
 
 
 def error_of_estimate(result: RunResult, trailer: str = "") -> FloatArray:
@@ -199,12 +179,12 @@ def _worst(result: RunResult) -> JudgedTrailer:
     return result.trailers[len(peaks) - 1 - int(np.argmax(peaks[::-1]))]
 
 
-def swept(result: RunResult) -> SweptPath:
+def swept(result: RunResult) -> swept_path.SweptPath:
     """Swept path of the run; NaN throughout if it ended before the vehicle had moved."""
     if len(result.log) < 2:
-        return SweptPath(math.nan, math.nan, math.nan, math.nan, math.nan)
-    return swept_path(
-        result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre, result.arcs
+        return swept_path.SweptPath(math.nan, math.nan, math.nan, math.nan, math.nan)
+    return swept_path.swept_path(
+        result.units, tuple(unit.poses(result.log) for unit in result.units), result.circle_centre, result.arcs
     )
 
 
@@ -238,20 +218,20 @@ def _bridged(seconds: FloatArray) -> Numbers:
     }
 
 
-def _swept_path(path: SweptPath) -> Numbers:
+def _swept_path(path: swept_path.SweptPath) -> Numbers:
     names = ("max_width", "min_inner_radius", "tail_swing", "tail_swing_entry", "tail_swing_exit")
     return {f"{name}_m": number(getattr(path, name)) for name in names}
 
 
-def clearances(result: RunResult) -> dict[str, Clearance]:
+def clearances(result: RunResult) -> dict[str, swept_path.Clearance]:
     """Clearance over time of the wheels inside the road, and of the bodies inside the lane if there is one."""
     if not result.road_known:
         return {}
-    poses = [result.poses(unit) for unit in result.units]
-    edges = RoadEdges(result.road, result.road_half_width)
-    found = {"wheel": wheel_clearance(edges, result.units, poses)}
+    poses = [unit.poses(result.log) for unit in result.units]
+    edges = swept_path.RoadEdges(result.road, result.road_half_width)
+    found = {"wheel": swept_path.wheel_clearance(edges, result.units, poses)}
     if result.lanes is not None:
-        found["lane"] = body_clearance(RoadEdges(result.road, result.lanes), result.units, poses)
+        found["lane"] = swept_path.body_clearance(swept_path.RoadEdges(result.road, result.lanes), result.units, poses)
     return found
 
 
@@ -280,7 +260,7 @@ def _odometry(result: RunResult) -> Numbers:
     health = result.signal("odometry_health")
     captures = np.isfinite(health)
     drift = metrics.odometry_drift(
-        result.poses(result.trailer)[captures],
+        result.trailer.poses(result.log)[captures],
         np.column_stack([result.signal(f"odometry_{part}")[captures] for part in ("dx", "dy", "dpsi")]),
         health[captures] >= LOST,
         result.follow_distance,

@@ -347,7 +347,7 @@ def unit_body(unit: UnitOutline, log: Log) -> Body:
         name=unit.name,
         outline=unit.corners,
         wheels=wheels,
-        pose=(f"x_{unit.name}", f"y_{unit.name}", f"psi_{unit.name}"),
+        pose=unit.pose_signals,
         tilt=tilt if tilt[0] in log and tilt[1] in log else None,
         heights=(_FLOOR, _CAB if unit.name == "tractor" else _BOX),
     )

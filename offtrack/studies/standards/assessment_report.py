@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from offtrack.exchange.drawings import DrivenPath, axle_steer, drawing, unit_poses, write_drawing
+from offtrack.exchange.drawings import DrivenPath, drawing, write_drawing
 from offtrack.reports import page, plots
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import (
@@ -197,8 +197,8 @@ def _driven(case: Assessment, manoeuvre: Manoeuvre) -> DrivenPath:
         title=f"{case.vehicle.name}: {manoeuvre.title}",
         notes=(manoeuvre.how, f"load: {case.load}, outcome: {manoeuvre.outcome}"),
         units=units,
-        poses=tuple(unit_poses(manoeuvre.log, unit) for unit in units),
-        steer=tuple(axle_steer(manoeuvre.log, unit) for unit in units),
+        poses=tuple(unit.poses(manoeuvre.log) for unit in units),
+        steer=tuple(unit.axle_steer(manoeuvre.log) for unit in units),
         time=manoeuvre.log["time"],
         front_axle_x=case.vehicle.units[0].steered_axles[0].x,
         course=manoeuvre.course,

@@ -187,7 +187,7 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
     )
     (swept,) = areas(told, drawings.SWEPT)
     for unit in result.units:
-        origin = shapely.points(result.poses(unit)[:, :2])
+        origin = shapely.points(unit.poses(result.log)[:, :2])
         assert shapely.contains(swept.buffer(0.01), origin).all()
     assert not ezdxf.readfile(tmp_path / "run" / "drawing.dxf").audit().errors
     again = CliRunner().invoke(app, ["draw", str(tmp_path / "run")])

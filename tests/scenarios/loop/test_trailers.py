@@ -62,7 +62,7 @@ def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(
     for short in ("steer_trailer_1", "steer_trailer_1_command", "off_tracking_true", "off_tracking_estimate", "health"):
         np.testing.assert_array_equal(double.log[short], double.log[f"{short}_semitrailer"])
     assert np.abs(double.log[lead[2]]).max() > np.radians(10.0)
-    assert np.abs(double.axle_steer(double.units[1])[:, 2]).max() == np.abs(double.log[lead[2]]).max()
+    assert np.abs(double.units[1].axle_steer(double.log)[:, 2]).max() == np.abs(double.log[lead[2]]).max()
     assert "lead trailer" in report_html(double, double.summary())
 
 

@@ -305,12 +305,12 @@ def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
     """Three steered axles of three; an axle without a signal is drawn straight."""
     assert blind_run.steer_signals() == tuple(f"steer_trailer_{k}_trailer" for k in (1, 2, 3))
     assert blind_run.steer_signals("trailer") == blind_run.steer_signals()
-    np.testing.assert_array_equal(blind_run.axle_steer(blind_run.trailer)[:, 2], blind_run.log["steer_trailer_3"])
-    np.testing.assert_array_equal(blind_run.axle_steer(blind_run.units[0])[:, 0], blind_run.log["steer_tractor"])
+    np.testing.assert_array_equal(blind_run.trailer.axle_steer(blind_run.log)[:, 2], blind_run.log["steer_trailer_3"])
+    np.testing.assert_array_equal(blind_run.units[0].axle_steer(blind_run.log)[:, 0], blind_run.log["steer_tractor"])
     rearmost = dataclasses.replace(blind_run.trailer, steer_signals=(None, None, "steer_trailer_3_trailer"))
     one = dataclasses.replace(blind_run, units=(blind_run.units[0], rearmost))
-    np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], one.log["steer_trailer_3"])
-    assert not one.axle_steer(one.trailer)[:, :2].any()
+    np.testing.assert_array_equal(one.trailer.axle_steer(one.log)[:, 2], one.log["steer_trailer_3"])
+    assert not one.trailer.axle_steer(one.log)[:, :2].any()
 
 
 def test_only_untouched_results_of_an_interrupted_command_are_replaced(tmp_path: Path) -> None:
