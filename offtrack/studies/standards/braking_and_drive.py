@@ -32,7 +32,6 @@ from offtrack.studies.standards.proving_ground import (
     largest_articulation,
     path_error,
     point_path,
-    poses,
     result,
 )
 from scenarios import courses
@@ -149,7 +148,8 @@ def _stop_figures(key: str, vehicle: Vehicle, log: Log, course: Course) -> Figur
     guided = point_path(log, tractor, *course.reference)
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(guided, axis=0).T))])
     speed, applied = log[f"v_x_{tractor}"], int(np.searchsorted(driven, _SETTLED))
-    swept = reach(outlines(vehicle), [poses(log, unit.name) for unit in vehicle.units], course.path)
+    bodies = outlines(vehicle)
+    swept = reach(bodies, [body.poses(log) for body in bodies], course.path)
     return {
         f"{key}_distance_m": driven[-1] - driven[applied],
         f"{key}_mean_deceleration_m_s2": _mean_deceleration(speed[applied:], driven[applied:]),

@@ -29,7 +29,6 @@ from offtrack.studies.standards.proving_ground import (
     largest_articulation,
     path_error,
     point_path,
-    poses,
     result,
 )
 from scenarios import courses
@@ -203,8 +202,8 @@ def _driven_slowly(
 
 
 def _roundabout_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
-    unit_poses = tuple(poses(driven.log, unit.name) for unit in vehicle.units)
-    swept = swept_path(outlines(vehicle), unit_poses, course.surface_centre)
+    bodies = outlines(vehicle)
+    swept = swept_path(bodies, tuple(body.poses(driven.log) for body in bodies), course.surface_centre)
     side = 1.0 if course.path.curvature(0.5 * course.length) > 0.0 else -1.0
     return {
         "roundabout_inner_radius_m": swept.min_inner_radius,
@@ -219,7 +218,7 @@ def _roundabout_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figu
 
 def _turn_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
     bodies = outlines(vehicle)
-    unit_poses = [poses(driven.log, unit.name) for unit in vehicle.units]
+    unit_poses = [body.poses(driven.log) for body in bodies]
     fronts = [front_reach(body, pose, course.path) for body, pose in zip(bodies, unit_poses, strict=True)]
     farthest = [float(np.nanmax(front)) for front in fronts]
     at_entry, at_exit = tail_swings(bodies, unit_poses)
@@ -239,7 +238,7 @@ def _turn_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
 def _template_figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
     """Figures of the turns of AASHTO and CTSW, by the endings of their names."""
     bodies, last = outlines(vehicle), vehicle.units[-1]
-    unit_poses = [poses(driven.log, unit.name) for unit in vehicle.units]
+    unit_poses = [body.poses(driven.log) for body in bodies]
     middle = sum(axle.x for axle in last.axles) / len(last.axles)
     rear = point_path(driven.log, last.name, middle)
     (arc,) = course.arcs

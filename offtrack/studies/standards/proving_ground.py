@@ -433,14 +433,10 @@ def axle_paths(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray]:
 _NOISE = 1e-3  # over the largest extreme; smaller extremes are not counted
 
 
-def poses(log: Log, unit: str) -> FloatArray:
-    """x [m], y [m], psi [rad] of a unit over time, shape (n, 3)."""
-    return np.column_stack([log[f"{quantity}_{unit}"] for quantity in ("x", "y", "psi")])
-
-
 def point_path(log: Log, unit: str, x: float, y: float = 0.0) -> FloatArray:
     """Path of a unit's point at x, y [m] in its frame, shape (n, 2) in the world."""
-    return placed(np.array([[x, y]]), poses(log, unit))[:, 0]
+    poses = np.column_stack([log[f"{quantity}_{unit}"] for quantity in ("x", "y", "psi")])
+    return placed(np.array([[x, y]]), poses)[:, 0]
 
 
 def lateral_acceleration(log: Log, unit: str, x: float) -> FloatArray:

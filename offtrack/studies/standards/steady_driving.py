@@ -26,7 +26,6 @@ from offtrack.studies.standards.proving_ground import (
     drive_programme,
     largest_load_transfer,
     lateral_acceleration,
-    poses,
     result,
 )
 from scenarios import courses
@@ -72,10 +71,8 @@ def straight(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = S
 
 def _straight_figures(vehicle: Vehicle, log: Log) -> Figures:
     x = np.arange(_SETTLED, _LENGTH - vehicle.length, _STATION)
-    corners = [
-        placed(body.corners, poses(log, body.name)).transpose(1, 0, 2)  # (4, n, 2)
-        for body in outlines(vehicle)
-    ]
+    # of each body over time, (4, n, 2) [m]
+    corners = [placed(body.corners, body.poses(log)).transpose(1, 0, 2) for body in outlines(vehicle)]
     lateral = np.array([np.interp(x, *corner.T) for corner in np.concatenate(corners)])
     front, rear = (np.interp(x, *path.T) for path in axle_paths(vehicle, log))
     return {
