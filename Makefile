@@ -24,7 +24,8 @@ demo: $(DEMO_STAMP)
 test: install lint
 	$(BIN)/pytest -m "not slow"
 
-# The rest: slow tests, and comparisons with other programs, which are installed. Only Wine may be missing.
+# The rest: slow tests, and comparisons with other programs, which are installed. Only Wine, and interpreters of other
+# versions of Python, may be missing.
 test-all: install-all
 	$(BIN)/pytest -m slow --no-skips --dist worksteal
 

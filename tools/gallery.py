@@ -1,17 +1,25 @@
-"""Pictures of the environments for the documents: ``python tools/gallery.py FOLDER``."""
+"""Pictures for the documents: ``python tools/gallery.py FOLDER [RUN ...]``.
+
+Without a run they are those of the environments; of each run's video a short animation, named as the run's directory.
+"""
 
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from offtrack.environments.registry import single
 
 _SEED: Final = 101
+_WIDTH: Final = 640  # of an animation [px]
+_PICTURES: Final = 36  # in it, evenly over the run
+_SHOWN: Final = 200  # each [ms]
 _Entry = Callable[[str], float]  # an entry of the observation by its name
 
 
@@ -28,7 +36,7 @@ class _Shot(NamedTuple):
 
 _SHOTS: Final = (
     _Shot(
-        "trailer_steering.png",
+        "trailer_steering.jpg",
         "TrailerSteering-v0",
         {"observation": "estimate"},
         {"course": "roundabout", "friction": 0.7, "speed": 5.0, "length": 1.0},
@@ -37,7 +45,7 @@ _SHOTS: Final = (
     ),
     _Shot("tractor_trailer_driving.png", "TractorTrailerDriving-v0", {}, {}, 200, lambda observed: (0.1, -0.5)),
     _Shot(
-        "rover_steering.png",
+        "rover_steering.jpg",
         "RoverSteering-v0",
         {"observation": "estimate"},
         {"soil": "toyoura_sand", "cross_fall": 0.09, "curvature": 0.15, "speed": 0.12},
@@ -57,10 +65,23 @@ def _veering(observed: _Entry) -> float:
     )
 
 
-def main(folder: Path) -> None:
-    """Write a PNG of each environment into the folder."""
-    for shot in _SHOTS:
+def main(folder: Path, runs: list[Path]) -> None:
+    """Write a picture of each environment, or an animation of each run, into the folder."""
+    for run in runs:
+        first, *others = _pictures(run / "video.mp4")
+        file = folder / f"{run.resolve().name}.webp"
+        first.save(file, save_all=True, append_images=others, duration=_SHOWN, loop=0, quality=55)
+    for shot in _SHOTS if not runs else ():
         cv2.imwrite(str(folder / shot.file), _taken(shot)[..., ::-1])
+
+
+def _pictures(video: Path) -> list[Image.Image]:
+    """Pictures of a video, evenly over its duration."""
+    with av.open(str(video)) as container:
+        frames = [frame.to_image() for frame in container.decode(video=0)]
+    size = (_WIDTH, round(frames[0].height * _WIDTH / frames[0].width))
+    chosen = np.linspace(0, len(frames) - 1, _PICTURES).round().astype(int)
+    return [frames[k].resize(size, Image.Resampling.LANCZOS) for k in chosen]
 
 
 def _taken(shot: _Shot) -> NDArray[np.uint8]:
@@ -77,6 +98,6 @@ def _taken(shot: _Shot) -> NDArray[np.uint8]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2 or not Path(sys.argv[1]).is_dir():
-        sys.exit("usage: python -m offtrack.environments.gallery FOLDER")
-    main(Path(sys.argv[1]))
+    if len(sys.argv) < 2 or not Path(sys.argv[1]).is_dir():
+        sys.exit("usage: python tools/gallery.py FOLDER [RUN ...]")
+    main(Path(sys.argv[1]), [Path(run) for run in sys.argv[2:]])

@@ -31,7 +31,6 @@ from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
-import scipy
 from pydantic import model_validator
 
 from controllers.driver import PERIOD
@@ -179,12 +178,29 @@ def _gains(combination: Combination, trailer: TrailerGeometry, weights: Weights,
     read = np.eye(len(p.A))[1:-1]  # all states but lateral speed and rate of the driver's steer
     process, noise = _disturbances(p.units), _noises(p.units) * PERIOD
     L: FloatArray = control.lqe(p.A, np.eye(len(p.A)), read, np.diag(process), np.diag(noise))[0]
-    n, m = len(p.A), len(read)
-    constant_inputs = np.zeros((n + 1 + m, n + 1 + m))  # readings and demand are constant over a period
-    constant_inputs[:n] = np.column_stack([p.A - L @ read, p.B, L])
-    exact = scipy.linalg.expm(constant_inputs * PERIOD)[:n]
+    inputs = np.column_stack([p.B, L])  # demand and readings, constant over a period
+    observer = control.c2d(control.ss(p.A - L @ read, inputs, np.eye(len(p.A)), np.zeros(inputs.shape)), PERIOD)
     feedback = _feedback(p, trailer.follow_distance, weights, speed)
-    return Gains(feedback, exact[:, :n], exact[:, n], exact[:, n + 1 :])
+    return Gains(feedback, observer.A, observer.B[:, 0], observer.B[:, 1:])
+
+
+def loop_gain(combination: Combination, trailer: TrailerGeometry, weights: Weights, speed: float) -> Any:
+    """Loop gain of the law at ``speed`` [m/s], opened at the demanded angle: a sampled system of python-control.
+
+    The off-tracking estimate is exact, and no delay of the cameras is in it.
+    """
+    import control
+
+    p, gains = plant(combination, trailer, speed), at_speed(schedule(combination, trailer, weights), speed)
+    A, B, _, _ = with_path(p, trailer.follow_distance, speed)
+    n = len(p.A)
+    seen = np.delete(np.eye(len(A)), [0, n - 1], axis=0)  # readings, then the path
+    motion = control.c2d(control.ss(A, B[:, None], seen, np.zeros((len(seen), 1))), PERIOD)
+    by_motion, by_path = gains.feedback[None, :n], gains.feedback[None, n:]
+    readings, path = np.eye(len(seen))[: n - 2], np.eye(len(seen))[n - 2 :]
+    inner = gains.propagation - gains.input[:, None] @ by_motion
+    inputs = gains.innovation @ readings - gains.input[:, None] @ by_path @ path
+    return control.ss(inner, inputs, by_motion, by_path @ path, PERIOD) * motion
 
 
 def _disturbances(units: int) -> FloatArray:

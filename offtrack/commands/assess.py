@@ -8,41 +8,22 @@ import platform
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.table import Table
 from rich.text import Text
 
-from offtrack.commands.console import (
-    CHECK_FAILED,
-    INTERRUPTED,
-    AsJson,
-    PlainConsole,
-    Quiet,
-    listing,
-    new_directory,
-    progress_bar,
-    progress_display,
-    remark,
-    table_of,
-)
+from offtrack.commands import console as ui
 from offtrack.commands.new_vehicle import write_new_vehicle
 from offtrack.exchange.drawings import formats_of
-from offtrack.reports import page
-from offtrack.reports.page import Cell, Emphasis
 from offtrack.reports.run_files import write_json
 from offtrack.reports.vehicle_sheet.combination_sheet import known_vehicles, open_sheet
 from offtrack.reports.vehicle_sheet.sheet import SheetTable, VehicleSheet, write_sheet
-from offtrack.studies.reproduce.reproduction import (
-    Reproduction,
-    earlier_reproduction,
-    maker,
-    names_of,
-    write_reproduction,
-)
+from offtrack.studies.reproduce import reproduction as papers
 from offtrack.studies.standards.assessment import OTHER_NAMES, STANDARD_SET, Assessment, AssessmentMatrix, loaded
 from offtrack.studies.standards.assessment import assess as driven
 from offtrack.studies.standards.assessment_report import BY_NAME, levels_table, matrix_table, write_assessment
@@ -69,16 +50,16 @@ def vehicle(
         typer.Argument(help="Vehicle or rover: a name or a TOML file; or new. Without it, the known names are listed."),
     ] = None,
     new_name: Annotated[
-        str | None, typer.Argument(metavar="[NAME OF THE NEW ONE]", help="After new.", show_default=False)
+        str | None, typer.Argument(metavar="NEW_NAME", help="Name of the new vehicle, after new.", show_default=False)
     ] = None,
     like: Annotated[str, typer.Option(help="Of new: vehicle to begin with.")] = "eu_tractor_semitrailer",
     axles: Annotated[
         str | None,
         typer.Option(metavar="2,3", help="Of new: number of axles of each unit.", show_default="as --like"),
     ] = None,
-    out: Annotated[Path | None, new_directory("runs/vehicle-NAME-N; of new NAME.toml")] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    out: Annotated[Path | None, ui.new_directory("runs/vehicle-NAME-N; of new NAME.toml")] = None,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Check a vehicle or rover file, print its data sheet and draw it to scale (side view and plan).
 
@@ -100,25 +81,20 @@ def vehicle(
     with run_directory.results_directory(out, f"vehicle-{Path(name).stem}") as directory:
         sheet = open_sheet(name)
         write_sheet(sheet, directory)
-    if as_json:
-        typer.echo(json.dumps(sheet.numbers, indent=2))
-    elif not quiet:
-        _print_sheet(sheet, directory)
+    ui.answer(sheet.numbers, lambda: _print_sheet(sheet, directory), quiet=quiet, as_json=as_json)
 
 
 def _list_vehicles(*, as_json: bool) -> None:
     known = known_vehicles()
-    if as_json:
-        typer.echo(json.dumps({name: summary for group in known.values() for name, summary in group.items()}, indent=2))
-        return
+    plain = {name: summary for group in known.values() for name, summary in group.items()}
     rows: list[tuple[str | Text, str]] = []
     for kind, summaries in known.items():
         rows += [(Text(kind, style="bold"), ""), *((f"  {name}", summary) for name, summary in summaries.items())]
-    PlainConsole().print(listing(rows))
+    ui.answer(plain, lambda: ui.PlainConsole().print(ui.listing(rows)), as_json=as_json)
 
 
 def _print_sheet(sheet: VehicleSheet, directory: Path) -> None:
-    console = PlainConsole()
+    console = ui.PlainConsole()
     for line in (f"{sheet.name}: {sheet.summary}", sheet.size):
         console.print(line, soft_wrap=True)
     for table in sheet.tables:
@@ -129,10 +105,10 @@ def _print_sheet(sheet: VehicleSheet, directory: Path) -> None:
     console.print(f"Sheet: {directory / 'sheet.svg'}, sheet.png", soft_wrap=True)
 
 
-def _print_table(console: PlainConsole, sheet_table: SheetTable) -> None:
+def _print_table(console: ui.PlainConsole, sheet_table: SheetTable) -> None:
     head, *rows = sheet_table.rows
     columns = zip(head, sheet_table.columns, strict=True)
-    table = table_of(*((">" if align == "right" else "") + title for title, (_, align) in columns))
+    table = ui.table_of(*((">" if align == "right" else "") + title for title, (_, align) in columns))
     for row in rows:
         table.add_row(*row)
     console.print(table)
@@ -190,9 +166,9 @@ def assess(
     drawings: Annotated[
         Drawings, typer.Option(help="Also draw manoeuvres along a path: DXF for CAD, GeoJSON for GIS (extra 'cad').")
     ] = "none",
-    out: Annotated[Path | None, new_directory("runs/assess-VEHICLE-N")] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    out: Annotated[Path | None, ui.new_directory("runs/assess-VEHICLE-N")] = None,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Drive a vehicle through standard manoeuvres and compare it with the limits of the standards.
 
@@ -205,20 +181,18 @@ def assess(
         kinds = formats_of(drawings)
         trailer_steering = _chosen_law(vehicle, trailer_steering, settings or ())
         close_part(steered_trailer(chosen, trailer_steering))  # refuses what can not be steered
-        with progress_display(shown=not (quiet or as_json)) as display:
+        with ui.progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
                 chosen,
                 trailer_steering=trailer_steering,
                 manoeuvres=_words(manoeuvres),
                 cases=loaded(chosen, _words(loads)),
                 conditions=_conditions(hand, speed, radius, friction),
-                progress=progress_bar(display, f"assess {chosen.name}"),
+                progress=ui.progress_bar(display, f"assess {chosen.name}"),
             )
         write_assessment(assessment, directory, kinds)
-        if as_json:
-            typer.echo(json.dumps(assessment.summary(), indent=2))
-        elif not quiet:
-            _print_assessment(assessment, directory)
+        show = partial(_print_assessment, assessment, directory)
+        ui.answer(assessment.summary() if as_json else None, show, quiet=quiet, as_json=as_json)
 
 
 assess.__doc__ = f"{inspect.cleandoc(assess.__doc__ or '')}\n\n{_listing()}"
@@ -250,15 +224,15 @@ def _conditions(
 
 
 def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
-    console = PlainConsole()
+    console = ui.PlainConsole()
     if len(matrix.cases) > 1:
         title = f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)"
-        console.print(_as_printed(matrix_table(matrix, limits=False), title))
+        console.print(ui.page_table(matrix_table(matrix, limits=False), title))
     else:
         (case,) = matrix.cases
         console.print(_figures(case))
         if case.judgements:
-            console.print(_as_printed(levels_table(case), f"{case.vehicle.name}: limits of the standards"))
+            console.print(ui.page_table(levels_table(case), f"{case.vehicle.name}: limits of the standards"))
     for line in dict.fromkeys(
         line for case in matrix.cases for line in case.disagreements(lambda key: BY_NAME[key].label)
     ):
@@ -268,27 +242,9 @@ def _print_assessment(matrix: AssessmentMatrix, directory: Path) -> None:
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
 
 
-_STYLES: Final[dict[Emphasis, str]] = {"": "", "bad": "red", "good": "green", "soft": "dim", "best": "bold"}
-
-
-def _as_printed(shown: page.Table, title: str, **style: Any) -> Table:
-    """A page's table for the terminal, without the columns that have no text."""
-    kept = [k for k in range(len(shown.columns)) if any(len(row) == 1 or _cell(row[k]).text for row in shown.rows)]
-    columns = [shown.columns[k] for k in kept]
-    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in columns), title=title, **style)
-    for row in shown.rows:
-        cells = [_cell(row[k]) for k in kept] if len(row) > 1 else [Cell(_cell(row[0]).text, "best")]
-        table.add_row(*(Text(one.text, style=_STYLES[one.emphasis]) for one in cells))
-    return table
-
-
-def _cell(content: str | Cell) -> Cell:
-    return content if isinstance(content, Cell) else Cell(content)
-
-
 def _figures(assessment: Assessment) -> Table:
     columns = ("", "quantity", ">measured", ">linear theory")
-    table = table_of(*columns, title=f"{assessment.vehicle.name}: measured")
+    table = ui.table_of(*columns, title=f"{assessment.vehicle.name}: measured")
     for manoeuvre in assessment.manoeuvres:
         shown = [name for name, value in manoeuvre.figures.items() if value == value]
         head = manoeuvre.key.replace("_", " ")
@@ -302,9 +258,9 @@ def _figures(assessment: Assessment) -> Table:
 
 
 def validate(
-    out: Annotated[Path | None, new_directory("runs/validate-N")] = None,
+    out: Annotated[Path | None, ui.new_directory("runs/validate-N")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Run fewer cases: about half a minute.")] = False,
-    as_json: AsJson = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Compare the vehicle model with closed forms, published tables and independent models.
 
@@ -314,8 +270,8 @@ def validate(
     with run_directory.results_directory(out, "validate") as directory:
         begin = time.perf_counter()
         sections = []
-        with progress_display(shown=not as_json) as progress:
-            report = progress_bar(progress, "validation")
+        with ui.progress_display(shown=not as_json) as progress:
+            report = ui.progress_bar(progress, "validation")
             for done, (title, work) in enumerate(TASKS.items()):
                 report(done, len(TASKS), title)
                 sections.append(work(quick))
@@ -323,12 +279,9 @@ def validate(
         with run_directory.appearing_at_once(directory) as folder:
             (folder / "validation.html").write_text(validation_page(sections, facts), encoding="utf-8")
             write_json(folder / "validation.json", _plain(sections))
-        if as_json:
-            typer.echo(json.dumps(_plain(sections), indent=2))
-        else:
-            _print_sections(sections, directory)
+        ui.answer(_plain(sections), lambda: _print_sections(sections, directory), as_json=as_json)
     if tally(sections)["failed"]:
-        raise typer.Exit(CHECK_FAILED)
+        raise typer.Exit(ui.CHECK_FAILED)
 
 
 def _run_information(seconds: float, quick: bool) -> dict[str, str]:
@@ -357,10 +310,10 @@ def _finite(value: float | None) -> float | None:
 
 
 def _print_sections(sections: Sequence[CheckSection], directory: Path) -> None:
-    console = PlainConsole()
+    console = ui.PlainConsole()
     for part in sections:
         table, sources = checks_table(part)
-        console.print(_as_printed(table, part.title, box=None, pad_edge=False))
+        console.print(ui.page_table(table, part.title, box=None, pad_edge=False))
         for k, source in enumerate(sources, start=1):
             console.print(f"  [{k}] {source}", style="dim")
         console.print()
@@ -392,20 +345,20 @@ def reproduce(
             show_default="runs/NAME-N",
         ),
     ] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Reproduce a paper's table or figure and print it with the published numbers.
 
     Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives. With all and --out,
     the same command makes those that are missing.
     """
-    names = names_of(name)
+    names = papers.names_of(name)
     several, shown = len(names) > 1, not (quiet or as_json)
     directories = [(out / one if out and several else out) or run_directory.next_run_directory(one) for one in names]
     settings = {"quick": quick}
     earlier = {
-        one: earlier_reproduction(one, directory, settings) if several else None
+        one: papers.earlier_reproduction(one, directory, settings) if several else None
         for one, directory in zip(names, directories, strict=True)
     }
     for one, directory in zip(names, directories, strict=True):
@@ -415,12 +368,12 @@ def reproduce(
     for one, directory in zip(names, directories, strict=True):
         kept = earlier[one]
         if kept:
-            remark(f"{one}: finished earlier, in {directory}")
+            ui.remark(f"{one}: finished earlier, in {directory}")
             results.append(kept)
             continue
-        with progress_display(shown=shown) as display:
-            reproduction = maker(one)(quick, progress_bar(display, one))
-        write_reproduction(reproduction, directory, settings)
+        with ui.progress_display(shown=shown) as display:
+            reproduction = papers.maker(one)(quick, ui.progress_bar(display, one))
+        papers.write_reproduction(reproduction, directory, settings)
         results.append(reproduction.as_plain())
         if shown:
             _print_reproduction(reproduction, directory)
@@ -429,16 +382,16 @@ def reproduce(
     if as_json:
         typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
     if results[-1]["interrupted"]:
-        remark(f"interrupted; what is finished is in {directory}")
-        raise typer.Exit(INTERRUPTED)
+        ui.remark(f"interrupted; what is finished is in {directory}")
+        raise typer.Exit(ui.INTERRUPTED)
 
 
-def _print_reproduction(result: Reproduction, directory: Path) -> None:
+def _print_reproduction(result: papers.Reproduction, directory: Path) -> None:
     title = f"{result.title} ({result.source})"
-    table = table_of("quantity", ">published", ">own", "unit", title=title)
+    table = ui.table_of("quantity", ">published", ">own", "unit", title=title)
     for one in result.comparisons:
         table.add_row(one.quantity, one.published or "–", one.own_text, one.unit)
-    console = PlainConsole()
+    console = ui.PlainConsole()
     console.print(table)
     for note in result.notes:
         console.print(note, style="dim")

@@ -9,17 +9,7 @@ import typer
 
 from offtrack.commands.console import AsJson, PlainConsole, Quiet, progress_bar, progress_display, remark, table_of
 from offtrack.environments.tasks import EPISODES, TASKS, task_of
-from offtrack.environments.training.benchmark import (
-    Estimate,
-    Evaluation,
-    Results,
-    evaluated,
-    header,
-    read_results,
-    shipped_results,
-    summary,
-    write_results,
-)
+from offtrack.environments.training import benchmark as evaluation
 from vehicle.foundation.quantity import check_number
 
 EXAMPLES = (
@@ -64,22 +54,22 @@ def benchmark(
         _list(as_json=as_json)
         return
     task_of(task)
-    rows = shipped_results(task)
+    rows = evaluation.shipped_results(task)
     evaluates = policy is not None and not policy.endswith(".json")
     if (out or observation) and not evaluates:
         raise ValueError("--out and --observation need a --policy that is to be evaluated")
     if policy is not None and not evaluates:
-        rows.append(_of_task(read_results(Path(policy)), task, policy))
+        rows.append(_of_task(evaluation.read_results(Path(policy)), task, policy))
     elif policy is not None:
-        asked = Evaluation(task, policy, observation)
-        head = header(asked)
+        asked = evaluation.Evaluation(task, policy, observation)
+        head = evaluation.header(asked)
         path = out or Path("runs") / f"benchmark-{task}-{head['policy'].replace(':', '.')}.json"
         former = _former(path, head)
         with progress_display(shown=not (quiet or as_json)) as display:
             bar = progress_bar(display, f"benchmark {task}")
             path.parent.mkdir(parents=True, exist_ok=True)
-            keep = partial(write_results, path=path)
-            rows.append(evaluated(asked, head, episodes, bar, former=former, keep=keep))
+            keep = partial(evaluation.write_results, path=path)
+            rows.append(evaluation.evaluated(asked, head, episodes, bar, former=former, keep=keep))
     if as_json:
         typer.echo(json.dumps([plain_row(row) for row in rows], indent=2))
     elif not quiet:
@@ -88,7 +78,7 @@ def benchmark(
             PlainConsole().print(f"Results: {path}", soft_wrap=True)
 
 
-def _of_task(results: Results, task: str, file: str) -> Results:
+def _of_task(results: evaluation.Results, task: str, file: str) -> evaluation.Results:
     if results.head["task"] != task:
         raise ValueError(f"{file}: holds results of the task {results.head['task']}, not of {task}")
     if "vehicle" in results.head:
@@ -96,11 +86,11 @@ def _of_task(results: Results, task: str, file: str) -> Results:
     return results
 
 
-def _former(path: Path, head: dict[str, Any]) -> Results | None:
+def _former(path: Path, head: dict[str, Any]) -> evaluation.Results | None:
     """Results of the same evaluation in a file that exists."""
     if not path.exists():
         return None
-    former = read_results(path)
+    former = evaluation.read_results(path)
     differing = [key for key, value in head.items() if former.head[key] != value]
     if differing:
         raise ValueError(f"{path}: has results with another {differing[0]}: choose another --out, or delete it")
@@ -109,7 +99,7 @@ def _former(path: Path, head: dict[str, Any]) -> Results | None:
 
 
 def _list(*, as_json: bool) -> None:
-    times = {name: [row.head["processor_s"] for row in shipped_results(name)] for name in TASKS}
+    times = {name: [row.head["processor_s"] for row in evaluation.shipped_results(name)] for name in TASKS}
     if as_json:
         listed = {
             name: {"role": task.role, "words": task.words, "drivers": task.drivers, "processor_s": times[name]}
@@ -124,9 +114,9 @@ def _list(*, as_json: bool) -> None:
     PlainConsole().print(table)
 
 
-def print_results(name: str, rows: list[Results]) -> None:
+def print_results(name: str, rows: list[evaluation.Results]) -> None:
     """Print the table of these results of a task."""
-    task, summaries = task_of(name), [summary(row) for row in rows]
+    task, summaries = task_of(name), [evaluation.summary(row) for row in rows]
     title = f"{name}: means and 95 % intervals; error: {task.error} at the end; effort: RMS rate of the steering demand"
     columns = (">success [%]", ">error [m]", ">clearance [m]", ">effort [1/s]", ">rolled over [%]")
     table = table_of("policy", *columns, title=title)
@@ -144,13 +134,13 @@ def print_results(name: str, rows: list[Results]) -> None:
     PlainConsole().print(table)
 
 
-def _shown(value: Estimate, factor: float, digits: int) -> str:
+def _shown(value: evaluation.Estimate, factor: float, digits: int) -> str:
     """Mean, and the interval below it."""
     mean, low, high = (f"{factor * number:.{digits}f}" for number in value)
     return f"{mean}\n{low}..{high}"
 
 
-def plain_row(results: Results) -> dict[str, Any]:
+def plain_row(results: evaluation.Results) -> dict[str, Any]:
     """The row of these results for JSON."""
-    row = summary(results)
-    return {name: value._asdict() if isinstance(value, Estimate) else value for name, value in row.items()}
+    row = evaluation.summary(results)
+    return {name: value._asdict() if isinstance(value, evaluation.Estimate) else value for name, value in row.items()}

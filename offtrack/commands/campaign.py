@@ -7,19 +7,11 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import (
-    BAD_INPUT,
-    CHECK_FAILED,
-    PlainConsole,
-    SettingsOfAll,
-    listing,
-    remark,
-    table_of,
-)
+from offtrack.commands import console as ui
 from offtrack.commands.study import StudyOptions, takes_study_options
 from offtrack.studies.campaigns.campaign import Campaign, campaign_names, campaign_path, load_campaign, with_changes
-from offtrack.studies.campaigns.campaign_page import found_text, note_of, time_cells
-from offtrack.studies.campaigns.failures import Cell, Search, Times, totals, unaccepted
+from offtrack.studies.campaigns.campaign_page import searches_table, times_table
+from offtrack.studies.campaigns.failures import Cell, totals, unaccepted
 from offtrack.studies.campaigns.run_campaign import Results, default_campaign, results_json, run_campaign
 from offtrack.studies.case import listed, seeds_of
 from offtrack.studies.study import settings_of
@@ -49,7 +41,7 @@ def campaign(
             show_default=False,
         ),
     ] = None,
-    settings: SettingsOfAll = None,
+    settings: ui.SettingsOfAll = None,
     seeds: Annotated[
         str | None, typer.Option(help="Seeds, as 1-5 or 1,2,7.", show_default="those of the file; 1-2")
     ] = None,
@@ -72,7 +64,7 @@ def campaign(
     """
     if listed or target is None:
         _list(as_json=options.as_json)
-        raise typer.Exit(0 if listed else BAD_INPUT)
+        raise typer.Exit(0 if listed else ui.BAD_INPUT)
     chosen = _campaign(target, settings or [], seeds, controllers)
     title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
     if options.status:
@@ -87,8 +79,8 @@ def campaign(
         _print(chosen, found, broken)
     if broken:
         for line in broken if options.quiet or options.as_json else ():
-            remark(line)
-        raise typer.Exit(CHECK_FAILED)
+            ui.remark(line)
+        raise typer.Exit(ui.CHECK_FAILED)
 
 
 def _campaign(target: str, settings: list[str], seeds: str | None, controllers: str | None) -> Campaign:
@@ -108,24 +100,20 @@ def _campaign(target: str, settings: list[str], seeds: str | None, controllers: 
 def _list(*, as_json: bool) -> None:
     paths = {name: path for name in campaign_names() if (path := campaign_path(name))}
     loaded = {name: load_campaign(path) for name, path in paths.items()}
-    if as_json:
-        rows = [{"name": n, "runs": len(c.cases()), "description": c.description} for n, c in loaded.items()]
-        typer.echo(json.dumps(rows, indent=2))
-        return
-    PlainConsole().print(listing((name, f"{len(one.cases())} runs", one.description) for name, one in loaded.items()))
+    rows = [{"name": n, "runs": len(c.cases()), "description": c.description} for n, c in loaded.items()]
+    table = ui.listing((name, f"{len(one.cases())} runs", one.description) for name, one in loaded.items())
+    ui.answer(rows, lambda: ui.PlainConsole().print(table), as_json=as_json)
 
 
 def _print(campaign: Campaign, found: Results, broken: list[str]) -> None:
-    console = PlainConsole()
+    console = ui.PlainConsole()
     console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
     console.print("failed/runs, and the 95 % interval of the probability [%]")
     for cell in (cell for cell in found.cells if cell.crashed):
         console.print(f"failed without a physical end: {cell.crashed} of {_name(cell)}", soft_wrap=True)
-    times = [cell for cell in found.cells if cell.detection.known or cell.recovery.known]
-    if times:
-        console.print(_times(times))
-    if found.searches:
-        console.print(_thresholds(found.searches))
+    for table in (times_table(campaign, found.cells), searches_table(found.searches)):
+        if table.rows:
+            console.print(ui.page_table(table, box=None, pad_edge=False, padding=(0, 1, 0, 0)))
     if lost := sum(not run.reached for run in found.runs):
         console.print(f"{lost} runs were completed before their fault began; they are left out")
     for line in broken:
@@ -172,26 +160,3 @@ def _field(cell: Cell, *, full: bool) -> str:
     low, high = cell.failing.interval()
     counted = f"{cell.failing.beyond}/{cell.failing.runs}"
     return f"{counted} {100 * low:.0f}-{100 * high:.0f}" if full else counted
-
-
-def _times(cells: list[Cell]) -> Table:
-    """Times of each fault over all laws and further axes."""
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("fault", no_wrap=True)
-    for heading in ("detected: median", "worst", "never", "recovered: median", "worst", "never"):
-        table.add_column(heading, justify="right")
-    for fault in dict.fromkeys(cell.place[0] for cell in cells):
-        runs = [run.response for cell in cells if cell.place[0] == fault for run in cell.runs]
-        of = (Times.of(run.detection for run in runs), Times.of(run.recovery for run in runs))
-        table.add_row(fault, *(text for times in of for text in time_cells(times)))
-    return table
-
-
-def _thresholds(searches: tuple[Search, ...]) -> Table:
-    columns = ("bisected", "law", "", "seed", "smallest that fails", "")
-    table = table_of(*columns, box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for one in searches:
-        note = "not monotone" if "not monotone" in note_of(one) else ""
-        name = f"{one.entry.title}, {one.table.of}"
-        table.add_row(name, one.law, one.further, str(one.seed), found_text(one), note)
-    return table

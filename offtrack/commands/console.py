@@ -1,13 +1,14 @@
 """Shared parts of the commands: one-line errors, exit codes, plain text on the terminal and progress bars."""
 
+import json
 import os
 import re
 import shlex
 import sys
 import traceback
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any, Final, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, cast
 
 import typer
 from rich.console import Console
@@ -20,6 +21,9 @@ from typer.core import TyperGroup
 from scenarios.progress import Progress
 from vehicle.foundation.own_parts import raised_at
 from vehicle.foundation.user_file import reason, shown
+
+if TYPE_CHECKING:
+    from offtrack.reports import page
 
 _LONGEST: Final = 1000  # characters of an error message
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -174,6 +178,11 @@ class OneLineGroup(TyperGroup):
         sys.exit(code if isinstance(code, int) else 0)
 
 
+def command_group(text: str) -> typer.Typer:
+    """A command with subcommands, with plain help; ``text`` is its help."""
+    return typer.Typer(cls=OneLineGroup, no_args_is_help=True, add_completion=False, rich_markup_mode=None, help=text)
+
+
 class PlainConsole(Console):
     """A console on which texts are plain: brackets are no markup, control characters are shown as escapes."""
 
@@ -191,6 +200,29 @@ def table_of(*columns: str, title: str | None = None, **style: Any) -> Table:
     for column in columns:
         table.add_column(column.removeprefix(">"), justify="right" if column.startswith(">") else "left")
     return table
+
+
+_STYLES: Final = {"": "", "bad": "red", "good": "green", "soft": "dim", "best": "bold"}  # of a cell of a page
+
+
+def page_table(shown: "page.Table", title: str | None = None, **style: Any) -> Table:
+    """A page's table for the terminal, without the columns that have no text."""
+    rows = [[(cell, "") if isinstance(cell, str) else (cell.text, cell.emphasis) for cell in row] for row in shown.rows]
+    kept = [k for k in range(len(shown.columns)) if any(len(row) == 1 or row[k][0] for row in rows)]
+    columns = [shown.columns[k] for k in kept]
+    table = table_of(*((">" if one.kind == "number" else "") + one.title for one in columns), title=title, **style)
+    for row in rows:
+        cells = [row[k] for k in kept] if len(row) > 1 else [(row[0][0], "best")]
+        table.add_row(*(Text(printable(text), style=_STYLES[emphasis]) for text, emphasis in cells))
+    return table
+
+
+def answer(numbers: object, show: Callable[[], None], *, quiet: bool = False, as_json: bool = False) -> None:
+    """Print the numbers as JSON, or else what ``show`` prints; nothing of the latter if it is to be quiet."""
+    if as_json:
+        typer.echo(json.dumps(numbers, indent=2))
+    elif not quiet:
+        show()
 
 
 def listing(rows: Iterable[Sequence[str | Text]]) -> Table:

@@ -13,18 +13,7 @@ import typer
 
 from estimators.context import RoverContext
 from estimators.odometry.repeated_frames import NewViews
-from offtrack.commands.console import (
-    INTERRUPTED,
-    AsJson,
-    PlainConsole,
-    Quiet,
-    lines,
-    new_directory,
-    progress_bar,
-    progress_display,
-    remark,
-    summary_table,
-)
+from offtrack.commands import console as ui
 from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.camera_files import MountingOptions, facing_named
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
@@ -40,7 +29,7 @@ from scenarios.progress import postponed_interrupts
 from scenarios.results.run_directory import results_directory
 from vehicle.foundation.quantity import check_number
 
-app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
+app = ui.command_group("Run estimators on recorded images.")
 
 EXAMPLES = (
     "Examples: offtrack run constant-slip --record runs/images, then offtrack estimate off-tracking runs/images   "
@@ -58,12 +47,7 @@ _SHOWN = 5  # dropped frames listed on the terminal; the summary lists all
 _OPENING = 10.0  # time until the first images of live sources [s]
 
 
-@app.callback()
-def _estimate() -> None:
-    """Run estimators on recorded images."""
-
-
-@app.command("off-tracking", epilog=lines(EXAMPLES))
+@app.command("off-tracking", epilog=ui.lines(EXAMPLES))
 def off_tracking(
     directory: Annotated[
         Path | None,
@@ -175,12 +159,12 @@ def off_tracking(
     upside_down: Annotated[
         bool, typer.Option("--upside-down", help="The pair is mounted upside down: turned by 180 deg about its view.")
     ] = False,
-    out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
+    out: Annotated[Path | None, ui.new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
-    """Estimate the off-tracking of a trailer from recorded stereo images.
+    """Estimate a trailer's off-tracking from recorded stereo images.
 
     Writes trajectory_tum.txt, trajectory_kitti.txt, off_tracking.csv and .parquet, report.html, a video and
     summary.json. Missing and corrupt frames are dropped and reported. The pose of the cameras on the trailer comes from
@@ -218,8 +202,8 @@ def off_tracking(
         chosen_topics = parsed_topics(topics)
         folder, noticed = Unpacked(directory)
         if is_bag(directory) or videos_in(directory):
-            with progress_display(shown=not (quiet or as_json)) as display:
-                bar = progress_bar(display, "unpacking")
+            with ui.progress_display(shown=not (quiet or as_json)) as display:
+                bar = ui.progress_bar(display, "unpacking")
                 if videos := videos_in(directory):
                     unpacked = unpacked_videos(videos, bar)
                 else:
@@ -243,8 +227,8 @@ def off_tracking(
             raise typer.Exit
         source, recording = off_tracking_source(recording, chosen)
         name = chosen.odometry
-        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
-            estimation = estimate(recording, source, checked(progress_bar(display, "off-tracking")))
+        with ui.progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+            estimation = estimate(recording, source, checked(ui.progress_bar(display, "off-tracking")))
             compared = agreement_numbers(estimation, resolve("--odometry", name, ODOMETRY)) if agreement else None
             numbers = write_estimation(
                 estimation,
@@ -253,7 +237,7 @@ def off_tracking(
                 estimator=estimator,
                 video=video and estimation.outcome == "completed",
                 agreement=compared,
-                progress=checked(progress_bar(display, "video")),
+                progress=checked(ui.progress_bar(display, "video")),
             )
     _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
 
@@ -272,9 +256,9 @@ def _estimate_live(
         recording = live_recording(calibration, (width, height), options)
         source, recording = off_tracking_source(recording, chosen)
         for line in recording.assumed:
-            remark(f"assumed: {line}")
+            ui.remark(f"assumed: {line}")
         numbers = estimate_live(streams, recording, source, sys.stdout)
-    remark(", ".join(f"{name} {value}" for name, value in numbers.items()))
+    ui.remark(", ".join(f"{name} {value}" for name, value in numbers.items()))
 
 
 def _pair_of(folders: str | None) -> tuple[str, str] | None:
@@ -293,12 +277,12 @@ def _show_probe(recording: Recording, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(found, indent=2))
         return
-    PlainConsole().print(summary_table(f"{recording.source}: recognised", found["recording"]))
+    ui.PlainConsole().print(ui.summary_table(f"{recording.source}: recognised", found["recording"]))
     for line in _remarks(found):
-        PlainConsole().print(line, soft_wrap=True)
+        ui.PlainConsole().print(line, soft_wrap=True)
 
 
-@app.command("slip", epilog=lines(SLIP_EXAMPLES))
+@app.command("slip", epilog=ui.lines(SLIP_EXAMPLES))
 def slip(
     directory: Annotated[
         Path,
@@ -316,12 +300,12 @@ def slip(
     upside_down: Annotated[
         bool, typer.Option("--upside-down", help="The camera is mounted upside down: turned by 180 deg about its view.")
     ] = False,
-    out: Annotated[Path | None, new_directory("runs/DIR-N")] = None,
+    out: Annotated[Path | None, ui.new_directory("runs/DIR-N")] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
-    """Estimate the slip angle of a rover from recorded images of its wheel trace.
+    """Estimate a rover's slip angle from images of its wheel trace.
 
     Writes slip.csv and .parquet, report.html, a video and summary.json. Missing and corrupt images are dropped and
     reported.
@@ -333,35 +317,32 @@ def slip(
         recording = open_rover_recording(directory, rig, upside_down=upside_down)
         context = RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={})
         source = constructed("--estimator", estimator, lambda: part.of(context))
-        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+        with ui.progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             watched = NewViews(source, recording.rig.wheel_radius)
-            estimation = estimate_slip(recording, estimator, watched, checked(progress_bar(display, "slip angle")))
+            estimation = estimate_slip(recording, estimator, watched, checked(ui.progress_bar(display, "slip angle")))
             numbers = write_slip_estimation(
                 estimation,
                 results,
                 video=video and estimation.outcome == "completed",
-                progress=checked(progress_bar(display, "video")),
+                progress=checked(ui.progress_bar(display, "video")),
             )
     _finish(numbers, results, _SLIP_GROUPS, quiet=quiet, as_json=as_json)
 
 
 def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *, quiet: bool, as_json: bool) -> None:
     """Print the summary; raise the exit code of an interrupt."""
-    if as_json:
-        typer.echo(json.dumps(numbers, indent=2))
-    elif not quiet:
-        _print(numbers, directory, groups)
+    ui.answer(numbers, lambda: _print(numbers, directory, groups), quiet=quiet, as_json=as_json)
     if numbers["outcome"] == "interrupted":
-        remark(f"interrupted; what was estimated until then is in {directory}")
-        raise typer.Exit(INTERRUPTED)
+        ui.remark(f"interrupted; what was estimated until then is in {directory}")
+        raise typer.Exit(ui.INTERRUPTED)
 
 
 def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) -> None:
-    console = PlainConsole()
+    console = ui.PlainConsole()
     shown = {
         group: {name: value for name, value in numbers[group].items() if value not in (None, [])} for group in groups
     }
-    console.print(summary_table(f"{numbers['recording']}: {numbers['outcome']}", shown))
+    console.print(ui.summary_table(f"{numbers['recording']}: {numbers['outcome']}", shown))
     for line in (*_remarks(numbers), f"Report: {directory / 'report.html'}"):
         console.print(line, soft_wrap=True)
 

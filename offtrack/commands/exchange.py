@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import OneLineGroup, PlainConsole, Quiet, lines, listing, progress_bar, progress_display
+from offtrack.commands.console import PlainConsole, Quiet, command_group, lines, listing, progress_bar, progress_display
 from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat, chosen_signals
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
@@ -219,18 +219,12 @@ SYSTEM_EXAMPLES = (
 )
 
 
-app = typer.Typer(
-    cls=OneLineGroup,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help=(
-        "Co-simulation with other tools by FMI: offtrack's vehicles there, their models here.\n\n"
-        "offtrack fmu plant writes a truck or rover as an FMU that Simulink, Dymola, FMPy and others simulate without "
-        "Python. offtrack fmu law, sensor, driver and ground write parts of offtrack behind which a Python process "
-        "computes; offtrack fmu system writes a whole run.\n\n"
-        "An FMU for co-simulation, FMI 2 or 3, is a part of a run where its file is named: trailer_steering=law.fmu. A "
-        "TOML file beside it says which of its variables is which signal; offtrack fmu map writes a first one."
-    ),
+app = command_group(
+    "Co-simulation with other tools by FMI: offtrack's vehicles there, their models here.\n\n"
+    "plant writes a truck or rover that Simulink, Dymola, FMPy and others simulate without Python. law, sensor, driver "
+    "and ground write parts of offtrack behind which a Python process computes; system writes a whole run.\n\n"
+    "An FMU for co-simulation, FMI 2 or 3, is a part of a run where its file is named: trailer_steering=law.fmu. A "
+    "TOML file beside it says which of its variables is which signal; map writes a first one."
 )
 
 
@@ -253,11 +247,12 @@ def plant(
     wind: Annotated[bool, typer.Option("--wind", help="Add inputs for the wind at each unit of a truck.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a truck or rover as an FMU: its equations in C, with a library for 64-bit Linux and all source code.
+    """Write a truck or rover as an FMU that runs without Python.
 
-    It is for co-simulation, steps by 1 ms inside, and runs without Python. The numbers of the vehicle file are
-    parameters; documentation/index.html in the FMU lists all variables, and what is fixed. Importing tools give it
-    steer angle, acceleration and the ground; it gives everything that offtrack knows of its own vehicle.
+    Its equations are in C, with a library for 64-bit Linux and all source code. It is for co-simulation and steps by 1
+    ms inside. The numbers of the vehicle file are parameters; documentation/index.html in the FMU lists all variables,
+    and what is fixed. Importing tools give it steer angle, acceleration and the ground; it gives everything that
+    offtrack knows of its own vehicle.
     """
     platforms = checked_platforms(platform or [], fmi)
     model = plant_model(vehicle, soil, wind=wind)
@@ -288,10 +283,11 @@ def law(
     platform: Platforms = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write a trailer steering law as an FMU: guarded against bad estimates as in a run, for the last steered trailer.
+    """Write a trailer steering law as an FMU.
 
-    The FMU starts a Python process of an environment with offtrack, and ends it. The parameter python or the
-    environment variable OFFTRACK_PYTHON names the interpreter; otherwise it is python3 by the search path.
+    It steers the last steered trailer, guarded against bad estimates as in a run. The FMU starts a Python process of an
+    environment with offtrack, and ends it. The parameter python or the environment variable OFFTRACK_PYTHON names the
+    interpreter; otherwise it is python3 by the search path.
     """
     for setting in settings or []:
         if setting.partition(".")[0].partition("=")[0] not in _KEYS:
@@ -310,11 +306,11 @@ def sensor(
     platform: Platforms = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write the camera loop of a scenario as an FMU: world, cameras, odometry and path buffer of its last trailer.
+    """Write the camera loop of a scenario as an FMU.
 
-    It takes the motion of the combination, by the names of the outputs of offtrack fmu plant, and gives off-tracking,
-    standard deviation, health and path, and the combination's own sensors. The parameter frames is a folder for the
-    images.
+    It has the world, cameras, odometry and path buffer of the last trailer. It takes the motion of the combination, by
+    the names of the outputs of offtrack fmu plant, and gives off-tracking, standard deviation, health and path, and the
+    combination's own sensors. The parameter frames is a folder for the images.
     """
     write_proxy(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
@@ -328,7 +324,10 @@ def driver(
     platform: Platforms = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
+    """Write the driver of a scenario as an FMU.
+
+    Its inputs are the motion of the tractor, its outputs steer angle and acceleration.
+    """
     write_proxy(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
 
 
@@ -342,9 +341,10 @@ def ground(
     platform: Platforms = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write the ground of a scenario as an FMU: poses of the units in; friction, slopes, heights and wind out.
+    """Write the ground of a scenario as an FMU.
 
-    Its outputs are the inputs of offtrack fmu plant, by the same names.
+    Its inputs are the poses of the units, its outputs friction, slopes, heights and wind. These are the inputs of
+    offtrack fmu plant, by the same names.
     """
     write_proxy(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
@@ -361,9 +361,10 @@ def system(
     platform: Platforms = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write a whole run as a system of FMUs in the SSP format: plant, driver, sensors, laws and their connections.
+    """Write a whole run as a system of FMUs in the SSP format.
 
-    Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
+    It has plant, driver, sensors, laws and their connections. Each steered trailer has its own sensor and law. Uneven
+    ground, friction that changes and wind are an FMU as well.
     """
     platforms = checked_platforms(platform or [], 2, by_python=True)
     loop = fmu_system(of_trailer(scenario, settings), seed, step)
@@ -441,9 +442,10 @@ def map_variables(
     out: Annotated[Path | None, typer.Option(help="Name of the map.", show_default="FMU.toml, beside the FMU")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write a first map of an FMU: which of its variables is which signal, by names and units.
+    """Write a first map of an FMU: which variable is which signal.
 
-    Read it, correct it, and run. Everything that was not connected stands in it as a comment.
+    Signals are found by names and units. Read it, correct it, and run. Everything that was not connected stands in it
+    as a comment.
     """
     path = out or map_file(fmu)
     if path.exists():

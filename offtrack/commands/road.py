@@ -1,13 +1,12 @@
 """`offtrack road`: what a map or track holds, what of it can be driven, and how."""
 
-import json
 import shlex
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
-from offtrack.commands.console import AsJson, PlainConsole, Quiet, new_directory, table_of
+from offtrack.commands.console import AsJson, PlainConsole, Quiet, answer, new_directory, table_of
 from offtrack.reports.road_map import RoadMap, road_map, write_map
 from offtrack.reports.run_files import write_json
 from scenarios.results.run_directory import appearing_at_once, results_directory
@@ -42,10 +41,7 @@ def road(
         with appearing_at_once(directory) as folder:
             write_map(found, folder)
             write_json(folder / "facts.json", found.numbers)
-    if as_json:
-        typer.echo(json.dumps(found.numbers, indent=2))
-    elif not quiet:
-        _print(found, directory)
+    answer(found.numbers, lambda: _print(found, directory), quiet=quiet, as_json=as_json)
 
 
 def _print(found: RoadMap, directory: Path) -> None:

@@ -1,6 +1,5 @@
 """`offtrack run`: run a scenario."""
 
-import json
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,20 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from offtrack.commands.console import (
-    CHECK_FAILED,
-    INTERRUPTED,
-    AsJson,
-    PlainConsole,
-    Quiet,
-    ScenarioName,
-    debugging,
-    progress_bar,
-    progress_display,
-    remark,
-    setting_completions,
-    summary_table,
-)
+from offtrack.commands import console as ui
 from offtrack.exchange.recordings.writers import recording_in
 from offtrack.reports.film import IN_FILM
 from offtrack.reports.player.encoding import ON_PAGE
@@ -52,13 +38,13 @@ RUN_EXAMPLES = (
 
 
 def run(
-    scenario: ScenarioName,
+    scenario: ui.ScenarioName,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            autocompletion=setting_completions,
+            autocompletion=ui.setting_completions,
             help="Change a key of the scenario (see: offtrack keys), e.g. off_tracking=truth, trailer_steering=none, "
             "vehicle=my_truck.toml, surface.friction=0.3, steering.gain=0.5, traffic=mixed. "
             "May be repeated; the last value of a key counts.",
@@ -104,8 +90,8 @@ def run(
         int, typer.Option(min=0, max=65535, help="Port of --watch.", show_default="any that is free")
     ] = 0,
     record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory.
 
@@ -126,27 +112,27 @@ def run(
         space = results_directory(out, chosen.name, space=_FILES + _SIGNALS * duration)
         directory = cleanup.enter_context(space)
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
-            remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
+            ui.remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
         if record:
             check_apart(directory, record)
             cleanup.enter_context(claimed(record))
         watcher = None
         if watch:
             watcher = Watcher(f"{chosen.name}, seed {seed}")
-            remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
+            ui.remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         film = None
         if video and not paced and find_spec("av"):  # a paced run has no time for it
             folder = cleanup.enter_context(temporary_folder())
             film = FilmAlong(folder, duration)
             cleanup.callback(film.end)
-        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+        with ui.progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = runner.run(
                 chosen,
                 seed,
                 keep_frames=IN_FILM if video else ON_PAGE,
                 record=recording_in(record) if record else None,
-                progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
-                calibration_progress=checked(progress_bar(display, "calibration boards")),
+                progress=checked(ui.progress_bar(display, f"{chosen.name}, seed {seed}")),
+                calibration_progress=checked(ui.progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
                 bench=bench,
                 watch=[one.step for one in (watcher, film) if one is not None],
@@ -155,29 +141,26 @@ def run(
                 watcher.show(result)
                 watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
             drawn = film or (video and result.outcome != "interrupted")
-            bar = checked(progress_bar(display, "video"))
+            bar = checked(ui.progress_bar(display, "video"))
             write_run(result, directory, video=drawn, progress=bar, recording=record)
         numbers = result.summary()
-        if as_json:
-            typer.echo(json.dumps(numbers, indent=2))
-        elif not quiet:
-            _print_summary(numbers, directory)
+        ui.answer(numbers, lambda: _print_summary(numbers, directory), quiet=quiet, as_json=as_json)
     if numbers["outcome"] == "interrupted":
-        remark(f"interrupted; what was computed until then is in {directory}")
-        raise typer.Exit(INTERRUPTED)
+        ui.remark(f"interrupted; what was computed until then is in {directory}")
+        raise typer.Exit(ui.INTERRUPTED)
     if result.traceback:
         typer.echo(f"offtrack: {result.outcome} (see {directory / 'traceback.txt'})", err=True)
-        if debugging():
+        if ui.debugging():
             typer.echo(result.traceback, err=True)
-        raise typer.Exit(CHECK_FAILED)
+        raise typer.Exit(ui.CHECK_FAILED)
 
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
-    console = PlainConsole()
+    console = ui.PlainConsole()
     groups = {**numbers, **numbers.get("trailers", {})}
     shown = {name: values for name, values in groups.items() if isinstance(values, dict) and name != "trailers"}
     title = f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}"
-    console.print(summary_table(title, shown))
+    console.print(ui.summary_table(title, shown))
     for warning in numbers.get("warnings", ()):
         console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

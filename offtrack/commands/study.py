@@ -16,24 +16,13 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from offtrack.commands.console import (
-    CHECK_FAILED,
-    AsJson,
-    PlainConsole,
-    Quiet,
-    SettingsOfAll,
-    continuable,
-    progress_bar,
-    progress_display,
-    remark,
-    table_of,
-)
+from offtrack.commands import console as ui
 from offtrack.studies.case import Outcome, Settings, listed, parameters_beside, seeds_of
 from offtrack.studies.draws import Sensitivity, analysed, analysis_json
 from offtrack.studies.pool import Executor, RunOptions
 from offtrack.studies.run_study import compare_runs, run_study, standing_of
 from offtrack.studies.study import TRAILER, Study, axes_of, load_study, settings_of, subject_of
-from offtrack.studies.study_page import HEADINGS, remarks
+from offtrack.studies.study_page import sensitivity_table
 from offtrack.studies.table import Row, shown_quantities, text_of
 from scenarios.catalogue import resolve
 from scenarios.processes import MOST_JOBS, default_jobs
@@ -90,8 +79,8 @@ class StudyOptions:
     where: Where = None
     out: Out = None
     status: OnlyStatus = False
-    quiet: Quiet = False
-    as_json: AsJson = False
+    quiet: ui.Quiet = False
+    as_json: ui.AsJson = False
 
     def check(self) -> None:
         """Refuse numbers beyond their limits, and options that do not go together.
@@ -121,25 +110,22 @@ class StudyOptions:
         """
         again, jobs = settings_of(self.where or [], "--where"), self.jobs or default_jobs()
         shown = not (self.quiet or self.as_json)
-        with continuable(), progress_display(shown=shown) as bar, self._executor(jobs) as executor:
+        with ui.continuable(), ui.progress_display(shown=shown) as bar, self._executor(jobs) as executor:
             yield RunOptions(
                 jobs=jobs,
                 timeout=self.timeout,
                 executor=executor,
                 again=again,
-                progress=progress_bar(bar, title),
-                remark=remark,
-                announce=remark if shown else lambda line: None,
+                progress=ui.progress_bar(bar, title),
+                remark=ui.remark,
+                announce=ui.remark if shown else lambda line: None,
             )
 
     def tell_status(self, title: str, study: Study) -> None:
         """Print how far a study has come."""
         standing = standing_of(title, study, self.out, self.jobs or default_jobs())
-        if self.as_json:
-            fields = dataclasses.asdict(standing) | {"directory": str(standing.directory)}
-            typer.echo(json.dumps(fields, indent=2))
-        else:
-            typer.echo(standing)
+        fields = dataclasses.asdict(standing) | {"directory": str(standing.directory)}
+        ui.answer(fields, lambda: typer.echo(standing), as_json=self.as_json)
 
     @contextmanager
     def _executor(self, jobs: int) -> Iterator[Executor | None]:
@@ -155,7 +141,9 @@ class StudyOptions:
             assert self.job_queue is not None
             open_client = partial(queued, self.job_queue, jobs)
         waits, timeout = self.job_queue is not None, self.timeout
-        with DaskExecutor(open_client, waits=waits, timeout=timeout, patience=self.patience, remark=remark) as executor:
+        with DaskExecutor(
+            open_client, waits=waits, timeout=timeout, patience=self.patience, remark=ui.remark
+        ) as executor:
             yield executor.results
 
 
@@ -205,7 +193,7 @@ def print_rows(rows: Sequence[Row], directory: Path) -> None:
     columns = [(key.rpartition(".")[2], [dict(row.axes)[key] for row in rows]) for key in varied]
     columns.append(("done", [f"{row.completed}/{row.runs}" for row in rows]))
     numbers = [(f"{q.label} [{q.unit}]", [text_of(q, row.numbers[q.path]) for row in rows]) for q in quantities]
-    console = PlainConsole()
+    console = ui.PlainConsole()
     shown = fitting(columns, numbers, console.width)
     table = Table(padding=(0, 0))
     for k, (heading, cells) in enumerate([*columns, *shown]):
@@ -248,22 +236,9 @@ def sensitivity_of(design: Sensitivity, outcomes: Sequence[Outcome]) -> dict[Set
 
 
 def print_sensitivity(design: Sensitivity, outcomes: Sequence[Outcome]) -> None:
-    """Print a table for each point: a row for each quantity and key."""
-    first, second = HEADINGS[design.method]
-    console, analyses = PlainConsole(), analysed(design, outcomes)
-    for axes in dict.fromkeys(analysis.axes for analysis in analyses):
-        point = " ".join(f"{key}={value}" for key, value in axes)
-        title = f"Sensitivity{f', {point}' if point else ''}"
-        table = table_of("", "key", f">{first}", ">±", f">{second}", ">±", ">", title=title, padding=(0, 0))
-        for analysis in (one for one in analyses if one.axes == axes):
-            head = f"{analysis.quantity.label} [{analysis.quantity.unit}]"
-            for index in analysis.indices:
-                numbers = ("" if value is None else f"{value:.3g}" for value in index[1:])
-                table.add_row(head, index.key, *numbers, remarks(design, analysis))
-                head = ""
-            if not analysis.indices:
-                table.add_row(head, "", "", "", "", "", remarks(design, analysis))
-        console.print(table)
+    """Print the table of the page: a row for each point, quantity and key."""
+    console, analyses = ui.PlainConsole(), analysed(design, outcomes)
+    console.print(ui.page_table(sensitivity_table(design, analyses, brief=True), "Sensitivity", padding=(0, 0)))
     left_out = dict.fromkeys(title for analysis in analyses for title in analysis.left_out)
     for title in list(left_out)[:10]:
         console.print(f"left out: {title}", soft_wrap=True)
@@ -315,7 +290,7 @@ def compare(
             show_default="truth",
         ),
     ] = None,
-    settings: SettingsOfAll = None,
+    settings: ui.SettingsOfAll = None,
     vary: Annotated[
         list[str] | None, typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated.")
     ] = None,
@@ -378,10 +353,8 @@ def _compare_runs(runs: Sequence[Path], options: StudyOptions) -> None:
         raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")
     title = f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME]
     made = compare_runs(title, runs, options.out)
-    if options.as_json:
-        typer.echo(json.dumps([plain(row) for row in made.rows], indent=2))
-    elif not options.quiet:
-        print_rows(made.rows, made.directory)
+    show, numbers = partial(print_rows, made.rows, made.directory), [plain(row) for row in made.rows]
+    ui.answer(numbers, show, quiet=options.quiet, as_json=options.as_json)
 
 
 def _run_study(title: str, study: Study, options: StudyOptions) -> None:
@@ -403,5 +376,5 @@ def _run_study(title: str, study: Study, options: StudyOptions) -> None:
     if failed := {ending: count for ending, count in endings.most_common() if ending.startswith("failed")}:
         if options.quiet or options.as_json:
             for ending, count in list(failed.items())[:_REASONS]:
-                remark(f"{ending}: {count} runs")
-        raise typer.Exit(CHECK_FAILED)
+                ui.remark(f"{ending}: {count} runs")
+        raise typer.Exit(ui.CHECK_FAILED)

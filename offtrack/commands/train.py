@@ -9,49 +9,17 @@ from typing import Annotated, cast, get_args
 import typer
 
 from controllers.trailer_steering.policy import feature_names
+from offtrack.commands import console as ui
 from offtrack.commands.benchmark import plain_row, print_results
-from offtrack.commands.console import (
-    AsJson,
-    PlainConsole,
-    Quiet,
-    ScenarioName,
-    SettingsOfAll,
-    continuable,
-    progress_bar,
-    progress_display,
-    remark,
-    table_of,
-)
 from offtrack.environments import registry
 from offtrack.environments.tasks import EPISODES, LAWS, task_of
+from offtrack.environments.training import training_directory
 from offtrack.environments.training.benchmark import Evaluation, evaluated, header, shipped_results, write_results
-from offtrack.environments.training.training_directory import (
-    DEFAULT_DOMAIN,
-    NETWORK,
-    RESULTS,
-    Algorithm,
-    Plan,
-    check_directory,
-    keep_network,
-    keep_summary,
-    opened_directory,
-    trained_for,
-)
+from offtrack.studies import tuning as search
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.rehearsal import rehearse, time_text
 from offtrack.studies.run_study import CELLS, check_study_directory, opened_study, own_directory
 from offtrack.studies.study import subject_of
-from offtrack.studies.tuning import (
-    Trial,
-    Tuning,
-    chosen,
-    description,
-    objective_means,
-    tuning_of,
-    tuning_page,
-    with_parameters,
-    write_result,
-)
 from scenarios.assembly.surrogate import fitted, run_errors, surrogate_toml
 from scenarios.extras import check_extra
 from scenarios.processes import MOST_JOBS, default_jobs
@@ -101,8 +69,8 @@ def train(
             show_default="runs/train-TASK-ALGORITHM-SEED",
         ),
     ] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Train a policy with PPO or SAC for a task of the benchmark, and compare it with the laws or drivers there.
 
@@ -119,7 +87,7 @@ def train(
     check_extra("rl", "training needs", "stable_baselines3", "torch")
     if observation not in ("surrogate", "truth"):
         raise ValueError(f"--observation {observation}: must be surrogate or truth")
-    if algorithm not in get_args(Algorithm):
+    if algorithm not in get_args(training_directory.Algorithm):
         raise ValueError(f"--algorithm {algorithm}: must be ppo or sac")
     if task_of(task).role != "trailer" and vehicle is not None:
         raise ValueError(f"--vehicle {vehicle}: task {task} has a vehicle of its own")
@@ -128,37 +96,40 @@ def train(
     from offtrack.environments.training.learner import Budget, learn
 
     torch.set_num_threads(threads or os.cpu_count() or 1)
-    plan = Plan(
+    plan = training_directory.Plan(
         observation=observation,
         vehicle=vehicle,
         envs=envs or (_SAC_ENVS if algorithm == "sac" else _PPO_ENVS),
         seed=seed,
         task=task,
-        algorithm=cast(Algorithm, algorithm),
+        algorithm=cast(training_directory.Algorithm, algorithm),
     )
     directory = out or Path("runs") / f"train-{task}-{algorithm}-{seed}"
-    network = directory / NETWORK
-    check_directory(plan, directory)
+    network = directory / training_directory.NETWORK
+    training_directory.check_directory(plan, directory)
     registry.vector(plan.name, 1, **plan.environment()).close()  # refuses what can not be trained
-    with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
+    with (
+        training_directory.opened_directory(plan, directory),
+        ui.progress_display(shown=not (quiet or as_json)) as display,
+    ):
         budget = Budget(steps, None if minutes is None else 60.0 * minutes)
-        learned, curve = learn(plan, budget, directory, progress_bar(display, "train"))
+        learned, curve = learn(plan, budget, directory, ui.progress_bar(display, "train"))
         with postponed_interrupts():
-            keep_network(learned, network)
+            training_directory.keep_network(learned, network)
         # Results of another vehicle are not shipped.
         rows = [] if vehicle else shipped_results(task)
         seen = None if task_of(task).observation is None else observation
         for policy in (*(LAWS[:3] if vehicle else ()), str(network)):
             asked = Evaluation(task, policy, seen, vehicle)
-            rows.append(evaluated(asked, header(asked), episodes, progress_bar(display, "compare")))
-        write_results(rows[-1], directory / RESULTS)
+            rows.append(evaluated(asked, header(asked), episodes, ui.progress_bar(display, "compare")))
+        write_results(rows[-1], directory / training_directory.RESULTS)
         results = {"success": plain_row(rows[-1])["success"]["mean"], "benchmark": [plain_row(row) for row in rows]}
-        result = keep_summary(plan, curve, results, directory)
+        result = training_directory.keep_summary(plan, curve, results, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     elif not quiet:
         print_results(task, rows)
-        console = PlainConsole()
+        console = ui.PlainConsole()
         console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min: {network}")
         if task_of(task).role == "trailer":
             run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
@@ -201,9 +172,11 @@ def convert_policy(
     trained = load_vehicle(vehicle)
     steered = len(trained.units[-1].steered_axles)
     names = feature_names(steered, [unit.name for unit in trained.units])
-    domain = trained_for(trained, replace(DEFAULT_DOMAIN, speed=_speeds(speed_kmh)))
+    domain = training_directory.trained_for(
+        trained, replace(training_directory.DEFAULT_DOMAIN, speed=_speeds(speed_kmh))
+    )
     network = saved_network(model, names, steered, domain)
-    keep_network(network, written)
+    training_directory.keep_network(network, written)
     layers = " x ".join(str(len(biases)) for biases in network.biases)
     typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
 
@@ -227,7 +200,7 @@ def fit_surrogate(
     out: Annotated[
         Path | None, typer.Option(help="Output file for the parameters and their source; it must not exist yet.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Fit a surrogate of an off-tracking estimator to the errors of camera runs.
 
@@ -259,7 +232,7 @@ _FILE = "tuning.toml"  # identifies the task of a directory
 
 
 def tune(
-    scenario: ScenarioName,
+    scenario: ui.ScenarioName,
     controller: Annotated[
         str | None,
         typer.Option(
@@ -282,7 +255,7 @@ def tune(
             help="Parameter to tune, with its range; by default those that the law declares. May be repeated.",
         ),
     ] = None,
-    settings: SettingsOfAll = None,
+    settings: ui.SettingsOfAll = None,
     vary: Annotated[
         list[str] | None, typer.Option(metavar="KEY=VALUE,…", help="Axis of the grid of tuning runs. May be repeated.")
     ] = None,
@@ -316,8 +289,8 @@ def tune(
             show_default="runs/tune-SCENARIO-LAW-N; the same study's own",
         ),
     ] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Tune the parameters of a trailer steering law or rover driver on some runs, and judge them on others.
 
@@ -332,17 +305,19 @@ def tune(
     from offtrack.studies.trials import JOURNAL, database, finished, former, importances, in_database, optimise
 
     sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
-    tuning = tuning_of(scenario, controller, objectives, ranges or [], settings or [], sets)
+    tuning = search.tuning_of(scenario, controller, objectives, ranges or [], settings or [], sets)
     controller, workers = tuning.law, jobs or default_jobs()
     sides = (tuning.tuned_on, tuning.judged_on)
     identity = " ".join(study.identity() for study in sides)
     title = f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
     directory = out or own_directory(
-        title, _FILE, lambda file: read_text(file, FileKind.RECORD) == description(tuning), identity
+        title, _FILE, lambda file: read_text(file, FileKind.RECORD) == search.description(tuning), identity
     )
     if not (directory / JOURNAL).is_file():
         check_study_directory(directory, _FILE)
-    if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != description(tuning):
+    if os.path.lexists(directory / _FILE) and read_text(directory / _FILE, FileKind.RECORD) != search.description(
+        tuning
+    ):
         raise ValueError(
             f"{directory / _FILE} belongs to another tuning task: choose another --out, or the same options"
         )
@@ -350,37 +325,39 @@ def tune(
         database(storage)  # refuses one that does not answer
         tuning = in_database(tuning, storage)
     unusable = former(tuning, directory)
-    with continuable(), progress_display(shown=not (quiet or as_json)) as bar:
+    with ui.continuable(), ui.progress_display(shown=not (quiet or as_json)) as bar:
         cases = [case for study in sides for case in study.cases()]
         count = trials * len(tuning.tuned_on.cases()) + 2 * len(tuning.judged_on.cases())
-        seconds = rehearse(cases, progress_bar(bar, "check"), elsewhere=False, runs=count)
+        seconds = rehearse(cases, ui.progress_bar(bar, "check"), elsewhere=False, runs=count)
     if not (out or directory.exists()):
         directory = new_run_directory(title)
     if not (quiet or as_json):
         needed = f", about {time_text(seconds / workers)} in all" if seconds else ""
-        remark(f"{trials} trials of {len(tuning.tuned_on.cases())} runs, {workers} at a time{needed}; in {directory}")
-    with continuable(), opened_study(directory, _FILE, description(tuning), "" if out else identity):
+        ui.remark(
+            f"{trials} trials of {len(tuning.tuned_on.cases())} runs, {workers} at a time{needed}; in {directory}"
+        )
+    with ui.continuable(), opened_study(directory, _FILE, search.description(tuning), "" if out else identity):
         if unusable:
-            remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
-        with progress_display(shown=not (quiet or as_json)) as bar:
-            progress = progress_bar(bar, f"tune {controller}")
+            ui.remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
+        with ui.progress_display(shown=not (quiet or as_json)) as bar:
+            progress = ui.progress_bar(bar, f"tune {controller}")
             try:
                 results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
             except KeyboardInterrupt:
                 kept = min(trials, len(finished(tuning, directory)))
                 raise KeyboardInterrupt(f"{kept} of {trials} trials are kept in {directory}") from None
             progress(trials, trials)
-            best, compared = chosen(results), {}
+            best, compared = search.chosen(results), {}
             candidates = {"defaults": {}, "tuned": best.parameters}
-            comparing = progress_bar(bar, "compare")
+            comparing = ui.progress_bar(bar, "compare")
             for done, (name, parameters) in enumerate(candidates.items()):
                 comparing(done, len(candidates))
-                cases = with_parameters(tuning.judged_on, parameters).cases()
-                outcomes = run_cases(cases, directory / CELLS, RunOptions(jobs=workers, remark=remark))
-                compared[name] = objective_means(tuning.objectives, outcomes)
+                cases = search.with_parameters(tuning.judged_on, parameters).cases()
+                outcomes = run_cases(cases, directory / CELLS, RunOptions(jobs=workers, remark=ui.remark))
+                compared[name] = search.objective_means(tuning.objectives, outcomes)
             comparing(len(candidates), len(candidates))
-        write_result(tuning, results, best, directory)
-        page = tuning_page(tuning, results, best, compared, importances(tuning, directory))
+        search.write_result(tuning, results, best, directory)
+        page = search.tuning_page(tuning, results, best, compared, importances(tuning, directory))
         replaced(directory / "report.html", page)
     if as_json:
         result = {
@@ -394,11 +371,13 @@ def tune(
         _print_tuning(tuning, best, compared, directory)
 
 
-def _print_tuning(tuning: Tuning, best: Trial, compared: dict[str, tuple[float, ...]], directory: Path) -> None:
-    table = table_of("", *(f">{name}" for name in tuning.objectives), title=f"{tuning.law} on the judging runs")
+def _print_tuning(
+    tuning: search.Tuning, best: search.Trial, compared: dict[str, tuple[float, ...]], directory: Path
+) -> None:
+    table = ui.table_of("", *(f">{name}" for name in tuning.objectives), title=f"{tuning.law} on the judging runs")
     for name, values in compared.items():
         table.add_row(name, *(f"{value:.4g}" for value in values))
-    console = PlainConsole()
+    console = ui.PlainConsole()
     console.print(table)
     for name, value in best.parameters.items():
         console.print(f"{subject_of(tuning.tuned_on.scenario).parameters}.{name} = {value:.4g}")

@@ -56,7 +56,7 @@ _TRAILERS = (
     "Each trailer follows its own hitch. The charts above show the last trailer. The off-tracking and steering in the "
     "table above belong to the trailer with the largest off-tracking."
 )
-_ROVER = "The page opens where the rover is farthest from its path. Two estimates of its way are dead reckoning."
+_ROVER = "The page opens where the rover is farthest from its path. Dead reckoning is with and without the slip angle."
 
 
 def _trailers(result: RunResult) -> Table:

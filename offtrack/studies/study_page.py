@@ -55,7 +55,7 @@ def sensitivity_sections(design: Sensitivity, outcomes: Sequence[Outcome]) -> It
     interval = f" Intervals: {100 * CONFIDENCE:.0f} %, by bootstrap."
     drawings = [_figure(design, one) for one in analyses if one.indices]
     yield Section("Sensitivity", _MEANINGS[design.method] + interval, drawings)
-    yield Section("Indices", content=[_sensitivity_table(design, analyses)])
+    yield Section("Indices", content=[sensitivity_table(design, analyses)])
     if left_out := list(dict.fromkeys(title for one in analyses for title in one.left_out)):
         group = "trajectory" if design.method == "morris" else "base sample with all its runs"
         text = (
@@ -93,7 +93,7 @@ def sensitivity_csv(design: Sensitivity, outcomes: Sequence[Outcome]) -> str:
     return text.getvalue()
 
 
-def remarks(design: Sensitivity, analysis: Analysis) -> str:
+def _remarks(design: Sensitivity, analysis: Analysis) -> str:
     """Reasons why an analysis has no indices, or does not rest on all groups; empty if there are none."""
     name = "trajectories" if design.method == "morris" else "base samples"
     if not analysis.indices and analysis.groups == design.groups:
@@ -103,19 +103,22 @@ def remarks(design: Sensitivity, analysis: Analysis) -> str:
     return f"{analysis.groups} of {design.groups} {name}" if analysis.groups < design.groups else ""
 
 
-def _sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis]) -> Table:
+def sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis], *, brief: bool = False) -> Table:
+    """A row for each point, quantity and key; ``brief`` has the short names that fit a terminal."""
     axes = [key for key, _ in analyses[0].axes] if analyses else []
     first, second = HEADINGS[design.method]
     columns = [Column("text", figures.plain(key)) for key in (*axes, "quantity", "key")]
     columns += [Column("number", name) for name in (first, "±", second, "±")] + [Column("text", "")]
     lines: list[page.Row] = []
     for one in analyses:
-        head = [*(value for _, value in one.axes), f"{one.quantity.meaning} [{one.quantity.unit}]"]
+        name = one.quantity.label if brief else one.quantity.meaning
+        head = [*(value for _, value in one.axes), f"{name} [{one.quantity.unit}]"]
         for index in one.indices:
             numbers = ("" if value is None else f"{value:.3g}" for value in index[1:])
-            lines.append([*head, index.key, *numbers, remarks(design, one)])
+            key = index.key.rpartition(".")[2] if brief else index.key
+            lines.append([*head, key, *numbers, _remarks(design, one)])
         if not one.indices:
-            lines.append([*head, "", "", "", "", "", remarks(design, one)])
+            lines.append([*head, _remarks(design, one), "", "", "", "", ""])
     return Table(columns, lines)
 
 

@@ -33,7 +33,8 @@ class RendererUnavailableError(RuntimeError):
         reason = _missing_library() or " ".join(str(cause).split()) or type(cause).__name__
         super().__init__(
             f"no rendered cameras: OpenGL through EGL failed ({reason}); install it with "
-            "'apt-get install libegl1 libgl1 libgl1-mesa-dri', or run without cameras: off_tracking=truth"
+            "'apt-get install libegl1 libgl1 libgl1-mesa-dri', or run without cameras: off_tracking=truth; "
+            "see offtrack doctor"
         )
 
 

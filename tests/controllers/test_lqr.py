@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 import scipy
 
+from controllers.driver import PERIOD
 from controllers.trailer import KMH, Combination, SteeringLaw, TrailerSteering
 from controllers.trailer_steering.lqr import (
     AllSpeeds,
@@ -18,6 +20,7 @@ from controllers.trailer_steering.lqr import (
     Weights,
     at_speed,
     law_warnings,
+    loop_gain,
     path_nodes,
     plant,
     schedule,
@@ -287,3 +290,14 @@ def test_speeding_up_and_slowing_down_is_seamless() -> None:
     angles = commands(law, np.concatenate([ramp, ramp[::-1]]))
     steps = np.abs(np.diff(angles, axis=0)).max(axis=1)
     assert steps.max() < 0.9 * TRAILER.max_steer_rate * 20 * TICK  # a step would be caught by the rate limit, at it
+
+
+@pytest.mark.parametrize("kmh", [50.0, 80.0, 110.0])
+def test_the_sampled_loop_has_the_margins_of_a_regulator(kmh: float) -> None:
+    """With the observer and the period in it, half of the 60° that state feedback guarantees, and a factor of two."""
+    loop = loop_gain(COMBINATION, TRAILER, WEIGHTS, KMH * kmh)
+    assert np.abs(control.feedback(loop, 1).poles()).max() < 1.0  # the closed loop is stable
+    response = control.frequency_response(loop, np.geomspace(0.1, 0.99 * math.pi / PERIOD, 400))
+    gain, phase, *_ = control.stability_margins(response)
+    assert gain > 2.0
+    assert phase > 30.0  # [deg]

@@ -166,7 +166,7 @@ def _steering_rows(data: RoverSheet) -> sheet.Rows:
 
 def _soil_table(data: RoverSheet) -> sheet.SheetTable:
     rows: sheet.Rows = [
-        ("soil", "sinkage [mm]", f"pull, {STANDARD_SLIP:.0%} slip [N]", "steepest climb", "entrapped at slip"),
+        ("soil", "sinkage [mm]", f"pull at {STANDARD_SLIP:.0%} [N]", "climbs up to", "stuck at slip"),
     ]
     for one in data.traction:
         trapped = "never" if one.entrapped_from is None else f"{one.entrapped_from:.0%}"

@@ -171,8 +171,8 @@ def _share_text(found: Exceeding) -> str:
 
 
 def _times(campaign: Campaign, cells: Sequence[failures.Cell]) -> Iterator[Section]:
-    shown = [cell for cell in cells if cell.place[0] != NONE and (cell.detection.known or cell.recovery.known)]
-    if not shown:
+    table = times_table(campaign, cells)
+    if not table.rows:
         return
     text = (
         "From the onset of a fault until the health of the estimate is not ok, the fallback steers or the guard "
@@ -180,15 +180,23 @@ def _times(campaign: Campaign, cells: Sequence[failures.Cell]) -> Iterator[Secti
         f"within {campaign.requirements.recovered_below:g} m for a second. The time of a health is that of its "
         "image: the cameras' latency comes on top. Never: in that many of the runs."
     )
-    columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
-    for what in ("detected", "recovered"):
-        columns += [Column("number", f"{what}, median"), Column("number", "worst"), Column("number", "never")]
-    rows = [[*_place_cells(campaign, cell), *time_cells(cell.detection), *time_cells(cell.recovery)] for cell in shown]
-    yield Section("Detection and recovery", text, [Table(columns, rows)])
+    yield Section("Detection and recovery", text, [table])
     if alarms := [(cell, sum(run.response.alarm for run in cell.runs)) for cell in cells if cell.place[0] == NONE]:
         lines = [f"{_where(campaign, cell)}: {count} of {len(cell.runs)}" for cell, count in alarms]
         text = "Runs without a fault in which the health was not ok at some time."
         yield Section("False alarms", text, [Items(lines)])
+
+
+def times_table(campaign: Campaign, cells: Sequence[failures.Cell]) -> Table:
+    """Times to detect and to recover of the cells with a fault that have any."""
+    shown = [cell for cell in cells if cell.place[0] != NONE and (cell.detection.known or cell.recovery.known)]
+    columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
+    for what in ("detected", "recovered"):
+        columns += [Column("number", f"{what}, median"), Column("number", "worst"), Column("number", "never")]
+    return Table(
+        columns,
+        [[*_place_cells(campaign, cell), *_time_cells(cell.detection), *_time_cells(cell.recovery)] for cell in shown],
+    )
 
 
 def _place_cells(campaign: Campaign, cell: failures.Cell) -> list[str]:
@@ -200,14 +208,13 @@ def _where(campaign: Campaign, cell: failures.Cell) -> str:
     return " · ".join(filter(None, (cell.place[2], _further_title(campaign, cell.place[1])))) or "all runs"
 
 
-def time_cells(times: failures.Times) -> list[str]:
-    """Median, worst, and how many of the runs never did."""
+def _time_cells(times: failures.Times) -> list[str]:
     if not times.known:
         return ["–", "–", "–"]
-    return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
+    return [_time_text(times.median), _time_text(times.worst), f"{times.never}/{times.known}"]
 
 
-def time_text(seconds: float) -> str:
+def _time_text(seconds: float) -> str:
     """A time with its unit; "never" if it is infinite."""
     return "–" if math.isnan(seconds) else "never" if math.isinf(seconds) else f"{seconds:.2f} s"
 
@@ -263,16 +270,22 @@ def _deviation(run: Judgement) -> float:
 def _searches(searches: Sequence[failures.Search]) -> Iterator[Section]:
     if not searches:
         return
-    columns = [Column("name", "fault"), Column("text", "law"), Column("text"), Column("number", "seed")]
-    columns += [Column("number", "smallest that fails"), Column("note")]
-    rows = [
-        [f"{s.entry.title}: {_searched(s)}", s.law, s.further, str(s.seed), found_text(s), note_of(s)] for s in searches
-    ]
     text = (
         "Smallest value at which a run fails, by bisection: the run with this value fails, the one below it by the "
         "tolerance or less does not."
     )
-    yield Section("Smallest fault that fails", text, [Table(columns, rows)])
+    yield Section("Smallest fault that fails", text, [searches_table(searches)])
+
+
+def searches_table(searches: Sequence[failures.Search]) -> Table:
+    """The smallest value that fails, of each search."""
+    columns = [Column("name", "fault"), Column("text", "law"), Column("text"), Column("number", "seed")]
+    columns += [Column("number", "smallest that fails"), Column("note")]
+    rows = [
+        [f"{s.entry.title}: {_searched(s)}", s.law, s.further, str(s.seed), _found_text(s), _note_of(s)]
+        for s in searches
+    ]
+    return Table(columns, rows)
 
 
 def _searched(search: failures.Search) -> str:
@@ -281,7 +294,7 @@ def _searched(search: failures.Search) -> str:
     return "duration [s]" if search.table.of == "duration" else f"{option.name} [{option.unit}]"
 
 
-def found_text(search: failures.Search) -> str:
+def _found_text(search: failures.Search) -> str:
     """The smallest value that fails, or that there is none in the range."""
     if search.finding == "found":
         return f"{search.bracket[1]:g}"
@@ -289,7 +302,7 @@ def found_text(search: failures.Search) -> str:
     return f"{'above' if search.finding == 'never fails' else 'below'} {end:g}"
 
 
-def note_of(search: failures.Search) -> str:
+def _note_of(search: failures.Search) -> str:
     """Remarks on a bisection: never or always fails, and values that contradict a threshold."""
     notes = (
         [] if search.finding == "found" else [f"{search.finding} from {search.table.low:g} to {search.table.high:g}"]

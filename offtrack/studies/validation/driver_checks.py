@@ -6,10 +6,9 @@ code of runs, linearised by differences. So nothing of the driver's own model en
 
 import math
 from itertools import chain
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from scipy.signal import cont2discrete
 
 from controllers.driver import PERIOD, DriverMemory, PreviewDriver
 from controllers.path import Path, line
@@ -50,29 +49,29 @@ def driver_modes(vehicle: Vehicle, driven: Vehicle, speed: float, ahead: float) 
         speed: [m/s].
         ahead: guided point on the tractor's axis, in T [m].
     """
-    model = lateral_model(
-        driven, speed, outputs=("lateral_velocity", "yaw_rate"), tyre_dynamics=True, actuators=True, path=True
-    )
-    n = len(model.A)
-    of_state, of_steer, *_ = cont2discrete((model.A, model.B[:, :1], model.C, model.D[:, :1]), PERIOD)
-    observed = np.zeros((_OBSERVED, n))
-    observed[0, model.states.index("y")] = observed[1, model.states.index("psi")] = 1.0
-    for row, output in ((2, "lateral_velocity_0"), (3, "yaw_rate_0")):
-        observed[row] = model.C[model.outputs.index(output)]
-    driver = _driver(vehicle, speed, ahead)
-    m = len(driver)
-    by_memory, by_state = driver[:, :m], driver[:, m:] @ observed
-    loop = np.zeros((n + m, n + m))
-    loop[:n, :n] = of_state + of_steer * by_state[0]
-    loop[:n, n:] = of_steer * by_memory[0]
-    loop[n:, :n], loop[n:, n:] = by_state, by_memory
-    multipliers = np.linalg.eigvals(loop)
+    import control  # the import takes seconds
+
+    multipliers = control.feedback(_motion(driven, speed), _driver(vehicle, speed, ahead), sign=1).poles()
     moving = multipliers[np.abs(multipliers) > _AT_REST].astype(np.complex128)
     return np.asarray(np.log(moving), dtype=np.complex128) / PERIOD
 
 
-def _driver(vehicle: Vehicle, speed: float, ahead: float) -> FloatArray:
-    """New memory of the driver by old memory and observation, (m, m + 4); the first is the steer demand."""
+def _motion(driven: Vehicle, speed: float) -> Any:
+    """Place, direction and motion of the tractor by its steer demand: a system of python-control over periods."""
+    import control
+
+    model = lateral_model(
+        driven, speed, outputs=("lateral_velocity", "yaw_rate"), tyre_dynamics=True, actuators=True, path=True
+    )
+    observed = np.zeros((_OBSERVED, len(model.A)))
+    observed[0, model.states.index("y")] = observed[1, model.states.index("psi")] = 1.0
+    for row, output in ((2, "lateral_velocity_0"), (3, "yaw_rate_0")):
+        observed[row] = model.C[model.outputs.index(output)]
+    return control.c2d(control.ss(model.A, model.B[:, :1], observed, np.zeros((_OBSERVED, 1))), PERIOD)
+
+
+def _driver(vehicle: Vehicle, speed: float, ahead: float) -> Any:
+    """The driver's steer demand by what it observes: its new memory has the demand that it answers with."""
     driver = PreviewDriver(
         tractor_guided_at(vehicle, (ahead, 0.0)), Path(Pose2(0.0, 0.0, 0.0), (line(10.0 * _STATION),)), speed
     )
@@ -90,7 +89,19 @@ def _driver(vehicle: Vehicle, speed: float, ahead: float) -> FloatArray:
 
     steps = (_STEP * np.eye(m + _OBSERVED)).tolist()
     opposite = (-_STEP * np.eye(m + _OBSERVED)).tolist()
-    return np.column_stack([(step(a) - step(b)) / (2.0 * _STEP) for a, b in zip(steps, opposite, strict=True)])
+    new = np.column_stack([(step(a) - step(b)) / (2.0 * _STEP) for a, b in zip(steps, opposite, strict=True)])
+    import control
+
+    return control.ss(new[:, :m], new[:, m:], new[:1, :m], new[:1, m:], PERIOD)
+
+
+def margins(loop: Any) -> str:
+    """Gain and phase margin of a loop gain with negative feedback, in words."""
+    import control
+
+    response = control.frequency_response(loop, np.geomspace(0.1, 0.99 * math.pi / PERIOD, 400))
+    gain, phase, *_ = control.stability_margins(response)
+    return f"gain margin {20.0 * math.log10(gain):.0f} dB, phase margin {phase:.0f}°"
 
 
 SPEEDS: Final = (1.0, 2.5, 10.0, 20.0, 40.0, 65.0, 90.0, 110.0)  # [km/h]
@@ -135,13 +146,15 @@ def _stability(vehicle: Vehicle) -> Check:
         for kmh in SPEEDS
     }
     kmh, damping = max(growth, key=lambda case: growth[case])
+    loop = -_driver(vehicle, SPEEDS[-1] / 3.6, ahead) * _motion(vehicle, SPEEDS[-1] / 3.6)
     return Check(
         f"{vehicle.name}: largest growth rate, if any",
         max(0.0, growth[kmh, damping]),
         "1/s",
         tolerance=1e-6,
         source="all modes decay",
-        remark=f"slowest decay {growth[kmh, damping]:.3f} 1/s at {kmh:g} km/h, damping {damping:g} s",
+        remark=f"slowest decay {growth[kmh, damping]:.3f} 1/s at {kmh:g} km/h, damping {damping:g} s; "
+        f"at {SPEEDS[-1]:g} km/h {margins(loop)}",
     )
 
 
