@@ -57,6 +57,13 @@ TUNING: Final = (
     *("tune", "lane-change", *settings(*SHORT), "--trials", "2", "--seeds", "1", "--judge-seeds", "2", "--quiet"),
     *("--out", "tuning", "--jobs", "1"),
 )
+BAGS: Final = (  # folders of the specimen, the ending of their file, and its format
+    ("plain", ".db3", "database"),
+    ("messages", ".db3", "database"),
+    ("file", ".zstd", "zstd"),
+    ("mcap", ".mcap", "binary"),
+    ("ros1", ".bag", "binary"),
+)
 _ENVIRONMENT: Final = """
 import offtrack.environments.registry as made
 env = made.single("{name}", {option}="{file}")
@@ -104,7 +111,7 @@ FILES: Final[Sequence[Read]] = (
     Read("study", STUDY_FILE, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
     Read("campaign", STUDY_FILE, "parameters", ("campaign.toml",), "toml", (("campaign", "campaign.toml", *_AS_OUT),)),
     Read("own part", None, "parameters", ("own.py",), "text", (trailer("trailer_steering=own:Law"),)),
-    Read("FMU", FileKind.FMU, "ground", ("law.fmu",), "binary", (trailer("trailer_steering=law.fmu"),)),
+    Read("FMU", FileKind.FMU, "ground", ("law.fmu",), "zip", (trailer("trailer_steering=law.fmu"),)),
     Read("CAN bus", DBC_FILE, "ground", ("bus.dbc",), "text", ((*trailer(), "--can", "dbc=bus.dbc"),)),
     Read("demands", FileKind.TABLE, "ground", ("demands.csv",), "text",
          (trailer("outside.demands=trailer", "outside.record=demands.csv"),)),
@@ -121,7 +128,7 @@ FILES: Final[Sequence[Read]] = (
     Read("height map", FileKind.ARRAY, "ground", ("heights.npy",), "npy", (rover("surface.height_map=heights.npy"),)),
     Read("friction", FileKind.IMAGE, "ground", ("friction.png",), "image",
          (trailer("surface.friction_image=friction.png"),)),
-    Read("network", NETWORK_FILE, "ground", ("network.npz",), "npz",
+    Read("network", NETWORK_FILE, "ground", ("network.npz",), "zip",
          (trailer("trailer_steering=policy", "policy.path=network.npz"),)),
     Read("stereo image", FileKind.IMAGE, "stereo",
          tuple(f"rectified/image_{side}/{k:06d}.png" for k in (0, 1, FRAMES - 1) for side in (0, 1)), "image",
@@ -141,14 +148,22 @@ FILES: Final[Sequence[Read]] = (
     Read("study signals", FileKind.SIGNALS, "study", ("grid/cells/*.parquet",), "parquet", (STUDY,)),
     Read("study record", FileKind.RECORD, "study", ("grid/study.toml",), "toml", (STUDY,)),
     Read("tuning", FileKind.RECORD, "study", ("tuning/tuning.toml", "tuning/journal.log"), "text", (TUNING,)),
-    Read("training", FileKind.CHECKPOINT, "ground", ("training/checkpoint.zip",), "binary",
-         (("train", "--out", "training"),)),
+    Read("training", FileKind.CHECKPOINT, "training", ("training/checkpoint.zip",), "zip",
+         (("train", "--out", "training", "--quiet"),)),
+    Read("model", FileKind.CHECKPOINT, "training", ("training/checkpoint.zip",), "zip",
+         (("benchmark", "roundabouts", "--policy", "training/checkpoint.zip", "--episodes", "1", *_AS_OUT),)),
     Read("others' summary", FileKind.RECORD, "run", ("run/summary.json", "run/manifest.json"), "json", _VIEWED),
     Read("others' page", FileKind.IMAGE, "run", ("run/report.html",), "text", _VIEWED),
     Read("others' signals", FileKind.SIGNALS, "run", ("run/signals.parquet",), "parquet", _VIEWED),
-    Read("bag", None, "bag", ("bag/*.db3",), "binary", (("estimate", "off-tracking", "bag", *_ESTIMATE),)),
-    Read("metadata of a bag", FileKind.PARAMETERS, "bag", ("bag/metadata.yaml",), "text",
-         (("estimate", "off-tracking", "bag", *_ESTIMATE),)),
+    *(Read(f"bag, {name}", None, "bags", (f"{name}/*{end}",), format_,
+           (("estimate", "off-tracking", name, *_ESTIMATE),))
+      for name, end, format_ in BAGS),
+    Read("foreign calibration", FileKind.CALIBRATION, "foreign", ("raw/stereo.yaml", "raw/stereo.xml"), "text",
+         tuple(("estimate", "off-tracking", "raw", "--calibration", f"raw/stereo.{end}", *_ESTIMATE)
+               for end in ("yaml", "xml"))),
+    Read("video", None, "foreign", ("both.avi",), "binary",
+         (("estimate", "off-tracking", "both.avi", "--calibration", "raw/stereo.yaml", *_ESTIMATE),)),
+    Read("tyre", FileKind.PARAMETERS, "parameters", ("tyre.tir",), "text", (trailer("vehicle=tyred.toml"),)),
     Read("compiled code", None, "", ("planted.so",), "binary", (), (_LIBRARY,)),
 )  # fmt: skip
 

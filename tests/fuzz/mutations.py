@@ -9,11 +9,13 @@ import io
 import json
 import math
 import re
+import sqlite3
 import struct
 import tomllib
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import date
 from typing import Any, Final, get_args
 
@@ -21,6 +23,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
+import zstandard
 from hypothesis import strategies as st
 
 from tests.fuzz.case import Special
@@ -69,12 +72,23 @@ def _npy(shape: str, dtype: str = "<f8", data: bytes = b"\x00" * 64, header: int
     return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(text)) + text + data
 
 
-def _npz(members: Mapping[str, bytes], *, packed: bool = True) -> bytes:
+def _zip_of(members: Mapping[str, bytes], *, packed: bool = True) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
     return file.getvalue()
+
+
+def _mcap(chunk: bytes, size: int) -> bytes:
+    """An MCAP file of one compressed chunk, without an index."""
+    mark = b"\x89MCAP0\r\n"
+    records = {
+        1: struct.pack("<I4sI", 4, b"ros2", 0),
+        6: struct.pack("<QQQII4sQ", 0, 1, size, 0, 4, b"zstd", len(chunk)) + chunk,
+        2: bytes(20),
+    }
+    return mark + b"".join(struct.pack("<BQ", code, len(body)) + body for code, body in records.items()) + mark
 
 
 _EPS: Final = (
@@ -84,9 +98,15 @@ _OTHERS: Final[Mapping[str, Callable[[], bytes]]] = {
     "empty": lambda: b"",
     "one line end": lambda: b"\n",
     "eps": lambda: _EPS,
+    "zstd bomb": lambda: zstandard.compress(bytes(2**26)) * 64,
+    "mcap bomb": lambda: _mcap(zstandard.compress(bytes(2**26)) * 64, 2**32),
+    "yaml of aliases": lambda: (
+        b"a0: &a0 [1, 2]\n"
+        + b"".join(b"a%d: &a%d [%s]\n" % (k, k, b", ".join([b"*a%d" % (k - 1)] * 9)) for k in range(1, 12))
+    ),
     "gzip bomb": lambda: gzip.compress(bytes(20_000_000)),
-    "zip bomb": lambda: _npz({"W0.npy": _npy("(30000, 10000)", data=bytes(300_000_000))}),
-    "zip without members": lambda: _npz({}),
+    "zip bomb": lambda: _zip_of({"W0.npy": _npy("(30000, 10000)", data=bytes(300_000_000))}),
+    "zip without members": lambda: _zip_of({}),
     "png 60000x60000": lambda: _png(60_000, 60_000),
     "png 0x0": lambda: _png(0, 0),
     "png 1x1": lambda: _png(1, 1, data=zlib.compress(b"\x00\x07")),
@@ -251,21 +271,20 @@ def _array(content: bytes) -> st.SearchStrategy[Hostile]:
 
 
 def _archive(content: bytes) -> st.SearchStrategy[Hostile]:
+    """A zip file with another member, one less, or one that is damaged or edited."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
-
-    def changed(choice: tuple[str, Any, bool]) -> Hostile:
-        name, array, packed = choice
-        return _npz(
-            {**members, name: array if isinstance(array, bytes) else _saved(array)}, packed=packed
-        ), f"odd {name}"
-
-    things = st.sampled_from([*_ODD_ARRAYS, b"", b"\x93NUMPY", other_thing("npy of 10**12 numbers")[0], _EPS])
-    without = st.sampled_from(sorted(members)).map(
-        lambda name: (_npz({key: value for key, value in members.items() if key != name}), f"without {name}")
+    name, packed = st.sampled_from(sorted(members)), st.booleans()
+    things = st.sampled_from(
+        [*map(_saved, _ODD_ARRAYS), b"", b"\x93NUMPY", other_thing("npy of 10**12 numbers")[0], _EPS]
     )
-    locked = st.just((_encrypted(content), "said to be encrypted"))
-    return st.tuples(st.sampled_from(sorted(members)), things, st.booleans()).map(changed) | without | locked
+    changed = name.flatmap(lambda one: st.tuples(st.just(one), st.one_of(_text(members[one]), damaged(members[one]))))
+    return st.one_of(
+        st.tuples(name, things, packed).map(lambda c: (_zip_of({**members, c[0]: c[1]}, packed=c[2]), f"odd {c[0]}")),
+        changed.map(lambda c: (_zip_of({**members, c[0]: c[1][0]}), f"{c[0]}: {c[1][1]}")),
+        name.map(lambda one: (_zip_of({k: v for k, v in members.items() if k != one}), f"without {one}")),
+        st.just((_encrypted(content), "said to be encrypted")),
+    )
 
 
 def _encrypted(content: bytes) -> bytes:
@@ -302,13 +321,53 @@ def _table(content: bytes) -> st.SearchStrategy[Hostile]:
     return st.tuples(st.sampled_from(table.column_names), st.sampled_from(list(_COLUMNS))).map(changed)
 
 
+_ODD_CELLS: Final[tuple[Any, ...]] = (
+    *(None, -1, 0, 2**40, 1.5, "", "x", "/stereo/left/image_raw", "sensor_msgs/msg/Imu", "e" * 5000),
+    *(b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 64, zstandard.compress(bytes(2**26)) * 64),
+)
+
+
+def _database(content: bytes) -> st.SearchStrategy[Hostile]:
+    """A SQLite file with an odd or damaged cell, or without rows."""
+
+    def edited(table: str, column: str, value: Any, row: float) -> Hostile:
+        with sqlite3.connect(":memory:") as database:
+            database.deserialize(content)
+            ids = [one for (one,) in database.execute(f"SELECT rowid FROM {table}")]
+            where = "" if row > 0.8 or not ids else f" WHERE rowid = {ids[int(row * len(ids))]}"
+            with suppress(sqlite3.IntegrityError):  # a key must be a number
+                if value == "left out":
+                    database.execute(f"DELETE FROM {table}{where}")
+                else:
+                    database.execute(f"UPDATE OR IGNORE {table} SET {column} = ?{where}", (value,))
+            database.commit()
+            return database.serialize(), f"{table}.{column}{where} is {value!r:.40}"
+
+    with sqlite3.connect(":memory:") as database:
+        database.deserialize(content)
+        tables = [name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        columns = [(table, row[1]) for table in tables for row in database.execute(f"PRAGMA table_info({table})")]
+        (message,) = database.execute("SELECT data FROM messages ORDER BY id DESC").fetchone()
+    odd = st.tuples(st.sampled_from(columns), st.sampled_from([*_ODD_CELLS, "left out"]), st.floats(0.0, 1.0))
+    cut = st.tuples(st.just(("messages", "data")), damaged(message).map(lambda one: one[0]), st.floats(0.0, 1.0))
+    return (odd | cut).map(lambda c: edited(*c[0], *c[1:]))
+
+
+def _packed(content: bytes) -> st.SearchStrategy[Hostile]:
+    """A file packed by zstd, whose content is damaged."""
+    whole = zstandard.ZstdDecompressor().stream_reader(content).read()
+    return damaged(whole).map(lambda one: (zstandard.compress(one[0]), f"unpacked: {one[1]}"))
+
+
 FORMATS: Final[Mapping[str, tuple[Mutation, ...]]] = {
     "toml": (_toml, _toml, _text),
     "json": (_json, _text),
     "text": (_text,),
     "image": (_image,),
     "npy": (_array,),
-    "npz": (_archive,),
+    "zip": (_archive,),
+    "database": (_database,),
+    "zstd": (_packed,),
     "parquet": (_table,),
     "binary": (),
 }

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -13,11 +14,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pyopencrg
+from rosbags.convert.converter import convert
+from rosbags.typesys import Stores, get_typestore
 
 import controllers.trailer_steering
 import offtrack.exchange.bench
 import scenarios
 import vehicle
+from offtrack.environments.registry import single
 from offtrack.exchange.recordings.writers import RecordingWriter, RoverRecordingWriter
 from scenarios.processes import each_in_a_worker
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
@@ -48,6 +52,10 @@ def make(folder: Path, names: Iterable[str]) -> None:
 def _parameters(folder: Path) -> None:
     package = Path(vehicle.__file__).parent
     shutil.copy(package / "parameters" / "uk_longer_semitrailer.toml", folder / "vehicle.toml")
+    shutil.copy(Path(__file__).parents[1] / "vehicle/ground/tyre_files/truck_61.tir", folder / "tyre.tir")
+    text = (package / "parameters" / "eu_tractor_semitrailer.toml").read_text(encoding="utf-8")
+    tyred = re.sub(r'tyre = "\w+"', 'tyre = {law = "magic_formula", file = "tyre.tir"}', text)
+    (folder / "tyred.toml").write_text(tyred, encoding="utf-8")
     shutil.copy(package / "rovers" / "el_dorado_ii.toml", folder / "rover.toml")
     shutil.copy(package / "soils" / "toyoura_sand.toml", folder / "soil.toml")
     data = Path(scenarios.__file__).parent / "data"
@@ -109,8 +117,6 @@ def _ground(folder: Path) -> None:
     proportional_law(folder)
     network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
     shutil.copy(network, folder / "network.npz")
-    (folder / "training").mkdir()
-    (folder / "training" / "checkpoint.zip").write_bytes(network.read_bytes())
 
 
 def _textured(k: int, side: int) -> np.ndarray:
@@ -170,32 +176,70 @@ def _results(folder: Path) -> None:
     pq.write_table(pa.table(columns), run / "signals.parquet")
 
 
-def _study(folder: Path) -> None:
-    from tests.fuzz.files import STUDY, TUNING  # which names the specimens
-
-    for command in (STUDY, TUNING):
+def _finished(folder: Path, *commands: tuple[str, ...]) -> None:
+    for command in commands:
         case = Case(kind="specimen", command=command, steps=1_000_000)
         ((_, done),) = each_in_a_worker(result_of, {"": (case, folder)}, jobs=1)
         if isinstance(done, BaseException) or done.code != 0:
             raise RuntimeError(f"{case.title()}: {done}")
 
 
+def _study(folder: Path) -> None:
+    from tests.fuzz.files import STUDY, TUNING  # which names the specimens
+
+    _finished(folder, STUDY, TUNING)
+
+
 def _run(folder: Path) -> None:
     """A finished run with its page, and another to compare it with."""
     from tests.fuzz.files import trailer  # which names the specimens
 
-    case = Case(kind="specimen", command=trailer(), steps=1_000_000)
-    ((_, done),) = each_in_a_worker(result_of, {"": (case, folder)}, jobs=1)
-    if isinstance(done, BaseException) or done.code != 0:
-        raise RuntimeError(f"{case.title()}: {done}")
+    _finished(folder, trailer())
     shutil.copytree(folder / "out", folder / "other")
     (folder / "out").rename(folder / "run")
 
 
-def _bag(folder: Path) -> None:
-    from tests.offtrack.recordings.test_rosbag2 import bag, stereo
+def _bags(folder: Path) -> None:
+    """The same stereo images as ROS 2 and ROS 1 bags, plain and packed in every way."""
+    from tests.offtrack.recordings.test_rosbag2 import STORE, bag, stereo
 
-    bag(folder / "bag", stereo())
+    plain = bag(folder / "plain", stereo())
+    (folder / "ros1").mkdir()
+    for name, storage, packing, mode in (
+        ("messages", "sqlite3", "zstd", "message"),
+        ("file", "sqlite3", "zstd", "file"),
+        ("mcap", "mcap", "zstd", "storage"),
+        ("ros1/ros1.bag", "", "bz2", ""),
+    ):
+        types = get_typestore(Stores.ROS1_NOETIC) if packing == "bz2" else STORE
+        convert([plain], folder / name, storage, 8, packing, mode, STORE, types, (), (), (), ())
+
+
+def _foreign(folder: Path) -> None:
+    """Calibrations of other programs, and a video of both cameras."""
+    from tests.offtrack.recordings.test_calibration_files import SIZE, opencv
+
+    (folder / "raw").mkdir()
+    for ending in ("yaml", "xml"):
+        opencv(folder / "raw", ending)
+    video = cv2.VideoWriter(str(folder / "both.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (2 * SIZE[0], SIZE[1]))
+    for k in range(FRAMES):
+        pair = [cv2.resize(_textured(k // 3, side), SIZE) for side in (0, 1)]
+        video.write(cv2.cvtColor(np.hstack(pair), cv2.COLOR_GRAY2BGR))
+        for side, image in enumerate(pair):
+            (folder / "raw" / f"image_{side}").mkdir(exist_ok=True)
+            cv2.imwrite(str(folder / "raw" / f"image_{side}" / f"{k:06d}.png"), image)
+    video.release()
+    (folder / "raw" / "times.txt").write_text("".join(f"{0.1 * k}\n" for k in range(FRAMES)), encoding="utf-8")
+
+
+def _training(folder: Path) -> None:
+    """A model of stable-baselines3; its layers are not those of a training of offtrack, which can not resume it."""
+    from stable_baselines3 import PPO
+
+    (folder / "training").mkdir()
+    model = PPO("MlpPolicy", single("TrailerSteering-v0"), policy_kwargs={"net_arch": [8]}, device="cpu")
+    model.save(folder / "training" / "checkpoint.zip")
 
 
 SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {
@@ -207,5 +251,7 @@ SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {
     "results": _results,
     "study": _study,
     "run": _run,
-    "bag": _bag,
+    "bags": _bags,
+    "foreign": _foreign,
+    "training": _training,
 }

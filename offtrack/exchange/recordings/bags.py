@@ -6,8 +6,10 @@ their topic says. Read by rosbags (extra ``export``), which needs no ROS.
 """
 
 import json
+import resource
+import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -25,7 +27,7 @@ from scenarios.extras import import_extra
 from scenarios.image_file import upper_bits, used_bits
 from scenarios.progress import Progress, no_progress
 from vehicle.foundation.temporary import temporary_folder
-from vehicle.foundation.user_file import MAX_FRAMES, FileKind, nearest, read_text, shown
+from vehicle.foundation.user_file import MAX_FRAMES, nearest, shown
 
 SIDES: Final = ("left", "right")
 FRAMES: Final = {"left": "camera_left", "right": "camera_right"}
@@ -119,8 +121,10 @@ def _info_of(topic: str, kinds: Mapping[str, str]) -> str:
 
 _FILES: Final = ("calib.txt", "rig.toml", "poses.txt")  # of a recording of offtrack
 _FOLDERS: Final = {"left": "image_0", "right": "image_1"}
-_OF_ADDRESSES: Final = frozenset("#?%")  # the reader opens a database by an address
-_ENDINGS: Final = (".mcap", ".db3", ".bag")
+_ENDINGS: Final = (".mcap", ".db3", ".bag", ".zstd")
+_UNPACKED: Final = 1_000_000_000  # of a message, or a chunk of them [bytes]
+_UNPACKED_FILE: Final = 100  # times its size, and ``_UNPACKED``
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"  # begins what is packed; a message begins with a zero
 _PAIRS: Final = 3  # of the first images, that show whether they are rectified
 _CLEARLY: Final = 0.6  # times the difference of rows that shows which images are rectified
 
@@ -136,22 +140,59 @@ def _files(path: Path) -> list[Path]:
     return sorted(file for file in inside if file.suffix in _ENDINGS and file.is_file())
 
 
-def _linked(bag: Path, place: Path) -> list[Path]:
-    """Links to the files of a bag: the reader would wait for a pipe, and takes some signs in a path for its own."""
+def _linked(bag: Path, place: Path, zstd: Any) -> list[Path]:
+    """Links to the files of a bag under plain names, as a database is opened by an address; packed ones are unpacked.
+
+    Metadata are not read: they repeat what the files hold, and may name others.
+    """
     place.mkdir()
-    files, metadata = _files(bag), bag / "metadata.yaml"
-    if metadata.is_file() and not any(_OF_ADDRESSES & set(file.name) for file in bag.iterdir()):
-        text = read_text(metadata, FileKind.PARAMETERS)
-        for file in bag.iterdir():
-            if file.is_file():
-                (place / file.name).symlink_to(file.absolute())
-        (place / metadata.name).unlink()
-        (place / metadata.name).write_text(text, encoding="utf-8")
-        return [place]
-    links = [place / f"{k}{file.suffix}" for k, file in enumerate(files)]
-    for link, file in zip(links, files, strict=True):
-        link.symlink_to(file.absolute())
+    links = []
+    for k, file in enumerate(_files(bag)):
+        links.append(place / f"{k}{file.with_suffix('').suffix if file.suffix == '.zstd' else file.suffix}")
+        if file.suffix != ".zstd":
+            links[-1].symlink_to(file.absolute())
+            continue
+        most = _UNPACKED + _UNPACKED_FILE * file.stat().st_size
+        with zstd.open(file, "rb") as packed, links[-1].open("wb") as out:
+            for part in iter(lambda stream=packed: stream.read(1_000_000), b""):
+                if out.write(part) and out.tell() > most:
+                    raise ValueError(f"{bag}: {file.name} unpacks to more than {most / 1e6:.0f} MB")
+    if not links:
+        raise ValueError(f"{bag}: can not be read as a bag: it holds no file of messages")
     return links
+
+
+def _zstd() -> Any:
+    return import_extra("export", "bags need", "rosbags.rosbag2.reader").zstd
+
+
+@contextmanager
+def _limited_memory(bag: Path) -> Iterator[None]:
+    """Let memory grow by at most ``_UNPACKED``: libraries unpack whatever a bag says that it holds."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        most = pages * resource.getpagesize() + _UNPACKED
+        resource.setrlimit(resource.RLIMIT_AS, (min({most, *limits[:1]} - {resource.RLIM_INFINITY}), limits[1]))
+    try:
+        yield
+    except MemoryError:
+        raise ValueError(f"{bag}: a message unpacks to more than {_UNPACKED / 1e6:.0f} MB of memory") from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+def _messages(reader: Any, connections: Sequence[Any], bag: Path) -> Iterator[tuple[Any, int, Any]]:
+    """Messages with their connection and the time of their reception [ns]."""
+    packed = reader.messages(connections)
+    while True:
+        with _limited_memory(bag):
+            if (found := next(packed, None)) is None:
+                return
+            connection, received, data = found
+            data = _zstd().decompress(data) if data[:4] == _ZSTD else data
+            message = reader.deserialize(data, connection.msgtype)
+        yield connection, received, message
 
 
 @contextmanager
@@ -180,16 +221,20 @@ def unpacked_bag(
     with temporary_folder() as temporary:
         folder = temporary / (bag.stem if bag.is_file() else bag.resolve().name)
         folder.mkdir()
-        paths = _linked(bag, temporary / "files of the bag")
-        if any(map(_is_for_viewers, paths)):
-            raise ValueError(f"{bag}: its MCAP messages are those of a viewer, not of ROS 2. {_OF_OWN}")
+        place = temporary / "files of the bag"
         try:
-            with highlevel.AnyReader(paths, default_typestore=humble_types()) as reader:
+            paths = _linked(bag, place, _zstd())
+            if any(map(_is_for_viewers, paths)):
+                raise ValueError(f"{bag}: its MCAP messages are those of a viewer, not of ROS 2. {_OF_OWN}")
+            reader = highlevel.AnyReader(paths, default_typestore=humble_types())
+            with _limited_memory(bag):
+                reader.open()
+            with closing(reader):
                 unpacked = _unpacked(reader, bag, folder, topics, progress, exchange=exchange, calibrated=calibrated)
         except (ValueError, KeyboardInterrupt, MemoryError):
             raise
         except Exception as error:  # of the reader, whatever the bag makes it stumble over
-            line = " ".join(str(error).split())
+            line = " ".join(str(error).split()).replace(f"{place}/", "")
             raise ValueError(
                 f"{bag}: can not be read as a bag: {type(error).__name__}: {shown(line, 120)}. If it was cut off, try "
                 "`ros2 bag reindex`, `mcap recover` or `rosbag reindex`"
@@ -222,7 +267,7 @@ def _unpacked(
         topics = StereoTopics(topics.right, topics.left, topics.right_info, topics.left_info)
     if topics.left == topics.right:
         raise ValueError(f"{bag}: --topics names one topic for both cameras: {topics.left}")
-    files = _recording_files(reader, kinds)
+    files = _recording_files(reader, kinds, bag)
     maps: dict[str, tuple[Any, Any]] = {}
     notes: list[str] = []
     if not calibrated and "calib.txt" not in files and "rig.toml" not in files:
@@ -259,12 +304,12 @@ def _increasing(stamps: Sequence[int], side: str, bag: Path) -> _Images:
     return found
 
 
-def _recording_files(reader: Any, kinds: Mapping[str, str]) -> dict[str, str]:
+def _recording_files(reader: Any, kinds: Mapping[str, str], bag: Path) -> dict[str, str]:
     """Files of a recording of offtrack that the bag holds."""
     if kinds.get(RECORDING) != "std_msgs/msg/String":
         return {}
-    for connection, _, data in reader.messages([c for c in reader.connections if c.topic == RECORDING]):
-        files = json.loads(reader.deserialize(data, connection.msgtype).data)
+    for _, _, message in _messages(reader, [c for c in reader.connections if c.topic == RECORDING], bag):
+        files = json.loads(message.data)
         return {name: str(files[name]) for name in _FILES if name in files}
     return {}
 
@@ -274,13 +319,13 @@ def _infos(reader: Any, topics: StereoTopics, bag: Path) -> tuple[CameraInfo, ..
     infos = []
     for side, topic in zip(SIDES, (topics.left_info, topics.right_info), strict=True):
         found = [c for c in reader.connections if topic and c.topic == topic]
-        message = next(iter(reader.messages(found)), None) if found else None
+        message = next(_messages(reader, found, bag), None) if found else None
         if message is None:
             raise ValueError(
                 f"{bag}: no calibration of the {side} camera: it needs sensor_msgs/CameraInfo beside the images, or "
                 f"--topics {side}_info=/topic, or --calibration"
             )
-        infos.append(camera_info(reader.deserialize(message[2], message[0].msgtype), topic, str(bag)))
+        infos.append(camera_info(message[2], topic, str(bag)))
     return tuple(infos)
 
 
@@ -324,10 +369,9 @@ def _rectifying(
 
 
 def _first_images(reader: Any, topic: str, bag: Path) -> list[NDArray[Any]]:
-    messages = islice(
-        reader.messages([c for c in reader.connections if c.topic == topic and c.msgtype in IMAGES]), _PAIRS
-    )
-    return [grey_image(reader.deserialize(data, c.msgtype), f"{bag}: {topic}") for c, _, data in messages]
+    connections = [c for c in reader.connections if c.topic == topic and c.msgtype in IMAGES]
+    messages = islice(_messages(reader, connections, bag), _PAIRS)
+    return [grey_image(message, f"{bag}: {topic}") for _, _, message in messages]
 
 
 def _remapped(image: NDArray[Any], maps: tuple[Any, Any]) -> NDArray[Any]:
@@ -344,9 +388,8 @@ def _write_images(
         (folder / name).mkdir()
     connections = [c for c in reader.connections if c.topic in sides and c.msgtype in IMAGES]
     total = sum(c.msgcount for c in connections)
-    for done, (connection, received, data) in enumerate(reader.messages(connections), start=1):
+    for done, (connection, received, message) in enumerate(_messages(reader, connections, bag), start=1):
         side = sides[connection.topic]
-        message = reader.deserialize(data, connection.msgtype)
         at = message.header.stamp
         if len(stamps[side]) >= MAX_FRAMES:
             raise ValueError(f"{bag}: more than {MAX_FRAMES} images of the {side} camera: cut the bag")

@@ -20,10 +20,11 @@ import yaml
 from offtrack.exchange.recordings.bag_messages import baseline
 from scenarios.roads.path_file import read_xml
 from sensors.camera.rig import CameraModel, RawStereoRig
-from vehicle.foundation.user_file import FileKind, read_text, shown
+from vehicle.foundation.user_file import MAX_NESTING, FileKind, read_text, shown
 from vehicle.frames import FloatArray, inverse, orthonormalised, transform
 
 SUFFIXES: Final = (".yaml", ".yml", ".xml")
+_MOST_EVENTS: Final = 20_000  # of a YAML file
 _FISHEYES: Final = ("equidistant", "fisheye")
 _LENSES: Final = (
     "plumb_bob", "radtan", "radial-tangential", "pinhole-radtan", "rational_polynomial", "none", "", *_FISHEYES,
@@ -108,6 +109,16 @@ def _matrix(loader: Any, node: Any) -> Any:
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
+def _check_yaml(text: str) -> None:
+    """Refuse what takes the loader long: aliases, which multiply, and more than a calibration has."""
+    depth = 0
+    for count, event in enumerate(yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if isinstance(event, yaml.AliasEvent) or depth > MAX_NESTING or count > _MOST_EVENTS:
+            rule = f"no aliases, at most {_MOST_EVENTS} values, {MAX_NESTING} deep"
+            raise ValueError(f"line {event.start_mark.line + 1}: a calibration has {rule}")
+
+
 def _table(path: Path) -> dict[str, Any]:
     """Contents of a YAML or XML file."""
     if path.suffix == ".xml":
@@ -117,6 +128,7 @@ def _table(path: Path) -> dict[str, Any]:
     if text.startswith("%YAML"):
         text = text.partition("\n")[2]  # OpenCV writes %YAML:1.0, which is none
     try:
+        _check_yaml(text)
         table = yaml.load(text, _Loader)  # a SafeLoader
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise ValueError(f"{path}: not a YAML file: {shown(' '.join(str(error).split()), 200)}") from None
