@@ -37,7 +37,7 @@ def main() -> int:
     out = arguments.out.resolve() / time.strftime("%Y%m%d-%H%M%S")
     print(f"seed {arguments.seed}; finds go to {out}; making valid files of every kind ...", flush=True)
     reads = [read for read in FILES if arguments.only in f"file: {read.name}"]
-    make(out / "specimens", {read.specimen for read in reads} - {""})
+    make(out / "specimens", {read.specimen for read in reads})
     tally = Tally(time.monotonic())
     until, seed = tally.begin + 60.0 * arguments.minutes, arguments.seed
     try:

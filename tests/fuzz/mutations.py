@@ -17,7 +17,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import date
-from typing import Any, Final, get_args
+from typing import Any, Final, cast, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -275,13 +275,11 @@ def _archive(content: bytes) -> st.SearchStrategy[Hostile]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     name, packed = st.sampled_from(sorted(members)), st.booleans()
-    things = st.sampled_from(
-        [*map(_saved, _ODD_ARRAYS), b"", b"\x93NUMPY", other_thing("npy of 10**12 numbers")[0], _EPS]
-    )
+    things = st.sampled_from([*map(_saved, _ODD_ARRAYS), b"", b"\x93NUMPY", _OTHERS["npy of 10**12 numbers"](), _EPS])
     changed = name.flatmap(lambda one: st.tuples(st.just(one), st.one_of(_text(members[one]), damaged(members[one]))))
     return st.one_of(
         st.tuples(name, things, packed).map(lambda c: (_zip_of({**members, c[0]: c[1]}, packed=c[2]), f"odd {c[0]}")),
-        changed.map(lambda c: (_zip_of({**members, c[0]: c[1][0]}), f"{c[0]}: {c[1][1]}")),
+        changed.map(lambda c: (_zip_of({**members, c[0]: cast(bytes, c[1][0])}), f"{c[0]}: {c[1][1]}")),
         name.map(lambda one: (_zip_of({k: v for k, v in members.items() if k != one}), f"without {one}")),
         st.just((_encrypted(content), "said to be encrypted")),
     )
@@ -356,7 +354,7 @@ def _database(content: bytes) -> st.SearchStrategy[Hostile]:
 def _packed(content: bytes) -> st.SearchStrategy[Hostile]:
     """A file packed by zstd, whose content is damaged."""
     whole = zstandard.ZstdDecompressor().stream_reader(content).read()
-    return damaged(whole).map(lambda one: (zstandard.compress(one[0]), f"unpacked: {one[1]}"))
+    return damaged(whole).map(lambda one: (zstandard.compress(cast(bytes, one[0])), f"unpacked: {one[1]}"))
 
 
 FORMATS: Final[Mapping[str, tuple[Mutation, ...]]] = {

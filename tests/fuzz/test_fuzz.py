@@ -17,7 +17,7 @@ from tests.fuzz.specimens import make
 from vehicle.foundation.user_file import FileKind
 
 _SEED = 8
-_SLOW = ("study", "run", "training", "")  # specimens that take seconds to make
+_SLOW = ("study", "run", "training")  # specimens that take seconds to make
 
 
 def tried(cases: Iterable[Case], folder: Path, hang: float = 60.0) -> list[Tried]:

@@ -1,9 +1,8 @@
 """The user's cache of what takes long to make: it gives out nothing which another user could have written.
 
-The cache is ``$OFFTRACK_CACHE``, else ``offtrack`` in the user's cache directory. The folder and its files must belong
-to this user and be writable by nobody else, and nobody else may be able to rename a folder above it. A file holds its
-content and a hash of key and content, which tells damage. A file is opened once, and the bytes that are checked are the
-bytes that are returned. The files that were not used for the longest time are removed where all take too much room.
+The cache is ``$OFFTRACK_CACHE``, else ``offtrack`` in the user's cache directory. The folder must belong to this user
+and be writable by nobody else. A file holds its content and a hash of key and content, which tells damage. The files
+that were not used for the longest time are removed where all take too much room.
 
 A folder or file that is not trusted is named in one warning, and its content is made again. A folder that is full or
 read-only has the same effect without a warning. What remains: root, and programs of this same user, are trusted.
@@ -16,7 +15,6 @@ import os
 import pickle
 import platform
 import secrets
-import shutil
 import stat
 import time
 from collections.abc import Callable
@@ -94,22 +92,18 @@ _KNOWN: Final = ("vehicle", "sensors", "numpy", "scipy", "builtins")  # packages
 
 def cached(name: str) -> bytes | None:
     """Content stored under the name, a key and an ending; None if there is none that can be trusted."""
-    return _in_folder(lambda folder: _found(folder, name))
+    return _in_folder(lambda folder: _found(folder / name))
 
 
 def store(name: str, content: bytes) -> None:
     """Store content under the name, whole or not at all; replaces what is not trusted."""
-    _in_folder(lambda folder: _stored(folder, name, content))
+    _in_folder(lambda folder: _stored(folder / name, content))
 
 
-def _in_folder(action: Callable[[int], ResultT]) -> ResultT | None:
-    """Result of the action with the folder's descriptor; None if that fails or is not trusted."""
+def _in_folder(action: Callable[[Path], ResultT]) -> ResultT | None:
+    """Result of the action with the folder; None if that fails or is not trusted."""
     try:
-        folder = _opened(_path())
-        try:
-            return action(folder)
-        finally:
-            os.close(folder)
+        return action(_opened(_path()))
     except _RefusedError as error:
         warn_once(f"the cache is not used, and what it holds is made again: {error}.")
     except OSError as error:
@@ -122,65 +116,44 @@ def _path() -> Path:
     return Path(os.environ.get("OFFTRACK_CACHE") or Path(user_cache, "offtrack")).resolve()
 
 
-def _opened(path: Path) -> int:
-    """Descriptor of the folder, which is made if it is missing.
+def _opened(path: Path) -> Path:
+    """The folder, which is made if it is missing.
 
     Raises:
-        OSError: if it can not be made, or somebody else could write to it or exchange it.
+        OSError: if it can not be made, or belongs to another user, or others can write to it.
     """
-    chain = [*reversed(path.parents), path]
-    for folder in chain:
-        if not folder.exists():
-            folder.mkdir(mode=0o700, exist_ok=True)  # another process may be faster
-    for parent in chain[:-1]:
-        _check(parent, os.lstat(parent), above=True)
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
-    try:
-        _check(path, os.fstat(descriptor))
-    except _RefusedError:
-        os.close(descriptor)
-        raise
-    return descriptor
-
-
-def _check(path: Path, status: os.stat_result, *, above: bool = False) -> None:
-    """Refuse what belongs to another user or what others can write to.
-
-    A folder ``above`` the cache may belong to root, and others may write to it if its sticky bit keeps them from
-    renaming what is not theirs.
-    """
-    me = os.geteuid()
-    if status.st_uid != me and not (above and status.st_uid == 0):
+    path.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status, me = path.stat(), os.geteuid()
+    if status.st_uid != me:
         raise _RefusedError(f"{path} belongs to user {status.st_uid}, not to you (user {me}). {_ADVICE}")
-    if status.st_mode & 0o022 and not (above and status.st_mode & stat.S_ISVTX):
+    if status.st_mode & 0o022:
         mode = f"{stat.S_IMODE(status.st_mode):o}"
         raise _RefusedError(f"{path} is open to other users (mode {mode}). {_ADVICE}, or run: chmod go-w '{path}'")
+    return path
 
 
-def _found(folder: int, name: str) -> bytes | None:
+def _found(file: Path) -> bytes | None:
     try:
-        whole = _read(folder, name)
+        whole = file.read_bytes()
     except FileNotFoundError:
         return None
     content, stored = whole[:-_N_HASH], whole[-_N_HASH:]
-    if stored != _hash(name, content):
-        raise _RefusedError(f"{_path() / name} is damaged")
+    if stored != _hash(file.name, content):
+        raise _RefusedError(f"{file} is damaged")
+    with suppress(OSError):  # another system's files have no times
+        os.utime(file, ns=(time.time_ns(), file.stat().st_mtime_ns))  # it was used now
     return content
 
 
-def _stored(folder: int, name: str, content: bytes) -> None:
+def _stored(file: Path, content: bytes) -> None:
     """Write a file under a temporary name, which then becomes its name."""
-    _clear(folder, len(content))
-    temporary = f"{_BUILD}{secrets.token_hex(8)}"
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600, dir_fd=folder)
+    _clear(file.parent, len(content))
+    unfinished = file.with_name(f"{_BUILD}{secrets.token_hex(8)}")
     try:
-        with open(descriptor, "wb") as file:
-            file.write(content)
-            file.write(_hash(name, content))
-        os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
+        unfinished.write_bytes(content + _hash(file.name, content))
+        unfinished.replace(file)
     finally:
-        with suppress(FileNotFoundError):  # it was renamed
-            os.unlink(temporary, dir_fd=folder)
+        unfinished.unlink(missing_ok=True)
 
 
 def _hash(name: str, content: bytes) -> bytes:
@@ -190,47 +163,23 @@ def _hash(name: str, content: bytes) -> bytes:
     return whole.digest()
 
 
-def _read(folder: int, name: str) -> bytes:
-    """Content of a file.
-
-    Raises:
-        FileNotFoundError: if there is none.
-        _RefusedError: if it can not be read, is no regular file, belongs to another user, or others can write to it.
-    """
-    path = _path() / name
-    try:
-        descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise _RefusedError(f"{path}: {error.strerror}. Remove it") from error
-    with open(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode):
-            raise _RefusedError(f"{path} is no regular file. Remove it")
-        _check(path, status)
-        with suppress(OSError):  # another system's files have no times
-            os.utime(descriptor, ns=(time.time_ns(), status.st_mtime_ns))  # it was used now
-        return file.read()
-
-
-def _clear(folder: int, room: int) -> None:
+def _clear(folder: Path, room: int) -> None:
     """Remove what killed processes left half-written, and for ``room`` [bytes] the files used longest ago."""
-    files: list[tuple[int, int, str]] = []
-    for name in os.listdir(folder):
+    files: list[tuple[int, int, Path]] = []
+    for path in folder.iterdir():
         with suppress(OSError):  # another process removed it
-            status = os.stat(name, dir_fd=folder, follow_symlinks=False)
-            if not name.startswith(_BUILD):
-                files.append((status.st_atime_ns, status.st_size, name))
+            status = path.stat()
+            if not path.name.startswith(_BUILD):
+                files.append((status.st_atime_ns, status.st_size, path))
             elif time.time() - status.st_mtime > _ABANDONED:
-                shutil.rmtree(_path() / name) if (_path() / name).is_dir() else os.unlink(name, dir_fd=folder)
+                path.unlink()
     excess = sum(size for _, size, _ in files) + room - _LARGEST
-    for _, size, name in sorted(files):
+    for _, size, path in sorted(files):
         if excess <= 0:
             break
         excess -= size
         with suppress(OSError):
-            os.unlink(name, dir_fd=folder)
+            path.unlink()
 
 
 @cache

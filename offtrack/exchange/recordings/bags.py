@@ -154,7 +154,7 @@ def _linked(bag: Path, place: Path, zstd: Any) -> list[Path]:
             continue
         most = _UNPACKED + _UNPACKED_FILE * file.stat().st_size
         with zstd.open(file, "rb") as packed, links[-1].open("wb") as out:
-            for part in iter(lambda stream=packed: stream.read(1_000_000), b""):
+            while part := packed.read(1_000_000):
                 if out.write(part) and out.tell() > most:
                     raise ValueError(f"{bag}: {file.name} unpacks to more than {most / 1e6:.0f} MB")
     if not links:

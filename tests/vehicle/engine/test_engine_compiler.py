@@ -5,7 +5,6 @@ import re
 import stat
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,55 +65,18 @@ def test_a_damaged_or_exchanged_file_is_made_anew(
     assert re.match(rf"offtrack: the cache is not used.*{wrong} is damaged", warning)
 
 
-def a_pipe(wrong: Path) -> None:
-    wrong.unlink()
-    os.mkfifo(wrong)
-
-
-PLANTED: dict[str, Callable[[Path], object]] = {
-    r"is open to other users \(mode 666\). Set OFFTRACK_CACHE .* or run: chmod": lambda wrong: wrong.chmod(0o666),
-    "symbolic link": lambda wrong: wrong.symlink_to(wrong.rename(wrong.parents[1] / "elsewhere.so")),
-    "is no regular file": a_pipe,
-}
-
-
-@pytest.mark.parametrize("reason", PLANTED)
-def test_a_planted_file_is_not_loaded(
-    gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, reason: str
-) -> None:
-    """One line says which file, why, and what to do; the code is compiled and computes."""
-    compiler.library(SOURCE, ["ANSWER=5"], gcc)
-    (wrong,) = kept(tmp_path)
-    PLANTED[reason](wrong)
-    for _ in range(2):
-        assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
-    (warning,) = caplog.messages
-    assert re.fullmatch(rf".*{tmp_path}/cache/.*{reason}.*", warning)
-
-
 def test_a_folder_that_others_may_write_is_not_used(
     gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Whether the folder itself or one above it is open: nothing is read from it or written to it.
-
-    A sticky one above it, as /tmp is, is trusted: there nobody can rename what is not his own.
-    """
+    """Nothing is read from it or written to it."""
     compiler.library(SOURCE, ["ANSWER=5"], gcc)
     before = kept(tmp_path)
-    for folder in (tmp_path, tmp_path / "cache"):
-        mode = stat.S_IMODE(folder.stat().st_mode)
-        folder.chmod(0o777)
-        assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
-        assert compiler.library(SOURCE, ["ANSWER=6"], gcc).answer() == 6
-        folder.chmod(mode)
-    assert len(caplog.messages) == 2
-    for folder, warning in zip((tmp_path, tmp_path / "cache"), caplog.messages, strict=True):
-        assert f"{folder} is open to other users (mode 777). Set OFFTRACK_CACHE" in warning
+    (tmp_path / "cache").chmod(0o777)
+    assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    assert compiler.library(SOURCE, ["ANSWER=6"], gcc).answer() == 6
+    (warning,) = caplog.messages
+    assert f"{tmp_path / 'cache'} is open to other users (mode 777). Set OFFTRACK_CACHE" in warning
     assert before == kept(tmp_path)
-    tmp_path.chmod(0o1777)
-    assert compiler.library(SOURCE, ["ANSWER=7"], gcc).answer() == 7
-    assert len(kept(tmp_path)) == 2
-    assert len(caplog.messages) == 2
 
 
 def test_the_files_of_another_user_are_not_used(
@@ -131,27 +93,24 @@ def test_the_files_of_another_user_are_not_used(
 def test_whatever_the_umask_the_cache_is_private(
     gcc: compiler.Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Also the folders above it that have to be made; otherwise it would refuse itself the next time."""
+    """Otherwise it would refuse itself the next time."""
     before = os.umask(0)
     try:
         for _ in range(2):
             assert compiler.library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
     finally:
         os.umask(before)
-    assert [stat.S_IMODE(path.stat().st_mode) for path in (tmp_path / "cache", *kept(tmp_path))] == [0o700, 0o600]
+    assert stat.S_IMODE((tmp_path / "cache").stat().st_mode) == 0o700
     assert caplog.messages == []
 
 
 def test_what_killed_builds_left_is_removed(gcc: compiler.Compiler, tmp_path: Path) -> None:
     """After an hour; a file that is being written stays."""
     folder = tmp_path / "cache"
-    (folder / "build-of-a-former-version").mkdir(parents=True, mode=0o700)
-    (folder / "build-of-a-former-version" / "source.c").touch()
+    folder.mkdir(mode=0o700)
     for name in ("build-old", "build-new"):
         (folder / name).touch()
-    folder.chmod(0o700)
-    for name in ("build-of-a-former-version", "build-old"):
-        os.utime(folder / name, (0.0, 0.0))
+    os.utime(folder / "build-old", (0.0, 0.0))
     compiler.library(SOURCE, ["ANSWER=5"], gcc)
     assert [path.name for path in kept(tmp_path) if path.suffix != ".so"] == ["build-new"]
 
