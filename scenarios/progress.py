@@ -1,8 +1,10 @@
 """Progress of long work, and the interrupts (SIGINT, SIGTERM, SIGHUP) that end it between two steps."""
 
+import atexit
 import os
 import signal
 import stat
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -45,18 +47,30 @@ def part_of(progress: Progress, part: int, parts: int, note: str = "") -> Progre
 _ENDING: Final = (signal.SIGTERM, signal.SIGHUP)  # a request to end; the terminal has gone
 _SIGNALS: Final = (signal.SIGINT, *_ENDING)
 _received: list[int] = []
+_code: list[int] = []  # with which the process ends
 
 
 def interrupt_on_termination() -> None:
     """Let SIGTERM and SIGHUP raise KeyboardInterrupt in this process, as Ctrl-C does; not if ``nohup`` ignores them."""
+    atexit.register(_leave)
     for number in _ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
 
 
-def terminated() -> int:
-    """Exit code, as shells count, if SIGTERM or SIGHUP has interrupted this process; otherwise 0."""
-    return 128 + _received[0] if _received else 0
+def end_as_terminated() -> None:
+    """End with the exit code of shells, if SIGTERM or SIGHUP has interrupted this process."""
+    if _received:
+        _code.append(128 + _received[0])
+        sys.exit(_code[0])
+
+
+def _leave() -> None:
+    """End at last: Python would end itself by SIGINT, if the interrupt passed through the import of a dataclass."""
+    if _code:
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+        os._exit(_code[0])
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:

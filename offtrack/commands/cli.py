@@ -2,7 +2,6 @@
 
 import importlib
 import logging
-import sys
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -11,7 +10,7 @@ from typer.core import TyperCommand
 
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, join_settings, lines
 from scenarios.processes import save_time
-from scenarios.progress import interrupt_on_termination, terminated
+from scenarios.progress import end_as_terminated, interrupt_on_termination
 
 
 class Entry(NamedTuple):
@@ -149,8 +148,8 @@ def main() -> None:
     try:
         app()
     except SystemExit as end:
-        if end.code == INTERRUPTED and terminated():
-            sys.exit(terminated())
+        if end.code == INTERRUPTED:
+            end_as_terminated()
         raise
 
 

@@ -110,7 +110,7 @@ def _one_line_errors() -> Iterator[None]:
     except (BrokenPipeError, typer.Exit):  # whoever read the output has gone: no error of the command
         raise
     except KeyboardInterrupt as interrupt:
-        remark(f"interrupted; {interrupt or 'what is finished is kept'}")
+        remark(f"interrupted; {str(interrupt) or 'what is finished is kept'}")
         raise typer.Exit(INTERRUPTED) from interrupt
     except Exception as error:
         render = sys.modules.get("sensors.render")  # its import takes long, and without it nothing was rendered
@@ -297,7 +297,7 @@ def continuable() -> Iterator[None]:
         yield
     except KeyboardInterrupt as interrupt:
         command = shlex.join(["offtrack", *sys.argv[1:]])
-        raise KeyboardInterrupt(f"{interrupt or 'what is finished is kept'}; continue: {command}") from None
+        raise KeyboardInterrupt(f"{str(interrupt) or 'what is finished is kept'}; continue: {command}") from None
 
 
 def lines(examples: str) -> str:

@@ -195,13 +195,11 @@ class DaskExecutor:
         """
         if not cases:
             return
-        from offtrack.studies.cluster_workshop import check_rendering, packed, renders
+        from offtrack.studies.cluster_workshop import packed
 
         client = self._connected()
         shipment, orders = packed(cases)
         with _shared(cells) as mark, self._workshops(client, shipment, cells, mark) as plugin:
-            if renders(cases.values()):
-                check_rendering(client, plugin)
             yield from self._results(client, orders, plugin, cells)
 
     def _connected(self) -> "Client":

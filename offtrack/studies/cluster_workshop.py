@@ -28,7 +28,6 @@ from distributed import WorkerPlugin, get_worker
 
 from offtrack.studies.case import Case, identities, installed
 from offtrack.studies.pool import is_saved, run_case
-from scenarios.loop.runner import KINDS
 from scenarios.processes import SpareWorkers
 from scenarios.results.run_directory import digest
 from scenarios.results.run_inputs import (
@@ -40,7 +39,6 @@ from scenarios.results.run_inputs import (
     tyre_files,
     with_texts,
 )
-from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import shown
 
 if TYPE_CHECKING:
@@ -223,10 +221,6 @@ class Workshop(WorkerPlugin):  # type: ignore[misc]  # untyped: the extra may no
             problem = self._made(order, Path(name))
             return Delivery(problem, {path.name: path.read_bytes() for path in Path(name).iterdir()})
 
-    def render_problem(self) -> str:
-        """One line on what keeps this machine from rendering cameras; empty if nothing does."""
-        return self._processes.call(_render_problem)
-
     def _made(self, order: Order, cells: Path) -> str:
         return self._processes.call(_run, order, self._place, cells, timeout=self._timeout)
 
@@ -235,12 +229,6 @@ def fulfilled(order: Order, plugin: str) -> Delivery:
     """Make a run on this worker; a task of the cluster."""
     delivery: Delivery = get_worker().plugins[plugin].make(order)
     return delivery
-
-
-def render_problem(plugin: str) -> str:
-    """Reason why this worker cannot render cameras; empty if it can. A task of the cluster."""
-    problem: str = get_worker().plugins[plugin].render_problem()
-    return problem
 
 
 def _run(order: Order, place: Place, cells: Path) -> str:
@@ -257,18 +245,7 @@ def _run(order: Order, place: Place, cells: Path) -> str:
         file.unlink(missing_ok=True)
 
 
-def _render_problem() -> str:
-    from sensors.render import RendererUnavailableError, check_renderer
-
-    try:
-        check_renderer()
-    except (RendererUnavailableError, ValueError) as error:  # ValueError: of the environment
-        return str(error)
-    return ""
-
-
 _SAME: Final = "the same is needed everywhere"
-_RENDERING: Final = 120.0  # longest time of a check [s]
 
 
 def check_software(client: "Client") -> None:
@@ -297,31 +274,3 @@ def difference(software: Any) -> str:
         if here.get(name) != libraries.get(name):
             return f"it has {name} {libraries.get(name, '(none)')}, here is {here.get(name, '(none)')}"
     return "its files of offtrack differ from those here"
-
-
-def check_rendering(client: "Client", plugin: str) -> None:
-    """Refuse workers on which cameras can not be rendered; one worker of each machine is asked.
-
-    Raises:
-        ValueError: one line with the worker and what is missing.
-    """
-    hosts = {worker.rpartition(":")[0]: worker for worker in client.nthreads()}
-    asked = {
-        worker: client.submit(render_problem, plugin, workers=[worker], pure=False, allow_other_workers=False)
-        for worker in hosts.values()
-    }
-    for worker, future in asked.items():
-        if problem := future.result(timeout=_RENDERING):
-            raise ValueError(f"worker {worker}: {problem}")
-
-
-def renders(cases: Iterable[Case]) -> bool:
-    """True if a run has cameras that are rendered with OpenGL."""
-    seen = set[tuple[str, tuple[str, ...]]]()
-    for case in cases:
-        if (key := (case.scenario, case.settings)) not in seen:
-            seen.add(key)
-            scenario = case.resolved()
-            if KINDS[scenario.vehicle_kind].images(scenario) is StereoFrame:
-                return True
-    return False

@@ -27,9 +27,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from offtrack.exchange.exports.catalogue import TIME, ExportedRun, plain_names
-from offtrack.exchange.exports.ros_messages import NANOSECONDS, Bag
 from offtrack.exchange.exports.scene import MovingBody, RunRecording, moving_bodies, rows_of_poses, run_recording
-from offtrack.exchange.recordings.bags import RECORDING
+from offtrack.exchange.recordings.bags import RECORDING, humble_types
 from scenarios.extras import import_extra
 from scenarios.image_file import read_grey
 from scenarios.results.log import Log
@@ -40,6 +39,7 @@ _VERSION: Final = 8  # of the metadata: 9 writes the quality of service as a lis
 _POINTS: Final = 2000  # of a path, at most
 _CDR: Final = b"\x00\x01\x00\x00"  # begins every message: little-endian
 _UNKNOWN: Final = -1.0  # in the first element of a covariance: the quantity is not measured
+NANOSECONDS: Final = 1_000_000_000
 _MOTION: Final = ("v_x", "v_y", "yaw_rate")
 
 
@@ -78,7 +78,7 @@ class Rosbag2:
         return (path,)
 
 
-def _write_fixed(bag: Bag, run: ExportedRun, bodies: list[MovingBody], recording: RunRecording) -> None:
+def _write_fixed(bag: "Bag", run: ExportedRun, bodies: list[MovingBody], recording: RunRecording) -> None:
     """What does not change: units, the path, poses of cameras, files of the recording."""
     plain, body = plain_names(run.log.names), bodies[-1]
     meanings = {
@@ -106,7 +106,7 @@ def _write_fixed(bag: Bag, run: ExportedRun, bodies: list[MovingBody], recording
         bag.write(RECORDING, "std_msgs/String", 0, data=json.dumps(recording.texts))
 
 
-def _write_rows(bag: Bag, log: Log, motion: Log, bodies: list[MovingBody]) -> Iterator[int]:
+def _write_rows(bag: "Bag", log: Log, motion: Log, bodies: list[MovingBody]) -> Iterator[int]:
     """Signals, frames and joints row by row; yields the number of rows written."""
     joints = [name for name in motion.names if name.startswith(("articulation_", "steer_")) and "command" not in name]
     angles = np.column_stack([motion[name] for name in joints]) if joints else np.zeros((len(log), 0))
@@ -137,7 +137,7 @@ def _write_rows(bag: Bag, log: Log, motion: Log, bodies: list[MovingBody]) -> It
         yield k + 1
 
 
-def _write_body(bag: Bag, stamp: int, body: MovingBody, k: int, speed: list[float]) -> Any:
+def _write_body(bag: "Bag", stamp: int, body: MovingBody, k: int, speed: list[float]) -> Any:
     """Odometry and yaw rate of a body; returns its frame in the map."""
     (v_x, v_y, yaw_rate), covariance, unknown = speed, np.zeros(36), np.zeros(9)
     unknown[0] = _UNKNOWN
@@ -167,7 +167,7 @@ def _write_body(bag: Bag, stamp: int, body: MovingBody, k: int, speed: list[floa
     return bag.transform(stamp, MAP, body.frame, position, turn)
 
 
-def _write_images(bag: Bag, recording: RunRecording) -> Iterator[int]:
+def _write_images(bag: "Bag", recording: RunRecording) -> Iterator[int]:
     """Images of all cameras with their calibration, in the order of their times; yields the number written."""
     roi = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
     for count, (time, file, camera) in enumerate(recording.images(), start=1):
@@ -197,3 +197,62 @@ def _write_images(bag: Bag, recording: RunRecording) -> Iterator[int]:
             roi=bag.make("sensor_msgs/RegionOfInterest", **roi),
         )
         yield count
+
+
+class Bag:
+    """Topics of a bag and their messages."""
+
+    def __init__(self, writer: Any) -> None:
+        self._writer, self._store = writer, humble_types()
+        self._connections: dict[str, Any] = {}
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        """A message of a kind such as ``nav_msgs/Path``."""
+        return self._store.types[kind.replace("/", "/msg/")](**fields)
+
+    def write(self, topic: str, kind: str, stamp: int, **fields: Any) -> None:
+        """Write a message of a kind."""
+        message = self.make(kind, **fields)
+        self.write_raw(topic, kind, stamp, self._store.serialize_cdr(message, message.__msgtype__))
+
+    def write_raw(self, topic: str, kind: str, stamp: int, data: bytes | memoryview) -> None:
+        """Write a message that is serialised already; those of ``/tf_static`` are kept for late subscribers."""
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic,
+                kind.replace("/", "/msg/"),
+                typestore=self._store,
+                offered_qos_profiles=[_latched()] if topic == "/tf_static" else [],
+            )
+        self._writer.write(self._connections[topic], stamp, data)
+
+    def header(self, stamp: int, frame: str) -> Any:
+        """A message's header."""
+        time = self.make("builtin_interfaces/Time", sec=stamp // NANOSECONDS, nanosec=stamp % NANOSECONDS)
+        return self.make("std_msgs/Header", stamp=time, frame_id=frame)
+
+    def pose(self, position: list[float], turn: list[float]) -> Any:
+        """A pose by its position and its quaternion x, y, z, w."""
+        point = self.make("geometry_msgs/Point", **dict(zip("xyz", position, strict=True)))
+        return self.make("geometry_msgs/Pose", position=point, orientation=self.turn(turn))
+
+    def turn(self, turn: list[float]) -> Any:
+        """A quaternion x, y, z, w."""
+        return self.make("geometry_msgs/Quaternion", **dict(zip("xyzw", turn, strict=True)))
+
+    def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+        """A vector."""
+        return self.make("geometry_msgs/Vector3", x=x, y=y, z=z)
+
+    def transform(self, stamp: int, parent: str, child: str, position: list[float], turn: list[float]) -> Any:
+        """A frame in another."""
+        moved = self.make("geometry_msgs/Transform", translation=self.vector(*position), rotation=self.turn(turn))
+        header = self.header(stamp, parent)
+        return self.make("geometry_msgs/TransformStamped", header=header, child_frame_id=child, transform=moved)
+
+
+def _latched() -> Any:
+    of = import_extra("export", "ROS 2 bags need", "rosbags.interfaces")
+    never = of.QosTime(2147483647, 4294967295)
+    reliable, latched = of.QosReliability.RELIABLE, of.QosDurability.TRANSIENT_LOCAL
+    return of.Qos(of.QosHistory.KEEP_LAST, 1, reliable, latched, never, never, of.QosLiveliness.AUTOMATIC, never, False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
-from offtrack.exchange.recordings.flow_check import flow_warnings
+from offtrack.exchange.recordings.image_checks import flow_warnings
 from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.canvas import write_video as write_film
 from offtrack.reports.film import Film, Frames

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from offtrack.exchange.recordings.file_pairs import file_pairs
-from offtrack.exchange.recordings.frame_times import read_times
+from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
 from scenarios.image_file import grey_bits, images_in, pixel_size, read_grey
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK

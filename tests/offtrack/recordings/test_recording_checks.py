@@ -15,10 +15,8 @@ from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.calibration.epipolar import RightRotation
 from estimators.estimates import Motion, lost_motion
 from offtrack.exchange.recordings.estimation import Estimation, _rotation_warnings
-from offtrack.exchange.recordings.file_pairs import file_pairs
-from offtrack.exchange.recordings.flow_check import flow_warnings
-from offtrack.exchange.recordings.frame_times import read_times
-from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
+from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
+from offtrack.exchange.recordings.image_checks import flow_warnings, image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from offtrack.exchange.recordings.stereo_sequence import find_sequence
 from offtrack.exchange.recordings.writers import RoverRecording

@@ -17,7 +17,7 @@ pytest.importorskip("distributed")
 
 from offtrack.studies.case import Case, installed
 from offtrack.studies.cluster_executor import DaskExecutor, connected, job_queue
-from offtrack.studies.cluster_workshop import Workshop, difference, packed, renders
+from offtrack.studies.cluster_workshop import Workshop, difference, packed
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.study import load_study
 from scenarios.processes import SpareWorkers, WorkerDiedError
@@ -157,17 +157,6 @@ def test_differences_of_software_are_named() -> None:
     assert "numpy 0.1, here is" in difference((sha, json.dumps([python, libraries | {"numpy": "0.1"}])))
     assert "it has Python 2.7" in difference((sha, json.dumps(["2.7 (old)", libraries])))
     assert "files of offtrack" in difference(("another", installed()[1]))
-
-
-def test_only_rendered_cameras_need_opengl() -> None:
-    """A rover's camera is computed without it."""
-    for scenario, fixed, expected in (
-        ("roundabout", (), True),
-        ("roundabout", (("off_tracking", "truth"),), False),
-        ("roundabout", (("off_tracking", "ground_watching"),), True),
-        ("rover-slope", (), False),
-    ):
-        assert renders([Case(scenario=scenario, fixed=fixed, axes=(), seed=1)]) is expected
 
 
 def test_a_wrong_queue_is_one_line(tmp_path: Path) -> None:
