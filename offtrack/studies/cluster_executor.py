@@ -1,17 +1,14 @@
 """Runs of a study on a Dask cluster: connection of its client, and the executor that makes the runs.
 
-Workers that share the study's folder save their runs there; others return the files, which are saved here. A run whose
-worker is lost is made by another one.
+Workers return the files of their runs, which are saved here. A run whose worker is lost is made by another one.
 """
 
 import importlib
 import logging
-import os
 import queue
 import shlex
 import shutil
 import time
-import uuid
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -152,11 +149,10 @@ def _quiet() -> Iterator[None]:
 _LOOK: Final = 1.0  # between two looks at the cluster [s]
 _TRIES: Final = 2  # of a run that Dask gives up, after it was lost with several workers
 _REGISTRATIONS: Final = 10  # with the workers, until one succeeds in which none is lost
-_APPEARS: Final = 60.0  # until a file of another machine is seen in a shared folder [s]
 
 
-class DaskExecutor:
-    """Makes runs on a Dask cluster, which it reaches when there is something to do."""
+class DaskExecutor(ExitStack):
+    """Makes runs on a Dask cluster, which it reaches when there is something to do, and leaves at its end."""
 
     def __init__(
         self,
@@ -167,7 +163,7 @@ class DaskExecutor:
         waits: bool,
         remark: Callable[[str], None],
     ) -> None:
-        """An executor, which is a context: its end leaves the cluster.
+        """Reach nothing yet.
 
         Args:
             connect: context with the client of the cluster.
@@ -176,16 +172,10 @@ class DaskExecutor:
             waits: wait for the first worker as long as it takes, as for a job in a queue.
             remark: receives a line when no worker is left.
         """
+        super().__init__()
         self._connect, self._waits, self._timeout = connect, waits, timeout
         self._patience, self._remark = patience, remark
-        self._stack = ExitStack()
         self._client: Client | None = None
-
-    def __enter__(self) -> "DaskExecutor":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
 
     def results(self, cases: Mapping[str, Case], cells: Path) -> Results:
         """Make runs; a run that is lost with its worker is made again elsewhere.
@@ -199,14 +189,14 @@ class DaskExecutor:
 
         client = self._connected()
         shipment, orders = packed(cases)
-        with _shared(cells) as mark, self._workshops(client, shipment, cells, mark) as plugin:
+        with self._workshops(client, shipment) as plugin:
             yield from self._results(client, orders, plugin, cells)
 
     def _connected(self) -> "Client":
         from offtrack.studies.cluster_workshop import check_software
 
         if self._client is None:
-            self._client = self._stack.enter_context(self._connect())
+            self._client = self.enter_context(self._connect())
             try:
                 self._client.wait_for_workers(1, None if self._waits else self._patience)
             except TimeoutError:
@@ -215,11 +205,11 @@ class DaskExecutor:
         return self._client
 
     @contextmanager
-    def _workshops(self, client: "Client", shipment: "Shipment", cells: Path, mark: str) -> Iterator[str]:
+    def _workshops(self, client: "Client", shipment: "Shipment") -> Iterator[str]:
         """Name of the plugin that makes this study's runs on all workers, also on those that come later."""
         from offtrack.studies.cluster_workshop import Workshop
 
-        workshop = Workshop(shipment, cells.absolute(), mark, self._timeout)
+        workshop = Workshop(shipment, self._timeout)
         _register(client, workshop)
         try:
             yield workshop.name
@@ -321,29 +311,9 @@ def _result(future: "Future") -> "Delivery | BaseException":
     return result
 
 
-def _saved(name: str, delivery: "Delivery", cells: Path) -> str | BaseException:
-    """Save the files of a run, the summary last, or see to it that its worker has; returns the run's problem."""
-    if delivery.problem:
-        return delivery.problem
-    last = summary_file(cells, name)
-    for file in sorted(delivery.files, key=lambda file: file == last.name):
+def _saved(name: str, delivery: "Delivery", cells: Path) -> str:
+    """Save the files of a run, the summary last; returns the run's problem."""
+    for file in sorted(delivery.files, key=lambda file: file == summary_file(cells, name).name):
         with replacing(cells / file) as unfinished:
             unfinished.write_bytes(delivery.files[file])
-    until = time.monotonic() + _APPEARS
-    while not last.exists():
-        os.listdir(cells)  # makes a network file system look again
-        if time.monotonic() > until:
-            return FileNotFoundError(f"{last} was saved by a worker, but is not seen here")
-        time.sleep(_LOOK)
-    return ""
-
-
-@contextmanager
-def _shared(cells: Path) -> Iterator[str]:
-    """Name of a file in a folder: who sees it shares the folder."""
-    mark = f".{uuid.uuid4().hex[:12]}.{os.getpid()}.unfinished"
-    (cells / mark).touch()
-    try:
-        yield mark
-    finally:
-        (cells / mark).unlink(missing_ok=True)
+    return delivery.problem

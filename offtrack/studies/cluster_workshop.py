@@ -18,6 +18,7 @@ import shutil
 import sys
 import tempfile
 import tomllib
+import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +28,7 @@ import tomli_w
 from distributed import WorkerPlugin, get_worker
 
 from offtrack.studies.case import Case, identities, installed
-from offtrack.studies.pool import is_saved, run_case
+from offtrack.studies.pool import run_case
 from scenarios.processes import SpareWorkers
 from scenarios.results.run_directory import digest
 from scenarios.results.run_inputs import (
@@ -165,7 +166,7 @@ class Delivery(NamedTuple):
     """Result of a run that a worker returns."""
 
     problem: str  # of a run that failed; empty for others
-    files: dict[str, bytes]  # by name; empty if they are in the study's folder
+    files: dict[str, bytes]  # by name
 
 
 class Place(NamedTuple):
@@ -184,10 +185,9 @@ class Place(NamedTuple):
 class Workshop(WorkerPlugin):  # type: ignore[misc]  # untyped: the extra may not be installed
     """Files of a study, and the processes that make its runs, on one worker."""
 
-    def __init__(self, shipment: Shipment, cells: Path, mark: str, timeout: float | None) -> None:
-        """For a study whose runs go to ``cells``; a worker that finds the file ``mark`` there shares the folder."""
-        self._shipment, self._cells, self._mark, self._timeout = shipment, cells, mark, timeout
-        self.name = f"{PREFIX}{shipment.key}-{mark}"
+    def __init__(self, shipment: Shipment, timeout: float | None) -> None:
+        self._shipment, self._timeout = shipment, timeout
+        self.name = f"{PREFIX}{shipment.key}-{uuid.uuid4().hex[:12]}"
 
     def setup(self, worker: Any) -> None:
         """Lay out the files on a worker that begins, or is there already."""
@@ -207,22 +207,16 @@ class Workshop(WorkerPlugin):  # type: ignore[misc]  # untyped: the extra may no
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def make(self, order: Order) -> Delivery:
-        """Make a run; one that is in the study's folder already, which this worker shares, is not made again.
+        """Make a run.
 
         Raises:
             Exception: whatever ended the run, or `WorkerDiedError`.
         """
         if self._place.cwd == self._scratch:
             order = order._replace(scenario=self._shipment.rewritten(order.scenario))
-        if (self._cells / self._mark).exists():
-            found = is_saved(self._cells, order.name, lambda line: None)
-            return Delivery("" if found else self._made(order, self._cells), {})
         with tempfile.TemporaryDirectory(dir=self._scratch) as name:
-            problem = self._made(order, Path(name))
+            problem = self._processes.call(_run, order, self._place, Path(name), timeout=self._timeout)
             return Delivery(problem, {path.name: path.read_bytes() for path in Path(name).iterdir()})
-
-    def _made(self, order: Order, cells: Path) -> str:
-        return self._processes.call(_run, order, self._place, cells, timeout=self._timeout)
 
 
 def fulfilled(order: Order, plugin: str) -> Delivery:
@@ -267,10 +261,9 @@ def difference(software: Any) -> str:
     """The first difference of a worker's software from that of this process."""
     if not isinstance(software, tuple):
         return f"its offtrack does not work ({shown(str(software))})"
-    (here_python, here), (python, libraries) = json.loads(installed()[1]), json.loads(software[1])
-    if python != here_python:
-        return f"it has Python {python.split()[0]}, here is {here_python.split()[0]}"
-    for name in sorted(here.keys() | libraries.keys()):
-        if here.get(name) != libraries.get(name):
-            return f"it has {name} {libraries.get(name, '(none)')}, here is {here.get(name, '(none)')}"
+    known = (json.loads(versions) for versions in (installed()[1], software[1]))
+    here, there = ({"Python": python.split()[0], **libraries} for python, libraries in known)
+    for name in sorted(here.keys() | there.keys()):
+        if here.get(name) != there.get(name):
+            return f"it has {name} {there.get(name, '(none)')}, here is {here.get(name, '(none)')}"
     return "its files of offtrack differ from those here"

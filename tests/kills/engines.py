@@ -25,11 +25,10 @@ seeds = [1, 2, 3]
 [set]
 "course.length" = 100
 off_tracking = "truth"
-trailer_steering = "counted:Counted"
+trailer_steering = "{law}"
 [vary]
-speed_kmh = [36, 40, 44, 48]
+speed_kmh = {speeds}
 """
-_RUNS: Final = 12
 _STARTS: Final = "starts.txt"
 _LAW: Final = """import os
 from controllers.trailer_steering.signal_laws import Unsteered
@@ -49,7 +48,8 @@ Engine = tuple[Callable[[], bool], Callable[[random.Random], bool]]
 
 
 @contextmanager
-def _pool(folder: Path) -> Iterator[Engine]:
+def _pool(folder: Path, word: str = "popen_loky") -> Iterator[Engine]:
+    """Worker processes of the command, of which those with the ``word`` in their command are killed."""
     sweep = [*_SWEEP, "--jobs", "2"]
     running = [start(sweep, folder)]
 
@@ -63,7 +63,7 @@ def _pool(folder: Path) -> Iterator[Engine]:
         return code == 0
 
     def kill(rng: random.Random) -> bool:
-        workers = [*_workers(running[0].pid)]
+        workers = [*_below(running[0].pid, word)]
         if workers:
             os.kill(rng.choice(workers), signal.SIGKILL)
         return bool(workers)
@@ -103,7 +103,11 @@ def _dask(folder: Path) -> Iterator[Engine]:
             _end_group(process)
 
 
-ENGINES: Final = {"pool": _pool, "dask": _dask}
+ENGINES: Final = {
+    "pool": _pool,
+    "dask": _dask,
+    "fmu": lambda folder: _pool(folder, "offtrack.exchange.fmi_"),  # the host of an FMU, and the proxy behind it
+}
 
 
 def disturbed(engine: str, folder: Path, pauses: tuple[float, float], rng: random.Random) -> tuple[int, float]:
@@ -134,31 +138,41 @@ def main() -> int:
         engines.remove("dask")
         print("dask is left out: the extra cluster is not installed")
     with tempfile.TemporaryDirectory(prefix="offtrack-kills-") as temporary:
-        calm = _prepared(Path(temporary) / "calm")
-        if start([*_SWEEP, "--jobs", "2"], calm).wait() != 0:
-            raise RuntimeError("the undisturbed study fails")
         for engine in engines:
+            calm = _prepared(Path(temporary) / f"calm-{engine}", engine)
+            if start([*_SWEEP, "--jobs", "2"], calm).wait() != 0:
+                raise RuntimeError("the undisturbed study fails")
+            runs = len(list((calm / "out/cells").glob("*.json")))
             for k in range(chosen.repetitions):
-                folder = _prepared(Path(temporary) / f"{engine}{k}")
+                folder = _prepared(Path(temporary) / f"{engine}{k}", engine)
                 kills, seconds = disturbed(engine, folder, tuple(chosen.pauses), rng)
                 begun, out = len((folder / _STARTS).read_bytes()), folder / "out"
                 checks = {
                     "the table is DIFFERENT": (out / "table.csv").read_bytes() != (calm / "out/table.csv").read_bytes(),
-                    "runs are missing": len(list((out / "cells").glob("*.json"))) != _RUNS,
-                    "runs were begun twice": begun > _RUNS + kills,
+                    "runs are missing": len(list((out / "cells").glob("*.json"))) != runs,
+                    "runs were begun twice": begun > runs + kills,
                     "unfinished files are left": any(out.rglob(".*.unfinished")),
                 }
                 problems = "; ".join(problem for problem, found in checks.items() if found)
-                said = f"{kills} kills in {seconds:.0f} s, {begun} of {_RUNS} runs begun: {problems or 'ok'}"
+                said = f"{kills} kills in {seconds:.0f} s, {begun} of {runs} runs begun: {problems or 'ok'}"
                 print(f"{engine}: {said}", flush=True)
                 wrong += bool(problems)
     return 1 if wrong else 0
 
 
-def _prepared(folder: Path) -> Path:
+def _prepared(folder: Path, engine: str) -> Path:
+    """A folder with the study; of the engine fmu the law is an FMU, behind which a Python process counts its starts."""
     folder.mkdir()
-    (folder / "study.toml").write_text(_STUDY, encoding="utf-8")
+    law, speeds = ("law.fmu", "[36, 40]") if engine == "fmu" else ("counted:Counted", "[36, 40, 44, 48]")
+    (folder / "study.toml").write_text(_STUDY.format(law=law, speeds=speeds), encoding="utf-8")
     (folder / "counted.py").write_text(_LAW.format(path=str(folder / _STARTS)), encoding="utf-8")
+    if engine == "fmu":
+        exported = start(
+            ["fmu", "law", "counted:Counted", "--vehicle", "uk_longer_semitrailer", "--out", "law.fmu"], folder
+        )
+        if exported.wait() != 0:
+            raise RuntimeError(exported.communicate()[1])
+        (folder / _STARTS).unlink(missing_ok=True)
     return folder
 
 
@@ -178,13 +192,14 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _workers(process: int) -> Iterator[int]:
-    """Loky's workers of a process; it or one of them may just have ended."""
+def _below(process: int, word: str) -> Iterator[int]:
+    """Processes that a process has started, itself or by others, with a word in their command; any may have ended."""
     with suppress(OSError):
         for task in Path(f"/proc/{process}/task").iterdir():
             for pid in (task / "children").read_text().split():
-                if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text():
+                if word in Path(f"/proc/{pid}/cmdline").read_text():
                     yield int(pid)
+                yield from _below(int(pid), word)
 
 
 if __name__ == "__main__":

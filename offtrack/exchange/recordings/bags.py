@@ -86,16 +86,6 @@ def stereo_topics(kinds: Mapping[str, str], chosen: Mapping[str, str], bag: str)
 
 
 _OF_OWN: Final = "Of a run of offtrack, 'offtrack export RUN --to rosbag2 --images DIR' writes a bag with images"
-_MCAP: Final = b"\x89MCAP0\r\n"
-
-
-def _is_for_viewers(file: Path) -> bool:
-    """True for an MCAP file without the profile of ROS: 1 byte and 8 bytes after its mark stands the text's length."""
-    if not file.is_file():
-        return False
-    with file.open("rb") as stream:
-        head = stream.read(21)
-    return head.startswith(_MCAP) and head[8:9] == b"\x01" and head[17:21] == bytes(4)
 
 
 def _found(side: str, images: Sequence[str], bag: str) -> str:
@@ -224,8 +214,6 @@ def unpacked_bag(
         place = temporary / "files of the bag"
         try:
             paths = _linked(bag, place, _zstd())
-            if any(map(_is_for_viewers, paths)):
-                raise ValueError(f"{bag}: its MCAP messages are those of a viewer, not of ROS 2. {_OF_OWN}")
             reader = highlevel.AnyReader(paths, default_typestore=humble_types())
             with _limited_memory(bag):
                 reader.open()
@@ -235,6 +223,8 @@ def unpacked_bag(
             raise
         except Exception as error:  # of the reader, whatever the bag makes it stumble over
             line = " ".join(str(error).split()).replace(f"{place}/", "")
+            if "Profile is not ros2" in line:
+                raise ValueError(f"{bag}: its MCAP messages are those of a viewer, not of ROS 2. {_OF_OWN}") from None
             raise ValueError(
                 f"{bag}: can not be read as a bag: {type(error).__name__}: {shown(line, 120)}. If it was cut off, try "
                 "`ros2 bag reindex`, `mcap recover` or `rosbag reindex`"
@@ -308,10 +298,9 @@ def _recording_files(reader: Any, kinds: Mapping[str, str], bag: Path) -> dict[s
     """Files of a recording of offtrack that the bag holds."""
     if kinds.get(RECORDING) != "std_msgs/msg/String":
         return {}
-    for _, _, message in _messages(reader, [c for c in reader.connections if c.topic == RECORDING], bag):
-        files = json.loads(message.data)
-        return {name: str(files[name]) for name in _FILES if name in files}
-    return {}
+    message = next(_messages(reader, [c for c in reader.connections if c.topic == RECORDING], bag), None)
+    files = json.loads(message[2].data) if message else {}
+    return {name: str(files[name]) for name in _FILES if name in files}
 
 
 def _infos(reader: Any, topics: StereoTopics, bag: Path) -> tuple[CameraInfo, ...]:

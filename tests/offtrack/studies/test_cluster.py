@@ -112,7 +112,7 @@ def test_a_worker_without_the_files_gets_them_and_returns_the_run(
     assert {Path(name).name for name in shipment.contents} == {"mine.py", "gains.py", "uk_longer_semitrailer.toml"}
     home.rename(tmp_path / "away")  # a machine that has none of it
     monkeypatch.chdir(tmp_path)
-    workshop = Workshop(shipment, home / "cells", "mark", None)
+    workshop = Workshop(shipment, None)
     workshop.setup(types.SimpleNamespace(local_directory=str(tmp_path)))
     try:
         delivery = workshop.make(order)
