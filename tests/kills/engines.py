@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -30,15 +31,13 @@ trailer_steering = "{law}"
 speed_kmh = {speeds}
 """
 _STARTS: Final = "starts.txt"
-_LAW: Final = """import os
-from controllers.trailer_steering.signal_laws import Unsteered
+_LAW: Final = """from controllers.trailer_steering.signal_laws import Unsteered
 
 class Counted(Unsteered):
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
-        descriptor = os.open({path!r}, os.O_CREAT | os.O_APPEND | os.O_WRONLY)
-        os.write(descriptor, b"x")
-        os.close(descriptor)
+        with open("/proc/self/cmdline") as command, open({path!r}, "a") as starts:
+            starts.write("x" * ("popen_loky" in command.read()))  # not of a rehearsal, nor behind an FMU
 """
 _SWEEP: Final = ["sweep", "study.toml", "--out", "out"]
 
@@ -106,7 +105,7 @@ def _dask(folder: Path) -> Iterator[Engine]:
 ENGINES: Final = {
     "pool": _pool,
     "dask": _dask,
-    "fmu": lambda folder: _pool(folder, "offtrack.exchange.fmi_"),  # the host of an FMU, and the proxy behind it
+    "fmu": partial(_pool, word="offtrack.exchange.fmi_"),  # the host of an FMU, and the proxy behind it
 }
 
 
@@ -161,7 +160,7 @@ def main() -> int:
 
 
 def _prepared(folder: Path, engine: str) -> Path:
-    """A folder with the study; of the engine fmu the law is an FMU, behind which a Python process counts its starts."""
+    """A folder with the study; of the engine fmu the law is an FMU with a Python process behind it."""
     folder.mkdir()
     law, speeds = ("law.fmu", "[36, 40]") if engine == "fmu" else ("counted:Counted", "[36, 40, 44, 48]")
     (folder / "study.toml").write_text(_STUDY.format(law=law, speeds=speeds), encoding="utf-8")
@@ -172,7 +171,6 @@ def _prepared(folder: Path, engine: str) -> Path:
         )
         if exported.wait() != 0:
             raise RuntimeError(exported.communicate()[1])
-        (folder / _STARTS).unlink(missing_ok=True)
     return folder
 
 

@@ -116,7 +116,9 @@ def test_each_program_s_file_gives_the_pair_of_cameras(
         ("cam0: {}\ncam1: {}\n", "intrinsics is missing"),
         ("cam0: 7\ncam1: 8\n", "can not be read as the calibration"),
         ("cam0: {camera_model: omni, intrinsics: [90, 91, 80, 47]}\ncam1: {}\n", "camera omni with lens"),
-        (f"a: {'[' * 2000}{']' * 2000}", "not a YAML file"),
+        (f"a: {'[' * 2000}{']' * 2000}", "not a YAML file: line 1: a calibration has no aliases"),
+        (f"M1: [{'1,' * 400_000}]", "at most 20000 values"),
+        ("a: &a [1, 1]\nb: &b [*a, *a]\nM1: *b\n", "line 2: a calibration has no aliases"),
     ],
 )
 def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:

@@ -10,7 +10,7 @@ import sys
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -25,6 +25,7 @@ from offtrack.exchange.recordings.stereo_sequence import find_sequence
 from scenarios.image_file import read_grey
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal, write_log
+from tests.fuzz.mutations import other_thing
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="bags need the extra 'export'")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -415,21 +416,23 @@ def test_a_bad_bag_is_one_line(messages: Messages, topics: str, line: str, tmp_p
     one_line(["estimate", "off-tracking", str(bag(tmp_path / "bag", messages)), "--topics", topics], line, tmp_path)
 
 
-def test_an_mcap_file_for_viewers_is_refused_with_the_export_that_is_read(tmp_path: Path) -> None:
-    """Its header has no profile; the mark, an opcode and a length come before it."""
-    (tmp_path / "viewer.mcap").write_bytes(b"\x89MCAP0\r\n\x01" + struct.pack("<QI", 12, 0) + bytes(20))
-    one_line(
-        ["estimate", "off-tracking", str(tmp_path / "viewer.mcap")], "export RUN --to rosbag2 --images DIR", tmp_path
-    )
+def bad_files() -> Iterator[tuple[str, bytes, str]]:
+    """Broken files, an MCAP file without the profile of ROS 2, and 4 GB of zeros, packed as a chunk and as a file."""
+    read = "can not be read as a bag"
+    yield from (("x.mcap", b"\x89MCAP", read), ("x.db3", b"none", read), ("x.bag", b"#ROSBAG V2.0\n\x00", read))
+    viewers = b"\x89MCAP0\r\n\x01" + struct.pack("<QI", 12, 0) + bytes(20)
+    yield "viewer.mcap", viewers, "export RUN --to rosbag2 --images DIR"
+    yield "bomb.mcap", cast(bytes, other_thing("mcap bomb")[0]), "a message unpacks to more than 1000 MB"
+    yield "bomb.db3.zstd", cast(bytes, other_thing("zstd bomb")[0]), "bomb.db3.zstd unpacks to more than 1013 MB"
+    yield "bag/metadata.yaml", b"rosbag2_bagfile_information: [", "it holds no file of messages"
 
 
-def test_a_broken_file_is_one_line(tmp_path: Path) -> None:
-    for name, content in (("x.mcap", b"\x89MCAP"), ("x.db3", b"none"), ("x.bag", b"#ROSBAG V2.0\n\x00")):
-        (tmp_path / name).write_bytes(content)
-        one_line(["estimate", "off-tracking", str(tmp_path / name)], "can not be read as a bag", tmp_path)
-    (tmp_path / "bag").mkdir()
-    (tmp_path / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: [", encoding="utf-8")
-    one_line(["estimate", "off-tracking", str(tmp_path / "bag")], "can not be read as a bag", tmp_path)
+@pytest.mark.parametrize(("name", "content", "line"), [pytest.param(*row, id=row[0]) for row in bad_files()])
+def test_a_broken_file_is_one_line(name: str, content: bytes, line: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+    one_line(["estimate", "off-tracking", str(path if path.suffix != ".yaml" else path.parent)], line, tmp_path)
 
 
 def test_a_pipe_among_the_files_of_a_bag_is_no_file_of_it(tmp_path: Path) -> None:

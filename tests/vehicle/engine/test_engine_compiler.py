@@ -3,8 +3,6 @@
 import os
 import re
 import stat
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -125,24 +123,6 @@ def test_without_memory_files_a_library_is_loaded_from_a_private_folder(
 
     monkeypatch.setattr(os, "memfd_create", forbidden)
     assert [compiler.library(SOURCE, [f"ANSWER={k}"], gcc).answer() for k in (1, 2)] == [1, 2]
-
-
-SLOW = f"""
-from vehicle.engine.compiler import compiler, library
-source = {SOURCE!r} + "".join(f"\\ndouble f{{k}}(double x) {{{{ return x * {{k}}; }}}}" for k in range(500))
-print(library(source, ["ANSWER=7"], compiler()).answer())
-"""
-
-
-def test_two_processes_at_once_are_safe(gcc: compiler.Compiler, tmp_path: Path) -> None:
-    """Both compile, under names of their own; whoever is last replaces the whole file in one go."""
-    command = [sys.executable, "-c", SLOW]
-    with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as one,
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other,
-    ):
-        assert [process.communicate()[0] for process in (one, other)] == ["7\n", "7\n"]
-    assert all(path.suffix == ".so" for path in kept(tmp_path))
 
 
 def test_a_cache_that_can_not_be_written_does_no_harm(

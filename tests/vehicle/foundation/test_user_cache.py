@@ -48,25 +48,6 @@ def test_the_same_inputs_and_sources_are_made_once(folder: Path) -> None:
     assert len(list(folder.iterdir())) == 4
 
 
-@pytest.mark.parametrize("content", [b"", b"cut short", bytes(500)])
-def test_a_damaged_entry_is_made_anew(folder: Path, caplog: pytest.LogCaptureFixture, content: bytes) -> None:
-    first = cached_noise(1)
-    (path,) = folder.iterdir()
-    good = path.read_bytes()
-    path.write_bytes(content)
-    assert np.array_equal(cached_noise(1), first)
-    assert (len(made), path.read_bytes()) == (2, good)
-    assert f"{path} is damaged" in caplog.text
-
-
-def test_an_entry_of_another_user_is_not_read(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would be unpickled, which may run anything."""
-    first, somebody = cached_noise(1), os.geteuid() + 1000
-    monkeypatch.setattr(os, "geteuid", lambda: somebody)
-    assert np.array_equal(cached_noise(1), first)
-    assert len(made) == 2
-
-
 def test_what_other_code_decides_is_not_cached(folder: Path) -> None:
     """Inputs of a class from elsewhere, whose sources may change, and all without known sources."""
 
