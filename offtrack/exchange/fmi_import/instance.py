@@ -223,6 +223,8 @@ class FmuInstance:
 
     def _failure(self, event: str, kind: type[FmuError] = FmuError) -> FmuError:
         said = self._last_words()
+        if self.fmu.tool == "offtrack" and "ended by signal" in said:  # the Python process behind it
+            kind = FmuKilledError
         self._process.kill()
         self.close()
         event = " ".join(event.replace(f"{self._folder}/", "").split())
