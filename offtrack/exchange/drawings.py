@@ -25,16 +25,8 @@ from scenarios.roads.placement import DEGREES, WORLD, Coordinates, Placement
 from vehicle.foundation.user_file import FileKind, read_json, shown
 from vehicle.frames import FloatArray, arc_length, rows_every, sides
 
-SWEPT, ROAD, ROAD_CENTRE, COURSE, FRONT_AXLE, LAST_AXLE, WHEELS, NOTES = (
-    "SWEPT_PATH",
-    "ROAD_EDGE",
-    "ROAD_CENTRE",
-    "COURSE",
-    "PATH_FRONT_AXLE",
-    "PATH_LAST_AXLE",
-    "WHEELS",
-    "NOTES",
-)
+SWEPT, ROAD, ROAD_CENTRE, COURSE = "SWEPT_PATH", "ROAD_EDGE", "ROAD_CENTRE", "COURSE"
+FRONT_AXLE, LAST_AXLE, WHEELS, NOTES = "PATH_FRONT_AXLE", "PATH_LAST_AXLE", "WHEELS", "NOTES"
 MEANINGS: Final[Mapping[str, tuple[int, str]]] = {  # colour by AutoCAD's index, and what the layer holds
     SWEPT: (1, "area that all bodies sweep"),
     ROAD: (8, "edges of the road"),

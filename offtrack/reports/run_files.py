@@ -28,20 +28,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from offtrack.reports import page
 from offtrack.reports.canvas import Picture as Drawing
 from offtrack.reports.canvas import write_h264, write_video
 from offtrack.reports.film import Film
-from offtrack.reports.page import (
-    Cell,
-    Column,
-    Page,
-    Player,
-    Preformatted,
-    Row,
-    Section,
-    Table,
-    software_section,
-)
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.player.playback import Picture, Playback, rover_playback, trailer_playback
 from offtrack.reports.run_page import report_html, rover_report_html
@@ -458,14 +448,14 @@ def view_page(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> str:
     """
     playback = overlaid(runs, links)
     title = " and ".join(run.name for run in runs) if len(runs) < 3 else f"{len(runs)} runs"
-    return Page(
+    return page.Page(
         title=title,
         subtitle="laid over each other, at the same time or after the same distance" if len(runs) > 1 else "",
         sections=[
-            Section("Playback", content=[Player(encoded(playback))]),
-            Section("Runs", content=[_facts(runs)]),
-            Section("Differences", _DIFFERENCES if len(runs) > 1 else "", [differences(runs)]),
-            software_section(versions()),
+            page.Section("Playback", content=[page.Player(encoded(playback))]),
+            page.Section("Runs", content=[_facts(runs)]),
+            page.Section("Differences", _DIFFERENCES if len(runs) > 1 else "", [differences(runs)]),
+            page.software_section(versions()),
         ],
     ).html()
 
@@ -480,9 +470,9 @@ def page_in_study(run: FinishedRun, values: int) -> str:
         ValueError: one line, if the files of the run do not fit each other.
     """
     sections = [
-        Section("Playback", content=[Player(encoded(overlaid([run]), values=values))]),
-        Section("All numbers", content=[number_table(run.summary)]),
-        Section("Resolved scenario", content=[Preformatted(run.result.scenario_toml)], collapsed=True),
+        page.Section("Playback", content=[page.Player(encoded(overlaid([run]), values=values))]),
+        page.Section("All numbers", content=[number_table(run.summary)]),
+        page.Section("Resolved scenario", content=[page.Preformatted(run.result.scenario_toml)], collapsed=True),
     ]
     return run_page(tomllib.loads(run.result.scenario_toml), run.result.seed, run.summary, sections, run.name).html()
 
@@ -514,34 +504,39 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
     )
 
 
-def differences(runs: Sequence[FinishedRun]) -> Table:
+def differences(runs: Sequence[FinishedRun]) -> page.Table:
     """Every number of the summaries, and how far the runs differ from the first one."""
-    rows: list[Row] = []
+    rows: list[page.Row] = []
     for group, listed in groups().items():
         lines = [_line(f"{group}.{name}", number, runs) for name, number in listed.numbers.items()]
         if known := [line for line in lines if line]:
             rows += [[listed.title], *known]
-    return Table((Column("name"), *(Column("number", run.name) for run in runs)), rows)
+    return page.Table((page.Column("name"), *(page.Column("number", run.name) for run in runs)), rows)
 
 
-def _line(path: str, number: Any, runs: Sequence[FinishedRun]) -> Row:
+def _line(path: str, number: Any, runs: Sequence[FinishedRun]) -> page.Row:
     values = [number_at(run.summary, path) for run in runs]
     if all(value is None for value in values):
         return []
     first = values[0]
-    cells: list[str | Cell] = [number.label, number.text(first)]
+    cells: list[str | page.Cell] = [number.label, number.text(first)]
     for value in values[1:]:
         apart = None if value is None or first is None else number.factor * (value - first)
         cells.append(number.text(value) + ("" if apart is None else f" ({apart:+z.{number.digits}f})"))
     return cells
 
 
-def _facts(runs: Sequence[FinishedRun]) -> Table:
-    rows: list[Row] = []
+def _facts(runs: Sequence[FinishedRun]) -> page.Table:
+    rows: list[page.Row] = []
     for run in runs:
         scenario = tomllib.loads(run.result.scenario_toml)
-        outcome = Cell(run.result.outcome, "good" if run.result.outcome == "completed" else "bad")
+        outcome = page.Cell(run.result.outcome, "good" if run.result.outcome == "completed" else "bad")
         facts = f"{scenario['name']} · {scenario_facts(scenario)} · seed {run.result.seed}"
         rows.append([run.name, outcome, facts, changes(scenario).removeprefix("Changed: ")])
-    columns = Column("name", "run"), Column("text", "outcome"), Column("text", "of"), Column("note", "changed keys")
-    return Table(columns, rows)
+    columns = (
+        page.Column("name", "run"),
+        page.Column("text", "outcome"),
+        page.Column("text", "of"),
+        page.Column("note", "changed keys"),
+    )
+    return page.Table(columns, rows)

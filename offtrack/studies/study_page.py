@@ -10,19 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from offtrack.reports import page
-from offtrack.reports.page import (
-    Cell,
-    Column,
-    Figure,
-    Items,
-    Page,
-    Player,
-    Preformatted,
-    Section,
-    Table,
-    software_section,
-    some,
-)
 from offtrack.reports.player.encoding import encoded
 from offtrack.reports.plots import ESTIMATED, TRUE, drawn
 from offtrack.reports.sections import changes, course_title, scenario_facts
@@ -49,20 +36,20 @@ _MEANINGS: Final = {
 }
 
 
-def sensitivity_sections(design: Sensitivity, outcomes: Sequence[Outcome]) -> Iterator[Section]:
+def sensitivity_sections(design: Sensitivity, outcomes: Sequence[Outcome]) -> Iterator[page.Section]:
     """Figures and a table of all analyses, and the runs that were left out."""
     analyses = analysed(design, outcomes)
     interval = f" Intervals: {100 * CONFIDENCE:.0f} %, by bootstrap."
     drawings = [_figure(design, one) for one in analyses if one.indices]
-    yield Section("Sensitivity", _MEANINGS[design.method] + interval, drawings)
-    yield Section("Indices", content=[sensitivity_table(design, analyses)])
+    yield page.Section("Sensitivity", _MEANINGS[design.method] + interval, drawings)
+    yield page.Section("Indices", content=[sensitivity_table(design, analyses)])
     if left_out := list(dict.fromkeys(title for one in analyses for title in one.left_out)):
         group = "trajectory" if design.method == "morris" else "base sample with all its runs"
         text = (
             f"A run that failed or did not complete its course has no number: its {group} is left out, so the indices "
             "hold for the others. What keeps runs from completing has indices of its own, 'not done'."
         )
-        yield Section("Runs left out", text, [Items(some(left_out, _MOST_NAMED))])
+        yield page.Section("Runs left out", text, [page.Items(page.some(left_out, _MOST_NAMED))])
 
 
 def _sensitivity_answer(design: Sensitivity, outcomes: Sequence[Outcome]) -> list[str]:
@@ -103,12 +90,12 @@ def _remarks(design: Sensitivity, analysis: Analysis) -> str:
     return f"{analysis.groups} of {design.groups} {name}" if analysis.groups < design.groups else ""
 
 
-def sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis], *, brief: bool = False) -> Table:
+def sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis], *, brief: bool = False) -> page.Table:
     """A row for each point, quantity and key; ``brief`` has the short names that fit a terminal."""
     axes = [key for key, _ in analyses[0].axes] if analyses else []
     first, second = HEADINGS[design.method]
-    columns = [Column("text", figures.plain(key)) for key in (*axes, "quantity", "key")]
-    columns += [Column("number", name) for name in (first, "±", second, "±")] + [Column("text", "")]
+    columns = [page.Column("text", figures.plain(key)) for key in (*axes, "quantity", "key")]
+    columns += [page.Column("number", name) for name in (first, "±", second, "±")] + [page.Column("text", "")]
     lines: list[page.Row] = []
     for one in analyses:
         name = one.quantity.label if brief else one.quantity.meaning
@@ -119,10 +106,10 @@ def sensitivity_table(design: Sensitivity, analyses: Sequence[Analysis], *, brie
             lines.append([*head, key, *numbers, _remarks(design, one)])
         if not one.indices:
             lines.append([*head, _remarks(design, one), "", "", "", "", ""])
-    return Table(columns, lines)
+    return page.Table(columns, lines)
 
 
-def _figure(design: Sensitivity, analysis: Analysis) -> Figure:
+def _figure(design: Sensitivity, analysis: Analysis) -> page.Figure:
     """Both measures of every key with their intervals, the most influential key at the top."""
     indices = sorted(analysis.indices, key=lambda index: index.first)
     rows, point = np.arange(len(indices)), figures.condition(analysis.axes)
@@ -153,10 +140,10 @@ def study_page(
     if kind == "compare":
         name = course_title(scenario) or name
     facts = (_KINDS.get(kind, ""), study.scenario, _facts(scenario, varied), _counted(outcomes), f"seeds {seeds}")
-    file = Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
+    file = page.Section("Study file", "offtrack sweep runs this file.", [page.Preformatted(study.to_toml())])
     design = study.draws.sensitivity
     made_on = machines([outcome.provenance for outcome in outcomes])
-    return Page(
+    return page.Page(
         title=name,
         subtitle=" · ".join(filter(None, dict.fromkeys(facts))),
         changes=changes(scenario, varied).replace("Changed:", "Changed in all runs:"),
@@ -167,12 +154,12 @@ def study_page(
             *_drawn(study, outcomes, rows),
             *machine_sections(made_on),
             file,
-            software_section(versions()),
+            page.software_section(versions()),
         ],
     ).html()
 
 
-def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]) -> Iterator[Section]:
+def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]) -> Iterator[page.Section]:
     """Spread over the drawn values, with confidence intervals."""
     if not study.draws or study.draws.sensitivity:
         return
@@ -184,26 +171,26 @@ def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row])
             f"At most {text} A point ends after the first multiple of {study.stop.batch} draws at which half the width "
             f"of the interval of each limit's probability is at most {100.0 * study.stop.half_width:g} %."
         )
-    yield Section("Drawn values", text, [Items(keys)])
+    yield page.Section("Drawn values", text, [page.Items(keys)])
     if study.limits:
         text = (
             f"Share of the runs beyond the limit or not completed, with the {100 * CONFIDENCE:.0f} % interval of its "
             "probability (Clopper-Pearson)."
         )
-        yield Section("Limits", text, [_limits(study, outcomes, rows)])
+        yield page.Section("Limits", text, [_limits(study, outcomes, rows)])
     quantities = table.shown_quantities(rows)
-    yield Section("Spread", "Over all draws of a point.", [_spread_table(outcomes, quantities)])
+    yield page.Section("Spread", "Over all draws of a point.", [_spread_table(outcomes, quantities)])
     for quantity in quantities[:2]:
         text = (
             f"Mean of the draws so far, with its {100 * CONFIDENCE:.0f} % interval for independent draws; Latin "
             "hypercubes and Sobol sequences converge faster."
         )
-        yield Section(f"Convergence: {quantity.meaning}", text, [figures.convergence(outcomes, quantity)])
+        yield page.Section(f"Convergence: {quantity.meaning}", text, [figures.convergence(outcomes, quantity)])
 
 
-def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]) -> Table:
-    columns = [Column("text", figures.plain(key)) for key, _ in rows[0].axes] + [Column("text", "limit")]
-    columns += [Column("number", name) for name in ("beyond", "runs", "share", "from", "to")]
+def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]) -> page.Table:
+    columns = [page.Column("text", figures.plain(key)) for key, _ in rows[0].axes] + [page.Column("text", "limit")]
+    columns += [page.Column("number", name) for name in ("beyond", "runs", "share", "from", "to")]
     lines: list[page.Row] = []
     for row in rows:
         for path, limit in study.limits.items():
@@ -211,14 +198,14 @@ def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[table.Row]
             shares = (f"{100.0 * share:.1f} %" for share in (found.share, *found.interval()))
             values = (value for _, value in row.axes)
             lines.append([*values, f"{path} > {limit:g}", str(found.beyond), str(found.runs), *shares])
-    return Table(columns, lines)
+    return page.Table(columns, lines)
 
 
-def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[table.Quantity]) -> Table:
+def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[table.Quantity]) -> page.Table:
     names = ("mean", "deviation", "5 %", "median", "95 %", "largest")
     axes = [key for key, _ in outcomes[0].case.axes]
-    columns = [Column("text", figures.plain(key)) for key in (*axes, "quantity")] + [
-        Column("number", name) for name in names
+    columns = [page.Column("text", figures.plain(key)) for key in (*axes, "quantity")] + [
+        page.Column("number", name) for name in names
     ]
     lines: list[page.Row] = []
     for quantity in quantities:
@@ -231,17 +218,17 @@ def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[table.Quanti
             values = (value for _, value in spread.axes)
             shown = (table.text_of(quantity, float(number)) for number in numbers)
             lines.append([*values, f"{quantity.meaning} [{quantity.unit}]", *shown])
-    return Table(columns, lines)
+    return page.Table(columns, lines)
 
 
-def machine_sections(made_on: Sequence[str]) -> Iterator[Section]:
+def machine_sections(made_on: Sequence[str]) -> Iterator[page.Section]:
     """A word of caution on runs of several machines."""
     if len(made_on) > 1:
         text = (
             "Equal seeds give bitwise equal runs on one machine; on others the last digits may differ. runs.csv says "
             "where each run was made."
         )
-        yield Section("Machines", text, [Items(made_on)])
+        yield page.Section("Machines", text, [page.Items(made_on)])
 
 
 def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[table.Row], links: Sequence[str] = ()) -> str:
@@ -249,14 +236,14 @@ def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[table.Row], l
     names = [run for outcome in outcomes for _, run in outcome.case.axes]
     facts = [f"{name}: {_facts(resolved(outcome.case))}" for name, outcome in zip(names, outcomes, strict=True)]
     title = " and ".join(names) if len(names) < 3 else f"{len(names)} runs"
-    return Page(
+    return page.Page(
         title=title,
         subtitle=f"comparison of runs · {_counted(outcomes)}",
         answer=answer(rows),
         sections=[
             *_sections(outcomes, rows, links),
-            Section("Runs", content=[Items(facts)]),
-            software_section(versions()),
+            page.Section("Runs", content=[page.Items(facts)]),
+            page.software_section(versions()),
         ],
     ).html()
 
@@ -266,7 +253,9 @@ def answer(rows: Sequence[table.Row]) -> list[str]:
     if (quantity := table.main_quantity(rows)) is None:
         return ["No run has a number to compare."]
     groups = _conditions(rows).items()
-    return some([f"{name}: {_sentence(group, quantity)}".removeprefix(": ") for name, group in groups], _MOST_SENTENCES)
+    return page.some(
+        [f"{name}: {_sentence(group, quantity)}".removeprefix(": ") for name, group in groups], _MOST_SENTENCES
+    )
 
 
 def _conditions(rows: Sequence[table.Row]) -> dict[str, list[tuple[str, table.Row]]]:
@@ -322,34 +311,34 @@ _RUNS = (
 )
 
 
-def _explored(outcomes: Sequence[Outcome], links: Sequence[str]) -> Iterator[Section]:
+def _explored(outcomes: Sequence[Outcome], links: Sequence[str]) -> Iterator[page.Section]:
     links = list(links) or [""] * len(outcomes)
     if found := explorer(outcomes, links):
         paged = sum(map(bool, links))
-        yield Section("Runs", f"{_RUNS}{'' if paged == len(links) else f'; {paged} runs have one'}.", [found])
+        yield page.Section("Runs", f"{_RUNS}{'' if paged == len(links) else f'; {paged} runs have one'}.", [found])
 
 
-def _sections(outcomes: Sequence[Outcome], rows: Sequence[table.Row], links: Sequence[str]) -> Iterator[Section]:
+def _sections(outcomes: Sequence[Outcome], rows: Sequence[table.Row], links: Sequence[str]) -> Iterator[page.Section]:
     text = (
         "One row for each combination of the varied keys, over all seeds: root mean square of RMS values, the worst of "
         "the others. Bold: better than the others under the same conditions; steer and friction have no better side."
     )
-    yield Section("Table", text, [_table(rows)])
+    yield page.Section("Table", text, [_table(rows)])
     shown = figures.alike(outcomes)
     if playback := played_together(shown):
         points = len({outcome.case.axes for outcome in outcomes})
         text = "Runs of the first seed, laid over each other." + (
             f" {len(shown)} of {points} combinations are shown." if len(shown) < points else ""
         )
-        yield Section("Playback", text, [Player(encoded(playback))])
+        yield page.Section("Playback", text, [page.Player(encoded(playback))])
     yield from _explored(outcomes, links)
 
 
-def _table(rows: Sequence[table.Row]) -> Table:
+def _table(rows: Sequence[table.Row]) -> page.Table:
     quantities, keys = table.shown_quantities(rows), figures.varied(rows)
-    columns = [Column("name", figures.plain(key)) for key in keys[:1]]
-    columns += [Column("text", figures.plain(key)) for key in keys[1:]] + [Column("text", "completed")]
-    columns += [Column("number", f"{q.meaning} [{q.unit}]".removesuffix(" [-]")) for q in quantities]
+    columns = [page.Column("name", figures.plain(key)) for key in keys[:1]]
+    columns += [page.Column("text", figures.plain(key)) for key in keys[1:]] + [page.Column("text", "completed")]
+    columns += [page.Column("number", f"{q.meaning} [{q.unit}]".removesuffix(" [-]")) for q in quantities]
     groups = [[row for _, row in group] for group in _conditions(rows).values()]
     best = {q.path: [row for group in groups for row in table.best_rows(group, q)] for q in quantities}
     lines: list[page.Row] = []
@@ -357,10 +346,10 @@ def _table(rows: Sequence[table.Row]) -> Table:
         endings = f" ({', '.join(row.endings)})" if row.endings else ""
         values = [value for key, value in row.axes if key in keys]
         numbers = [
-            Cell(table.text_of(q, row.numbers[q.path]), "best" if row in best[q.path] else "") for q in quantities
+            page.Cell(table.text_of(q, row.numbers[q.path]), "best" if row in best[q.path] else "") for q in quantities
         ]
         lines.append([*values, f"{row.completed} of {row.runs}{endings}", *numbers])
-    return Table(columns, lines)
+    return page.Table(columns, lines)
 
 
 def page_link(directory: Path, folder: Path) -> str:

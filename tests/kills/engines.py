@@ -13,8 +13,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -102,7 +102,7 @@ def _dask(folder: Path) -> Iterator[Engine]:
             _end_group(process)
 
 
-ENGINES: Final = {
+ENGINES: Final[Mapping[str, Callable[[Path], AbstractContextManager[Engine]]]] = {
     "pool": _pool,
     "dask": _dask,
     "fmu": partial(_pool, word="offtrack.exchange.fmi_"),  # the host of an FMU, and the proxy behind it

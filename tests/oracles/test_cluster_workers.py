@@ -1,4 +1,4 @@
-"""Dask workers that do not fit, in processes of their own: each is refused in one line, before any run."""
+"""A Dask worker that does not fit, in a process of its own, is refused in one line, before any run."""
 
 import logging
 import os
@@ -7,7 +7,6 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,47 +31,30 @@ def address() -> Iterator[str]:
             yield c.scheduler_address
 
 
-@contextmanager
-def worker(address: str, home: Path, first: Path) -> Iterator[None]:
-    """A worker's process, for which modules and versions in the folder ``first`` come before all others."""
-    command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
-    home.mkdir(exist_ok=True)
-    process = subprocess.Popen(
-        [*command, "--no-dashboard", "--local-directory", str(home)],
-        env=os.environ | {"PYTHONPATH": f"{first}{os.pathsep}{ROOT}"},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        cwd=home,
-    )
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
-
-
-def refused(address: str, tmp_path: Path) -> str:
-    study, out = tmp_path / "study.toml", tmp_path / "out"
-    study.write_text(STUDY, encoding="utf-8")
-    command = [sys.executable, "-m", "offtrack", "sweep", str(study), "--scheduler", address, "--out", str(out)]
-    ended = subprocess.run(
-        [*command, "--quiet"], env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, cwd=tmp_path
-    )
-    assert ended.returncode == 2, ended.stderr
-    assert len(ended.stderr.strip().splitlines()) == 1, ended.stderr
-    assert not [*out.glob("cells/*.json")]
-    return ended.stderr
-
-
 @pytest.mark.filterwarnings("ignore")
 def test_a_worker_with_other_files_is_refused(address: Any, tmp_path: Path) -> None:
     """An update that was forgotten on one machine; other versions: tests/offtrack/studies/test_cluster.py."""
-    site = tmp_path / "site"
+    site, out = tmp_path / "site", tmp_path / "out"
     for package in PACKAGES:
         shutil.copytree(ROOT / package, site / package, ignore=shutil.ignore_patterns("__pycache__"))
     with (site / "controllers" / "driver.py").open("a", encoding="utf-8") as file:
         file.write("# changed\n")
-    with worker(address, tmp_path / "worker", site):
-        line = refused(address, tmp_path)
-    assert "its files of offtrack differ from those here" in line
-    assert line.startswith("offtrack: worker tcp://127.0.0.1:")
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
+    worker = subprocess.Popen(
+        [*command, "--no-dashboard", "--local-directory", str(tmp_path / "worker")],
+        env=os.environ | {"PYTHONPATH": f"{site}{os.pathsep}{ROOT}"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=tmp_path,
+    )
+    command = [sys.executable, "-m", "offtrack", "sweep", "study.toml", "--scheduler", address, "--out", str(out)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ended = subprocess.run([*command, "--quiet"], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    worker.kill()
+    worker.wait()
+    assert ended.returncode == 2, ended.stderr
+    assert len(ended.stderr.strip().splitlines()) == 1, ended.stderr
+    assert "its files of offtrack differ from those here" in ended.stderr
+    assert ended.stderr.startswith("offtrack: worker tcp://127.0.0.1:")
+    assert not [*out.glob("cells/*.json")]

@@ -16,25 +16,8 @@ from offtrack.exchange.recordings.stereo_reader import kitti_text, tum_text
 from offtrack.reports import canvas
 from offtrack.reports.film import Film, Frames
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section, some
+from offtrack.reports.player import playback as player
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import (
-    SERIES,
-    Body,
-    Camera,
-    Chart,
-    Curve,
-    EstimatedPath,
-    Line,
-    Picture,
-    Playback,
-    PlayedRun,
-    Reading,
-    Trail,
-    elapsed,
-    health_spans,
-    off_tracking_charts,
-    peak_of,
-)
 from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.image_file import read_grey
@@ -171,57 +154,68 @@ _DEGREES: Final = 180.0 / np.pi
 _WIDTH, _HEIGHTS = 0.5, (0.3, 0.6)  # of the bar from hitch to follow point [m], for drawings only
 
 
-def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = True) -> Playback:
+def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = True) -> player.Playback:
     """Everything that a page shows of the recording over time."""
     recording, c = estimation.recording, estimation.recording.calibration
     follow = recording.follow_distance
     half = 0.5 * _WIDTH
     outline: FloatArray = np.array([[0.0, half], [0.0, -half], [-follow, -half], [-follow, half]])
-    since_first = elapsed(log)
+    since_first = player.elapsed(log)
     true = estimation.true_X_S0S
     compared = bool(np.isfinite(log["off_tracking_poses"]).any())
-    return Playback(
+    return player.Playback(
         title=recording.sequence.directory.name,
         runs=(
-            PlayedRun(
+            player.PlayedRun(
                 name=recording.sequence.directory.resolve().name,
                 log=since_first,
-                peak=peak_of(since_first, "off_tracking"),
-                bodies=(Body(name="trailer", outline=outline, wheels=(), pose=("x", "y", "psi"), heights=_HEIGHTS),),
-                trails=(
-                    Trail("path of the hitch, odometry", "true", 0),
-                    Trail("path of the follow point, odometry", "estimated", 0, (-follow, 0.0)),
+                peak=player.peak_of(since_first, "off_tracking"),
+                bodies=(
+                    player.Body(name="trailer", outline=outline, wheels=(), pose=("x", "y", "psi"), heights=_HEIGHTS),
                 ),
-                estimated=EstimatedPath(
+                trails=(
+                    player.Trail("path of the hitch, odometry", "true", 0),
+                    player.Trail("path of the follow point, odometry", "estimated", 0, (-follow, 0.0)),
+                ),
+                estimated=player.EstimatedPath(
                     "estimated path of the hitch", 0, (-follow, 0.0), "off_tracking", "off_tracking_std", "health"
                 ),
-                spans=(*health_spans(since_first, "health"), *health_spans(since_first, "odometry_health", "odometry")),
+                spans=(
+                    *player.health_spans(since_first, "health"),
+                    *player.health_spans(since_first, "odometry_health", "odometry"),
+                ),
                 pictures=list(_pictures(estimation)) if pictures else [],
-                cameras=(Camera(0, c.X_SC, 0.5 * c.width / c.focal_length, 0.5 * c.height / c.focal_length),),
-                lines=() if true is None else (Line("path of the hitch, recorded poses", "grey", true[:, :2, 3]),),
+                cameras=(player.Camera(0, c.X_SC, 0.5 * c.width / c.focal_length, 0.5 * c.height / c.focal_length),),
+                lines=()
+                if true is None
+                else (player.Line("path of the hitch, recorded poses", "grey", true[:, :2, 3]),),
             ),
         ),
         charts=tuple(_charts(log, compared=compared)),
         readings=(
-            Reading("off-tracking", "off_tracking", "m", 1.0, 3, "estimated"),
-            Reading("its σ", "off_tracking_std", "mm", 1e3, 1, "estimated"),
-            *((Reading("by the recorded poses", "off_tracking_poses", "m", 1.0, 3, "true"),) if compared else ()),
-            Reading("speed", "v_x", "m/s", 1.0, 2),
-            Reading("yaw rate", "yaw_rate", "°/s", _DEGREES, 2),
-            Reading("inliers", "inliers", "-", 1.0, 0),
+            player.Reading("off-tracking", "off_tracking", "m", 1.0, 3, "estimated"),
+            player.Reading("its σ", "off_tracking_std", "mm", 1e3, 1, "estimated"),
+            *(
+                (player.Reading("by the recorded poses", "off_tracking_poses", "m", 1.0, 3, "true"),)
+                if compared
+                else ()
+            ),
+            player.Reading("speed", "v_x", "m/s", 1.0, 2),
+            player.Reading("yaw rate", "yaw_rate", "°/s", _DEGREES, 2),
+            player.Reading("inliers", "inliers", "-", 1.0, 0),
         ),
         nearest=60.0,
     )
 
 
-def _pictures(estimation: Estimation) -> Iterator[Picture]:
+def _pictures(estimation: Estimation) -> Iterator[player.Picture]:
     usable = [frame for frame in estimation.frames if not frame.dropped]
     for frame in usable[:: max(1, -(-len(usable) // _MOST_PICTURES))]:
         if picture := _picture(estimation, frame):
             yield picture
 
 
-def _picture(estimation: Estimation, frame: FrameEstimate) -> Picture | None:
+def _picture(estimation: Estimation, frame: FrameEstimate) -> player.Picture | None:
     """The left image, read again and rectified, with its tracks; None if it can no longer be read."""
     try:
         left = read_grey(frame.files.left)
@@ -230,37 +224,44 @@ def _picture(estimation: Estimation, frame: FrameEstimate) -> Picture | None:
         return None
     jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
     counts = f" · {frame.motion.inliers} inliers of {frame.motion.matches} matches" if frame.motion else ""
-    return Picture(frame.files.tick * TICK, jpeg, frame.tracks, f"{frame.files.left.name}{counts}")
+    return player.Picture(frame.files.tick * TICK, jpeg, frame.tracks, f"{frame.files.left.name}{counts}")
 
 
 def write_video(
     estimation: Estimation, log: Log, path_without_suffix: Path, *, progress: Progress = no_progress
 ) -> Path:
     """Write a video in real time with a picture for every frame, whose images are read again, and return its path."""
-    playback, times = recording_playback(estimation, log, pictures=False), elapsed(log)["time"]
+    playback, times = recording_playback(estimation, log, pictures=False), player.elapsed(log)["time"]
     rate = int(np.clip(round(1.0 / float(np.median(np.diff(times)))), 1, 60))
     used = [frame for frame in estimation.frames if not frame.dropped]
     frames = Frames(np.array([frame.files.tick * TICK for frame in used]), lambda k: _picture(estimation, used[k]))
     return canvas.write_video(Film(playback, frames).picture, times, rate, path_without_suffix, progress)
 
 
-def _charts(log: Log, *, compared: bool) -> Iterator[Chart]:
-    reference = Curve("off_tracking_poses", "by the recorded poses", "true") if compared else None
-    yield from off_tracking_charts("the hitch's path", "off_tracking", reference, "Error against the recorded poses")
-    yield Chart("Speed of the hitch", "m/s", (Curve("v_x", "forward", "true"), Curve("v_y", "to the left", "third")), 2)
-    yield Chart("Yaw rate", "°/s", (Curve("yaw_rate", "yaw rate", "true", scale=_DEGREES),), 2)
-    features = Curve("matches", "matches", "grey"), Curve("inliers", "inliers", "true")
-    yield Chart("Features per frame", "-", features, 0)
+def _charts(log: Log, *, compared: bool) -> Iterator[player.Chart]:
+    reference = player.Curve("off_tracking_poses", "by the recorded poses", "true") if compared else None
+    yield from player.off_tracking_charts(
+        "the hitch's path", "off_tracking", reference, "Error against the recorded poses"
+    )
+    yield player.Chart(
+        "Speed of the hitch",
+        "m/s",
+        (player.Curve("v_x", "forward", "true"), player.Curve("v_y", "to the left", "third")),
+        2,
+    )
+    yield player.Chart("Yaw rate", "°/s", (player.Curve("yaw_rate", "yaw rate", "true", scale=_DEGREES),), 2)
+    features = player.Curve("matches", "matches", "grey"), player.Curve("inliers", "inliers", "true")
+    yield player.Chart("Features per frame", "-", features, 0)
     if "right_yaw" in log:
         rotation = [
             curve
-            for name, colour in zip(("roll", "yaw", "pitch"), SERIES, strict=False)
+            for name, colour in zip(("roll", "yaw", "pitch"), player.SERIES, strict=False)
             for curve in (
-                Curve(f"right_{name}_std", "±2 σ", colour, "band", _DEGREES, base=f"right_{name}"),
-                Curve(f"right_{name}", name, colour, scale=_DEGREES),
+                player.Curve(f"right_{name}_std", "±2 σ", colour, "band", _DEGREES, base=f"right_{name}"),
+                player.Curve(f"right_{name}", name, colour, scale=_DEGREES),
             )
         ]
-        yield Chart("Rotation of the right camera since its calibration", "°", rotation, 3)
+        yield player.Chart("Rotation of the right camera since its calibration", "°", rotation, 3)
 
 
 _LISTED = 50  # dropped frames named on the page; the summary names all
@@ -300,16 +301,11 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
     if estimation.recording.assumed:
         yield Section("Assumed values", _ASSUMED, [Items(estimation.recording.assumed)])
     if len(log) > 1:
-        yield from _drawn(estimation, log)
+        yield Section("Playback", content=[Player(encoded(recording_playback(estimation, log)))])
     if numbers["dropped_frames"] or numbers["notes"]:
         yield Section("Notes on the recording", content=[Items(_notes(numbers))])
     yield Section("All numbers", content=[number_table(numbers)])
     yield software_section(versions())
-
-
-def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
-    playback = recording_playback(estimation, log)
-    yield Section("Playback", content=[Player(encoded(playback))])
 
 
 _ASSUMED: Final = (

@@ -16,18 +16,8 @@ from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.canvas import write_video as write_film
 from offtrack.reports.film import Film, Frames
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
+from offtrack.reports.player import playback as player
 from offtrack.reports.player.encoding import encoded
-from offtrack.reports.player.playback import (
-    Chart,
-    Curve,
-    Picture,
-    Playback,
-    PlayedRun,
-    Reading,
-    elapsed,
-    health_spans,
-    peak_of,
-)
 from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.progress import Progress, no_progress
@@ -167,44 +157,46 @@ _MOST_PICTURES = 240  # each is read again
 _DEGREES = 180.0 / np.pi
 
 
-def slip_playback(estimation: SlipEstimation, name: str, *, pictures: bool = True) -> Playback:
+def slip_playback(estimation: SlipEstimation, name: str, *, pictures: bool = True) -> player.Playback:
     """Everything that a page shows of the recording over time."""
-    log = elapsed(estimation.log)
+    log = player.elapsed(estimation.log)
     every = max(1, -(-len(log) // _MOST_PICTURES))
     shown = (_picture(estimation, k) for k in range(0, len(log) if pictures else 0, every))
     slip = (
-        Curve("slip_angle_std", "±2 σ", "estimated", "band", _DEGREES, base="slip_angle"),
-        Curve("slip_angle", "estimated", "estimated", "dots", _DEGREES),
-        Curve("slip_angle_lagged", "estimated later", "third", "dots", _DEGREES),
-        Curve("slip_angle_reference", "by the recording", "true", scale=_DEGREES),
+        player.Curve("slip_angle_std", "±2 σ", "estimated", "band", _DEGREES, base="slip_angle"),
+        player.Curve("slip_angle", "estimated", "estimated", "dots", _DEGREES),
+        player.Curve("slip_angle_lagged", "estimated later", "third", "dots", _DEGREES),
+        player.Curve("slip_angle_reference", "by the recording", "true", scale=_DEGREES),
     )
-    return Playback(
+    return player.Playback(
         title=name,
         runs=(
-            PlayedRun(
+            player.PlayedRun(
                 name=name,
                 log=log,
-                peak=peak_of(log, "slip_angle"),
+                peak=player.peak_of(log, "slip_angle"),
                 bodies=(),
-                spans=tuple(health_spans(log, "health")),
+                spans=tuple(player.health_spans(log, "health")),
                 pictures=[picture for picture in shown if picture],
             ),
         ),
         charts=(
-            Chart("Slip angle, + left", "°", slip, 2),
-            Chart("Offset of the trace, + left", "mm", (Curve("trace_offset", "offset", "true", scale=1e3),), 1),
-            Chart("Confidence in the trace", "-", (Curve("confidence", "confidence", "true"),), 2),
+            player.Chart("Slip angle, + left", "°", slip, 2),
+            player.Chart(
+                "Offset of the trace, + left", "mm", (player.Curve("trace_offset", "offset", "true", scale=1e3),), 1
+            ),
+            player.Chart("Confidence in the trace", "-", (player.Curve("confidence", "confidence", "true"),), 2),
         ),
         readings=(
-            Reading("slip angle", "slip_angle", "°", _DEGREES, 2, "estimated"),
-            Reading("its σ", "slip_angle_std", "°", _DEGREES, 2, "estimated"),
-            Reading("by the recording", "slip_angle_reference", "°", _DEGREES, 2, "true"),
-            Reading("confidence", "confidence", "-", 1.0, 2),
+            player.Reading("slip angle", "slip_angle", "°", _DEGREES, 2, "estimated"),
+            player.Reading("its σ", "slip_angle_std", "°", _DEGREES, 2, "estimated"),
+            player.Reading("by the recording", "slip_angle_reference", "°", _DEGREES, 2, "true"),
+            player.Reading("confidence", "confidence", "-", 1.0, 2),
         ),
     )
 
 
-def _picture(estimation: SlipEstimation, k: int) -> Picture | None:
+def _picture(estimation: SlipEstimation, k: int) -> player.Picture | None:
     """The k-th image with the estimated trace; None if it can not be used."""
     recording, log = estimation.recording, estimation.log
     view = recording.view(k)
@@ -217,7 +209,7 @@ def _picture(estimation: SlipEstimation, k: int) -> Picture | None:
         line = trace_line(recording.rig, direction, float(log["trace_offset"][k]))
         strokes, lines = np.hstack([line[:-1], line[1:]]), (0, len(line) - 1)  # no true line
     jpeg = cv2.imencode(".jpg", view.image)[1].tobytes()
-    return Picture(float(log["time"][k] - log["time"][0]), jpeg, strokes.astype(np.float32), f"image {k}", lines)
+    return player.Picture(float(log["time"][k] - log["time"][0]), jpeg, strokes.astype(np.float32), f"image {k}", lines)
 
 
 def write_video(estimation: SlipEstimation, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:

@@ -197,10 +197,7 @@ class RecordingFolder:
         mark_interrupted(self._folder)
 
     def note(self, name: str, line: str) -> None:
-        """Write a file of one line besides those of the recording."""
-        self._append(name, line)
-
-    def _append(self, name: str, line: str) -> None:
+        """Append a line to a file of the recording, or to one besides these."""
         with (self._folder / name).open("a", encoding="utf-8") as file:
             file.write(line + "\n")
 
@@ -258,8 +255,8 @@ class RecordingWriter(RecordingFolder):
             self._X_C0W = inverse(X_WC)
         pair = {f"image_{side}": image for side, image in enumerate((frame.left, frame.right))}
         write_images({self._folder / name / f"{self._count:06d}.png": image for name, image in pair.items()})
-        self._append("times.txt", f"{frame.tick * TICK:.3f}")
-        self._append("poses.txt", _numbers((self._X_C0W @ X_WC)[:3]))
+        self.note("times.txt", f"{frame.tick * TICK:.3f}")
+        self.note("poses.txt", _numbers((self._X_C0W @ X_WC)[:3]))
         self._count += 1
 
 
@@ -315,8 +312,8 @@ class RoverRecordingWriter(RecordingFolder):
         steer = np.degrees(view.steer)
         numbers = [math.degrees(view.heading), *view.wheel_speeds.tolist(), *steer.tolist()]
         write_images({self._folder / IMAGES / f"{self._count:06d}.png": view.image})
-        self._append(READINGS, ",".join([time, *(f"{number:.17g}" for number in numbers)]))
-        self._append(SLIP, f"{time},{math.degrees(truth.slip_angle):.9g}")
+        self.note(READINGS, ",".join([time, *(f"{number:.17g}" for number in numbers)]))
+        self.note(SLIP, f"{time},{math.degrees(truth.slip_angle):.9g}")
         self._count += 1
 
 
