@@ -203,7 +203,13 @@ class _FileOptions(CourseOptions):
         "corner on the outer side of the path's tighter bends.",
         "steered_axle",
     )
-    smoothing: float = quantity(8.0, "m", 1.0, 200.0, "Length of bends that are smoothed out as noise of the points.")
+    smoothing: float = quantity(
+        8.0,
+        "m",
+        1.0,
+        200.0,
+        "Length of bends that are smoothed out as noise; shorter where lanes of a map need it.",
+    )
     tolerance: float = quantity(0.1, "m", 0.001, 10.0, "Largest distance of a point from the smooth path.")
     width: float = quantity(9.0, "m", 2.5, 100.0, "Width of the road where the file does not say.")
     heights: bool = option("Drive over the heights and banks of the file; false: on level ground.", True)

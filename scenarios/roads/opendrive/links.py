@@ -272,7 +272,8 @@ def _next(
     found = [lead if at is None else lead._replace(start=at) for lead in found if goes_on(leg, lead)]
     if not linked:
         touching = (lead for lead in found if joint(leg, lead).goes_on and lead.lane * same > 0)
-        return next(touching, next((lead for lead in found if lead.lane == same), None))
+        apart = (lead for lead in found if lead.lane == same and road is not leg.road)  # that a gap is said
+        return next(touching, next(apart, None))
     return found[0] if found else None
 
 

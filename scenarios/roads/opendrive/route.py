@@ -230,10 +230,10 @@ class _Drive:
     def _things(self, places: FloatArray) -> Iterator[FloatArray]:
         """Outlines of what stands beside the drive; a point becomes a small triangle."""
         tree = scipy.spatial.KDTree(places)
-        for road in self._network.roads.values():
-            begin = np.array(road.reference.pieces[0].start[:2])
-            is_near = np.min(tree.query(begin)[0]) < _SEEN + road.reference.length
-            for thing in road.things() if is_near else ():
+        roads = list(self._network.roads.values())
+        away, _ = tree.query(np.array([road.reference.pieces[0].start[:2] for road in roads]))
+        for road, to_begin in zip(roads, np.asarray(away).tolist(), strict=True):
+            for thing in road.things() if to_begin < _SEEN + road.reference.length else ():
                 outline = thing.outline if len(thing.outline) > 1 else thing.outline + _MARK
                 if np.min(tree.query(outline)[0]) < _SEEN:
                     yield outline

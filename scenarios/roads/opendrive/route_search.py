@@ -204,7 +204,9 @@ class Route:
             f"lane {lane.id} there is a lane of the type {shown(lane.kind, 40)}" if lane else "no lane goes on there"
         )
         if lane and lane.kind in DRIVABLE:
-            reason = f"lane {lane.id} there goes the other way"
+            reason = (
+                f"lane {lane.id} there {'does not touch it' if lane.travel == leg.direction else 'goes the other way'}"
+            )
         others = [one for one in leg.part.lanes.values() if one.kind in DRIVABLE and one.id * leg.lane > 0]
         other = min((one.id for one in others if one.id != leg.lane), key=lambda one: abs(one - leg.lane), default=None)
         remedy = "" if other is None else f", or change lane (course.route = {shown(leg.road.id, 40)},lane {other})"

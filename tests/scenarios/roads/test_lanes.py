@@ -314,54 +314,49 @@ def test_a_lane_that_splits_in_two_or_two_that_merge_are_driven(tmp_path: Path, 
         assert np.abs(np.diff(places[:, 1])).max() < 0.25
 
 
-def several(*numbers: int) -> str:
-    return "".join(f'<successor id="{number}"/>' for number in numbers)
-
-
 @pytest.mark.parametrize("of_roads", [False, True])
 def test_of_several_lanes_that_follow_the_wanted_one_is_driven(tmp_path: Path, *, of_roads: bool) -> None:
     """Links of lanes name all that a lane splits into, in a road, or from a road to the next."""
-    wide, narrow = [lane(-1, width=8.0, link=several(-1, -2))], [lane(-1), lane(-2)]
+    wide, narrow = [lane(-1, width=8.0, link=SUCCESSOR.format(-1) + SUCCESSOR.format(-2))], [lane(-1), lane(-2)]
+    text = straight(sections((0.0, [], wide), (100.0, [], narrow)), 200.0)
     if of_roads:
-        link = NEXT.format("road", "2")
-        text = file(road("1", (Piece(100.0),), lanes([], wide), link=link),
-                    road("2", (Piece(100.0),), lanes([], narrow), start=Start(100.0, 0.0)))  # fmt: skip
-    else:
-        text = straight(sections((0.0, [], wide), (100.0, [], narrow)), 200.0)
+        after = road("2", (Piece(100.0),), lanes([], narrow), start=Start(100.0, 0.0))
+        text = file(road("1", (Piece(100.0),), lanes([], wide), link=NEXT.format("road", "2")), after)
     for words, y in (((), -2.0), (("1", "lane -2"), -6.0), (("1", "lane -1"), -2.0)):
-        places = driven(tmp_path, text, road="1", words=words).places
-        assert places[-1] == pytest.approx([200.0, y])
+        assert driven(tmp_path, text, road="1", words=words).places[-1] == pytest.approx([200.0, y])
 
 
-@pytest.mark.parametrize(("lane_", "words", "end"), [
-    (-1, (), (200.0, -2.0)), (-1, ("1", "2"), (126.0, -51.0)), (-1, ("1", "2", "3"), (126.0, -101.0)),
-    (1, ("1", "2"), None),
-])  # fmt: skip
-def test_a_virtual_junction_is_driven_through_or_left(
-    tmp_path: Path, lane_: int, words: tuple[str, ...], end: tuple[float, float] | None
+VIRTUAL: Final = '<{} elementType="road" elementId="1" elementS="80" elementDir="+"/>'
+QUARTER: Final = (Piece(0.5 * math.pi * 48.0, -1.0 / 48.0), Piece(3.0))  # to the right
+
+
+@pytest.mark.parametrize(
+    ("start", "lane_", "words", "end"),
+    [
+        ("1", -1, (), (200.0, -2.0)),
+        ("1", -1, ("1", "2"), (126.0, -51.0)),
+        ("1", -1, ("1", "2", "3"), (126.0, -101.0)),
+        ("1", 1, ("1", "2"), None),
+        ("4", -1, (), (200.0, -2.0)),
+    ],
+)
+def test_virtual_junctions_are_passed_left_and_joined(
+    tmp_path: Path, start: str, lane_: int, words: tuple[str, ...], end: tuple[float, float] | None
 ) -> None:
-    """Road 2 leaves road 1 at s = 80 m, towards road 3, by a quarter of a circle."""
-    main = road("1", (Piece(200.0),), TWO_LANES)
-    arc = 0.5 * math.pi * 48.0
-    link = '<predecessor elementType="road" elementId="1" elementS="80" elementDir="+"/>' + NEXT.format("road", "3")
-    aside = road("2", (Piece(arc, -1.0 / 48.0), Piece(3.0)), ONE, start=Start(80.0, 0.0), link=link, junction="9")
-    away = road("3", (Piece(50.0),), ONE, start=Start(128.0, -51.0, -0.5 * math.pi))
-    junction = '<junction id="9" type="virtual" mainRoad="1" sStart="75" sEnd="90" orientation="+"/>'
-    text = file(main, aside, away, junction)
+    """At s = 80 m of road 1 road 2 leaves it, towards road 3, and road 4 joins it, by quarters of circles."""
+    link = VIRTUAL.format("predecessor") + NEXT.format("road", "3")
+    text = file(
+        road("1", (Piece(200.0),), TWO_LANES),
+        road("2", QUARTER, ONE, start=Start(80.0, 0.0), link=link, junction="9"),
+        road("3", (Piece(50.0),), ONE, start=Start(128.0, -51.0, -0.5 * math.pi)),
+        road("4", QUARTER[:1], ONE, start=Start(32.0, -48.0, 0.5 * math.pi), link=VIRTUAL.format("successor")),
+        '<junction id="9" type="virtual" mainRoad="1" sStart="75" sEnd="90" orientation="+"/>',
+    )
     if end is None:
         with pytest.raises(ValueError, match=r"course.route = 2 is not reached: road 1 ends there"):
-            driven(tmp_path, text, road="1", lane=lane_, words=words)
+            driven(tmp_path, text, road=start, lane=lane_, words=words)
         return
-    assert driven(tmp_path, text, road="1", lane=lane_, words=words).places[-1] == pytest.approx(end)
-
-
-def test_a_virtual_junction_leads_into_the_middle_of_a_road(tmp_path: Path) -> None:
-    link = '<successor elementType="road" elementId="1" elementS="80" elementDir="+"/>'
-    joins = road("2", (Piece(80.0), Piece(0.5 * math.pi * 50.0, -1.0 / 50.0)), ONE,
-                 start=Start(30.0, -130.0, 0.5 * math.pi), link=link)  # fmt: skip
-    places = driven(tmp_path, file(road("1", (Piece(200.0),), TWO_LANES), joins), road="2").places
-    assert places[-1] == pytest.approx([200.0, -2.0])
-    assert np.hypot(*np.diff(places, axis=0).T).sum() == pytest.approx(80.0 + 0.5 * math.pi * 48.0 + 120.0, abs=0.1)
+    assert driven(tmp_path, text, road=start, lane=lane_, words=words).places[-1] == pytest.approx(end)
 
 
 def test_the_longest_drive_is_the_default(tmp_path: Path) -> None:
