@@ -5,7 +5,6 @@ file of roads or tracks needs one, so it is refused.
 """
 
 import itertools
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -27,7 +26,7 @@ from vehicle.foundation.user_file import (
     MAX_POINTS,
     FileKind,
     read_bytes,
-    read_text,
+    read_json,
     shown,
 )
 from vehicle.frames import FloatArray
@@ -346,14 +345,7 @@ def _gpx_point(path: Path, point: Element) -> Point:
 
 
 def _read_geojson(path: Path) -> Iterator[Track]:
-    text = read_text(path, FileKind.ROAD)
-    try:
-        table = json.loads(text)
-    except RecursionError:
-        raise ValueError(f"{path}: tables and lists must be nested at most {MAX_NESTING} deep") from None
-    except ValueError as error:  # also an integer of thousands of digits
-        raise ValueError(f"{path}: not JSON: {shown(str(error))}") from None
-    geometries = list(_geometries(path, table, _Above()))
+    geometries = list(_geometries(path, read_json(path, FileKind.ROAD, constants=True), _Above()))
     kinds = [str(geometry.get("type")) for geometry, _ in geometries]
     lines = [one for one, kind in zip(geometries, kinds, strict=True) if kind in _LINES]
     if not lines and kinds.count("Point") > 1:  # a feature each, in the order of driving

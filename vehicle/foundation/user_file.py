@@ -104,15 +104,16 @@ def read_text(path: Path, kind: FileType) -> str:
         raise ValueError(f"{path}: not a text in UTF-8: byte 0x{byte:02x} at {error.start}; save it as UTF-8") from None
 
 
-def read_json(path: Path, kind: FileType) -> dict[str, Any]:
+def read_json(path: Path, kind: FileType, *, constants: bool = False) -> dict[str, Any]:
     """Object in a JSON file.
 
     Raises:
-        ValueError: one line, as ``read_text``, or if it holds no object, is nested too deeply, or has a NaN.
+        ValueError: one line, as ``read_text``, or if it holds no object, is nested too deeply, or has a NaN or an
+            infinity, unless ``constants`` are allowed.
     """
     text = read_text(path, kind)
     try:
-        found = json.loads(text, parse_constant=_no_constant)
+        found = json.loads(text, parse_constant=None if constants else _no_constant)
     except RecursionError:
         raise ValueError(f"{path}: not JSON: {_TOO_DEEP}") from None
     except ValueError as error:

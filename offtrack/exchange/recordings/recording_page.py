@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -279,33 +279,14 @@ _ON_CARDS: Final = (
 def report_page(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> str:
     """The page as HTML; ``numbers`` is the summary."""
     recording, c = estimation.recording, estimation.recording.calibration
+    subtitle = (
+        f"{len(estimation.frames)} stereo frames of {c.width}×{c.height} px in "
+        f"{numbers['frames']['duration_s']:.1f} s · baseline {c.baseline:.3g} m · "
+        f"follow point {recording.follow_distance:g} m behind the hitch · odometry {numbers['odometry']['name']}"
+    )
+    playback = recording_playback(estimation, log) if len(log) > 1 else None
     name = recording.sequence.directory.resolve().name
-    return Page(
-        title=f"{name} · off-tracking",
-        heading=name,
-        subtitle=(
-            f"{len(estimation.frames)} stereo frames of {c.width}×{c.height} px in "
-            f"{numbers['frames']['duration_s']:.1f} s · baseline {c.baseline:.3g} m · "
-            f"follow point {recording.follow_distance:g} m behind the hitch · odometry {numbers['odometry']['name']}"
-        ),
-        verdict=outcome_verdict(estimation.outcome),
-        cards=number_cards(numbers, _ON_CARDS),
-        sections=list(_sections(estimation, log, numbers)),
-        wide=True,
-    ).html()
-
-
-def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iterator[Section]:
-    if numbers["warnings"]:
-        yield Section("Warnings", content=[Items(numbers["warnings"])])
-    if estimation.recording.assumed:
-        yield Section("Assumed values", _ASSUMED, [Items(estimation.recording.assumed)])
-    if len(log) > 1:
-        yield Section("Playback", content=[Player(encoded(recording_playback(estimation, log)))])
-    if numbers["dropped_frames"] or numbers["notes"]:
-        yield Section("Notes on the recording", content=[Items(_notes(numbers))])
-    yield Section("All numbers", content=[number_table(numbers)])
-    yield software_section(versions())
+    return page_text(f"{name} · off-tracking", name, subtitle, numbers, _ON_CARDS, playback)
 
 
 _ASSUMED: Final = (
@@ -313,6 +294,32 @@ _ASSUMED: Final = (
 )
 
 
-def _notes(numbers: dict[str, Any]) -> list[str]:
-    dropped = [f"frame {entry['frame']} dropped: {entry['reason']}" for entry in numbers["dropped_frames"]]
-    return [*numbers["notes"], *some(dropped, _LISTED)]
+def page_text(
+    title: str,
+    heading: str,
+    subtitle: str,
+    numbers: dict[str, Any],
+    cards: Sequence[str],
+    playback: player.Playback | None,
+    text: str = "",
+) -> str:
+    """The page of a recording as HTML; ``numbers`` is the summary, ``text`` stands above the playback."""
+    dropped = [f"frame {one['frame']} dropped: {one['reason']}" for one in numbers.get("dropped_frames", ())]
+    dropped += [f"image {one['image']} dropped: {one['reason']}" for one in numbers.get("dropped_images", ())]
+    before = {"Warnings": numbers["warnings"], "Assumed values": numbers.get("assumed", ())}
+    notes = [*numbers.get("notes", ()), *some(dropped, _LISTED)]
+    return Page(
+        title=title,
+        heading=heading,
+        subtitle=subtitle,
+        verdict=outcome_verdict(numbers["outcome"]),
+        cards=number_cards(numbers, cards),
+        sections=[
+            *(Section(name, _ASSUMED * (name != "Warnings"), [Items(rows)]) for name, rows in before.items() if rows),
+            *([Section("Playback", text, [Player(encoded(playback))])] if playback else ()),
+            *([Section("Notes on the recording", content=[Items(notes)])] if notes else ()),
+            Section("All numbers", content=[number_table(numbers)]),
+            software_section(versions()),
+        ],
+        wide=True,
+    ).html()

@@ -12,19 +12,17 @@ import numpy as np
 from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
 from offtrack.exchange.recordings.image_checks import flow_warnings
+from offtrack.exchange.recordings.recording_page import page_text
 from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.canvas import write_video as write_film
 from offtrack.reports.film import Film, Frames
-from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section
 from offtrack.reports.player import playback as player
-from offtrack.reports.player.encoding import encoded
 from offtrack.reports.run_files import csv_text, write_results
-from offtrack.reports.sections import number_cards, number_table
 from scenarios.progress import Progress, no_progress
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
 from scenarios.results.rover_result import trace_line
-from scenarios.results.run_summary import number, versions
+from scenarios.results.run_summary import number
 from vehicle.clock import TICK
 
 _DROPPED: Final = 3.0
@@ -227,26 +225,10 @@ _ON_CARDS: Final = ("slip.mean_deg", "slip.max_deg", "slip.error_rms_deg", "slip
 def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
     """The page as HTML; ``numbers`` is the summary."""
     name = numbers["recording"]
-    sections = []
-    if len(estimation.log) > 1:
-        playback = slip_playback(estimation, name)
-        text = "The slip angle runs from the body's axis to the direction of travel, + left."
-        sections = [Section("Playback", text, [Player(encoded(playback))])]
-    if numbers["warnings"]:
-        sections.append(Section("Warnings", content=[Items(numbers["warnings"])]))
-    if estimation.dropped:
-        dropped = [f"image {k}: {reason}" for k, reason in estimation.dropped.items()]
-        sections.append(Section("Images that could not be used", content=[Items(dropped)]))
-    sections += [Section("All numbers", content=[number_table(numbers)]), software_section(versions())]
-    return Page(
-        title=f"{name} · slip angle",
-        heading=name,
-        subtitle=f"{numbers['frames']['images']} images · estimator {estimation.estimator}",
-        verdict=outcome_verdict(estimation.outcome),
-        cards=number_cards(numbers, _ON_CARDS),
-        sections=sections,
-        wide=True,
-    ).html()
+    subtitle = f"{numbers['frames']['images']} images · estimator {estimation.estimator}"
+    text = "The slip angle runs from the body's axis to the direction of travel, + left."
+    playback = slip_playback(estimation, name) if len(estimation.log) > 1 else None
+    return page_text(f"{name} · slip angle", name, subtitle, numbers, _ON_CARDS, playback, text)
 
 
 def write_slip_estimation(
