@@ -196,8 +196,21 @@ _TURNED: Final = {  # signs of the images' columns and rows
 }
 
 
-def flow_warnings(recording: RoverRecording) -> list[str]:
-    """What the motion of the ground shows to be wrong, a line; nothing if the rover hardly moves.
+class Flow(NamedTuple):
+    """What the motion of the ground shows, a line each."""
+
+    warnings: tuple[str, ...] = ()  # of what is wrong
+    notes: tuple[str, ...] = ()  # of what cannot be decided
+
+
+_UNDECIDED: Final = (
+    "whether the images are mirrored can not be decided: the rover hardly turns; a mirrored camera gives the slip "
+    "angle the wrong sign"
+)
+
+
+def ground_flow(recording: RoverRecording) -> Flow:
+    """What the motion of the ground in a rover's images shows to be wrong.
 
     Shifts of both halves of the images are compared with those of turned and mirrored ones.
     """
@@ -212,7 +225,7 @@ def flow_warnings(recording: RoverRecording) -> list[str]:
         if np.isfinite(found).all() and np.linalg.norm(expected.mean(axis=0)) > _LEAST:
             shifts.append((expected, found))
     if len(shifts) < _FEWEST_SHIFTS:
-        return []
+        return Flow(notes=(_UNDECIDED,))
     expected, found = (np.array(values) for values in zip(*shifts, strict=True))
     errors = {
         signs: float(np.median(np.square(found[:, :: signs[0]] * signs - expected).sum(axis=(1, 2))))
@@ -220,14 +233,13 @@ def flow_warnings(recording: RoverRecording) -> list[str]:
     }
     best = min(errors, key=errors.__getitem__)
     if best in _TURNED and errors[best] < _CLEARLY_TURNED * errors[1, 1]:
-        return [_TURNED[best]]
+        return Flow((_TURNED[best],))
+    notes = () if errors[1, 1] < _CLEARLY_TURNED * errors[-1, 1] else (_UNDECIDED,)
     ratio = float(np.median((found * expected).sum(axis=(1, 2)) / np.square(expected).sum(axis=(1, 2))))
     if _RATIOS[0] < ratio < _RATIOS[1]:
-        return []
-    return [
-        f"the ground moves {ratio:.2g} times as far in the images as the wheels say: do rig, wheel radius and times "
-        "belong to these images?"
-    ]
+        return Flow(notes=notes)
+    far = f"the ground moves {ratio:.2g} times as far in the images as the wheels say"
+    return Flow((f"{far}: do rig, wheel radius and times belong to these images?",), notes)
 
 
 def _expected(recording: RoverRecording, before: RoverView, after: RoverView) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
-from offtrack.exchange.recordings.image_checks import flow_warnings
+from offtrack.exchange.recordings.image_checks import Flow, ground_flow
 from offtrack.exchange.recordings.recording_page import page_text
 from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.canvas import write_video as write_film
@@ -92,7 +92,7 @@ def estimate_slip(
 
 def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
     """Summary of an estimation for JSON."""
-    log = estimation.log
+    log, flow = estimation.log, ground_flow(estimation.recording)
     error = np.degrees(log["slip_angle"] - log["slip_angle_reference"])
     lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_reference"])
     used = log["health"] < _DROPPED
@@ -116,16 +116,17 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
             "within_2_5_sigma": number(metrics.within_sigmas(error, np.degrees(log["slip_angle_std"]))),
         },
         "timing": {"estimator_ms_per_image": number(1e3 * estimation.seconds / max(1, int(used.sum())))},
-        "warnings": _warnings(estimation),
+        "warnings": _warnings(estimation, flow),
+        "notes": list(flow.notes),
         "dropped_images": [{"image": k, "reason": reason} for k, reason in estimation.dropped.items()],
     }
 
 
-def _warnings(estimation: SlipEstimation) -> list[str]:
+def _warnings(estimation: SlipEstimation, flow: Flow) -> list[str]:
     """What is doubtful about the recording, a line each; the worst first."""
     lost = int(np.sum(estimation.log["health"] >= LOST))
     total = len(estimation.log)
-    found = flow_warnings(estimation.recording)
+    found = list(flow.warnings)
     if 2 * lost <= total:
         return found
     cause = "see the next line" if found else "is the trace of the wheel in view, and is the rig that of these images?"

@@ -16,7 +16,7 @@ from estimators.calibration.epipolar import RightRotation
 from estimators.estimates import Motion, lost_motion
 from offtrack.exchange.recordings.estimation import Estimation, _rotation_warnings
 from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
-from offtrack.exchange.recordings.image_checks import flow_warnings, image_warnings, projection_warnings
+from offtrack.exchange.recordings.image_checks import ground_flow, image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from offtrack.exchange.recordings.stereo_sequence import find_sequence
 from offtrack.exchange.recordings.writers import RoverRecording
@@ -93,15 +93,21 @@ class _Drive(NamedTuple):
     images: list[GreyImage]
     rig: TraceRig
     change: Callable[[GreyImage], GreyImage]
+    turn: float = 0.01  # from image to image [rad]
 
     def view(self, k: int) -> RoverView:
-        return RoverView(tick=100 * k, image=self.change(self.images[k]), heading=0.01 * k,
+        return RoverView(tick=100 * k, image=self.change(self.images[k]), heading=self.turn * k,
                          wheel_speeds=np.full(4, 3.0), steer=np.zeros(4))  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def drive() -> _Drive:
-    """In a bend to the left: 3 cm and 0.01 rad from image to image."""
+    """In a bend to the left."""
+    return _drive(0.01)
+
+
+def _drive(turn: float) -> _Drive:
+    """3 cm and a turn [rad] from image to image."""
     rig = nominal_rig(load_rover("el_dorado_ii"))
     noise = np.random.default_rng(3).integers(0, 256, (500, 500), dtype=np.uint8)
     ground = cv2.resize(noise, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
@@ -111,7 +117,7 @@ def drive() -> _Drive:
         H = rig.image_of_ground() @ np.linalg.inv(to_texture @ pose)
         image = cv2.warpPerspective(ground, H, (rig.camera.width, rig.camera.height))
         images.append(np.asarray(image, dtype=np.uint8))
-        c, s = math.cos(0.01), math.sin(0.01)
+        c, s = math.cos(turn), math.sin(turn)
         pose = pose @ np.array([[c, -s, 3.0 * rig.wheel_radius * 0.1], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return _Drive(images, rig, lambda image: image)
 
@@ -128,13 +134,23 @@ def drive() -> _Drive:
 def test_ground_that_moves_the_wrong_way_is_noticed(
     drive: _Drive, change: Callable[[GreyImage], GreyImage], says: str
 ) -> None:
-    found = flow_warnings(cast(RoverRecording, drive._replace(change=change)))
-    assert [says in line for line in found] == ([True] if says else [])
+    found = ground_flow(cast(RoverRecording, drive._replace(change=change)))
+    assert [says in line for line in found.warnings] == ([True] if says else [])
+    assert not found.notes
+
+
+@pytest.mark.parametrize("change", [lambda image: image, lambda image: image[:, ::-1]])
+def test_a_drive_straight_on_does_not_tell_whether_images_are_mirrored(
+    change: Callable[[GreyImage], GreyImage],
+) -> None:
+    found = ground_flow(cast(RoverRecording, _drive(0.0)._replace(change=change, turn=0.0)))
+    assert found.warnings == ()
+    assert ["can not be decided" in line for line in found.notes] == [True]
 
 
 def test_ground_that_moves_less_far_than_the_wheels_is_noticed(drive: _Drive) -> None:
-    found = flow_warnings(cast(RoverRecording, drive._replace(rig=replace(drive.rig, wheel_radius=0.6))))
-    assert ["times as far" in line for line in found] == [True]
+    found = ground_flow(cast(RoverRecording, drive._replace(rig=replace(drive.rig, wheel_radius=0.6))))
+    assert ["times as far" in line for line in found.warnings] == [True]
 
 
 def _noise() -> GreyImage:
