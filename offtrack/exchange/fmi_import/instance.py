@@ -13,6 +13,7 @@ import tempfile
 import time
 import weakref
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -242,14 +243,14 @@ class FmuInstance:
 
 
 def _ended(process: subprocess.Popen[bytes], folder: Path, log: IO[bytes]) -> None:
-    """End a process, at first politely."""
-    try:
+    """End a process, at first politely, and what it has started."""
+    with suppress(OSError, subprocess.TimeoutExpired):
         if process.stdin is not None:
             process.stdin.close()
         process.wait(_END)
-    except (OSError, subprocess.TimeoutExpired):
-        process.kill()
-        process.wait()
+    with suppress(OSError):  # all have ended
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
     if process.stdout is not None:
         process.stdout.close()
     log.close()
