@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from offtrack.commands.console import AsJson, PlainConsole, Quiet, progress_bar, progress_display, remark, table_of
+from offtrack.commands import console as ui
 from offtrack.environments.tasks import EPISODES, TASKS, task_of
 from offtrack.environments.training import benchmark as evaluation
 from vehicle.foundation.quantity import check_number
@@ -40,8 +40,8 @@ def benchmark(
             help="Results file; one with fewer episodes is continued.", show_default="runs/benchmark-TASK-POLICY.json"
         ),
     ] = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    quiet: ui.Quiet = False,
+    as_json: ui.AsJson = False,
 ) -> None:
     """Evaluate a policy in a task on the fixed seeds, and print it beside the baselines.
 
@@ -65,8 +65,8 @@ def benchmark(
         head = evaluation.header(asked)
         path = out or Path("runs") / f"benchmark-{task}-{head['policy'].replace(':', '.')}.json"
         former = _former(path, head)
-        with progress_display(shown=not (quiet or as_json)) as display:
-            bar = progress_bar(display, f"benchmark {task}")
+        with ui.progress_display(shown=not (quiet or as_json)) as display:
+            bar = ui.progress_bar(display, f"benchmark {task}")
             path.parent.mkdir(parents=True, exist_ok=True)
             keep = partial(evaluation.write_results, path=path)
             rows.append(evaluation.evaluated(asked, head, episodes, bar, former=former, keep=keep))
@@ -75,7 +75,7 @@ def benchmark(
     elif not quiet:
         print_results(task, rows)
         if evaluates:
-            PlainConsole().print(f"Results: {path}", soft_wrap=True)
+            ui.PlainConsole().print(f"Results: {path}", soft_wrap=True)
 
 
 def _of_task(results: evaluation.Results, task: str, file: str) -> evaluation.Results:
@@ -94,24 +94,22 @@ def _former(path: Path, head: dict[str, Any]) -> evaluation.Results | None:
     differing = [key for key, value in head.items() if former.head[key] != value]
     if differing:
         raise ValueError(f"{path}: has results with another {differing[0]}: choose another --out, or delete it")
-    remark(f"{path}: continued after {len(former.episodes)} episodes")
+    ui.remark(f"{path}: continued after {len(former.episodes)} episodes")
     return former
 
 
 def _list(*, as_json: bool) -> None:
     times = {name: [row.head["processor_s"] for row in evaluation.shipped_results(name)] for name in TASKS}
-    if as_json:
-        listed = {
-            name: {"role": task.role, "words": task.words, "drivers": task.drivers, "processor_s": times[name]}
-            for name, task in TASKS.items()
-        }
-        typer.echo(json.dumps(listed, indent=2))
-        return
-    table = table_of("task", "role", "what is to be done", f">{EPISODES} episodes [s]")
+    listed = {
+        name: {"role": task.role, "words": task.words, "drivers": task.drivers, "processor_s": times[name]}
+        for name, task in TASKS.items()
+    }
+    columns = ("task", "role", "what is to be done", ">time [s]")
+    table = ui.table_of(*columns, title=f"Tasks, and the time of {EPISODES} episodes", box=None, pad_edge=False)
     for name, task in TASKS.items():
         taken = f"{min(times[name]):.0f} to {max(times[name]):.0f}" if times[name] else "-"
         table.add_row(name, task.role, task.words, taken)
-    PlainConsole().print(table)
+    ui.answer(listed, lambda: ui.PlainConsole().print(table), as_json=as_json)
 
 
 def print_results(name: str, rows: list[evaluation.Results]) -> None:
@@ -119,7 +117,7 @@ def print_results(name: str, rows: list[evaluation.Results]) -> None:
     task, summaries = task_of(name), [evaluation.summary(row) for row in rows]
     title = f"{name}: means and 95 % intervals; error: {task.error} at the end; effort: RMS rate of the steering demand"
     columns = (">success [%]", ">error [m]", ">clearance [m]", ">effort [1/s]", ">rolled over [%]")
-    table = table_of("policy", *columns, title=title)
+    table = ui.table_of("policy", *columns, title=title)
     for row in sorted(summaries, key=lambda one: (-one["success"].mean, one["error_m"].mean)):
         other = "" if row["observation"] == task.observation else f"\n{row['observation']}"
         fewer = "" if row["episodes"] == EPISODES else f"\n{row['episodes']} episodes"
@@ -131,7 +129,7 @@ def print_results(name: str, rows: list[evaluation.Results]) -> None:
             _shown(row["effort"], 1.0, 3),
             _shown(row["rolled_over"], 100.0, 1),
         )
-    PlainConsole().print(table)
+    ui.PlainConsole().print(table)
 
 
 def _shown(value: evaluation.Estimate, factor: float, digits: int) -> str:
