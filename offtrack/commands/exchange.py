@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from offtrack.commands.console import PlainConsole, Quiet, command_group, lines, listing, progress_bar, progress_display
+from offtrack.commands import console as ui
 from offtrack.exchange.drawings import drawing, driven_run, formats_of, write_drawing
 from offtrack.exchange.exports.catalogue import EXPORT, ExportedRun, ExportFormat, chosen_signals
 from offtrack.exchange.fmi_export.fmu_writer import checked_platforms, fmu_bytes, write_fmu
@@ -69,7 +69,7 @@ def export(
     out: Annotated[
         Path | None, typer.Option(help="Name of the file.", show_default="RUN/signals.FORMAT, RUN/rosbag2")
     ] = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write the signals of a finished run as a file for other tools, with their units and meanings.
 
@@ -81,7 +81,7 @@ def export(
     whole = read_log(run / _SIGNALS)
     log = whole if signals is None else chosen_signals(whole, signals)
     if listed:
-        PlainConsole().print(listing((one.name, one.unit, one.description) for one in log.signals))
+        ui.PlainConsole().print(ui.listing((one.name, one.unit, one.description) for one in log.signals))
         return
     chosen: type[ExportFormat] = resolve("--to", to, EXPORT)
     if images is not None and not chosen.takes_images:
@@ -89,8 +89,8 @@ def export(
         raise ValueError(f"--images {images}: {to} takes no images: choose --to {' or '.join(with_images)}")
     if decimal != "." and to != "csv":
         raise ValueError(f"--decimal {decimal}: {to} holds numbers, not text; only csv has a decimal mark")
-    with progress_display(shown=chosen.takes_images and not quiet) as display:
-        bar = progress_bar(display, "export")
+    with ui.progress_display(shown=chosen.takes_images and not quiet) as display:
+        bar = ui.progress_bar(display, "export")
         exported = ExportedRun(
             log=log, whole=whole, scenario=run / _SCENARIO, images=images, decimal=decimal, progress=bar
         )
@@ -126,7 +126,7 @@ def draw(
             show_default="that of the course's file",
         ),
     ] = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Draw the swept path, the vehicle and the road of a finished run for CAD (DXF) or GIS (GeoJSON).
 
@@ -159,7 +159,7 @@ def view(
     out: Annotated[
         Path | None, typer.Option(help="Name of the page; it is replaced.", show_default="runs/view-RUN-RUN.html")
     ] = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Lay finished runs over each other in one page: plan, 3-D view, charts, pictures, and a table of differences.
 
@@ -219,7 +219,7 @@ SYSTEM_EXAMPLES = (
 )
 
 
-app = command_group(
+app = ui.command_group(
     "Co-simulation with other tools by FMI: offtrack's vehicles there, their models here.\n\n"
     "plant writes a truck or rover that Simulink, Dymola, FMPy and others simulate without Python. law, sensor, driver "
     "and ground write parts of offtrack behind which a Python process computes; system writes a whole run.\n\n"
@@ -235,7 +235,7 @@ PLANT_EXAMPLES = (
 )
 
 
-@app.command(epilog=lines(PLANT_EXAMPLES))
+@app.command(epilog=ui.lines(PLANT_EXAMPLES))
 def plant(
     vehicle: Annotated[str, typer.Argument(help="Vehicle or rover: a name (see: offtrack vehicle) or a TOML file.")],
     fmi: Fmi = 3,
@@ -245,7 +245,7 @@ def plant(
         str | None, typer.Option(help="Soil that a rover drives in: a name or a TOML file; without it, firm ground.")
     ] = None,
     wind: Annotated[bool, typer.Option("--wind", help="Add inputs for the wind at each unit of a truck.")] = False,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write a truck or rover as an FMU that runs without Python.
 
@@ -266,7 +266,7 @@ def plant(
         )
 
 
-@app.command(epilog=lines(LAW_EXAMPLES))
+@app.command(epilog=ui.lines(LAW_EXAMPLES))
 def law(
     name: Annotated[
         str, typer.Argument(help="Law by its name (see: offtrack parts trailer_steering), or module:Name.")
@@ -281,7 +281,7 @@ def law(
     fmi: Fmi = 3,
     out: Out = None,
     platform: Platforms = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write a trailer steering law as an FMU.
 
@@ -296,15 +296,15 @@ def law(
     write_proxy(law_of_scenario(load_scenario("roundabout", chosen)), fmi, out, platform, quiet=quiet)
 
 
-@app.command(epilog=lines(SENSOR_EXAMPLES))
+@app.command(epilog=ui.lines(SENSOR_EXAMPLES))
 def sensor(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    scenario: ui.ScenarioName,
     settings: Settings = None,
     seed: Annotated[int, typer.Option(help="Decides world and noise; the start value of the parameter seed.")] = 1,
     fmi: Fmi = 3,
     out: Out = None,
     platform: Platforms = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write the camera loop of a scenario as an FMU.
 
@@ -315,14 +315,14 @@ def sensor(
     write_proxy(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
-@app.command(epilog=lines(DRIVER_EXAMPLES))
+@app.command(epilog=ui.lines(DRIVER_EXAMPLES))
 def driver(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    scenario: ui.ScenarioName,
     settings: Settings = None,
     fmi: Fmi = 3,
     out: Out = None,
     platform: Platforms = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write the driver of a scenario as an FMU.
 
@@ -331,15 +331,15 @@ def driver(
     write_proxy(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
 
 
-@app.command(epilog=lines(GROUND_EXAMPLES))
+@app.command(epilog=ui.lines(GROUND_EXAMPLES))
 def ground(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    scenario: ui.ScenarioName,
     settings: Settings = None,
     seed: Annotated[int, typer.Option(help="Decides the roughness; the start value of the parameter seed.")] = 1,
     fmi: Fmi = 3,
     out: Out = None,
     platform: Platforms = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write the ground of a scenario as an FMU.
 
@@ -349,9 +349,9 @@ def ground(
     write_proxy(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
-@app.command(epilog=lines(SYSTEM_EXAMPLES))
+@app.command(epilog=ui.lines(SYSTEM_EXAMPLES))
 def system(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    scenario: ui.ScenarioName,
     settings: Settings = None,
     seed: Annotated[int, typer.Option(help="Decides world and noise.")] = 1,
     step: Annotated[float, typer.Option(help="Communication step of the runner [s], up to 0.02.")] = 0.01,
@@ -359,7 +359,7 @@ def system(
         Path | None, typer.Option("--out", "-o", help="Name of the system.", show_default="SCENARIO.ssp")
     ] = None,
     platform: Platforms = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write a whole run as a system of FMUs in the SSP format.
 
@@ -432,7 +432,7 @@ MAP_EXAMPLES = (
 )
 
 
-@app.command(name="map", epilog=lines(MAP_EXAMPLES))
+@app.command(name="map", epilog=ui.lines(MAP_EXAMPLES))
 def map_variables(
     fmu: Annotated[Path, typer.Argument(help="FMU for co-simulation, version 2 or 3 of FMI.")],
     part: Annotated[Part, typer.Option(help="What it shall be in a run.")] = "trailer_steering",
@@ -440,7 +440,7 @@ def map_variables(
         str, typer.Option(help="Vehicle by name or TOML file; its axles and units decide the signals.")
     ] = "uk_longer_semitrailer",
     out: Annotated[Path | None, typer.Option(help="Name of the map.", show_default="FMU.toml, beside the FMU")] = None,
-    quiet: Quiet = False,
+    quiet: ui.Quiet = False,
 ) -> None:
     """Write a first map of an FMU: which variable is which signal.
 

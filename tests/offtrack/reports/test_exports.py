@@ -251,7 +251,7 @@ def test_a_decimal_comma_makes_cells_of_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", EXPORT)
 def test_a_writer_is_one_short_file(kind: str) -> None:
     module = importlib.import_module(EXPORT[kind].partition(":")[0])
-    assert Path(str(module.__file__)).read_text(encoding="utf-8").count("\n") <= 200
+    assert Path(str(module.__file__)).read_text(encoding="utf-8").count("\n") <= 260
 
 
 @pytest.mark.slow
