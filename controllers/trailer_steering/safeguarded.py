@@ -151,20 +151,20 @@ class GuardMemory(NamedTuple):
 
     monitor: MonitorMemory  # of the signals
     fallback: FallbackMemory
-    tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
-    travel: Travel
-    bridged: bool  # True: the path was dead-reckoned in part since the last good estimate
-    sound: OffTracking | None  # newest estimate that agrees with the one before
-    sound_since: int | None  # since when all estimates have agreed [ticks]; None: the newest does not
-    good: OffTracking | None  # newest estimate for the law
-    expected: OffTracking | None  # what is to be expected with it
-    good_at: int  # its arrival, or the time when the first one was due [ticks]
-    rolled: float  # distance without a first good estimate [m]
-    trusted: bool  # True if sound estimates are used
-    law_steers: bool  # False: the fallback steers
-    changed_at: int  # last handover [ticks]
-    difference: tuple[float, ...]  # remaining difference between the two demands at that handover [rad]
+    difference: tuple[float, ...]  # remaining difference between the two demands at the last handover [rad]
+    tick: int | None = None  # of the last step; None before the first
+    travel: Travel = Travel()
+    bridged: bool = False  # True: the path was dead-reckoned in part since the last good estimate
+    sound: OffTracking | None = None  # newest estimate that agrees with the one before
+    sound_since: int | None = None  # since when all estimates have agreed [ticks]; None: the newest does not
+    good: OffTracking | None = None  # newest estimate for the law
+    expected: OffTracking | None = None  # what is to be expected with it
+    good_at: int = 0  # its arrival, or the time when the first one was due [ticks]
+    rolled: float = 0.0  # distance without a first good estimate [m]
+    trusted: bool = True  # True if sound estimates are used
+    law_steers: bool = True  # False: the fallback steers
+    changed_at: int = -1  # last handover [ticks]
 
 
 class EstimateGuard:
@@ -180,24 +180,7 @@ class EstimateGuard:
     def init(self) -> GuardMemory:
         """Memory without any estimate, wheels straight."""
         straight = self._trailer.straight
-        return GuardMemory(
-            monitor=self._monitor.init(),
-            fallback=self._fallback.init(),
-            tick=None,
-            demand=straight,
-            travel=Travel(),
-            bridged=False,
-            sound=None,
-            sound_since=None,
-            good=None,
-            expected=None,
-            good_at=0,
-            rolled=0.0,
-            trusted=True,
-            law_steers=True,
-            changed_at=-1,
-            difference=straight,
-        )
+        return GuardMemory(self._monitor.init(), self._fallback.init(), demand=straight, difference=straight)
 
     def signals_checked(
         self, memory: GuardMemory, off_tracking: OffTracking | None, signals: CombinationSignals
@@ -325,12 +308,12 @@ class SafeguardedCommand(SteerCommand):
 class SafeguardMemory(NamedTuple):
     """State between two steps."""
 
-    tick: int | None  # of the last step; None before the first
     law: Any  # memory of the law
     guard: GuardMemory | None  # None: the law uses no estimates
-    is_locked: bool  # True in reverse
     wanted: tuple[float, ...]  # last angles before the supervision of the actuators [rad]
     actuators: SupervisionMemory | None  # None: the law's output is only checked
+    tick: int | None = None  # of the last step; None before the first
+    is_locked: bool = False  # True in reverse
 
 
 class Safeguarded:
@@ -366,10 +349,8 @@ class Safeguarded:
     def init(self) -> SafeguardMemory:
         """Memory of a new run, wheels straight."""
         return SafeguardMemory(
-            tick=None,
             law=self.law.init(),
             guard=None if self._guard is None else self._guard.init(),
-            is_locked=False,
             wanted=self._trailer.straight,
             actuators=None if self._supervision is None else self._supervision.init(),
         )

@@ -36,6 +36,7 @@ from estimators.off_tracking.parity import (
     SPEED_NOISE,
     integral,
     noise_level,
+    turned_otherwise,
 )
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
@@ -230,6 +231,24 @@ class DeadReckoning:
         kept = self._kept(nodes * TICK, columns[0] * moving)
         rates, level = self._rates(columns[:-1], kept, parameters, by_trailer), noise_level(history, self._unit)
         return self._summed(nodes * TICK, rates, moving, level, kept, parameters)
+
+    def contradicted(self, known: Reckoned, history: FloatArray, since: int, start: Parameters) -> Reckoned:
+        """The pose since a tick, with what hitches and gyros disagree by since then: any of them may be wrong by it.
+
+        Their disagreement is all that shows a fault that has begun. Its square less that of its noise counts.
+        """
+        earlier, span = history[:, 0] <= since, float(history[-1, 0] - since) * TICK
+        if not earlier.any() or not span > 0.0:
+            return known
+        rest, apart = turned_otherwise(history, self._unit), np.diff(np.eye(self._unit + 1), axis=0)
+        before = rest[earlier][-_LATELY:]
+        change = rest[-_MEAN_OF:].mean(axis=0) - before.mean(axis=0) - apart @ start.mean[_GYROS:] * span
+        white = (noise_level(history, self._unit) * ARTICULATION_NOISE) ** 2 * (1.0 / _MEAN_OF + 1.0 / len(before))
+        noise = white + np.diag(apart @ start.covariance[_GYROS:, _GYROS:] @ apart.T) * span**2
+        angles = np.sqrt(np.maximum(0.0, change**2 - noise))
+        by_angle, by_rate = known.by_signals[:, 1 : 1 + self._unit], known.by_signals[:, 1 + self._unit :] / span
+        errors = np.hstack([by_angle, by_rate[:, :-1], by_rate[:, 1:]]) * np.tile(angles, 3)
+        return known._replace(covariance=known.covariance + errors @ errors.T)
 
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""

@@ -62,26 +62,32 @@ def agree(history: FloatArray, unit: int, *, speed_is_held: bool = False) -> boo
 
     A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed has
     no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not a
-    value that is known to be held in its place.
+    value that is known to be held in its place, nor 0 while nothing turns: real wheels that stand read exactly 0.
     """
     if len(history) < 2:
         return True
     gyros, newest = slice(FIRST + unit, FIRST + 2 * unit + 1), history[-_LEVEL_OF:]
-    repeats = not speed_is_held and len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
+    stands = newest[-1, SPEED] == 0.0 and float(np.abs(newest[:, gyros].mean(axis=0)).max()) < _STUCK * GYRO_BIAS
+    repeats = not (speed_is_held or stands) and len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
     if repeats and np.median(_white_noise(newest[:, gyros])) > _VISIBLE * GYRO_NOISE:
         return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
-    time, gammas = recent[:, 0] * TICK, recent[:, FIRST : FIRST + unit]
-    residual = gammas[-1] - gammas[0] + np.trapezoid(np.diff(recent[:, gyros], axis=1), time, axis=0)
+    time, rest = recent[:, 0] * TICK, turned_otherwise(recent, unit)
     drifted = GYRO_BIAS * float(time[-1] - time[0])
     std = math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
     limit = _STUCK * std * noise_level(history, unit)
-    return bool(np.all(np.abs(np.remainder(residual + math.pi, 2.0 * math.pi) - math.pi) < limit))
+    return bool(np.all(np.abs(rest[-1] - rest[0]) < limit))
 
 
 def integral(dt: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral (n,) from the first of n samples to every sample, ``dt`` (n - 1,) apart, by the trapezoidal rule."""
-    return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
+    """Integral (n, ...) from the first of n samples to every sample, ``dt`` (n - 1,) apart, by the trapezoidal rule."""
+    return np.insert(np.cumsum((0.5 * dt * (values[1:] + values[:-1]).T).T, axis=0), 0, 0.0, axis=0)
+
+
+def turned_otherwise(rows: FloatArray, unit: int) -> FloatArray:
+    """Articulations (n, unit) [rad] of rows, without their change by the difference of two yaw rates."""
+    rates = np.diff(rows[:, FIRST + unit : FIRST + 2 * unit + 1], axis=1)
+    return np.unwrap(rows[:, FIRST : FIRST + unit], axis=0) + integral(np.diff(rows[:, 0] * TICK), rates)
 
 
 def _white_noise(columns: FloatArray) -> FloatArray:
@@ -92,6 +98,7 @@ def _white_noise(columns: FloatArray) -> FloatArray:
 
 # Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.
 _A_SIGMAS: Final = 3.5  # of the noise of angle sensors and the bias of gyros; sound drives reach 2.9
+_SHORT: Final = 500  # time over which a drift of 2 deg/s per second shows first [ticks]
 _ENDS: Final = 5  # samples at both ends that an articulation is the mean of
 _K: Final = (math.radians(3.0), 0.3)  # [rad/s], and share of the yaw rate: understeer
 _S: Final = (0.3, 0.1)  # [m/s], and share of the speed
@@ -186,18 +193,15 @@ class ParityRelations:
         return Parity(relations, rolls=rolls)
 
     def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
-        """A, of each hitch."""
-        time, count = recent[:, 0] * TICK, min(_ENDS, max(1, len(recent) // 2))
-        noise = ARTICULATION_NOISE / math.sqrt(count)
-        span = float(time[-1] - time[0])
-        limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(noise, GYRO_BIAS * span)
+        """A, of each hitch: over the whole time or the end of it, where a drift shows before bias hides it."""
+        time, rest = recent[:, 0] * TICK, turned_otherwise(recent, self._unit)
+        late = int(recent[:, 0].searchsorted(recent[-1, 0] - _SHORT))
         for k in range(self._unit):
-            gamma, ahead, behind = recent[:, FIRST + k], recent[:, self._gyro + k], recent[:, self._gyro + k + 1]
-            rest = gamma - integral(np.diff(time), ahead - behind)
-            change = math.remainder(float(rest[-count:].mean() - rest[:count].mean()), math.tau)
+            over = [_change(time[first:], rest[first:, k], level) for first in (0, late)]
+            value, limit = max(over, key=lambda one: abs(one[0]))
             # What a fault adds here depends on its past; what it is now, the other relations show.
             row = {(1 + k, 1): 1.0 / limit, (self._rate + k, 1): -1.0 / limit, (self._rate + k + 1, 1): 1.0 / limit}
-            yield change / limit, row, (0.0, 0.0, 0.0)
+            yield value, row, (0.0, 0.0, 0.0)
 
     def _tractor(self, mean: FloatArray, level: float) -> _Relation:
         """K."""
@@ -253,6 +257,14 @@ class ParityRelations:
             speed = float(mean[SPEED] - self._front * mean[self._gyro] * s * c) / (c * c)
         gyros = mean[self._gyro : self._gyro + self._unit + 1].tolist()
         return hitch_motions(speed, 0.0, self._levers, gyros, mean[FIRST : self._gyro].tolist())[-1]
+
+
+def _change(time: FloatArray, rest: FloatArray, level: float) -> tuple[float, float]:
+    """Change of an angle (n,) that gyros do not explain, in its tolerance, and that [rad]."""
+    count = min(_ENDS, max(1, len(time) // 2))
+    noise, span = ARTICULATION_NOISE / math.sqrt(count), float(time[-1] - time[0])
+    limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(noise, GYRO_BIAS * span)
+    return float(rest[-count:].mean() - rest[:count].mean()) / limit, limit
 
 
 def misfit(values: FloatArray, signatures: Sequence[FloatArray]) -> tuple[float, FloatArray]:

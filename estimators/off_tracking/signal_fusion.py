@@ -314,7 +314,7 @@ class SignalFusion:
             parameters = self._since(reference, path, since)
             known = self._reckoning.reckoned(history, since, tick, parameters, by_trailer=True)
             if known is None or not misleading:
-                return known
+                return known and self._reckoning.contradicted(known, history, since, parameters)
             covariance = _CORRECTED * known.covariance
             if holds_speed:
                 by_speed = 0.5 * _UNKNOWN_ACCELERATION * (tick - reference.tick) * TICK * known.by_signals[:, 0]

@@ -70,17 +70,17 @@ class Turn(NamedTuple):
 class OdometryMemory(NamedTuple):
     """Pose, drift and history of directions after a reading."""
 
-    tick: int | None
     x: float
     y: float
     psi: float
-    drift: float  # angle from the wheels' direction to the direction of travel, smoothed, for compensation [rad]
-    newest_drift: float  # the same as last measured, for the position, where noise averages out [rad]
-    slip_tick: int  # of the newest slip angle used; -1: none yet
-    slip_heading: float  # heading when it came [rad]
-    slip_distance: float  # driven since then [m]
-    lagged_tick: int  # up to which the position has been corrected by delayed slip angles
-    turns: tuple[Turn, ...]  # newest last
+    slip_heading: float  # heading when the newest slip angle came [rad]
+    tick: int | None = None
+    drift: float = 0.0  # angle from the wheels' direction to the direction of travel, smoothed, for compensation [rad]
+    newest_drift: float = 0.0  # the same as last measured, for the position, where noise averages out [rad]
+    slip_tick: int = -1  # of the newest slip angle used; -1: none yet
+    slip_distance: float = 0.0  # driven since then [m]
+    lagged_tick: int = -1  # up to which the position has been corrected by delayed slip angles
+    turns: tuple[Turn, ...] = ()  # newest last
 
     @property
     def carried(self) -> bool:
@@ -119,19 +119,7 @@ class RoverOdometry:
 
     def init(self, x: float, y: float, psi: float) -> OdometryMemory:
         """Memory at a known pose in W [m, rad]."""
-        return OdometryMemory(
-            tick=None,
-            x=x,
-            y=y,
-            psi=psi,
-            drift=0.0,
-            newest_drift=0.0,
-            slip_tick=-1,
-            slip_heading=psi,
-            slip_distance=0.0,
-            lagged_tick=-1,
-            turns=(),
-        )
+        return OdometryMemory(x, y, psi, slip_heading=psi)
 
     def step(
         self,

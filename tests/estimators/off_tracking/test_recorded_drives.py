@@ -1,10 +1,12 @@
 """Fusion of recorded camera motions and signals on ice, and under faults of the cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from tests.estimators.recorded_drives import Drive, load
+from tests.estimators.recorded_drives import Drive, Row, load
 
 ON_ICE = ("level_ice", "banked_ice", "pulling_away")
 ONSET = 8000  # of the faults of cameras [ticks]
@@ -52,3 +54,19 @@ def test_faults_of_cameras_on_ice_are_noticed_and_stated(name: str) -> None:
     assert any(estimates[tick].health is not Health.OK for tick in estimates if tick >= ONSET)
     assert np.abs(error / std).max() < 3.0
     assert np.abs(error).max() < 0.25  # [m]
+
+
+def test_a_gyro_that_drifts_in_an_outage_is_stated_and_found() -> None:
+    """By 2 deg/s per second from the moment on at which the cameras fail; the hitch angle contradicts it."""
+    drive = load("blackout")
+
+    def drifted(row: Row) -> Row:
+        rates = ([0.0, 2e-3 * np.radians(max(0, one.tick - ONSET))] for one in row.signals)
+        pairs = zip(row.signals, rates, strict=True)
+        return row._replace(signals=tuple(replace(one, yaw_rates=one.yaw_rates + np.array(by)) for one, by in pairs))
+
+    (estimates,) = drive._replace(rows=list(map(drifted, drive.rows))).in_outages(ONSET, 100_000, 2000)
+    error, std = errors(drive, estimates)
+    assert np.mean(np.abs(error) < 2.5 * std) >= 0.9  # it is within the noise of the hitch angle for 0.4 s
+    assert np.abs(error).max() < 0.15  # [m]
+    assert any("gyro" in doubt for doubt in estimates[ONSET + 1000].doubts)

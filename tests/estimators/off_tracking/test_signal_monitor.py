@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.off_tracking.buffer import velocity
-from estimators.off_tracking.parity import MotionReference
+from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from tests.estimators.towed_drive import AXLE, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
@@ -213,3 +213,13 @@ def test_wheels_without_pulses_keep_the_speed_of_before() -> None:
     found = memory.findings[0].tick
     assert 3000 < found < 3600
     assert all(abs(one.speed - 4.0) < 0.1 for one in corrected if one.tick > found)  # [m/s]
+
+
+@pytest.mark.parametrize(("turning", "believed"), [(0.0, True), (0.1, False)])
+def test_wheels_that_stand_read_exactly_nothing(turning: float, believed: bool) -> None:
+    """A speed of 0 that repeats itself is no fault, unless the vehicle turns [rad/s]."""
+    rng = np.random.default_rng(1)
+    ticks = 20.0 * np.arange(100.0)
+    noise = np.radians(0.1) * rng.standard_normal((100, 3)) + [0.0, turning, turning]
+    history = np.column_stack([ticks, np.zeros((100, 3)), noise, np.zeros(100)])
+    assert agree(history, 1) is believed
