@@ -116,18 +116,19 @@ def print_results(name: str, rows: list[evaluation.Results]) -> None:
     """Print the table of these results of a task."""
     task, summaries = task_of(name), [evaluation.summary(row) for row in rows]
     title = f"{name}: means and 95 % intervals; error: {task.error} at the end; effort: RMS rate of the steering demand"
-    columns = (">success [%]", ">error [m]", ">clearance [m]", ">effort [1/s]", ">rolled over [%]")
-    table = ui.table_of("policy", *columns, title=title)
+    columns = (">success\n[%]", ">error\n[m]", ">clearance\n[m]", ">effort\n[1/s]", ">rolled\nover [%]")
+    table = ui.table_of("policy", *columns, title=title, pad_edge=False)  # fits 80 columns
+    table.columns[0].overflow = "fold"
     for row in sorted(summaries, key=lambda one: (-one["success"].mean, one["error_m"].mean)):
         other = "" if row["observation"] == task.observation else f"\n{row['observation']}"
-        fewer = "" if row["episodes"] == EPISODES else f"\n{row['episodes']} episodes"
+        fewer = "" if row["episodes"] == EPISODES else f"\nepisodes: {row['episodes']}"
         table.add_row(
             row["policy"] + other + fewer,
-            _shown(row["success"], 100.0, 1),
+            _shown(row["success"], 100.0, 0),
             _shown(row["error_m"], 1.0, 3),
             "-" if row["clearance_m"] is None else _shown(row["clearance_m"], 1.0, 2),
-            _shown(row["effort"], 1.0, 3),
-            _shown(row["rolled_over"], 100.0, 1),
+            _shown(row["effort"], 1.0, 2),
+            _shown(row["rolled_over"], 100.0, 0),
         )
     ui.PlainConsole().print(table)
 

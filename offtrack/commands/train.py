@@ -12,7 +12,7 @@ from controllers.trailer_steering.policy import feature_names
 from offtrack.commands import console as ui
 from offtrack.commands.benchmark import plain_row, print_results
 from offtrack.environments import registry
-from offtrack.environments.tasks import EPISODES, LAWS, task_of
+from offtrack.environments.tasks import EPISODES, task_of
 from offtrack.environments.training import training_directory
 from offtrack.environments.training.benchmark import Evaluation, evaluated, header, shipped_results, write_results
 from offtrack.studies import tuning as search
@@ -119,7 +119,7 @@ def train(
         # Results of another vehicle are not shipped.
         rows = [] if vehicle else shipped_results(task)
         seen = None if task_of(task).observation is None else observation
-        for policy in (*(LAWS[:3] if vehicle else ()), str(network)):
+        for policy in (*(("none", "command_steer", "path_preview") if vehicle else ()), str(network)):
             asked = Evaluation(task, policy, seen, vehicle)
             rows.append(evaluated(asked, header(asked), episodes, ui.progress_bar(display, "compare")))
         write_results(rows[-1], directory / training_directory.RESULTS)
@@ -133,6 +133,7 @@ def train(
         console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min: {network}")
         if task_of(task).role == "trailer":
             run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
+            run += f" --set vehicle={vehicle}" if vehicle else ""
             console.print(f"Run it: {run}", soft_wrap=True)
 
 

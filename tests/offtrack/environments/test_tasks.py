@@ -189,7 +189,10 @@ def test_the_command_lists_evaluates_and_refuses(tmp_path: Path, monkeypatch: py
     file = tmp_path / "runs" / "benchmark-rover-slope-on_slope.json"
     again = run(app, ["benchmark", "rover-slope", "--policy", str(file), "--json"])
     assert json.loads(again.stdout) == json.loads(first.stdout)
+    own = read_results(file)
+    write_results(own._replace(head={**own.head, "vehicle": "mine"}), tmp_path / "mine.json")
     for arguments, words in (
+        (["rover-slope", "--policy", "mine.json"], "holds results of another vehicle, mine"),
         (["gates"], "unknown task 'gates'; did you mean 'gate'"),
         (["--policy", "on_road"], "--policy needs a task"),
         (["gate", "--policy", "on_road"], "must be one of through_gate"),
