@@ -77,7 +77,7 @@ def test_what_can_not_be_driven_has_its_reason(tmp_path: Path) -> None:
     narrow, wide, bent = facts["lanes"]
     assert "1.20 m wide" in narrow["reason"]
     assert wide["drivable"]
-    assert bent["reason"].startswith("the smooth path is ")
+    assert "the path has a radius of 1.7 m: the tractor would have to steer by" in bent["reason"]
     assert "1.20 m wide" in output
     assert facts["roads"][1]["smallest_radius_m"] == pytest.approx(1.0 / 0.3, rel=0.02)
 
