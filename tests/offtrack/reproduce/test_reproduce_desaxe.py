@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
-from offtrack.commands import assess
 from offtrack.commands.assess import reproduce
 from offtrack.studies.reproduce import desaxe2018 as drives
 from offtrack.studies.reproduce import desaxe2018_field, reproduction, trace_tables
@@ -323,7 +322,7 @@ def test_interrupt_of_all_keeps_what_is_finished_and_stops(
 
         return make
 
-    monkeypatch.setattr(assess, "maker", made)
+    monkeypatch.setattr(reproduction, "maker", made)
     result = CliRunner().invoke(APP, ["all", "--quiet", "--out", str(tmp_path)])
     assert result.exit_code == 130
     assert begun == list(REPRODUCTIONS)[:2]
