@@ -23,9 +23,9 @@ from typing import Any, BinaryIO, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.trailer import Combination, SpeedRange, SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import Actuation, Combination, SpeedRange, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import check_steered, reachable
-from controllers.trailer_steering.path_laws import PathPreview
+from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
@@ -56,6 +56,10 @@ class TrainedFor(NamedTuple):
     speed: tuple[float, float] = (0.0, 5.6)  # [m/s]; default: of the environment, 20 km/h
     follow_distance: tuple[float, float] = (0.0, math.inf)  # [m]
     actuator_lag: tuple[float, float] = (0.0, math.inf)  # [s]
+
+    def has_lag(self, lag: float) -> bool:
+        """True if actuators with this lag [s] were trained with."""
+        return self.actuator_lag[0] - _ROUNDING <= lag <= self.actuator_lag[1] + _ROUNDING
 
     def lacks(self, trailer: TrailerGeometry) -> str | None:
         """What the training was for, where a trailer is outside of it, in words; None if it is within."""
@@ -149,10 +153,14 @@ class PolicyMemory(NamedTuple):
     estimate: tuple[float, ...] | None  # features of the newest usable one; None before the first
     estimate_tick: int  # its capture
     demand: tuple[float, ...]  # last command [rad]
+    preview: PathLawMemory  # of path preview, which measures the lag of the actuators
 
 
 class Policy(SteeringLaw[PolicyMemory]):
-    """Angles from a trained network, for the speeds and trailers of its training; else path preview steers."""
+    """Angles from a trained network, for the speeds and trailers of its training; else path preview steers.
+
+    So it does while the measured lag of the actuators is outside of the training's.
+    """
 
     class Parameters(PartParameters):
         """The network."""
@@ -185,11 +193,16 @@ class Policy(SteeringLaw[PolicyMemory]):
         trained_for = self._network.trained_for
         self.outside = trained_for.lacks(trailer)
         fastest = -1.0 if self.outside else trained_for.speed[1]
-        self.speeds, self.above = SpeedRange(fastest, fastest + max(1.0, 0.2 * fastest)), PathPreview(trailer)
+        self.speeds = SpeedRange(fastest, fastest + max(1.0, 0.2 * fastest))
+        self.above = self._preview = PathPreview(trailer)
 
     def init(self) -> PolicyMemory:
         """Memory without any estimate, wheels straight."""
-        return PolicyMemory(None, None, 0, self._trailer.straight)
+        return PolicyMemory(None, None, 0, self._trailer.straight, self._preview.init())
+
+    def actuated(self, memory: PolicyMemory, actuation: Actuation) -> PolicyMemory:
+        """Memory with the state of the actuators."""
+        return memory._replace(preview=self._preview.actuated(memory.preview, actuation))
 
     def step(
         self, memory: PolicyMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
@@ -200,13 +213,18 @@ class Policy(SteeringLaw[PolicyMemory]):
         usable = off_tracking is not None and off_tracking.health is not Health.LOST
         if off_tracking is not None and usable:
             memory = memory._replace(estimate=estimate_features(off_tracking, length), estimate_tick=off_tracking.tick)
+        preview, command = self._preview.step(memory.preview, tick, off_tracking, signals)
+        if not self._network.trained_for.has_lag(preview.answers.lag(self._trailer)):
+            return memory._replace(tick=tick, demand=preview.demand, preview=preview), command
         wanted = last = np.array(memory.demand)
         if memory.estimate is not None:
             age = (tick - memory.estimate_tick) * TICK
             features = np.array([*memory.estimate, age, float(usable), *signal_features(signals, length)])
             wanted = self._trailer.max_steer * self._network(features)
         demand = reachable(self._trailer, last, wanted, elapsed)
-        return memory._replace(tick=tick, demand=tuple(demand.tolist())), SteerCommand(angles=demand)
+        steered = tuple(demand.tolist())
+        preview = preview._replace(demand=steered, bias=0.0)  # it must not adapt while the network steers
+        return memory._replace(tick=tick, demand=steered, preview=preview), SteerCommand(angles=demand)
 
 
 def estimate_features(estimate: OffTracking, follow_distance: float) -> tuple[float, ...]:
