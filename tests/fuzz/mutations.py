@@ -23,8 +23,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
-import zstandard
 from hypothesis import strategies as st
+from rosbags.rosbag2.reader import zstd
 
 from tests.fuzz.case import Special
 
@@ -98,8 +98,8 @@ _OTHERS: Final[Mapping[str, Callable[[], bytes]]] = {
     "empty": lambda: b"",
     "one line end": lambda: b"\n",
     "eps": lambda: _EPS,
-    "zstd bomb": lambda: zstandard.compress(bytes(2**26)) * 64,
-    "mcap bomb": lambda: _mcap(zstandard.compress(bytes(2**26)) * 64, 2**32),
+    "zstd bomb": lambda: zstd.compress(bytes(2**26)) * 64,
+    "mcap bomb": lambda: _mcap(zstd.compress(bytes(2**26)) * 64, 2**32),
     "yaml of aliases": lambda: (
         b"a0: &a0 [1, 2]\n"
         + b"".join(b"a%d: &a%d [%s]\n" % (k, k, b", ".join([b"*a%d" % (k - 1)] * 9)) for k in range(1, 12))
@@ -321,7 +321,7 @@ def _table(content: bytes) -> st.SearchStrategy[Hostile]:
 
 _ODD_CELLS: Final[tuple[Any, ...]] = (
     *(None, -1, 0, 2**40, 1.5, "", "x", "/stereo/left/image_raw", "sensor_msgs/msg/Imu", "e" * 5000),
-    *(b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 64, zstandard.compress(bytes(2**26)) * 64),
+    *(b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 64, zstd.compress(bytes(2**26)) * 64),
 )
 
 
@@ -353,8 +353,8 @@ def _database(content: bytes) -> st.SearchStrategy[Hostile]:
 
 def _packed(content: bytes) -> st.SearchStrategy[Hostile]:
     """A file packed by zstd, whose content is damaged."""
-    whole = zstandard.ZstdDecompressor().stream_reader(content).read()
-    return damaged(whole).map(lambda one: (zstandard.compress(cast(bytes, one[0])), f"unpacked: {one[1]}"))
+    whole = zstd.decompress(content)
+    return damaged(whole).map(lambda one: (zstd.compress(cast(bytes, one[0])), f"unpacked: {one[1]}"))
 
 
 FORMATS: Final[Mapping[str, tuple[Mutation, ...]]] = {
