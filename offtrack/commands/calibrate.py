@@ -16,7 +16,7 @@ from scenarios.results.run_directory import check_new_file, replaced
 from sensors.camera.rig import RawStereoRig, StereoRig
 from vehicle.foundation.quantity import check_number
 
-_PARAMETERS: Final = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+_PARAMETERS: Final = ("fx [px]", "fy [px]", "cx [px]", "cy [px]", "k1", "k2", "p1", "p2", "k3")
 EXAMPLES: Final = (
     "Examples: offtrack calibrate photos/   "
     "offtrack calibrate stereo_photos/ --board 9x6 --square 0.04 --position=-14,0.25,3   "
@@ -150,14 +150,18 @@ def _tables(
     for (name, calibration), views in zip(cameras.items(), sides, strict=True):
         camera = calibration.camera
         values = dict(zip(_PARAMETERS, (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion), strict=True))
-        used = {"images used": f"{len(calibration.errors)} of {len(views)}", "rms_px": calibration.rms}
+        used = {"images used": f"{len(calibration.errors)} of {len(views)}", "RMS [px]": calibration.rms}
         stds = zip(values.items(), calibration.std.tolist(), strict=True)
-        groups[name] = used | {key: f"{value:.7g} +- {std:.2g}" for (key, value), std in stds}
+        groups[name] = used | {
+            key: f"{value:.{digits}f} +- {std:.{digits}f}"
+            for (key, value), std in stds
+            for digits in (2 if "px" in key else 5,)
+        }
         errors = {one: f"{error:.3f} px" for one, error in calibration.errors.items()} | calibration.dropped
         groups[f"{name} images"] = {view.name: errors.get(view.name, "-") for view in views}
     if pair:
         x, y, z = pair.X_ClCr[:3, 3]
-        angles = f"+-{math.degrees(pair.rotation_std):.3f} deg"
-        place = f"{x:.4f}, {y:.4f}, {z:.4f} m +-{1e3 * pair.position_std:.1f} mm"
-        groups["pair"] = {"pairs": len(pair.errors), "rms_px": pair.rms, "right camera": place, "angles": angles}
+        std = f"+-{1e3 * pair.position_std:.1f} mm, angles +-{math.degrees(pair.rotation_std):.3f} deg"
+        place = {"right camera": f"{x:.4f}, {y:.4f}, {z:.4f} m", "known to": std}
+        groups["pair"] = {"pairs": len(pair.errors), "RMS [px]": pair.rms} | place
     return groups
