@@ -290,8 +290,10 @@ def searches_table(searches: Sequence[failures.Search]) -> Table:
 
 def _searched(search: failures.Search) -> str:
     """The searched number with its unit."""
+    if search.table.of == "duration":
+        return "duration [s]"
     option = search.entry.options()[0]
-    return "duration [s]" if search.table.of == "duration" else f"{option.name} [{option.unit}]"
+    return f"{option.name} [{option.unit}]"
 
 
 def _found_text(search: failures.Search) -> str:

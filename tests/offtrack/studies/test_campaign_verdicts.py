@@ -13,7 +13,7 @@ import pytest
 
 from offtrack.studies.campaigns import failures
 from offtrack.studies.campaigns.campaign import Campaign, load_campaign
-from offtrack.studies.campaigns.campaign_page import campaign_page
+from offtrack.studies.campaigns.campaign_page import campaign_page, searches_table
 from offtrack.studies.campaigns.fault_entry import FaultTime
 from offtrack.studies.campaigns.verdict import END_OF_RUN, Limit, response, verdict_on
 from offtrack.studies.case import Case, Outcome
@@ -271,3 +271,10 @@ def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tm
     for fails, finding, exceptions in ((False, "never fails", (5.0,)), (True, "always fails", (1.0,))):
         searches = failures.bisected(campaign, runs, partial(outcomes, fails))
         assert [(search.finding, search.exceptions) for search in searches] == [(finding, exceptions)] * 2
+    without_numbers = next(entry for entry in campaign.entries if entry.kind == "wheel_speed_dropout")
+    timed = searches[0].table.model_copy(update={"of": "duration"})
+    shown = [searches[0], dataclasses.replace(searches[0], entry=without_numbers, table=timed)]
+    assert [row[0] for row in searches_table(shown).rows] == [
+        "gyro_bias: bias [deg/s]",
+        "wheel_speed_dropout: duration [s]",
+    ]
