@@ -107,7 +107,7 @@ def read_grey_upright(path: Path) -> GreyImage:
     """
     content = _content(path)
     _decoded(path, content)  # OpenCV fills what is missing in an incomplete file
-    with _silent_stderr():
+    with silent_stderr():
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise _damaged(path)
@@ -121,7 +121,7 @@ def pixels(content: bytes, place: str) -> NDArray[Any]:
         ValueError: one line with its place, as ``read_grey``.
     """
     _opened(place, content)
-    with _silent_stderr():
+    with silent_stderr():
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise _damaged(place)
@@ -169,11 +169,11 @@ def _damaged(path: Path | str) -> ValueError:
 
 
 def _quiet(reader: type[ImageFile]) -> AbstractContextManager[None]:
-    return _silent_stderr() if reader is TiffImageFile else nullcontext()  # only its library writes to the terminal
+    return silent_stderr() if reader is TiffImageFile else nullcontext()  # only its library writes to the terminal
 
 
 @contextmanager
-def _silent_stderr() -> Iterator[None]:
+def silent_stderr() -> Iterator[None]:
     """Discard what libraries in C write to the terminal about a damaged file."""
     with _STDERR:
         kept = os.dup(2)

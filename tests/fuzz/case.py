@@ -77,7 +77,7 @@ def find(result: Result, before: Tree, after: Tree, *, own: bool = False) -> str
         return f"takes {result.memory:.0f} MB of memory"
     if "Aborted!" in said or result.code not in (0, 1, 2, 130):
         return f"exit code {result.code}: {' / '.join(said)[:300]}"
-    if result.outcome.startswith("failed") and not own:
+    if result.outcome.startswith("failed") and not own and "its process was ended by" not in result.outcome:  # an FMU's
         return f"outcome: {result.outcome}"
     if not result.refused:
         return None
@@ -97,6 +97,7 @@ def tree(folder: Path) -> Tree:
 
 def _states(folder: Path) -> Iterator[tuple[str, tuple[int, int, int]]]:
     for place, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if name != "__pycache__"]  # of Python, which imports a part
         for name in (*folders, *files):
             path = Path(place, name)
             state = path.lstat()

@@ -24,6 +24,7 @@ from estimators.estimates import Health
 from offtrack.exchange.recordings.stereo_reader import Recording
 from offtrack.exchange.recordings.stereo_sequence import Unpacked
 from offtrack.exchange.recordings.writers import write_images
+from scenarios.image_file import silent_stderr
 from scenarios.progress import Progress, no_progress
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
@@ -61,7 +62,8 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
         folder = temporary / (place.resolve().name if len(videos) == 2 else videos[0].stem)
         for side in ("left", "right"):
             (folder / side).mkdir(parents=True)
-        captures = [cv2.VideoCapture(str(path)) for path in videos]
+        with silent_stderr():
+            captures = [cv2.VideoCapture(str(path)) for path in videos]
         expected = int(min(capture.get(cv2.CAP_PROP_FRAME_COUNT) for capture in captures))
         times: list[float] = []
         while len(images := [image for capture in captures if (image := _next(capture)) is not None]) == len(captures):
