@@ -261,6 +261,9 @@ def former(tuning: Tuning, directory: Path) -> int:
         studies = {name: optuna.load_study(study_name=name, storage=storage) for name in names}
         trials = {name: study.get_trials(states=(TrialState.COMPLETE,)) for name, study in studies.items()}
         own = trials.pop(study_name(tuning), [])
+        for trial in own:
+            if lacking := sorted(tuning.ranges.keys() - trial.params.keys()):
+                raise ValueError(f"trial {trial.number} has no {', '.join(lacking)}")
         return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
     except Exception as error:  # whatever a damaged line leads to in Optuna
         raise ValueError(

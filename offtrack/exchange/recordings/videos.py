@@ -96,7 +96,8 @@ def unpacked_videos(videos: tuple[Path, ...], progress: Progress = no_progress) 
 
 def _next(capture: Any) -> GreyImage | None:
     """Next image in grey; None at the end or after a failure."""
-    read, image = capture.read()
+    with silent_stderr():
+        read, image = capture.read()
     return _grey(image) if read else None
 
 

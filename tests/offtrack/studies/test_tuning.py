@@ -155,6 +155,14 @@ def test_a_damaged_journal_is_named_and_nothing_is_written(damage: str, tmp_path
     assert [path.name for path in out.iterdir()] == ["journal.log"]
 
 
+def test_a_trial_without_its_parameters_is_a_damaged_journal(tmp_path: Path) -> None:
+    finish(stored(tmp_path, study_name(tuning("new"))), {})
+    path = tmp_path / "journal.log"
+    path.write_text("".join(line for line in path.read_text().splitlines(True) if '"param_name"' not in line))
+    with pytest.raises(ValueError, match=r"journal\.log is damaged \(ValueError: trial 0 has no gain\)"):
+        former(tuning("new"), tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Heartbeat of storage")  # of trials that the test begins by itself
 def test_trials_in_a_database_are_shared_and_dead_ones_are_tried_again(tmp_path: Path) -> None:
