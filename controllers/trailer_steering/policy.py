@@ -57,19 +57,19 @@ class TrainedFor(NamedTuple):
     follow_distance: tuple[float, float] = (0.0, math.inf)  # [m]
     actuator_lag: tuple[float, float] = (0.0, math.inf)  # [s]
 
-    def has_lag(self, lag: float) -> bool:
-        """True if actuators with this lag [s] were trained with."""
-        return self.actuator_lag[0] - _ROUNDING <= lag <= self.actuator_lag[1] + _ROUNDING
-
     def lacks(self, trailer: TrailerGeometry) -> str | None:
         """What the training was for, where a trailer is outside of it, in words; None if it is within."""
-        for words, value, unit, (low, high) in (
+        for words, value, unit, trained in (
             ("follow distance", trailer.follow_distance, "m", self.follow_distance),
             ("lag of the actuators", trailer.actuator_lag, "s", self.actuator_lag),
         ):
-            if not low - _ROUNDING <= value <= high + _ROUNDING:
-                return f"a {words} of {low:.3g} to {high:.3g} {unit}, not of {value:.3g} {unit}"
+            if not _within(value, trained):
+                return f"a {words} of {trained[0]:.3g} to {trained[1]:.3g} {unit}, not of {value:.3g} {unit}"
         return None
+
+
+def _within(value: float, limits: tuple[float, float]) -> bool:
+    return limits[0] - _ROUNDING <= value <= limits[1] + _ROUNDING
 
 
 class Network(NamedTuple):
@@ -214,7 +214,7 @@ class Policy(SteeringLaw[PolicyMemory]):
         if off_tracking is not None and usable:
             memory = memory._replace(estimate=estimate_features(off_tracking, length), estimate_tick=off_tracking.tick)
         preview, command = self._preview.step(memory.preview, tick, off_tracking, signals)
-        if not self._network.trained_for.has_lag(preview.answers.lag(self._trailer)):
+        if not _within(preview.answers.lag(self._trailer), self._network.trained_for.actuator_lag):
             return memory._replace(tick=tick, demand=preview.demand, preview=preview), command
         wanted = last = np.array(memory.demand)
         if memory.estimate is not None:

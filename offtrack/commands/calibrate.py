@@ -151,12 +151,9 @@ def _tables(
         camera = calibration.camera
         values = dict(zip(_PARAMETERS, (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion), strict=True))
         used = {"images used": f"{len(calibration.errors)} of {len(views)}", "RMS [px]": calibration.rms}
-        stds = zip(values.items(), calibration.std.tolist(), strict=True)
-        groups[name] = used | {
-            key: f"{value:.{digits}f} +- {std:.{digits}f}"
-            for (key, value), std in stds
-            for digits in (2 if "px" in key else 5,)
-        }
+        digits = [2 if "px" in key else 5 for key in values]
+        stds = zip(values.items(), calibration.std.tolist(), digits, strict=True)
+        groups[name] = used | {key: f"{value:.{n}f} +- {std:.{n}f}" for (key, value), std, n in stds}
         errors = {one: f"{error:.3f} px" for one, error in calibration.errors.items()} | calibration.dropped
         groups[f"{name} images"] = {view.name: errors.get(view.name, "-") for view in views}
     if pair:

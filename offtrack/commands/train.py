@@ -12,6 +12,7 @@ from controllers.trailer_steering.policy import feature_names
 from offtrack.commands import console as ui
 from offtrack.commands.benchmark import plain_row, print_results
 from offtrack.environments import registry
+from offtrack.environments.rewards import DEFAULT_VEHICLE
 from offtrack.environments.tasks import EPISODES, task_of
 from offtrack.environments.training import training_directory
 from offtrack.environments.training.benchmark import Evaluation, evaluated, header, shipped_results, write_results
@@ -47,7 +48,7 @@ def train(
     vehicle: Annotated[
         str | None,
         typer.Option(
-            help="Name of a vehicle or a TOML file; its last trailer is steered.", show_default="uk_longer_semitrailer"
+            help="Name of a vehicle or a TOML file; its last trailer is steered.", show_default=DEFAULT_VEHICLE
         ),
     ] = None,
     steps: Annotated[
@@ -147,7 +148,7 @@ def convert_policy(
     model: Annotated[Path, typer.Argument(help="File that a model's save() wrote: PPO, A2C, SAC, TD3 or DDPG.")],
     vehicle: Annotated[
         str, typer.Option(help="Name of the vehicle, or its TOML file, that the model was trained with.")
-    ] = "uk_longer_semitrailer",
+    ] = DEFAULT_VEHICLE,
     speed_kmh: Annotated[
         str,
         typer.Option(

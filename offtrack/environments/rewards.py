@@ -208,6 +208,9 @@ class Ranges:
         return values
 
 
+DEFAULT_VEHICLE: Final = "uk_longer_semitrailer"  # of trailers that are steered
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Domain(Ranges):
     """Ranges of a combination's episodes."""

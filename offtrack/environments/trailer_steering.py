@@ -178,7 +178,7 @@ class TrailerSteeringOptions(EpisodeOptions):
 
     parts = rewards.PARTS
 
-    vehicle: str = "uk_longer_semitrailer"  # name or file; its last unit must have steered axles and a follow point
+    vehicle: str = rewards.DEFAULT_VEHICLE  # name or file; its last unit must have steered axles and a follow point
     courses: Sequence[str | Course | Mapping[str, Any]] = COURSES
     road_width: float | None = None  # between the edges of the road [m]; None: it has none
     observation: ObservationKind = "surrogate"

@@ -21,6 +21,7 @@ from gymnasium.vector import AutoresetMode
 
 from controllers.trailer_steering.policy import Network, TrainedFor, load_network, network_file, shipped_networks
 from offtrack.environments import registry
+from offtrack.environments.rewards import DEFAULT_VEHICLE
 from offtrack.environments.tasks import FIRST_SEED, Role, Task, task_of
 from offtrack.environments.training.law_pilot import LawPilot
 from offtrack.environments.training.pilots import DRIVERS, NetworkPilot, Pilot
@@ -198,7 +199,7 @@ def _opened(asked: Evaluation, n: int, cleanup: ExitStack) -> tuple[Any, Pilot]:
     cleanup.callback(env.close)
     if task.role == "trailer" and (policy in TRAILER_STEERING or ":" in policy or (file and file.suffix == ".npz")):
         law, parameters = (policy, {}) if file is None else ("policy", {"path": str(file)})
-        vehicle = load_vehicle(str(options.get("vehicle", "uk_longer_semitrailer")))
+        vehicle = load_vehicle(str(options.get("vehicle", DEFAULT_VEHICLE)))
         return env, cleanup.enter_context(closing(LawPilot(env.core, vehicle, law, load_surrogate(), parameters)))  # type: ignore[arg-type]
     if file is not None and policy != "policy":
         return env, NetworkPilot(_network(file, env.core))

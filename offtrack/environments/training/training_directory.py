@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from controllers.trailer_steering.policy import Network, TrainedFor, save_network
-from offtrack.environments.rewards import Domain, narrowed
+from offtrack.environments.rewards import DEFAULT_VEHICLE, Domain, narrowed
 from offtrack.environments.tasks import task_of
 from offtrack.reports.plots import STYLE, TRUE, WIDTH, legend_below
 from offtrack.studies.run_study import check_study_directory, opened_study
@@ -133,7 +133,7 @@ class Plan:
         options = self.environment()
         if task_of(self.task).role != "trailer":
             return TrainedFor()
-        vehicle = load_vehicle(options.get("vehicle", "uk_longer_semitrailer"))
+        vehicle = load_vehicle(options.get("vehicle", DEFAULT_VEHICLE))
         return trained_for(vehicle, narrowed(DEFAULT_DOMAIN, options["domain"]))
 
     def plain(self) -> dict[str, Any]:
