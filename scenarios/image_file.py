@@ -6,6 +6,7 @@ And the pictures that a run keeps for its report.
 import io
 import os
 import threading
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -67,7 +68,13 @@ def read_grey(path: Path, bits: int = 16) -> GreyImage:
     Raises:
         ValueError: one line, if the file is missing, is not a complete image, or has more than ``MAX_PIXELS``.
     """
-    image = _decoded(path, _content(path))
+    content = _content(path)
+    if _is_whole_grey_png(content):  # OpenCV takes three quarters of Pillow's time
+        read = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+        if read is None:
+            raise _damaged(path)
+        return np.asarray(read, dtype=np.uint8)
+    image = _decoded(path, content)
     if image.mode.startswith("I"):  # 16 bits
         return upper_bits(np.asarray(image, dtype=np.uint32), bits)
     return np.asarray(image if image.mode == "L" else image.convert("L"))
@@ -152,6 +159,24 @@ def _opened(path: Path | str, content: bytes) -> ImageFile:
             f"{path} has {width}x{height} px: an image must have at most {MAX_PIXELS // 10**6} megapixels; reduce it"
         )
     return image
+
+
+def _is_whole_grey_png(content: bytes) -> bool:
+    """True for a PNG of 8-bit grey levels, without further data, whose parts all have their checksum."""
+    start, header = _FORMATS[0][0] + b"\0\0\0\rIHDR", content[16:24]
+    width, height = (int.from_bytes(part) for part in (header[:4], header[4:]))
+    if not content.startswith(start) or content[24:29] != b"\x08\0\0\0\0" or width * height > MAX_PIXELS:
+        return False
+    view, begin = memoryview(content), 8
+    while begin < len(content):
+        kind, end = content[begin + 4 : begin + 8], begin + 8 + int.from_bytes(content[begin : begin + 4])
+        checksum = zlib.crc32(view[begin + 4 : end])
+        if kind not in (b"IHDR", b"IDAT", b"IEND") or checksum.to_bytes(4) != content[end : end + 4]:
+            return False
+        if kind == b"IEND":
+            return True
+        begin = end + 4
+    return False
 
 
 def _decoded(path: Path, content: bytes) -> ImageFile:

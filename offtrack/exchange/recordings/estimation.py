@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +27,7 @@ from estimators.off_tracking.viso_ot import VisoOt
 from estimators.rigid_motion import rotation_vector
 from offtrack.exchange.recordings.stereo_reader import Recording, camera_poses
 from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, stream
+from offtrack.reports.player.encoding import ON_PAGE
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, check_made, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.scenario import stream as random_stream
@@ -35,11 +37,13 @@ from scenarios.results.log import LOST, Log
 from scenarios.results.run_summary import number
 from scenarios.results.run_warnings import calibration_warnings, doubt_warnings
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import BodyPose, StereoFrame
+from sensors.messages import BodyPose, GreyImage, StereoFrame
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, inverse
 from vehicle.option import Parameter, check_options, declared_options
+
+_MOST_PICTURES: Final = 240  # on the page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,6 +54,7 @@ class FrameEstimate:
     dropped: str = ""  # reason why the frame could not be used; empty if it was used
     off_tracking: OffTracking | None = None  # None for the first frame and for dropped ones
     motion: Motion | None = None
+    jpeg: bytes = b""  # left image, as large as on the page; empty for most frames of long recordings
 
     @property
     def tracks(self) -> NDArray[np.float32]:
@@ -94,6 +99,8 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
     """
     frames: list[FrameEstimate] = []
     begin, odometry_s, outcome = time.perf_counter(), 0.0, "completed"
+    total = len(recording.sequence.frames)
+    every = -(-total // _MOST_PICTURES)
     memory = source.init()
     try:
         for files, frame in stream(recording.sequence.frames, recording.size):
@@ -101,11 +108,12 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
                 frames.append(FrameEstimate(files=files, dropped=frame.reason))
             else:
                 start = time.perf_counter()
-                memory, result = source.step(memory, recording.rectified(frame))
+                frame = recording.rectified(frame)
+                memory, result = source.step(memory, frame)
                 odometry_s += time.perf_counter() - start
-                frames.append(_frame_estimate(files, result))
-            done, total = len(frames), len(recording.sequence.frames)
-            progress(done, total, f"frame {done} of {total}")
+                jpeg = b"" if len(frames) % every else _jpeg(frame.left)
+                frames.append(_frame_estimate(files, result, jpeg))
+            progress(len(frames), total, f"frame {len(frames)} of {total}")
     except KeyboardInterrupt:
         outcome = "interrupted"
     if frames and all(frame.dropped for frame in frames):
@@ -121,12 +129,19 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
     )
 
 
-def _frame_estimate(files: FrameFiles, result: Any) -> FrameEstimate:
-    if result is None:
-        return FrameEstimate(files=files)
-    if isinstance(result, OffTracking):  # of the user's own estimator
-        return FrameEstimate(files=files, off_tracking=result)
-    return FrameEstimate(files=files, off_tracking=result.off_tracking, motion=result.motion)
+def _frame_estimate(files: FrameFiles, result: Any, jpeg: bytes) -> FrameEstimate:
+    if result is None or isinstance(result, OffTracking):  # of the user's own estimator
+        return FrameEstimate(files=files, off_tracking=result, jpeg=jpeg)
+    return FrameEstimate(files=files, off_tracking=result.off_tracking, motion=result.motion, jpeg=jpeg)
+
+
+def _jpeg(image: GreyImage) -> bytes:
+    """The image as the page shows it."""
+    height, width = image.shape
+    if width > ON_PAGE.width:
+        size = ON_PAGE.width, max(1, round(height * ON_PAGE.width / width))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, ON_PAGE.quality])[1].tobytes()
 
 
 def body_poses(recording: Recording, X_C0C: FloatArray) -> FloatArray:

@@ -6,8 +6,9 @@ upside down or mirrored, readings of another drive and a wrong rig give wrong sl
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Sequence
+from itertools import islice
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -35,6 +36,9 @@ _FLAT: Final = 4.0  # standard deviation of an image without contrast [grey leve
 _OFF_CENTRE: Final = 0.12  # largest distance of a principal point from the middle, of the image's size
 
 
+Place: TypeAlias = Callable[[int], StereoFrame | None]  # the frame there (0), before (-1), after (1); None: unreadable
+
+
 def projection_warnings(calibration: StereoCalibration) -> list[str]:
     """What makes it doubtful that a calibration belongs to images of its size, a line each."""
     found = []
@@ -50,25 +54,24 @@ def projection_warnings(calibration: StereoCalibration) -> list[str]:
     return found
 
 
-def image_warnings(samples: Sequence[Sequence[StereoFrame]], *, ground_below: bool) -> list[str]:
+def image_warnings(places: Sequence[Place], *, ground_below: bool) -> list[str]:
     """What a few rectified frames show to be wrong, a line each.
 
     Args:
-        samples: consecutive frames from some places of the recording.
+        places: of the recording.
         ground_below: False if the cameras look down, or are known to be upside down.
     """
-    samples = [frames for frames in samples if frames]
-    middle = [frames[len(frames) // 2] for frames in samples]
+    middle = [frame for place in places for frame in islice(filter(None, map(place, (0, 1, -1))), 1)]
     if not middle:
         return []
     contrast = max(float(np.std(image)) for frame in middle for image in (frame.left, frame.right))
     if contrast < _FLAT:
         return [f"the images have hardly any contrast (standard deviation {contrast:.1f} of 255 grey levels)"]
     scale = min(1.0, _WIDTH / middle[0].left.shape[1])
-    looks = [_look(frames, scale) for frames in samples]
-    pairs = np.concatenate([look.own for look in looks])
-    if len(pairs) < _FEWEST * len(looks):
-        return [f"left and right images have hardly a feature in common ({len(pairs)} in {len(looks)} pairs)"]
+    own = [_matches(frame.left, frame.right, scale) for frame in middle]
+    pairs = np.concatenate(own)
+    if len(pairs) < _FEWEST * len(own):
+        return [f"left and right images have hardly a feature in common ({len(pairs)} in {len(own)} pairs)"]
     disparity, rows = (pairs[:, k] - pairs[:, k + 2] for k in (0, 1))
     straight = np.abs(rows) < _ROW
     ahead, back = int(np.sum(straight & (disparity > 0.5))), int(np.sum(straight & (disparity < -0.5)))
@@ -81,7 +84,7 @@ def image_warnings(samples: Sequence[Sequence[StereoFrame]], *, ground_below: bo
         found.append(
             "disparities are negative: are left and right exchanged? Then use --exchange (or are the images mirrored?)"
         )
-    elif shift := _shift(looks):
+    elif shift := _shift(places, own, scale):
         found.append(
             f"right images fit the left ones of the frame {shift} theirs: number both alike from the same instant on"
         )
@@ -115,22 +118,6 @@ def _tracked_rows(left: GreyImage, right: GreyImage) -> NDArray[np.float32]:
     return np.asarray(np.abs(there - corners)[good, 0, 1], dtype=np.float32)
 
 
-class _Look(NamedTuple):
-    """Matches (n, 4) of the left image with right ones: of the same frame, of the one before and of the one after."""
-
-    own: FloatArray
-    before: FloatArray
-    after: FloatArray
-
-
-def _look(frames: Sequence[StereoFrame], scale: float) -> _Look:
-    """Matches of the middle one of three frames; those with its neighbours are empty if there are fewer."""
-    own = frames[len(frames) // 2]
-    left = _features(own.left, scale)
-    rights = own.right, *(frame.right if len(frames) == 3 else None for frame in (frames[0], frames[-1]))
-    return _Look(*(_matches(left, image, scale) for image in rights))
-
-
 def _features(image: GreyImage, scale: float) -> tuple[FloatArray, Any]:
     """Points (n, 2) and their descriptors."""
     scaled = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -138,22 +125,31 @@ def _features(image: GreyImage, scale: float) -> tuple[FloatArray, Any]:
     return np.array([point.pt for point in points], dtype=np.float64).reshape(-1, 2), descriptors
 
 
-def _matches(left: tuple[FloatArray, Any], image: GreyImage | None, scale: float) -> FloatArray:
-    right = None if image is None else _features(image, scale)
-    if right is None or left[1] is None or right[1] is None:
+def _matches(one: GreyImage, other: GreyImage, scale: float) -> FloatArray:
+    """Points (n, 4) that a left and a right image have in common."""
+    left, right = _features(one, scale), _features(other, scale)
+    if left[1] is None or right[1] is None:
         return np.empty((0, 4))
     found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left[1], right[1])
     near = [(match.queryIdx, match.trainIdx) for match in found if match.distance < _DISTANCE]
-    one, other = np.array(near, dtype=np.intp).reshape(-1, 2).T
-    return np.hstack([left[0][one], right[0][other]])
+    queries, trained = np.array(near, dtype=np.intp).reshape(-1, 2).T
+    return np.hstack([left[0][queries], right[0][trained]])
 
 
-def _shift(looks: Sequence[_Look]) -> str:
+def _shift(places: Sequence[Place], own: Sequence[FloatArray], scale: float) -> str:
     """Where the left images are that fit the right ones better than those of their frame; empty if these do."""
-    fits = np.array([[_fitting(matches) for matches in look] for look in looks])
-    own, *others = fits.T
-    for name, other in zip(("after", "before"), others, strict=True):
-        if np.all(other > own) and other.sum() > max(_CLEARLY * own.sum(), _FEWEST * len(looks)):
+    fits = []
+    for place, matches in zip(places, own, strict=False):
+        before, frame, after = map(place, (-1, 0, 1))
+        if before is None or frame is None or after is None:
+            return ""
+        others = (_matches(frame.left, other.right, scale) for other in (before, after))
+        fits.append([_fitting(matches), *map(_fitting, others)])
+        if fits[-1][0] >= max(fits[-1]):  # as in every sound recording
+            return ""
+    of_own, *of_others = np.array(fits).T
+    for name, other in zip(("after", "before"), of_others, strict=True):
+        if np.all(other > of_own) and other.sum() > max(_CLEARLY * of_own.sum(), _FEWEST * len(own)):
             return name
     return ""
 

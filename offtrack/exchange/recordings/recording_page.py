@@ -17,7 +17,7 @@ from offtrack.reports import canvas
 from offtrack.reports.film import Film, Frames
 from offtrack.reports.page import Items, Page, Player, Section, outcome_verdict, software_section, some
 from offtrack.reports.player import playback as player
-from offtrack.reports.player.encoding import encoded
+from offtrack.reports.player.encoding import ON_PAGE, encoded
 from offtrack.reports.run_files import csv_text, write_results
 from offtrack.reports.sections import number_cards, number_table
 from scenarios.image_file import read_grey
@@ -149,7 +149,6 @@ def write_estimation(
     return numbers
 
 
-_MOST_PICTURES = 240  # each is read and straightened again
 _DEGREES: Final = 180.0 / np.pi
 _WIDTH, _HEIGHTS = 0.5, (0.3, 0.6)  # of the bar from hitch to follow point [m], for drawings only
 
@@ -209,22 +208,25 @@ def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = Tru
 
 
 def _pictures(estimation: Estimation) -> Iterator[player.Picture]:
-    usable = [frame for frame in estimation.frames if not frame.dropped]
-    for frame in usable[:: max(1, -(-len(usable) // _MOST_PICTURES))]:
-        if picture := _picture(estimation, frame):
-            yield picture
+    scale = min(1.0, ON_PAGE.width / estimation.recording.size[0])
+    return (_picture(frame, frame.jpeg, scale) for frame in estimation.frames if frame.jpeg)
 
 
-def _picture(estimation: Estimation, frame: FrameEstimate) -> player.Picture | None:
+def _picture(frame: FrameEstimate, jpeg: bytes, scale: float = 1.0) -> player.Picture:
+    """A left image with its tracks, whose pixels are ``scale`` to those of the camera."""
+    counts = f" · {frame.motion.inliers} inliers of {frame.motion.matches} matches" if frame.motion else ""
+    tracks = scale * (frame.tracks + 0.5) - 0.5
+    return player.Picture(frame.files.tick * TICK, jpeg, tracks, f"{frame.files.left.name}{counts}")
+
+
+def _read_again(estimation: Estimation, frame: FrameEstimate) -> player.Picture | None:
     """The left image, read again and rectified, with its tracks; None if it can no longer be read."""
     try:
-        left = read_grey(frame.files.left)
-        image = estimation.recording.rectified(StereoFrame(tick=0, left=left, right=left)).left
+        left = read_grey(frame.files.left, frame.files.bits)
     except ValueError:
         return None
-    jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes()
-    counts = f" · {frame.motion.inliers} inliers of {frame.motion.matches} matches" if frame.motion else ""
-    return player.Picture(frame.files.tick * TICK, jpeg, frame.tracks, f"{frame.files.left.name}{counts}")
+    image = estimation.recording.rectified(StereoFrame(tick=0, left=left, right=left)).left
+    return _picture(frame, cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes())
 
 
 def write_video(
@@ -234,7 +236,7 @@ def write_video(
     playback, times = recording_playback(estimation, log, pictures=False), player.elapsed(log)["time"]
     rate = int(np.clip(round(1.0 / float(np.median(np.diff(times)))), 1, 60))
     used = [frame for frame in estimation.frames if not frame.dropped]
-    frames = Frames(np.array([frame.files.tick * TICK for frame in used]), lambda k: _picture(estimation, used[k]))
+    frames = Frames(np.array([frame.files.tick * TICK for frame in used]), lambda k: _read_again(estimation, used[k]))
     return canvas.write_video(Film(playback, frames).picture, times, rate, path_without_suffix, progress)
 
 

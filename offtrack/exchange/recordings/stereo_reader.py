@@ -5,8 +5,9 @@ Poses are those of the left camera (x right, y down, z ahead) relative to its fi
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,11 @@ from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, faci
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_sequence import (
     LAYOUTS,
-    Dropped,
-    FrameFiles,
     Layout,
     StereoSequence,
     find_sequence,
     image_size,
-    stream,
+    read_frame,
 )
 from sensors.camera.rig import RawStereoRig, StereoCalibration, load_raw_rig
 from sensors.messages import StereoFrame
@@ -304,16 +303,26 @@ def _opened(
             f"{file or source}: baseline {calibration.baseline:g} m must be {_BASELINES[0]:g} to {_BASELINES[1]:g} m: "
             "is the calibration in mm or cm? Positions must be in metres"
         )
+
+    @lru_cache(maxsize=8)
+    def frame(k: int) -> StereoFrame | None:
+        """The k-th rectified frame; None if there is none or it can not be used."""
+        found = read_frame(sequence.frames[k], size) if 0 <= k < len(sequence.frames) else None
+        if not isinstance(found, StereoFrame):
+            return None
+        return cameras.rectification.step(found) if cameras.rectification else found
+
     mounted = mounting(
         options,
         cameras.rig,
         calibration,
         lambda: facing_by_motion(
-            calibration, _rectified(sequence.frames, size, cameras.rectification), upside_down=options.upside_down
+            calibration, filter(None, map(frame, range(len(sequence.frames)))), upside_down=options.upside_down
         ),
     )
+    last = max(1, len(sequence.frames) - 2)
+    places = [lambda step, k=k: frame(k + step) for k in np.unique(np.linspace(1, last, _SAMPLES).astype(int)).tolist()]
     ground_below = abs(mounted.X_SC[2, 2]) < _LEVEL and not options.upside_down
-    samples = _samples(sequence, size, cameras.rectification)
     return Recording(
         sequence=sequence,
         source=source,
@@ -324,7 +333,7 @@ def _opened(
         roll_axis_height=mounted.roll_axis_height,
         direction_std=mounted.direction_std,
         poses=_poses(sequence, cameras.X_CP) if sequence.frames else None,
-        warnings=(*projection_warnings(calibration), *image_warnings(samples, ground_below=ground_below)),
+        warnings=(*projection_warnings(calibration), *image_warnings(places, ground_below=ground_below)),
         notes=sequence.notes,
         assumed=mounted.assumed,
     )
@@ -381,23 +390,6 @@ def _raw_cameras(path: Path, size: tuple[int, int], raw: RawStereoRig, rig: Rig)
         rig=replace(rig, X_SC=None if rig.X_SC is None else X_SC),
         X_CP=inverse(X_SC) @ raw.X_SC,
     )
-
-
-def _rectified(
-    frames: Sequence[FrameFiles], size: tuple[int, int], rectification: Rectifier | None
-) -> Iterator[StereoFrame]:
-    for _, frame in stream(frames, size):
-        if not isinstance(frame, Dropped):
-            yield rectification.step(frame) if rectification else frame
-
-
-def _samples(
-    sequence: StereoSequence, size: tuple[int, int], rectification: Rectifier | None
-) -> list[tuple[StereoFrame, ...]]:
-    """Three consecutive rectified frames from each of ``_SAMPLES`` places; fewer where some can not be read."""
-    frames = sequence.frames
-    starts = np.unique(np.linspace(0, max(0, len(frames) - 3), _SAMPLES).astype(int))
-    return [tuple(_rectified(frames[k : k + 3], size, rectification)) for k in starts]
 
 
 def _poses(sequence: StereoSequence, X_CP: FloatArray) -> FloatArray | None:

@@ -223,7 +223,7 @@ def stream(frames: Sequence[FrameFiles], size: tuple[int, int]) -> Iterator[tupl
     with ThreadPoolExecutor(max_workers=2, thread_name_prefix="images") as readers:
         try:
             for files in frames:
-                waiting.append((files, readers.submit(_read, files, size)))
+                waiting.append((files, readers.submit(read_frame, files, size)))
                 if len(waiting) > _AHEAD:
                     yield _next(waiting)
             while waiting:
@@ -240,7 +240,8 @@ def _next(
     return files, future.result()
 
 
-def _read(files: FrameFiles, size: tuple[int, int]) -> StereoFrame | Dropped:
+def read_frame(files: FrameFiles, size: tuple[int, int]) -> StereoFrame | Dropped:
+    """The frame of images of this width and height [px], or why it can not be used."""
     try:
         left, right = (_sized(path, size, files.bits) for path in (files.left, files.right))
     except ValueError as error:

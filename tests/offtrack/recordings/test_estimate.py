@@ -37,7 +37,6 @@ from vehicle.option import Option, option_values
 RIG = StereoRig(facing="rear", width=160, height=96, hfov=math.radians(100), x=-10.0, y=0.0, z=3.0, baseline=0.5)
 FOLLOW = 10.0  # [m]
 FRAMES, STEP = 80, 0.5  # 40 m of way
-CHECKED = 9  # frames that are read before the estimate, to check them
 WRITTEN = {
     "manifest.json",
     "off_tracking.csv",
@@ -363,16 +362,16 @@ def test_what_the_recording_does_not_say_is_assumed_aloud_and_options_leave_noth
 @pytest.mark.parametrize("frames", [0, 50])
 def test_an_interrupt_keeps_what_is_finished(yard: Path, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """All files for the frames so far, exit code 130, no video; the next command takes their place."""
-    genuine, read = stereo_sequence._read, []
+    genuine, read = stereo_sequence.read_frame, []
 
     def interrupted_at(files: Any, size: Any) -> Any:
         read.append(files)
-        if len(read) > CHECKED + frames:
+        if len(read) > frames:
             raise KeyboardInterrupt  # comes out of the future where the loop asks for it
         return genuine(files, size)
 
     with monkeypatch.context() as patch:
-        patch.setattr(stereo_sequence, "_read", interrupted_at)
+        patch.setattr(stereo_sequence, "read_frame", interrupted_at)
         result = estimated(yard, "--out", "out", "--quiet")
     assert (result.exit_code, result.stdout) == (130, "")
     assert result.stderr == "offtrack: interrupted; what was estimated until then is in out\n"

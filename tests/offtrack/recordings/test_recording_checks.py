@@ -16,7 +16,7 @@ from estimators.calibration.epipolar import RightRotation
 from estimators.estimates import Motion, lost_motion
 from offtrack.exchange.recordings.estimation import Estimation, _rotation_warnings
 from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
-from offtrack.exchange.recordings.image_checks import ground_flow, image_warnings, projection_warnings
+from offtrack.exchange.recordings.image_checks import Place, ground_flow, image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from offtrack.exchange.recordings.stereo_sequence import find_sequence
 from offtrack.exchange.recordings.writers import RoverRecording
@@ -42,9 +42,10 @@ def _ground(k: int, side: int) -> GreyImage:
     return image
 
 
-def _frames(change: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]], late: int = 0) -> list[StereoFrame]:
+def _place(change: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]], late: int = 0) -> Place:
     pairs = [change(_ground(k, 0), _ground(k - late, 1)) for k in (4, 5, 6)]
-    return [StereoFrame(tick=100 * k, left=left, right=right) for k, (left, right) in enumerate(pairs)]
+    frames = [StereoFrame(tick=100 * k, left=left, right=right) for k, (left, right) in enumerate(pairs)]
+    return lambda step: frames[1 + step]
 
 
 @pytest.mark.parametrize(
@@ -63,13 +64,13 @@ def _frames(change: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]
 def test_images_show_their_fault(
     change: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]], says: str
 ) -> None:
-    found = image_warnings([_frames(change)] * 2, ground_below=True)
+    found = image_warnings([_place(change)] * 2, ground_below=True)
     assert [says in line for line in found] == ([True] if says else []), found
 
 
 @pytest.mark.parametrize(("late", "place"), [(1, "before"), (-1, "after")])
 def test_right_images_of_a_neighbouring_frame_are_noticed(late: int, place: str) -> None:
-    found = image_warnings([_frames(lambda left, right: (left, right), late)] * 2, ground_below=True)
+    found = image_warnings([_place(lambda left, right: (left, right), late)] * 2, ground_below=True)
     assert [f"of the frame {place} theirs" in line for line in found] == [True], found
 
 

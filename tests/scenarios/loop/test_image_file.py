@@ -72,13 +72,13 @@ def test_a_photograph_is_turned_as_its_exif_data_say(tmp_path: Path) -> None:
     assert read_grey_upright(tmp_path / "a.jpg").shape == (36, 24)
 
 
-@pytest.mark.parametrize("kind", [".png", ".jpg", ".tif", ".bmp"])
+@pytest.mark.parametrize("name", ["a.png", "grey.png", "a.jpg", "a.tif", "a.bmp"])
 def test_damage_is_one_line_and_libraries_in_c_stay_silent(
-    kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Every 7th byte is flipped in turn, and the file is cut off: it is read or refused, and nothing is printed."""
-    path = tmp_path / f"a{kind}"
-    cv2.imwrite(str(path), COLOURS[:12, :18])
+    path = tmp_path / name
+    cv2.imwrite(str(path), COLOURS[:12, :18, 0] if name.startswith("grey") else COLOURS[:12, :18])
     whole = path.read_bytes()
     damaged = [whole[:k] + bytes([whole[k] ^ 0xFF]) + whole[k + 1 :] for k in range(0, len(whole), 7)]
     refusals = []
@@ -93,6 +93,12 @@ def test_damage_is_one_line_and_libraries_in_c_stay_silent(
     assert not [line for line in refusals if "\n" in line or not line.startswith(str(path))]
     printed = capfd.readouterr()
     assert (printed.out, printed.err) == ("", "")
+
+
+def test_a_whole_file_without_rows_is_corrupt(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(png_header(8, 8))
+    with pytest.raises(ValueError, match=r"a\.png is corrupt or not an image$"):
+        read_grey(tmp_path / "a.png")
 
 
 def test_pixels_as_text_are_refused(tmp_path: Path) -> None:
