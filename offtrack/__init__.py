@@ -10,6 +10,15 @@ The names are imported at their first use: commands and worker processes need no
 from __future__ import annotations
 
 import importlib
+import os
+import signal
+import sys
+
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler and (
+    (sys.argv[:1] == ["-m"] and "offtrack" in sys.orig_argv) or "offtrack" in map(os.path.basename, sys.argv[:1])
+):
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # of the command: libraries lose an interrupt of their import
+
 from typing import TYPE_CHECKING, Any, Final
 
 import gymnasium

@@ -106,7 +106,7 @@ class SpareWorkers:
         self._together = together
         self._free: list[ProcessPoolExecutor] = []
         self._busy: list[ProcessPoolExecutor] = []
-        self._lock, self._ended = threading.Lock(), False
+        self._lock, self._ended = threading.RLock(), False
 
     def call(self, work: Callable[..., OutputT], *arguments: object, timeout: float | None = None) -> OutputT:
         """Output of a task; a process that dies costs it one more try.
@@ -116,12 +116,13 @@ class SpareWorkers:
         """
         deaths = 0
         while True:
-            pool = self._taken()
-            try:
-                future = pool.submit(_tidied, work, *arguments)
-            except (BrokenExecutor, RuntimeError):  # its process died while it had nothing to do, or was stopped
-                self._left(pool, usable=False)
-                continue
+            with self._lock:  # a pool that is stopped while its process starts would do the task all the same
+                pool = self._taken()
+                try:
+                    future = pool.submit(_tidied, work, *arguments)
+                except (BrokenExecutor, RuntimeError):  # its process died while it had nothing to do
+                    self._left(pool, usable=False)
+                    continue
             finished = bool(wait([future], timeout=timeout).done)
             error = future.exception() if finished else None
             usable = finished and not self._ended and not isinstance(error, BrokenExecutor)
@@ -146,12 +147,10 @@ class SpareWorkers:
             pool.shutdown()
 
     def _taken(self) -> "ProcessPoolExecutor":
-        with self._lock:
-            if self._ended:
-                raise WorkerDiedError("its process was stopped")
-            pool = self._free.pop() if self._free else _pool(self._together)
-            self._busy.append(pool)
-        return pool
+        if self._ended:
+            raise WorkerDiedError("its process was stopped")
+        self._busy.append(self._free.pop() if self._free else _pool(self._together))
+        return self._busy[-1]
 
     def _left(self, pool: "ProcessPoolExecutor", *, usable: bool) -> None:
         with self._lock:
@@ -220,6 +219,7 @@ def save_time() -> None:
     for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it says that it can't keep its list of fonts
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")  # of loky's, which says what it cleans after a kill
     gc.set_threshold(_ALLOCATIONS)
     atexit.register(gc.freeze)  # with the process everything goes, and need not be searched
 

@@ -1,6 +1,5 @@
 """Progress of long work, and the interrupts (SIGINT, SIGTERM, SIGHUP) that end it between two steps."""
 
-import atexit
 import os
 import signal
 import stat
@@ -44,39 +43,56 @@ def part_of(progress: Progress, part: int, parts: int, note: str = "") -> Progre
     return report
 
 
-_ENDING: Final = (signal.SIGTERM, signal.SIGHUP)  # a request to end; the terminal has gone
-_SIGNALS: Final = (signal.SIGINT, *_ENDING)
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C; a request to end; the terminal has gone
+_SOON: Final = 0.02  # after which an interrupt is tried again [s]
+_TRIES: Final = 100
+_LOSING: Final = ("<frozen importlib", "/casadi/", "/pydantic/")  # code that loses it, or makes another error of it
+_ending: list[int] = []  # signals that end this process at once
 _received: list[int] = []
-_code: list[int] = []  # with which the process ends
 
 
-def interrupt_on_termination() -> None:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in this process, as Ctrl-C does; not if ``nohup`` ignores them."""
-    atexit.register(_leave)
-    for number in _ENDING:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
+def end_at_once() -> None:
+    """Let interrupts end this process, a command that has nothing to keep yet, without a word; not ignored ones."""
+    _ending.extend(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
+    for number in _ending:
+        signal.signal(number, signal.SIG_DFL)
+
+
+def raise_interrupts() -> None:
+    """Let the interrupts that end a command at once raise KeyboardInterrupt from now on."""
+    while _ending:
+        signal.signal(_ending.pop(), _interrupt)
+        sys.unraisablehook = _again_if_lost
 
 
 def end_as_terminated() -> None:
-    """End with the exit code of shells, if SIGTERM or SIGHUP has interrupted this process."""
+    """End with the exit code of shells, if a signal has interrupted this process."""
     if _received:
-        _code.append(128 + _received[0])
-        sys.exit(_code[0])
+        sys.exit(128 + _received[0])
 
 
-def _leave() -> None:
-    """End at last: Python would end itself by SIGINT, if the interrupt passed through the import of a dataclass."""
-    if _code:
-        with suppress(OSError, ValueError):
-            sys.stdout.flush()
-        os._exit(_code[0])
-
-
-def _interrupt(number: int, _: FrameType | None) -> None:
+def _interrupt(number: int, frame: FrameType | None) -> None:
     _received.append(number)
+    while frame is not None and len(_received) < _TRIES:
+        if any(place in frame.f_code.co_filename for place in _LOSING):
+            return _again(number)
+        frame = frame.f_back
     _leave_terminal()
+    end_at_once()  # by a second one
     raise KeyboardInterrupt
+
+
+def _again(number: int) -> None:
+    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
+    signal.setitimer(signal.ITIMER_REAL, _SOON)
+
+
+def _again_if_lost(lost: "sys.UnraisableHookArgs") -> None:
+    if isinstance(lost.exc_value, KeyboardInterrupt):
+        raise_interrupts()
+        _again(_received[-1])
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _leave_terminal() -> None:

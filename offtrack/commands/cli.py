@@ -10,7 +10,7 @@ from typer.core import TyperCommand
 
 from offtrack.commands.console import INTERRUPTED, OneLineGroup, join_settings, lines
 from scenarios.processes import save_time
-from scenarios.progress import end_as_terminated, interrupt_on_termination
+from scenarios.progress import end_as_terminated, end_at_once
 
 
 class Entry(NamedTuple):
@@ -144,7 +144,7 @@ def main() -> None:
     save_time()
     join_settings()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it remarks on folders that it cannot write
-    interrupt_on_termination()
+    end_at_once()
     try:
         app()
     except SystemExit as end:

@@ -18,7 +18,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer.core import TyperGroup
 
-from scenarios.progress import Progress
+from scenarios.progress import Progress, raise_interrupts
 from vehicle.foundation.own_parts import raised_at
 from vehicle.foundation.user_file import reason, shown
 
@@ -283,6 +283,7 @@ def progress_bar(display: ProgressDisplay, title: str) -> Progress:
 
     def report(done: float, total: float, note: str = "", /) -> None:
         if not tasks:
+            raise_interrupts()
             display.start()
             tasks.append(display.add_task(printable(title), total=total, detail=""))
         display.update(tasks[0], completed=done, total=total, detail=printable(note))

@@ -20,7 +20,7 @@ from tempfile import gettempdir
 from typing import Final
 
 from scenarios.processes import is_alive
-from scenarios.progress import postponed_interrupts
+from scenarios.progress import postponed_interrupts, raise_interrupts
 from vehicle.foundation.temporary import locked
 from vehicle.foundation.user_file import reason, shown
 
@@ -88,6 +88,7 @@ def user_of(folder: Path) -> Iterator[None]:
 
 
 def _locked_folder(folder: Path) -> int:
+    raise_interrupts()
     descriptor = os.open(folder, os.O_RDONLY)
     if locked(descriptor) is False:
         os.close(descriptor)

@@ -56,7 +56,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGINT, signal.SIGHUP)
 def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
     """Start a command in a group of processes of its own; it heeds Ctrl-C even if this process does not."""
     return subprocess.Popen(
-        [sys.executable, "-m", "offtrack.commands.cli", *command, "--quiet"],
+        [sys.executable, "-m", "offtrack", *command, "--quiet"],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.DEVNULL,
