@@ -42,12 +42,13 @@ _STDERR: Final = threading.Lock()  # images are read in several threads
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Image files of a folder in the order of their names.
+    """Image files of a folder in the order of their names; hidden ones, as of another system's disk, are left out.
 
     Raises:
         ValueError: one line, if there are none.
     """
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    named = (path for path in folder.iterdir() if not path.name.startswith("."))
+    files = sorted(path for path in named if path.suffix.lower() in _SUFFIXES)
     if not files:
         raise ValueError(f"{folder} contains no images ({', '.join(_SUFFIXES)})")
     return files
@@ -70,10 +71,7 @@ def read_grey(path: Path, bits: int = 16) -> GreyImage:
     """
     content = _content(path)
     if _is_whole_grey_png(content):  # OpenCV takes three quarters of Pillow's time
-        read = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-        if read is None:
-            raise _damaged(path)
-        return np.asarray(read, dtype=np.uint8)
+        return _by_opencv(path, content, cv2.IMREAD_GRAYSCALE)
     image = _decoded(path, content)
     if image.mode.startswith("I"):  # 16 bits
         return upper_bits(np.asarray(image, dtype=np.uint32), bits)
@@ -115,10 +113,7 @@ def read_grey_upright(path: Path) -> GreyImage:
     content = _content(path)
     _decoded(path, content)  # OpenCV fills what is missing in an incomplete file
     with silent_stderr():
-        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise _damaged(path)
-    return np.asarray(image, dtype=np.uint8)
+        return _by_opencv(path, content, cv2.IMREAD_GRAYSCALE)
 
 
 def pixels(content: bytes, place: str) -> NDArray[Any]:
@@ -129,7 +124,11 @@ def pixels(content: bytes, place: str) -> NDArray[Any]:
     """
     _opened(place, content)
     with silent_stderr():
-        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+        return _by_opencv(place, content, cv2.IMREAD_UNCHANGED)
+
+
+def _by_opencv(place: Path | str, content: bytes, flags: int) -> NDArray[Any]:
+    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     if image is None:
         raise _damaged(place)
     return np.asarray(image)
@@ -163,20 +162,15 @@ def _opened(path: Path | str, content: bytes) -> ImageFile:
 
 def _is_whole_grey_png(content: bytes) -> bool:
     """True for a PNG of 8-bit grey levels, without further data, whose parts all have their checksum."""
-    start, header = _FORMATS[0][0] + b"\0\0\0\rIHDR", content[16:24]
-    width, height = (int.from_bytes(part) for part in (header[:4], header[4:]))
-    if not content.startswith(start) or content[24:29] != b"\x08\0\0\0\0" or width * height > MAX_PIXELS:
-        return False
-    view, begin = memoryview(content), 8
-    while begin < len(content):
+    width, height = (int.from_bytes(content[k : k + 4]) for k in (16, 20))
+    grey = content.startswith(_FORMATS[0][0]) and content[24:29] == b"\x08\0\0\0\0"
+    view, begin, kind = memoryview(content), 8, b"IHDR" if grey and width * height <= MAX_PIXELS else b""
+    while kind in (b"IHDR", b"IDAT") and content[begin + 4 : begin + 8] in (kind, b"IDAT", b"IEND"):
         kind, end = content[begin + 4 : begin + 8], begin + 8 + int.from_bytes(content[begin : begin + 4])
-        checksum = zlib.crc32(view[begin + 4 : end])
-        if kind not in (b"IHDR", b"IDAT", b"IEND") or checksum.to_bytes(4) != content[end : end + 4]:
+        if zlib.crc32(view[begin + 4 : end]).to_bytes(4) != content[end : end + 4]:
             return False
-        if kind == b"IEND":
-            return True
         begin = end + 4
-    return False
+    return kind == b"IEND"
 
 
 def _decoded(path: Path, content: bytes) -> ImageFile:
@@ -217,8 +211,8 @@ class PictureSize(NamedTuple):
     width: int = 100_000  # of wider ones, which are shrunk to it [px]
     quality: int = 95  # of the JPEG
 
-    def jpeg(self, colour: ColourImage) -> bytes:
-        """The RGB picture (h, w, 3) as JPEG."""
+    def jpeg(self, colour: ColourImage | GreyImage) -> bytes:
+        """The picture, grey (h, w) or RGB (h, w, 3), as JPEG."""
         height, width = colour.shape[:2]
         if width > self.width:
             times, rest = width // self.width, height % (width // self.width)
@@ -227,5 +221,6 @@ class PictureSize(NamedTuple):
             size = (self.width, max(1, round(height * self.width / width)))
             colour = colour[:height]
             colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        colour = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), dtype=np.uint8)
+        if colour.ndim == 3:
+            colour = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), dtype=np.uint8)
         return cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1].tobytes()

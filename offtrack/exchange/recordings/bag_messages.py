@@ -3,7 +3,6 @@
 Source: definitions of sensor_msgs/Image, CompressedImage and CameraInfo; names of encodings of image_encodings.hpp.
 """
 
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import cv2
@@ -138,9 +137,3 @@ def _compressed(message: Any, where: str) -> NDArray[Any]:
 def baseline(P_l: FloatArray, P_r: FloatArray) -> float:
     """Distance [m] of the right camera along the left one's x axis, by the difference of projections P (3, 4)."""
     return float(P_l[0, 3] / P_l[0, 0] - P_r[0, 3] / P_r[0, 0])
-
-
-def calibration_text(infos: Sequence[CameraInfo]) -> str:
-    """Projections of the rectified cameras as in KITTI's calib.txt."""
-    rows = (f"P{k}: {' '.join(repr(float(v)) for v in info.P.ravel())}" for k, info in enumerate(infos))
-    return "\n".join(rows) + "\n"

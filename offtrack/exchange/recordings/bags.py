@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from offtrack.exchange.recordings.bag_messages import CameraInfo, baseline, calibration_text, camera_info, grey_image
+from offtrack.exchange.recordings.bag_messages import CameraInfo, baseline, camera_info, grey_image
 from offtrack.exchange.recordings.file_pairs import nearest_pairs
 from offtrack.exchange.recordings.image_checks import rows_apart
 from offtrack.exchange.recordings.stereo_sequence import Unpacked
-from offtrack.exchange.recordings.writers import write_images
+from offtrack.exchange.recordings.writers import projections_text, write_images
 from scenarios.extras import import_extra
 from scenarios.image_file import upper_bits, used_bits
 from scenarios.progress import Progress, no_progress
@@ -326,7 +326,7 @@ def _calibration(infos: Sequence[CameraInfo], bag: Path) -> str:
             f"less than that of {infos[0].topic}, {infos[0].P[0, 3]:g}. It needs a stereo calibration; or are left and "
             "right exchanged? Then use --exchange"
         )
-    return calibration_text(infos)
+    return projections_text(infos[0].P, infos[1].P)
 
 
 def _rectifying(

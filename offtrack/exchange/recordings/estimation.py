@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,7 +36,7 @@ from scenarios.results.log import LOST, Log
 from scenarios.results.run_summary import number
 from scenarios.results.run_warnings import calibration_warnings, doubt_warnings
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import BodyPose, GreyImage, StereoFrame
+from sensors.messages import BodyPose, StereoFrame
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, inverse
@@ -111,7 +110,7 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
                 frame = recording.rectified(frame)
                 memory, result = source.step(memory, frame)
                 odometry_s += time.perf_counter() - start
-                jpeg = b"" if len(frames) % every else _jpeg(frame.left)
+                jpeg = b"" if len(frames) % every else ON_PAGE.jpeg(frame.left)
                 frames.append(_frame_estimate(files, result, jpeg))
             progress(len(frames), total, f"frame {len(frames)} of {total}")
     except KeyboardInterrupt:
@@ -133,15 +132,6 @@ def _frame_estimate(files: FrameFiles, result: Any, jpeg: bytes) -> FrameEstimat
     if result is None or isinstance(result, OffTracking):  # of the user's own estimator
         return FrameEstimate(files=files, off_tracking=result, jpeg=jpeg)
     return FrameEstimate(files=files, off_tracking=result.off_tracking, motion=result.motion, jpeg=jpeg)
-
-
-def _jpeg(image: GreyImage) -> bytes:
-    """The image as the page shows it."""
-    height, width = image.shape
-    if width > ON_PAGE.width:
-        size = ON_PAGE.width, max(1, round(height * ON_PAGE.width / width))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, ON_PAGE.quality])[1].tobytes()
 
 
 def body_poses(recording: Recording, X_C0C: FloatArray) -> FloatArray:
@@ -167,6 +157,7 @@ def _reference(recording: Recording, count: int) -> FloatArray:
 
 
 _LARGEST_ROTATION: Final = math.radians(1.0)  # of a right camera on a rigid mount, against its calibration
+_LONGEST_GAP: Final = 1.0  # time without motion in which the velocity is believed to last [s]
 _FASTEST: Final = 70.0  # speed of a vehicle with a trailer, and some more [m/s]
 _FAR_OFF, _FAR_OFF_LEAST = 0.5, 0.05  # error of motions, of their length [-] and at least [m], of other poses
 VISO_OT: Final = "viso_ot"
@@ -297,15 +288,19 @@ def motions_found(estimation: Estimation) -> list[Motion]:
     return [motion for motion in motions if motion.health is not Health.LOST]
 
 
-def motion_errors(estimation: Estimation) -> FloatArray:
-    """Errors (n, 6) of single motions by the recorded poses, in stated standard deviations; none without poses."""
+def _true_motions(estimation: Estimation) -> list[tuple[Motion, FloatArray]]:
+    """Motions that were not lost, each with that by the recorded poses; none without poses."""
     poses = estimation.recording.poses
     if poses is None:
-        return np.empty((0, 6))
+        return []
     pose = {frame.files.tick: X for frame, X in zip(estimation.frames, poses, strict=False)}
+    return [(motion, inverse(pose[motion.previous_tick]) @ pose[motion.tick]) for motion in motions_found(estimation)]
+
+
+def motion_errors(estimation: Estimation) -> FloatArray:
+    """Errors (n, 6) of single motions by the recorded poses, in stated standard deviations; none without poses."""
     ratios = []
-    for motion in motions_found(estimation):
-        X_true = inverse(pose[motion.previous_tick]) @ pose[motion.tick]
+    for motion, X_true in _true_motions(estimation):
         turn = rotation_vector(X_true[:3, :3] @ motion.X_PC[:3, :3].T)
         error = np.concatenate([turn, X_true[:3, 3] - motion.X_PC[:3, 3]])
         ratios.append(error / np.sqrt(np.diag(motion.covariance)))
@@ -372,12 +367,9 @@ def _plausibility_warnings(estimation: Estimation) -> list[str]:
     found = []
     if speed > _FASTEST:
         found.append(f"the cameras move at {speed:.0f} m/s: are the times in seconds, or is --rate too high?")
-    poses = estimation.recording.poses
-    if poses is not None:
-        pose = {frame.files.tick: X for frame, X in zip(estimation.frames, poses, strict=False)}
-        true = np.array([(inverse(pose[m.previous_tick]) @ pose[m.tick])[:3, 3] for m in motions])
-        errors = np.linalg.norm(true - np.array([m.X_PC[:3, 3] for m in motions]), axis=1)
-        moved = np.linalg.norm(true, axis=1)
+    if true := _true_motions(estimation):
+        errors = [float(np.linalg.norm(X_true[:3, 3] - motion.X_PC[:3, 3])) for motion, X_true in true]
+        moved = [float(np.linalg.norm(X_true[:3, 3])) for _, X_true in true]
         if float(np.median(errors)) > max(_FAR_OFF * float(np.median(moved)), _FAR_OFF_LEAST):
             found.append(
                 f"motions differ from those of poses.txt by {np.median(errors):.2g} m a frame, of "
@@ -392,16 +384,27 @@ def _mostly_lost(estimation: Estimation) -> bool:
 
 
 def _lost_warnings(estimation: Estimation) -> list[str]:
-    """A warning if most frames gave no motion."""
-    if not _mostly_lost(estimation):
-        return []
-    wanted, found = len(estimation.frames) - 1, len(motions_found(estimation))
-    cause = (
-        "see the next lines"
-        if estimation.recording.warnings
-        else "the pairs are in order, so the calibration may be another one's, or the frames may be too far apart"
-    )
-    return [f"{wanted - found} of {wanted} frames gave no motion, and the distance means nothing: {cause}"]
+    """Warnings if many frames gave no motion, or a degraded one, or none did for long."""
+    wanted, found = len(estimation.frames) - 1, motions_found(estimation)
+    dropped = [frame.dropped for frame in estimation.frames if frame.dropped]
+    degraded = sum(motion.health is Health.DEGRADED for motion in found)
+    lines = []
+    if _mostly_lost(estimation):
+        cause = "calibration of other cameras, repeated images, or frames too far apart?"
+        if 2 * len(dropped) >= wanted - len(found):
+            cause = f"{len(dropped)} can not be used, first: {dropped[0]}"
+        elif estimation.recording.warnings:
+            cause = "see the next lines"
+        lines += [f"{wanted - len(found)} of {wanted} frames gave no motion, and the distance means nothing: {cause}"]
+    if 2 * degraded > len(found):
+        lines += [f"{degraded} of {len(found)} motions are degraded, few features agree: is the calibration theirs?"]
+    if found:
+        ends = np.maximum.accumulate([motion.tick for motion in found])
+        gaps = np.append([motion.previous_tick for motion in found[1:]], estimation.frames[-1].files.tick) - ends
+        gap, begin = (TICK * float(value[gaps.argmax()]) for value in (gaps, ends))
+        if gap > _LONGEST_GAP:
+            lines += [f"no motion was found for {gap:.1f} s from {begin:.1f} s on: the path there is a guess"]
+    return lines
 
 
 def error_of_estimate(log: Log) -> FloatArray:

@@ -223,14 +223,13 @@ def _column(rows: Sequence[list[str]]) -> tuple[int, tuple[str, ...]]:
         return 0, ()
     numbers = [int(row[0]) for row in rows]
     steps = {after - before for before, after in pairwise(numbers)}
-    if steps != {1}:
-        return 0, ()
     try:
         second = [float(row[1]) for row in rows]
     except ValueError:  # file names
         return 0, ()
-    rising = all(after > before for before, after in pairwise(second))
-    return (1, ("times are in the second column; the first one counts the frames",)) if rising else (0, ())
+    if steps == {1} and all(after > before for before, after in pairwise(second)):
+        return 1, ("times are in the second column; the first one counts the frames",)
+    return 0, ("times are in the first column; the second one has other numbers",)
 
 
 def _value(path: Path, number: int, row: list[str], column: int) -> tuple[int, float]:
@@ -251,10 +250,9 @@ def _value(path: Path, number: int, row: list[str], column: int) -> tuple[int, f
 
 
 def _date(text: str) -> float:
-    """Seconds since 1970 of a date and time such as 2011-09-26 13:02:25.964389445."""
-    day, _, fraction = text.rstrip("Z").partition(".")
-    since = datetime.fromisoformat(day).replace(tzinfo=UTC).timestamp()
-    return since + float(f"0.{fraction}" if fraction else 0.0)
+    """Seconds since 1970 of a date and time such as 2011-09-26 13:02:25.964389445, or with a time zone."""
+    date = datetime.fromisoformat(text)
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _check(path: Path, times: Sequence[tuple[int, float]]) -> None:
@@ -262,10 +260,10 @@ def _check(path: Path, times: Sequence[tuple[int, float]]) -> None:
     for (_, before), (k, after) in pairwise(times):
         if after - before < 0.999 * TICK:
             raise ValueError(
-                f"{path}, line {k}: {after:g} s must be at least {TICK:g} s after the line before. "
+                f"{path}, line {k}: {after:.15g} s must be at least {TICK:g} s after the line before. "
                 "Repair it or use --rate HZ"
             )
-    period = (times[-1][1] - times[0][1]) / (len(times) - 1) if len(times) > 1 else 0.0
+    period = float(np.median(np.diff([time for _, time in times]))) if len(times) > 1 else 0.0
     if period > _LONGEST_PERIOD:
         raise ValueError(
             f"{path}: {period:g} s between frames is more than {_LONGEST_PERIOD:g} s. Times must be in seconds: are "

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offtrack.exchange.recordings.writers import RoverRecording
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import RawStereoRig, StereoCalibration
 from sensors.messages import GreyImage, RoverView, StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -27,21 +27,28 @@ _RETURNED: Final = 0.5  # largest error of a corner tracked there and back [px]
 _DISTANCE: Final = 50  # largest distance of two ORB descriptors that match [bits]
 _ROW: Final = 1.0  # largest difference of rows of one point in a rectified pair [px]
 _FEWEST: Final = 20  # matches of a pair that say something
+_MOST: Final = 0.6  # share of matches that fit in a sound pair
 _CLEARLY: Final = 1.3  # times as many matches that make another pairing the better one
 _CLOSER: Final = 1.5  # times the disparity above of that below in pictures that stand on their heads
 _FILLED: Final = 0.2  # least share of known disparities in a part of the image that is not sky
 _ROWS_APART: Final = 3.0  # median difference of rows that no self-calibration is meant for [px]
 _SAME: Final = 0.9  # least share of matches without a disparity in two images that are one
 _FLAT: Final = 4.0  # standard deviation of an image without contrast [grey levels]
+_OBLONG: Final = 0.1  # largest difference of a camera's focal lengths, relative
 _OFF_CENTRE: Final = 0.12  # largest distance of a principal point from the middle, of the image's size
 
 
 Place: TypeAlias = Callable[[int], StereoFrame | None]  # the frame there (0), before (-1), after (1); None: unreadable
 
 
-def projection_warnings(calibration: StereoCalibration) -> list[str]:
-    """What makes it doubtful that a calibration belongs to images of its size, a line each."""
-    found = []
+def projection_warnings(calibration: StereoCalibration, raw: RawStereoRig | None) -> list[str]:
+    """What makes it doubtful that a calibration, of ``raw`` cameras, belongs to images of its size, a line each."""
+    found = [
+        f"focal lengths {camera.fx:.0f} and {camera.fy:.0f} px differ: pixels are squares, so are the numbers in "
+        "another order?"
+        for camera in ((raw.left, raw.right) if raw else ())
+        if abs(camera.fx / camera.fy - 1.0) > _OBLONG
+    ][:1]
     for name, value, extent in (
         ("column", calibration.cx, calibration.width),
         ("row", calibration.cy, calibration.height),
@@ -86,7 +93,8 @@ def image_warnings(places: Sequence[Place], *, ground_below: bool) -> list[str]:
         )
     elif shift := _shift(places, own, scale):
         found.append(
-            f"right images fit the left ones of the frame {shift} theirs: number both alike from the same instant on"
+            f"right images fit the left ones of the frame {shift} theirs: number both alike from the same instant on; "
+            "or has a camera lost a frame under way?"
         )
     elif apart > _ROWS_APART:
         found.append(
@@ -137,20 +145,20 @@ def _matches(one: GreyImage, other: GreyImage, scale: float) -> FloatArray:
 
 
 def _shift(places: Sequence[Place], own: Sequence[FloatArray], scale: float) -> str:
-    """Where the left images are that fit the right ones better than those of their frame; empty if these do."""
-    fits = []
-    for place, matches in zip(places, own, strict=False):
+    """Where the left images are that fit the right ones better than those of their frame; empty if these do.
+
+    Neighbours are looked at in the first place, then where few matches fit: a camera may lose a frame under way.
+    """
+    for k, (place, matches) in enumerate(zip(places, own, strict=False)):
+        fitting = _fitting(matches)
+        if k > 0 and fitting > _MOST * len(matches):
+            continue
         before, frame, after = map(place, (-1, 0, 1))
         if before is None or frame is None or after is None:
-            return ""
-        others = (_matches(frame.left, other.right, scale) for other in (before, after))
-        fits.append([_fitting(matches), *map(_fitting, others)])
-        if fits[-1][0] >= max(fits[-1]):  # as in every sound recording
-            return ""
-    of_own, *of_others = np.array(fits).T
-    for name, other in zip(("after", "before"), of_others, strict=True):
-        if np.all(other > of_own) and other.sum() > max(_CLEARLY * of_own.sum(), _FEWEST * len(own)):
-            return name
+            continue
+        others = [_fitting(_matches(frame.left, other.right, scale)) for other in (before, after)]
+        if max(others) > max(_CLEARLY * fitting, _FEWEST):
+            return "after" if others[0] > others[1] else "before"
     return ""
 
 

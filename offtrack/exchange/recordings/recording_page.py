@@ -56,8 +56,8 @@ _ROTATION_SIGNALS: Final = (
     Signal("right_delay", "s", "time by which the right image is taken after the left one"),
     Signal("right_delay_std", "s", "standard deviation of right_delay"),
 )
-_DROPPED: Final = 3.0  # stands for a health
-_WORDS: Final = HEALTH_WORDS | {_DROPPED: "dropped"}
+DROPPED: Final = 3.0  # stands for a health
+ROW_WORDS: Final = HEALTH_WORDS | {DROPPED: "dropped"}
 
 
 def estimate_log(estimation: Estimation) -> Log:
@@ -104,9 +104,9 @@ def table_text(log: Log) -> str:
     shown = [k for k, signal in enumerate(log.signals) if signal.name != "dropped"]
     rows = log.rows.copy()
     healths = [k for k in shown if log.names[k].endswith("health")]
-    rows[np.ix_(np.flatnonzero(log["dropped"]), np.array(healths))] = _DROPPED
+    rows[np.ix_(np.flatnonzero(log["dropped"]), np.array(healths))] = DROPPED
     return csv_text(
-        Log(tuple(log.signals[k] for k in shown), rows[:, shown]), _WORDS, {"-": ".0f", "rad": ".8f"}, ".6f"
+        Log(tuple(log.signals[k] for k in shown), rows[:, shown]), ROW_WORDS, {"-": ".0f", "rad": ".8f"}, ".6f"
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.context import Estimator
 from estimators.estimates import Health, SlipAngle
 from offtrack.exchange.recordings.image_checks import Flow, ground_flow
-from offtrack.exchange.recordings.recording_page import page_text
+from offtrack.exchange.recordings.recording_page import DROPPED, ROW_WORDS, page_text
 from offtrack.exchange.recordings.writers import RoverRecording
 from offtrack.reports.canvas import write_video as write_film
 from offtrack.reports.film import Film, Frames
@@ -20,13 +20,11 @@ from offtrack.reports.player import playback as player
 from offtrack.reports.run_files import csv_text, write_results
 from scenarios.progress import Progress, no_progress
 from scenarios.results import metrics
-from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
+from scenarios.results.log import HEALTH, LOST, Log, Signal
 from scenarios.results.rover_result import trace_line
 from scenarios.results.run_summary import number
 from vehicle.clock import TICK
 
-_DROPPED: Final = 3.0
-ROW_WORDS: Final = HEALTH_WORDS | {_DROPPED: "dropped"}
 _SIGNALS: Final = (
     Signal("time", "s", "time of the image"),
     Signal("slip_angle", "rad", "slip angle of the body, + left"),
@@ -95,7 +93,7 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
     log, flow = estimation.log, ground_flow(estimation.recording)
     error = np.degrees(log["slip_angle"] - log["slip_angle_reference"])
     lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_reference"])
-    used = log["health"] < _DROPPED
+    used = log["health"] < DROPPED
     return {
         "outcome": estimation.outcome,
         "recording": estimation.recording.directory.resolve().name,
@@ -139,7 +137,7 @@ def _log(recording: RoverRecording, estimates: list[SlipAngle | None]) -> Log:
     table[:, 0] = times
     rows = {round(time / TICK): k for k, time in enumerate(times)}
     for k, estimate in enumerate(estimates):
-        table[k, 3] = _DROPPED if estimate is None else HEALTH[estimate.health]
+        table[k, 3] = DROPPED if estimate is None else HEALTH[estimate.health]
         if estimate is None or estimate.health is Health.LOST:
             continue
         table[k, 1:3] = estimate.value, estimate.std

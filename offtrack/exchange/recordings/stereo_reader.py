@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from estimators.calibration.rectification import Rectifier
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
-from offtrack.exchange.recordings.calibration_files import SUFFIXES, foreign_files, foreign_rig
+from offtrack.exchange.recordings.calibrations.found import SUFFIXES, foreign_files, foreign_rig
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_sequence import (
@@ -252,6 +252,7 @@ class _Cameras:
     calibration: StereoCalibration  # of the rectified pair; its X_SC is replaced by the mounting
     rectification: Rectifier | None
     rig: Rig
+    raw: RawStereoRig | None = None  # as calibrated
     X_CP: FloatArray  # (4, 4) pose in the rectified left camera of the camera whose poses are in ``poses.txt``
 
 
@@ -333,7 +334,7 @@ def _opened(
         roll_axis_height=mounted.roll_axis_height,
         direction_std=mounted.direction_std,
         poses=_poses(sequence, cameras.X_CP) if sequence.frames else None,
-        warnings=(*projection_warnings(calibration), *image_warnings(places, ground_below=ground_below)),
+        warnings=(*projection_warnings(calibration, cameras.raw), *image_warnings(places, ground_below=ground_below)),
         notes=sequence.notes,
         assumed=mounted.assumed,
     )
@@ -388,6 +389,7 @@ def _raw_cameras(path: Path, size: tuple[int, int], raw: RawStereoRig, rig: Rig)
         calibration=rectifier.calibration,
         rectification=rectifier,
         rig=replace(rig, X_SC=None if rig.X_SC is None else X_SC),
+        raw=raw,
         X_CP=inverse(X_SC) @ raw.X_SC,
     )
 

@@ -12,12 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
 from scenarios.image_file import grey_bits, images_in, pixel_size, read_grey
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
 from vehicle.foundation.quantity import check_number
 
+_PAUSE = 1.0  # time between frames that is noted [s]
 _LOOKED_AT = 5  # frames whose images tell how many bits are used
 
 
@@ -126,9 +129,16 @@ def find_sequence(
                 bits=bits,
             )
         )
-    return StereoSequence(
-        directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=(*notes, *timed.notes)
-    )
+    notes = (*notes, *timed.notes, *_pauses(frames))
+    return StereoSequence(directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=notes)
+
+
+def _pauses(frames: Sequence[FrameFiles]) -> list[str]:
+    """A note on the longest time between two frames, if it stands out."""
+    steps = np.diff([files.time for files in frames])
+    if not len(steps) or steps.max() < max(_PAUSE, 10.0 * float(np.median(steps))):
+        return []
+    return [f"no images for {steps.max():.1f} s after {frames[int(steps.argmax())].left.name}: are the times right?"]
 
 
 def _table(directory: Path, layout: Layout) -> Path:

@@ -266,6 +266,11 @@ def calibration_text(calibration: StereoCalibration) -> str:
     P0 = np.array([[c.focal_length, 0.0, c.cx, 0.0], [0.0, c.focal_length, c.cy, 0.0], [0.0, 0.0, 1.0, 0.0]])
     P1 = P0.copy()
     P1[0, 3] = -c.focal_length * c.baseline
+    return projections_text(P0, P1)
+
+
+def projections_text(P0: FloatArray, P1: FloatArray) -> str:
+    """Lines of a ``calib.txt``, of projections (3, 4)."""
     return f"P0: {_numbers(P0)}\nP1: {_numbers(P1)}\n"
 
 

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from offtrack.exchange.recordings.calibration_files import foreign_files, foreign_rig
+from offtrack.exchange.recordings.calibrations.found import foreign_files, foreign_rig
 from offtrack.exchange.recordings.stereo_reader import open_recording
 from sensors.camera.rig import CameraModel
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform

@@ -13,8 +13,8 @@ import pytest
 
 from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.calibration.epipolar import RightRotation
-from estimators.estimates import Motion, lost_motion
-from offtrack.exchange.recordings.estimation import Estimation, _rotation_warnings
+from estimators.estimates import Health, Motion, lost_motion
+from offtrack.exchange.recordings.estimation import Estimation, _lost_warnings, _rotation_warnings
 from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
 from offtrack.exchange.recordings.image_checks import Place, ground_flow, image_warnings, projection_warnings
 from offtrack.exchange.recordings.stereo_reader import open_recording
@@ -72,6 +72,35 @@ def test_images_show_their_fault(
 def test_right_images_of_a_neighbouring_frame_are_noticed(late: int, place: str) -> None:
     found = image_warnings([_place(lambda left, right: (left, right), late)] * 2, ground_below=True)
     assert [f"of the frame {place} theirs" in line for line in found] == [True], found
+
+
+def test_a_right_image_that_is_lost_under_way_is_noticed() -> None:
+    sound, late = (_place(lambda left, right: (left, right), k) for k in (0, 1))
+    found = image_warnings([sound, sound, late], ground_below=True)
+    assert ["of the frame before theirs" in line for line in found] == [True], found
+
+
+@pytest.mark.parametrize(
+    ("motions", "says"),
+    [
+        ([(0, Health.OK), (100, Health.OK), (200, Health.OK)], ""),
+        ([(0, Health.OK), (100, Health.OK), (1900, Health.OK)], "no motion was found for 1.7 s from 0.2 s on"),
+        ([(0, Health.OK), (100, Health.DEGRADED), (200, Health.DEGRADED)], "2 of 3 motions are degraded"),
+    ],
+)
+def test_a_path_that_is_a_guess_is_said(motions: list[tuple[int, Health]], says: str) -> None:
+    """Motions of 0.1 s each; of the frames after a gap the first one gives none."""
+    frames = [
+        SimpleNamespace(
+            files=SimpleNamespace(tick=begin + 100),
+            motion=replace(lost_motion(begin + 100, begin), health=health),
+            dropped="",
+        )
+        for begin, health in motions
+    ]
+    estimation = SimpleNamespace(frames=frames, states_motions=True, recording=SimpleNamespace(warnings=()))
+    found = _lost_warnings(cast(Estimation, estimation))
+    assert [says in line for line in found] == ([True] if says else []), found
 
 
 @pytest.mark.parametrize(("angle", "warned"), [(0.5, False), (1.6, True)])
@@ -163,7 +192,7 @@ def test_a_calibration_of_another_size_is_doubted(cx: float, cy: float, lines: i
     calibration = StereoCalibration(
         width=WIDTH, height=HEIGHT, focal_length=500.0, cx=cx, cy=cy, baseline=0.5, X_SC=np.eye(4)
     )
-    assert len(projection_warnings(calibration)) == lines
+    assert len(projection_warnings(calibration, None)) == lines
 
 
 @pytest.mark.parametrize("factor", [1000.0, 100.0, 0.001])
@@ -226,10 +255,11 @@ def test_what_has_no_partner_is_said_and_what_can_not_be_paired_is_refused() -> 
         ["2014-06-24 19:02:59.500000000", "2014-06-24 19:02:59.600000000"],
         ["2014-06-24T19:02:59.5", "2014-06-24T19:02:59.6"],
         ["2014-06-24T19:02:59.5Z", "2014-06-24T19:02:59.6Z"],
+        ["2014-06-24T21:02:59.5+02:00", "2014-06-24T21:02:59.6+02:00"],
         ["frame,time_s", "0,1403636579.5", "1,1403636579.6"],
         ["1403636579,5", "1403636579,6"],
     ],
-    ids=["s", "ns", "us", "ms", "DSO", "EuRoC", "TUM", "KITTI raw", "ISO 8601", "UTC", "names", "comma"],
+    ids=["s", "ns", "us", "ms", "DSO", "EuRoC", "TUM", "KITTI raw", "ISO 8601", "UTC", "time zone", "names", "comma"],
 )
 def test_tables_of_times_are_read_in_their_unit(tmp_path: Path, rows: list[str]) -> None:
     (tmp_path / "times.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")

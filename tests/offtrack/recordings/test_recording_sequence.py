@@ -104,6 +104,15 @@ def test_frames_find_their_lines_of_times(
     assert note in " ".join(sequence.notes)
 
 
+def test_a_pause_is_noted_and_hidden_files_are_no_images(tmp_path: Path) -> None:
+    """Such files are those of another system on its disks."""
+    write_times(make(tmp_path, range(4)), [0.0, 0.1, 0.2, 60.0])
+    (tmp_path / "image_0" / "._000000.png").write_bytes(b"\0\5\x16\7")
+    sequence = find_sequence(tmp_path)
+    assert len(sequence.frames) == 4
+    assert sequence.notes == ("no images for 59.8 s after 000002.png: are the times right?",)
+
+
 @pytest.mark.parametrize(
     ("times", "names", "says"),
     [

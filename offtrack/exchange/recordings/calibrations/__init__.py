@@ -1,0 +1,1 @@
+"""Calibrations of raw stereo pairs as other programs write them, a file for each."""
