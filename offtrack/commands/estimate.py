@@ -17,11 +17,12 @@ from offtrack.commands import console as ui
 from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.camera_files import MountingOptions, facing_named
 from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
+from offtrack.exchange.recordings.live import Streams, estimate_live
 from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import Recording, live_recording, open_recording
 from offtrack.exchange.recordings.stereo_sequence import Unpacked
-from offtrack.exchange.recordings.videos import Streams, estimate_live, unpacked_videos, videos_in
+from offtrack.exchange.recordings.videos import unpacked_videos, videos_in
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options, stream

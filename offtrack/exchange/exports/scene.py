@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from estimators.calibration.rectification import Rectifier
 from offtrack.exchange.exports.catalogue import TIME, plain_names
 from offtrack.exchange.recordings.bags import FRAMES, SIDES
+from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import read_rig
-from offtrack.exchange.recordings.stereo_reader import read_projections
 from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.assembly.adapters import course_of, vehicle_of

@@ -10,8 +10,9 @@ import pytest
 
 from controllers.trailer_steering.policy import load_network
 from offtrack.environments.training.training_directory import Plan, check_directory, read_curve
+from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import board_of, read_rig, views_of
-from offtrack.exchange.recordings.stereo_reader import read_kitti_poses, read_projections
+from offtrack.exchange.recordings.stereo_reader import read_kitti_poses
 from offtrack.exchange.recordings.stereo_sequence import LAYOUTS, Dropped, find_sequence, stream
 from offtrack.exchange.recordings.writers import load_rig, open_rover_recording
 from offtrack.reports.vehicle_sheet.combination_sheet import open_sheet

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion, lost_motion
+from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import Facing, MountingOptions, Rig, facing_by_motion, mounting, read_rig
-from offtrack.exchange.recordings.stereo_reader import Recording, open_recording, read_projections
+from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
 from offtrack.exchange.recordings.stereo_sequence import LAYOUTS
 from offtrack.exchange.recordings.writers import calibration_text, rig_text
 from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration, StereoRig

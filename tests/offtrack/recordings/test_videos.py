@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health
-from offtrack.exchange.recordings import videos
+from offtrack.exchange.recordings import live
 from offtrack.exchange.recordings.camera_files import MountingOptions
+from offtrack.exchange.recordings.live import Streams, estimate_live
 from offtrack.exchange.recordings.stereo_reader import live_recording, open_recording
-from offtrack.exchange.recordings.videos import Streams, estimate_live, unpacked_videos, videos_in
+from offtrack.exchange.recordings.videos import unpacked_videos, videos_in
 from scenarios.image_file import read_grey
 from sensors.messages import GreyImage, StereoFrame
 
@@ -136,7 +137,7 @@ def test_sources_are_paired_by_their_arrival_and_opened_again_at_their_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two videos of half a second, played at their rate again and again: every pair is one."""
-    monkeypatch.setattr(videos, "_AGAIN", 0.1)
+    monkeypatch.setattr(live, "_AGAIN", 0.1)
     images = [np.full((96, 160), 20 * k, np.uint8) for k in range(10)]
     names = [str(video(tmp_path / f"{side}.avi", images)) for side in ("left", "right")]
     with closing(Streams(*names)) as streams:
