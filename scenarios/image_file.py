@@ -220,7 +220,8 @@ class PictureSize(NamedTuple):
                 height -= rest
             size = (self.width, max(1, round(height * self.width / width)))
             colour = colour[:height]
-            colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            way = cv2.INTER_AREA if width >= 2 * self.width else cv2.INTER_LINEAR  # four times as fast
+            colour = np.asarray(cv2.resize(colour, size, interpolation=way), dtype=np.uint8)
         if colour.ndim == 3:
             colour = np.asarray(cv2.cvtColor(colour, cv2.COLOR_RGB2BGR), dtype=np.uint8)
         return cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1].tobytes()
