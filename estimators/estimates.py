@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache
 from typing import Final
@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.rigid_motion import UncertainMotion, nothing_common
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
@@ -30,6 +31,12 @@ class Anchor:
     tick: int  # capture of A
     X_AC: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_AC, along the axes of A
+    common: FloatArray = field(default_factory=nothing_common)  # (6, 13) part of that error that motions share
+
+    @property
+    def uncertain(self) -> UncertainMotion:
+        """X_AC with its errors."""
+        return UncertainMotion(self.X_AC, self.covariance, self.common)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +67,12 @@ class Motion:
     # (n, 4) u, v in the left and u, v in the right image of points in the current pair, as it was given to the
     # odometry, located to some hundredths of a pixel, the rows independently [px]; None: unknown
     pairs: NDArray[np.float32] | None = None
+    common: FloatArray = field(default_factory=nothing_common)  # (6, 13) part of the error of X_PC that motions share
+
+    @property
+    def uncertain(self) -> UncertainMotion:
+        """X_PC with its errors."""
+        return UncertainMotion(self.X_PC, self.covariance, self.common)
 
 
 def lost_motion(tick: int, previous_tick: int, matches: int = 0) -> Motion:

@@ -1,7 +1,8 @@
 """Uncertain rigid motions: composition, change of the body-fixed frame, and scaling in time.
 
 The covariance (6, 6) of a motion X_PC is that of (rotation vector [rad], translation [m]) along the axes of P:
-the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + d_p``.
+the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + d_p``. A part of these errors may be
+alike in all motions of a camera: ``common`` (6, 13) times the same 13 standard normal numbers.
 """
 
 import math
@@ -12,11 +13,17 @@ import numpy as np
 from vehicle.frames import FloatArray, inverse, orthonormalised, skew, so3_exp, transform
 
 
+def nothing_common() -> FloatArray:
+    """Common errors (6, 13) of a motion without any: six of features, seven of a calibration."""
+    return np.zeros((6, 13))
+
+
 class UncertainMotion(NamedTuple):
     """A motion X_AB with the covariance of its error along the axes of A."""
 
     X: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6)
+    common: FloatArray = nothing_common()  # (6, 13) part of the error that motions share
 
 
 def chained(X_AB: FloatArray, X_BC: FloatArray) -> FloatArray:
@@ -26,13 +33,21 @@ def chained(X_AB: FloatArray, X_BC: FloatArray) -> FloatArray:
 
 
 def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion:
-    """X_AC = X_AB @ X_BC for independent errors."""
-    R_AB, p_BC_A = first.X[:3, :3], first.X[:3, :3] @ second.X[:3, 3]
+    """X_AC = X_AB @ X_BC for errors that are independent but for what they share."""
+    p_BC_A = first.X[:3, :3] @ second.X[:3, 3]
     # p_AC = p_AB + R_AB p_BC, so d p_AC = d p_AB + d_theta_AB x (R_AB p_BC) + R_AB d p_BC
     J = np.eye(6)
     J[3:, :3] = -skew(p_BC_A)
-    covariance = J @ first.covariance @ J.T + along_axes(R_AB, second.covariance)
-    return UncertainMotion(chained(first.X, second.X), covariance)
+    X_AC, covariance, common = continued(first.X, second)
+    shared = J @ first.common @ common.T
+    covariance = J @ first.covariance @ J.T + covariance + shared + shared.T
+    return UncertainMotion(transform(orthonormalised(X_AC[:3, :3]), X_AC[:3, 3]), covariance, J @ first.common + common)
+
+
+def continued(X_AB: FloatArray, motion: UncertainMotion) -> UncertainMotion:
+    """X_AC = X_AB @ X_BC for an exact X_AB."""
+    R = _for_both(X_AB[:3, :3])
+    return UncertainMotion(X_AB @ motion.X, R @ motion.covariance @ R.T, R @ motion.common)
 
 
 def along_axes(R_AB: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -54,7 +69,7 @@ def inverted(motion: UncertainMotion) -> UncertainMotion:
     # R_BA exp(-d_theta) and p_BA = -R_BA exp(-d_theta) (p_AB + d_p), so d p_BA = -R_BA (d_p + p_AB x d_theta)
     J = -_for_both(R_BA)
     J[3:, :3] = -R_BA @ skew(p_AB)
-    return UncertainMotion(inverse(motion.X), J @ motion.covariance @ J.T)
+    return UncertainMotion(inverse(motion.X), J @ motion.covariance @ J.T, J @ motion.common)
 
 
 def change_frame(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
@@ -64,7 +79,7 @@ def change_frame(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
     # p = p_SC + R_SC p_C - R p_SC, so d p = R_SC d p_C - d_theta x (R p_SC), and d_theta = R_SC d_theta_C
     J = _for_both(R_SC)
     J[3:, :3] = skew(X[:3, :3] @ p_SC) @ R_SC
-    return UncertainMotion(X, J @ motion.covariance @ J.T)
+    return UncertainMotion(X, J @ motion.covariance @ J.T, J @ motion.common)
 
 
 def stretched(X: FloatArray, ratio: float) -> FloatArray:

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from estimators.calibration.epipolar import RightRotation, homography
 from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
-from estimators.estimates import Health, Motion, lost_motion
+from estimators.estimates import Anchor, Health, Motion, lost_motion
 from estimators.stereo_pair import MatchedFrame, Turned
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
@@ -65,8 +65,6 @@ def corrected(
     return replace(frame, right=turned.resampled(), turned=turned, right_shift=geometry.shift)
 
 
-_LEAST_DISTANCE = 0.01  # below it the trailer stands [m]
-_CONSTANT_OVER = 14.0  # distance over which an error of the calibration is constant: its effects add linearly [m]
 # All of these were measured with keyframe and circular odometry on rendered drives: by 0.15 deg of roll and yaw and 0.1
 # deg of pitch, and by pairs 10 to 50 ms apart at 10 to 60 km/h.
 _SEEN_DEPTH = 5.3  # depth at which a disparity error scales the motion, in camera heights
@@ -74,25 +72,17 @@ _ALONG = np.array([0.2, 1.0, 0.1])  # scale error by roll, yaw and pitch, relati
 _ACROSS = np.array([0.3, 1.0, 0.6])  # the same for the directions that a scale error does not change
 _SIDEWAYS, _TURN = 0.1, 0.006  # those errors: share of the distance, and per distance [rad/m]
 # The same by a displacement of one baseline along the optical axis, by which depths are wrong in proportion to x.
-_SHIFT_ALONG, _SHIFT_SIDEWAYS, _SHIFT_TURN = 0.4, 0.07, 0.006
+_BY_SHIFT = np.array([0.4, 0.07, 0.006])
+_ALIKE_OVER, _LEAST_DISTANCE = 14.0, 0.01  # the latter lasts over the first, but for changes of the velocity [m]
 
 
-def doubt_covariance(calibration: StereoCalibration, X: FloatArray, angles: FloatArray, shift: float) -> FloatArray:
-    """Covariance (6, 6) of a motion X (4, 4) from errors of roll, yaw and pitch (3,) [rad] and of a shift [m].
+def _errors(X: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Errors (6, 7) of a motion X (4, 4), 1 sigma each: scaled, turned about and moved along each of the axes.
 
-    Mainly the translation is scaled. Errors are constant over a trailer length, but those of motions count as
-    independent: hence the factor, the number of motions in that length.
+    The ``sizes`` (3,) are the scale, the share of the distance that it is moved by, and the turn per distance [rad/m].
     """
-    p, depth = X[:3, 3], _SEEN_DEPTH * float(calibration.X_SC[2, 3])
-    distance = float(np.linalg.norm(p))
-    scale = depth / calibration.baseline * angles
-    relative = shift / calibration.baseline
-    along, across = (float(np.linalg.norm(share * scale)) for share in (_ALONG, _ACROSS))
-    sideways = np.hypot(_SIDEWAYS * across, _SHIFT_SIDEWAYS * relative) * distance
-    turn = np.hypot(_TURN * across, _SHIFT_TURN * relative) * distance
-    covariance = np.diag([turn**2] * 3 + [sideways**2] * 3)
-    covariance[3:, 3:] += (along**2 + (_SHIFT_ALONG * relative) ** 2) * np.outer(p, p)
-    return max(1.0, _CONSTANT_OVER / max(distance, _LEAST_DISTANCE)) * covariance
+    p, (along, sideways, turn) = X[:3, 3], sizes * np.append(1.0, np.full(2, np.linalg.norm(X[:3, 3])))
+    return np.column_stack([np.append(np.zeros(3), along * p), np.diag([turn] * 3 + [sideways] * 3)])
 
 
 _SYSTEMATIC = np.radians([0.001, 0.001, 0.0005])  # error common to all views: measured over rendered drives [rad]
@@ -156,22 +146,31 @@ def doubt(
     return Doubt(np.hypot(angles, turned), math.hypot(left_over, late), health, refuted)
 
 
+_Measured = TypeVar("_Measured", Motion, Anchor)
+
+
 def with_calibration(
     calibration: StereoCalibration, motion: Motion, state: MountState, doubt: Doubt
 ) -> SelfCalibratedMotion:
     """Motion message with the state, and with the doubt in covariance and health."""
+    scale = _SEEN_DEPTH * float(calibration.X_SC[2, 3]) / calibration.baseline * doubt.angles
+    along, across = (float(np.linalg.norm(share * scale)) for share in (_ALONG, _ACROSS))
+    by_angles = np.array([along, _SIDEWAYS * across, _TURN * across])
+
+    def doubted(one: _Measured) -> _Measured:
+        X = one.uncertain.X
+        errors, late = _errors(X, by_angles), _errors(X, doubt.shift / calibration.baseline * _BY_SHIFT)
+        number = max(1.0, _ALIKE_OVER / max(float(np.linalg.norm(X[:3, 3])), _LEAST_DISTANCE))
+        covariance = one.covariance + errors @ errors.T + number * late @ late.T
+        return replace(one, covariance=covariance, common=np.hstack([one.common[:, :6], errors]))
+
     if Health.LOST in (doubt.health, motion.health):
         motion = lost_motion(motion.tick, motion.previous_tick, motion.matches)
-    values = {field.name: getattr(motion, field.name) for field in fields(motion)}
-    if motion.health is not Health.LOST:
-        by_doubt = doubt_covariance(calibration, motion.X_PC, doubt.angles, doubt.shift)
-        values["covariance"] = motion.covariance + by_doubt
-        values["health"] = doubt.health if motion.health is Health.OK else motion.health
-    if motion.anchor is not None:
-        by_doubt = doubt_covariance(calibration, motion.anchor.X_AC, doubt.angles, doubt.shift)
-        values["anchor"] = replace(motion.anchor, covariance=motion.anchor.covariance + by_doubt)
+    else:
+        health = doubt.health if motion.health is Health.OK else motion.health
+        motion = replace(doubted(motion), health=health, anchor=motion.anchor and doubted(motion.anchor))
     return SelfCalibratedMotion(
-        **values,
+        **{field.name: getattr(motion, field.name) for field in fields(motion)},
         right_rotation=state.rotation,
         right_rotation_std=RightRotation(*_std(state).tolist()),
         right_delay=float(state.mean[DELAY]),

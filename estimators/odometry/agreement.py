@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.context import Odometry
 from estimators.estimates import Health, Motion
-from estimators.rigid_motion import UncertainMotion, inverted, rotation_vector
+from estimators.rigid_motion import inverted, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
@@ -73,7 +73,7 @@ def _motions(odometry: Odometry[Any], frames: Sequence[StereoFrame]) -> list[Mot
 
 def _turned(motion: Motion, last: int) -> Motion:
     """Motion of frames backwards in time, as one of the frames forwards, which end at the tick ``last``."""
-    X, covariance = inverted(UncertainMotion(motion.X_PC, motion.covariance))
+    X, covariance, _ = inverted(motion.uncertain)
     tick, previous_tick = last - motion.previous_tick, last - motion.tick
     return replace(motion, tick=tick, previous_tick=previous_tick, X_PC=X, covariance=covariance)
 

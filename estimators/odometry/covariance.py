@@ -15,17 +15,17 @@ and, where a frame is measured against keyframes, those of the newest one and of
 poses of their keyframes. Estimates from them differ by more than stated, and so is the estimate from all features wrong
 by more than stated. Squared differences are averaged over frames. Averages of few independent frames scatter: that of a
 component is drawn towards the average over all components, and this towards a larger value at the start, until frames
-show what is so. If a difference persists from frame to frame, errors of motions add up linearly, and a variance that
-counts motions as independent has to be larger by their number.
+show what is so. A difference that persists from frame to frame is an error that all motions have in common.
 """
 
+import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.estimates import Health, Motion
+from estimators.estimates import Anchor, Health, Motion
 from vehicle.frames import FloatArray
 
 _PRIOR_FEATURES = 20.0  # features' worth of belief that all residuals are as large as their weights say
@@ -130,9 +130,10 @@ _PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start
 _ALIKE_PARTS = 12.0  # independent frames' worth of belief that components and kinds of halves are alike
 _CHANCE = 2.0  # times as large as chance makes it on average a squared mean must be to count as persistent
 INDEPENDENT = 0.7  # mean squared difference of independent errors: variances have a factor for neighbours of 1.44
-_OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
-_LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
-_ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
+_LASTING = (
+    0.04,
+    0.01,
+)  # least share of the variance that lasts, from frame to frame and from keyframes; measured likewise
 _COMMON = 0.01  # error of all features alike, by interpolation between pixels; measured on rendered frames [px]
 _TOGETHER = np.array([[0, 1], [4, 3]])  # pitch with vertical, yaw with lateral translation: they look alike in images
 _FEWEST = 12  # features of a half: twice as many as a motion needs
@@ -198,33 +199,38 @@ def stated(consistency: SelfConsistency, motion: Motion, focal_length: float) ->
         return consistency, motion
     if motion.halves is not None:
         consistency = updated(consistency, motion.halves)
-    anchor = motion.anchor
-    by = factors(consistency, _ANCHORED if anchor else float(np.linalg.norm(motion.X_PC[:3, 3])))
-    common = np.diag([(_COMMON / focal_length) ** 2] * 2 + [0.0] * 4)
+    anchor, (by, lasting) = motion.anchor, factors(consistency)
+    lasting = np.maximum(lasting, math.sqrt(_LASTING[anchor is not None]) * by)
+    turned = np.diag([(_COMMON / focal_length) ** 2] * 2 + [0.0] * 4)
     if anchor is not None:
-        anchor = replace(anchor, covariance=_scaled(anchor.covariance, by) + common)
-    return consistency, replace(motion, covariance=_scaled(motion.covariance, by) + 2.0 * common, anchor=anchor)
+        anchor = _scaled(anchor, by, lasting, turned)
+    return consistency, replace(_scaled(motion, by, lasting, 2.0 * turned), anchor=anchor)
 
 
-def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
-    """Factors (6,) on the standard deviations of motions over ``distance`` [m] that count as independent.
+def factors(consistency: SelfConsistency) -> tuple[FloatArray, FloatArray]:
+    """Factors (6,) on the standard deviations of motions, and those that give the part that lasts.
 
-    They are below 1 where halves agree as those of independent features do, which the covariances take for neighbours.
+    The first are below 1 where halves agree as independent features do, which the covariances take for neighbours.
     """
     n = (np.minimum(consistency.frames, 2.0 * _MEMORY) / _ALIKE)[:, None]  # independent frames in the averages
     square = consistency.square
     typical = (_PRIOR * _AT_FIRST + np.sum(n * square)) / (_PRIOR + 6.0 * n.sum())
     likely = (_ALIKE_PARTS * typical + n * square) / (_ALIKE_PARTS + n)
     chance = _CHANCE * square / np.maximum(n, 1.0)  # of a squared mean
-    persistent = np.maximum(0.0, consistency.mean**2 - chance)
-    motions = _OVER / np.clip(distance, _LEAST_STEP, _OVER)
-    variance = np.maximum(INDEPENDENT, likely + (motions - 1.0) * persistent)
-    largest = variance.max(axis=0)
-    largest[_TOGETHER] = largest[_TOGETHER].max(axis=0)
-    by: FloatArray = np.sqrt(largest)
-    return by
+    # any kind of halves may show an error of the whole, or miss it; the largest of three means is mostly chance
+    lasting = np.maximum(0.0, np.sum(n * (consistency.mean**2 - chance), axis=0) / max(float(n.sum()), 1.0))
+    both = np.array([np.maximum(np.maximum(INDEPENDENT, likely.max(axis=0)), lasting), lasting])
+    both[:, _TOGETHER] = both[:, _TOGETHER].max(axis=1, keepdims=True)
+    by, of_lasting = np.sqrt(both)
+    return by, of_lasting
 
 
-def _scaled(covariance: FloatArray, by: FloatArray) -> FloatArray:
-    """Covariance (6, 6) with its standard deviations multiplied by factors (6,)."""
-    return covariance * np.outer(by, by)
+_Measured = TypeVar("_Measured", Motion, Anchor)
+
+
+def _scaled(one: _Measured, by: FloatArray, lasting: FloatArray, more: FloatArray) -> _Measured:
+    """A measurement with factors (6,) on its deviations, those of ``common``, and ``more`` (6, 6) in the covariance."""
+    variances, axes = np.linalg.eigh(one.covariance)
+    common = one.common.copy()
+    common[:, :6] = lasting[:, None] * (axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+    return replace(one, covariance=one.covariance * np.outer(by, by) + more, common=common)

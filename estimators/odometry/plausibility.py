@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, Motion, lost_motion
-from estimators.rigid_motion import UncertainMotion, composed, stretched
+from estimators.rigid_motion import composed, stretched
 from vehicle.clock import TICK, to_ticks
 
 HARDEST = 8.0  # acceleration of full braking; vibration of the body reaches half of it [m/s2]
@@ -105,10 +105,11 @@ def continues(before: Motion, motion: Motion) -> bool:
 
 def _chained(first: Motion, second: Motion) -> Motion:
     """One motion from two that follow each other."""
-    both = (UncertainMotion(motion.X_PC, motion.covariance) for motion in (first, second))
-    X_PC, covariance = composed(*both)
+    X_PC, covariance, common = composed(first.uncertain, second.uncertain)
     keyframe = second.anchor if second.anchor and second.anchor.tick <= first.previous_tick else None
-    return replace(second, previous_tick=first.previous_tick, X_PC=X_PC, covariance=covariance, anchor=keyframe)
+    return replace(
+        second, previous_tick=first.previous_tick, X_PC=X_PC, covariance=covariance, common=common, anchor=keyframe
+    )
 
 
 def _jump(before: Motion, motion: Motion) -> float:

@@ -19,7 +19,7 @@ follow point. In forward travel the path continues from the hitch. Standstill is
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ from estimators.off_tracking import pose_chain
 from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
 from estimators.off_tracking.motion_smoother import Moments, Step, Withheld, released, started, updated
 from estimators.off_tracking.pose_chain import Sample
-from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
+from estimators.rigid_motion import UncertainMotion, nothing_common, rotation_vector, stretched
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, arc_length, inverse, so3_exp
 
@@ -59,11 +59,12 @@ class BodyMotion:
     covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_PC, along the axes of P
     health: Health
     anchor: Anchor | None = None  # as in ``estimates.Motion``, for the body
+    common: FloatArray = field(default_factory=nothing_common)  # likewise
 
     @property
     def uncertain(self) -> UncertainMotion:
         """X_PC with its covariance."""
-        return UncertainMotion(self.X_PC, self.covariance)
+        return UncertainMotion(self.X_PC, self.covariance, self.common)
 
     @classmethod
     def lost(cls, tick: int, previous_tick: int) -> "BodyMotion":
@@ -202,7 +203,7 @@ def _estimate(samples: tuple[Sample, ...], hitch_path: _HitchPath, motion: BodyM
                 pose_chain.level_std(samples[0].X_OS, R_OS, positions[crossed.beyond]),
             )
             value = passed.y
-            doubtful = any(samples[link.end].doubtful for link in links)
+            doubtful = any(samples[end].doubtful for ends in links for end in ends)
             health = Health.DEGRADED if doubtful else Health.OK
     v_x, v_y, yaw_rate = velocity(motion)
     joined = [samples[index].joined for index in hitch_path.indices.tolist()]

@@ -18,12 +18,9 @@ import numpy as np
 
 from estimators.estimates import Anchor
 from estimators.off_tracking.hitch_path import Crossing
-from estimators.rigid_motion import UncertainMotion, along_axes, chained, composed, stretched
+from estimators.rigid_motion import UncertainMotion, along_axes, chained, composed, continued, nothing_common, stretched
 from vehicle.frames import FloatArray, arc_length, cross, inverse, transform
 
-# Share of the variance that is common to all measurements from frame to frame, and to those from keyframes, whose
-# features hold still: on rendered frames the mean squared error of the off-tracking then is 0.5 to 0.8 of its variance.
-_COMMON = 0.04, 0.01
 _STEP = 0.02  # least distance between samples [m]
 _TILT = 0.025  # tilt of the mean plane of a path to the side, 1 sigma: the usual cross-fall of a road [rad]
 
@@ -38,13 +35,7 @@ class Sample(NamedTuple):
     doubtful: bool  # True: that measurement is degraded or bridged
     on_path: bool = True  # False: a keyframe ahead of the hitch after reversing
     joined: bool = False  # True: samples behind it were removed after reversing
-
-
-class Link(NamedTuple):
-    """Measurement in the chain from the newest sample to an older one."""
-
-    end: int  # index of the sample that it placed
-    sense: float  # 1: its error moves the path behind it; -1: it moves the older sample itself
+    common: FloatArray = nothing_common()  # (6, 13) part of that error that measurements share, likewise
 
 
 def first_sample(tick: int) -> Sample:
@@ -73,11 +64,11 @@ def extended(
     travel does not fill the chain, and the newest sample is always the current pose. Samples ahead of a hitch in
     reverse are dropped as well. The anchor, or the sample of the tick ``kept``, stays.
     """
-    measured, origin = increment.covariance, samples[0]
+    measured, origin = increment, samples[0]
     if anchor is not None and (found := [sample for sample in samples if sample.tick == anchor.tick]):
-        measured, origin = anchor.covariance, found[0]
-    measured = along_axes(origin.X_OS[:3, :3], measured)
-    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin.tick, measured, doubtful)
+        measured, origin = anchor.uncertain, found[0]
+    X_OS, (_, covariance, common) = chained(samples[0].X_OS, increment.X), continued(origin.X_OS, measured)
+    end = Sample(tick, X_OS, origin.tick, covariance, doubtful, common=common)
     if keep_start:
         return (end, *samples)
     keyframe = kept if anchor is None else anchor.tick
@@ -88,7 +79,7 @@ def measured_from(samples: tuple[Sample, ...], tick: int, covariance: FloatArray
     """Samples whose newest was measured from that of another tick, with this covariance (6, 6) along its axes."""
     origin = next(sample for sample in samples if sample.tick == tick)
     covariance = along_axes(origin.X_OS[:3, :3], covariance)
-    return (samples[0]._replace(anchor=tick, covariance=covariance), *samples[1:])
+    return (samples[0]._replace(anchor=tick, covariance=covariance, common=nothing_common()), *samples[1:])
 
 
 def rested(
@@ -152,13 +143,15 @@ def levelled(samples: Sequence[Sample]) -> tuple[FloatArray, FloatArray]:
     return R_OS, (poses[:, :3, 3] - poses[0, :3, 3]) @ R_OS
 
 
-def links_between(samples: tuple[Sample, ...], older: int) -> tuple[Link, ...]:
-    """Measurements in the chain from the newest sample to the one with the index ``older``."""
+def links_between(samples: tuple[Sample, ...], older: int) -> tuple[list[int], list[int]]:
+    """Measurements between the newest sample and the one with the index ``older``, by the samples that they placed.
+
+    Errors of the first ones move the path behind them, those of the others move the older sample itself.
+    """
     index = {sample.tick: k for k, sample in enumerate(samples)}
     newest, past = _anchor_chain(samples, index, 0), _anchor_chain(samples, index, older)
     shared = set(newest) & set(past)
-    own = [Link(k, 1.0) for k in newest if k not in shared]
-    return (*own, *(Link(k, -1.0) for k in past if k not in shared))
+    return [k for k in newest if k not in shared], [k for k in past if k not in shared]
 
 
 def _anchor_chain(samples: tuple[Sample, ...], index: dict[int, int], start: int) -> list[int]:
@@ -180,12 +173,12 @@ def _without(samples: tuple[Sample, ...], victim: int) -> tuple[Sample, ...]:
 def _reanchored(sample: Sample, gone: Sample) -> Sample:
     """Sample with its measurement composed with that of the removed one."""
     if gone.anchor == gone.tick:  # the first sample has none
-        return sample._replace(anchor=sample.tick, covariance=np.zeros((6, 6)), doubtful=False)
-    shift = transform(np.eye(3), sample.X_OS[:3, 3] - gone.X_OS[:3, 3])  # along the axes of O, as the covariances are
-    covariance = composed(
-        UncertainMotion(np.eye(4), gone.covariance), UncertainMotion(shift, sample.covariance)
-    ).covariance
-    return sample._replace(anchor=gone.anchor, covariance=covariance, doubtful=sample.doubtful or gone.doubtful)
+        return sample._replace(anchor=sample.tick, covariance=np.zeros((6, 6)), common=nothing_common(), doubtful=False)
+    shift = transform(np.eye(3), sample.X_OS[:3, 3] - gone.X_OS[:3, 3])  # along the axes of O, as the errors are
+    first = UncertainMotion(np.eye(4), gone.covariance, gone.common)
+    _, covariance, common = composed(first, UncertainMotion(shift, sample.covariance, sample.common))
+    doubtful = sample.doubtful or gone.doubtful
+    return sample._replace(anchor=gone.anchor, covariance=covariance, common=common, doubtful=doubtful)
 
 
 def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[Sample, ...]:
@@ -205,7 +198,7 @@ def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[S
 
 def lateral_std(
     samples: Sequence[Sample],
-    links: Sequence[Link],
+    links: tuple[list[int], list[int]],
     positions: FloatArray,
     R_OS: FloatArray,
     passed: Crossing,
@@ -215,27 +208,25 @@ def lateral_std(
 
     An error (d_theta, d_p) in the measurement that ends at p_i moves the older path by -(d_theta x r + d_p), with r its
     position from p_i; along the normal n of the path this is -(d_theta . (r x n) + d_p . n). The measurement that
-    contains the crossing counts in full. Errors are independent except for a common share of their variance, constant
-    in the axes of the body: the odometry's slowly varying bias. ``positions`` (n, 3) are those along the axes R_OS.
+    contains the crossing counts in full. What measurements share adds up with its sign along the path. The two samples
+    beside the crossing were mostly measured from one keyframe, and share its points, half of the variance of each: the
+    larger one counts. ``positions`` (n, 3) are those along the axes R_OS.
     """
-    ends = [link.end for link in links]
-    covariances = np.array([samples[end].covariance for end in ends])
-    if not covariances.any():  # exact motions
-        return 0.0
+    newer, older = links
+    ends, sense = [*newer, *older], np.repeat([[1.0], [-1.0]], [len(newer), len(older)], axis=0)
     R_CO = R_OS.T
     n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
     point = np.array([positions[passed.beyond, 0], passed.y, positions[passed.beyond, 2]])
     r = point - positions[ends]
     gradient = np.concatenate([np.cross(r, n), np.broadcast_to(n, r.shape)], axis=1).reshape(-1, 2, 3) @ R_CO
-    independent = np.einsum("ij,ijk,ik->", gradient.reshape(-1, 6), covariances, gradient.reshape(-1, 6))
-    R_OS = np.array([samples[end].X_OS[:3, :3] for end in ends])
-    blocks = covariances.reshape(-1, 2, 3, 2, 3)
-    body = np.einsum("iba,imbmc,icd->imad", R_OS, blocks, R_OS)  # of rotation and of translation, along the body
-    spread = np.sqrt(np.einsum("imaa->ima", body))
-    from_keyframe = [end + 1 < len(samples) and samples[end].anchor < samples[end + 1].tick for end in ends]
-    sense = np.sqrt(np.where(from_keyframe, _COMMON[1], _COMMON[0])) * [link.sense for link in links]
-    together = np.einsum("i,ima,ima->ma", sense, gradient @ R_OS, spread)
-    return math.sqrt(float(independent + np.sum(np.square(together))))
+    gradient = gradient.reshape(-1, 1, 6)
+    by_common = (gradient @ np.array([samples[end].common for end in ends]))[:, 0]
+    whole = gradient @ np.array([samples[end].covariance for end in ends]) @ gradient.swapaxes(1, 2)
+    independent = whole[:, 0, 0] - np.sum(np.square(by_common), axis=1)
+    if newer and older and samples[newer[-1]].anchor == samples[older[-1]].anchor:
+        independent[-1] = max(0.0, independent[-1] - independent[len(newer) - 1])
+    together = np.sum(sense * by_common, axis=0)
+    return math.sqrt(max(0.0, float(independent.sum() + together @ together)))
 
 
 def level_std(X_OS: FloatArray, R_OS: FloatArray, point: FloatArray) -> float:

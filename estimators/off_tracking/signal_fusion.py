@@ -37,7 +37,7 @@ from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTracking
 from estimators.off_tracking.dead_reckoning import OWN, SLIP_DISTANCE, DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import STEER_ANGLE, MonitorMemory, SignalMonitor
-from estimators.rigid_motion import PLANAR, along_axes, planar_covariance, planar_pose, spatial_covariance, with_planar
+from estimators.rigid_motion import PLANAR, continued, planar_covariance, planar_pose, spatial_covariance, with_planar
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -70,8 +70,8 @@ def from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> Bo
     if anchor.tick not in X_OS or reference not in X_OS:
         return None
     X_PA = inverse(X_OS[reference]) @ X_OS[anchor.tick]
-    covariance = along_axes(X_PA[:3, :3], anchor.covariance)
-    return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
+    X_PC, covariance, common = continued(X_PA, anchor.uncertain)
+    return replace(motion, previous_tick=reference, X_PC=X_PC, covariance=covariance, common=common)
 
 
 def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
@@ -85,14 +85,18 @@ def weighted(motion: BodyMotion, test: Comparison) -> BodyMotion:
     alike = max(1.0, SLIP_DISTANCE / max(test.reckoned.distance, _SHORTEST_STEP))
     rest = np.eye(3) - gain
     planar = gain @ planar_covariance(motion.covariance) @ gain.T + alike * rest @ P @ rest.T
-    covariance = spatial_covariance(planar, np.diag(np.diag(motion.covariance)))
-    return replace(motion, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED, anchor=None)
+    covariance, common = spatial_covariance(planar, np.diag(np.diag(motion.covariance))), motion.common.copy()
+    common[PLANAR] = gain @ common[PLANAR]
+    return replace(motion, X_PC=X_PC, covariance=covariance, common=common, health=Health.DEGRADED, anchor=None)
 
 
 def doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
     """The motion, degraded, with its covariances multiplied by the misfit."""
-    anchor = motion.anchor and replace(motion.anchor, covariance=misfit * motion.anchor.covariance)
-    return replace(motion, covariance=misfit * motion.covariance, health=Health.DEGRADED, anchor=anchor)
+    anchor, by = motion.anchor, math.sqrt(misfit)
+    if anchor is not None:
+        anchor = replace(anchor, covariance=misfit * anchor.covariance, common=by * anchor.common)
+    covariance, common = misfit * motion.covariance, by * motion.common
+    return replace(motion, covariance=covariance, common=common, health=Health.DEGRADED, anchor=anchor)
 
 
 REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
@@ -361,7 +365,8 @@ class SignalFusion:
             test, motion, continues = spanning, longer, True
         if not continues or self._reckoning.deviation(test.parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
-        if np.any(np.diag(motion.covariance)[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
+        variances = np.diag(motion.covariance) + (_VAGUE**2 - 1.0) * np.sum(np.square(motion.common), axis=1)
+        if np.any(variances[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
             motion = weighted(motion, test)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)

@@ -12,7 +12,7 @@ from estimators.context import Memory, Odometry, TrailerContext
 from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.signal_fusion import FusionMemory, SignalFusion
-from estimators.rigid_motion import UncertainMotion, change_frame
+from estimators.rigid_motion import change_frame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame, TrailerView, stereo_frame
 from vehicle.combination.description import Vehicle
@@ -123,12 +123,12 @@ def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:
 
     A lost motion stays lost, with its infinite covariance.
     """
-    body, anchor = UncertainMotion(motion.X_PC, motion.covariance), None
-    if motion.health is not Health.LOST:
-        body = change_frame(X_SC, body)
-    if motion.anchor is not None:
-        measured = change_frame(X_SC, UncertainMotion(motion.anchor.X_AC, motion.anchor.covariance))
-        anchor = Anchor(tick=motion.anchor.tick, X_AC=measured.X, covariance=measured.covariance)
+    if motion.health is Health.LOST:
+        return BodyMotion.lost(motion.tick, motion.previous_tick)
+    body, anchor = change_frame(X_SC, motion.uncertain), motion.anchor
+    if anchor is not None:
+        X, covariance, common = change_frame(X_SC, anchor.uncertain)
+        anchor = Anchor(tick=anchor.tick, X_AC=X, covariance=covariance, common=common)
     return BodyMotion(
         tick=motion.tick,
         previous_tick=motion.previous_tick,
@@ -136,4 +136,5 @@ def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:
         covariance=body.covariance,
         health=motion.health,
         anchor=anchor,
+        common=body.common,
     )

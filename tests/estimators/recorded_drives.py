@@ -136,13 +136,14 @@ def _motion(data: dict[str, FloatArray], k: int) -> BodyMotion | None:
     if tick < 0.0:
         return None
     (X_PC, X_AC), (covariance, of_anchor) = data["poses"][k], data["covariances"][k]
+    common = np.hstack([0.1 * np.linalg.cholesky(of_anchor), np.zeros((6, 7))])  # as keyframe odometry states it
     return BodyMotion(
         tick=int(tick),
         previous_tick=int(previous),
         X_PC=X_PC,
         covariance=covariance,
         health=_HEALTH[int(health)],
-        anchor=None if anchor < 0.0 else Anchor(tick=int(anchor), X_AC=X_AC, covariance=of_anchor),
+        anchor=None if anchor < 0.0 else Anchor(tick=int(anchor), X_AC=X_AC, covariance=of_anchor, common=common),
     )
 
 

@@ -46,12 +46,14 @@ class TowedDrive:
 
     def motion(self, since: int, until: int, std: float = 1e-3) -> BodyMotion:
         """Exact motion between two frames, with a stated standard deviation [m], and of 0.05 of it in yaw [rad/m]."""
+        errors = np.diag([0.05 * std] * 3 + [std] * 3)
         return BodyMotion(
             tick=until,
             previous_tick=since,
             X_PC=inverse(self.bodies[since]) @ self.bodies[until],
-            covariance=np.diag([0.05 * std] * 3 + [std] * 3) ** 2,
+            covariance=errors**2,
             health=Health.OK,
+            common=np.hstack([0.2 * errors, np.zeros((6, 7))]),  # as odometries from frame to frame state it
         )
 
 

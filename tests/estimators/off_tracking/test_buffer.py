@@ -286,12 +286,26 @@ def test_degraded_motion_degrades_until_it_has_left_the_buffer() -> None:
     assert health[-1] is Health.OK
 
 
-def test_errors_of_increments_add_up_and_their_common_share_in_step() -> None:
-    """Ten increments to the follow point, each 1 mm across: sqrt(10 + 0.04 10^2) mm."""
+def test_errors_of_increments_add_up_and_their_common_part_in_step() -> None:
+    """Ten increments to the follow point, each 1 mm across, of which 0.2 mm are alike: sqrt(10 0.96 + 2^2) mm."""
     sure = motions(map(body, [Pose2(float(k), 0.0, 0.0) for k in range(14)]))
     covariance = np.diag([0.0, 0.0, 0.0, 0.0, 1e-6, 0.0])
-    result = run([replace(one, covariance=covariance) for one in sure], length=9.5)[1][-1]
-    assert result.std == pytest.approx(1e-3 * math.sqrt(10.0 + 0.04 * 10.0**2))
+    common = np.zeros((6, 13))
+    common[4, 4] = 2e-4
+    result = run([replace(one, covariance=covariance, common=common) for one in sure], length=9.5)[1][-1]
+    assert result.std == pytest.approx(1e-3 * math.sqrt(10.0 * 0.96 + 2.0**2))
+
+
+@pytest.mark.parametrize("poses", [straight(0.1), circle(12.5, 8.0)], ids=["straight", "bend"])
+def test_a_scale_that_motions_share_counts_as_much_as_it_moves_the_value(poses: list[Pose2]) -> None:
+    """0.1 % too long: straight on the path lies where it was, in the bend 9 mm to the side of the follow point."""
+    exact, scaled = motions(map(body, poses)), []
+    for one in exact:
+        common = np.pad(1e-3 * one.X_PC[:3, 3:], ((3, 0), (6, 6)))
+        X_PC = transform(one.X_PC[:3, :3], 1.001 * one.X_PC[:3, 3])
+        scaled.append(replace(one, X_PC=X_PC, covariance=common @ common.T, common=common))
+    true, found = (run(sequence)[1][-1] for sequence in (exact, scaled))
+    assert found.std == pytest.approx(abs(found.value - true.value), rel=0.01, abs=1e-9)
 
 
 def erring(true: Sequence[BodyMotion], errors: FloatArray, covariance: FloatArray) -> list[BodyMotion]:

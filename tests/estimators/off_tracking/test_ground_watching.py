@@ -223,8 +223,8 @@ def test_planar_motion_is_exact_on_exact_places() -> None:
 def test_covariance_of_a_planar_motion_is_that_of_its_errors() -> None:
     """Over many draws; with the factor of 2 for correlated errors in, the independent ones here come to half."""
     draws = [planar_motion(scattered(MOVED, -2.0, noise=2e-3, seed=seed)) for seed in range(300)]
-    off = [(planar(X).psi - 0.7, X[0, 3] - 0.3, X[1, 3] + 0.2) for X, _ in draws]
-    stated = np.sqrt(np.mean([np.diag(covariance)[2:5] for _, covariance in draws], axis=0))
+    off = [(planar(X).psi - 0.7, X[0, 3] - 0.3, X[1, 3] + 0.2) for X, *_ in draws]
+    stated = np.sqrt(np.mean([np.diag(motion.covariance)[2:5] for motion in draws], axis=0))
     np.testing.assert_allclose(
         np.std(off, axis=0), 0.5 * stated, rtol=0.15
     )  # 300 draws know a deviation to 4 %, 1 sigma

@@ -67,6 +67,6 @@ def test_a_gyro_that_drifts_in_an_outage_is_stated_and_found() -> None:
 
     (estimates,) = drive._replace(rows=list(map(drifted, drive.rows))).in_outages(ONSET, 100_000, 2000)
     error, std = errors(drive, estimates)
-    assert np.mean(np.abs(error) < 2.5 * std) >= 0.9  # it is within the noise of the hitch angle for 0.4 s
+    assert np.mean(np.abs(error) < 2.5 * std) >= 0.8  # it is within the noise of the hitch angle for 0.4 s of 2 s
     assert np.abs(error).max() < 0.15  # [m]
     assert any("gyro" in doubt for doubt in estimates[ONSET + 1000].doubts)

@@ -109,7 +109,7 @@ class ScanMatching:
             covariance_P = np.diag([_TILT, _TILT, 0.0, 0.0, 0.0, _HEAVE]) ** 2
             covariance_P[np.ix_([3, 4, 2], [3, 4, 2])] = match.covariance
             moved = UncertainMotion(transform(rotation_zyx(psi, 0.0, 0.0), np.array([x, y, 0.0])), covariance_P)
-            X, covariance = change_frame(self._X_SL, moved)
+            X, covariance, _ = change_frame(self._X_SL, moved)
             health = Health.OK
         return BodyMotion(tick=tick, previous_tick=previous_tick, X_PC=X, covariance=covariance, health=health)
 
