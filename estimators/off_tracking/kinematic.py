@@ -16,6 +16,7 @@ from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_motion import HitchMotion, hitch_motions
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.rigid_motion import PLANAR, nothing_common
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -54,7 +55,6 @@ class KinematicOffTracking:
         vehicle.check_towed(unit)
         self._levers = vehicle.hitch_levers(unit)
         self._wheelbase = vehicle.units[0].steered_axles[0].x  # frame T has its origin at the rear axle
-        self._follow_distance = follow_distance
         self._buffer = OffTrackingBuffer(follow_distance)
 
     @classmethod
@@ -92,16 +92,16 @@ class KinematicOffTracking:
         return hitch_motions(signals.speed, 0.0, self._levers, turning, signals.articulation.tolist())[-1]
 
     def _motion(self, since: int, tick: int, moved: Pose2) -> BodyMotion:
-        """Motion for the buffer, which assumes independent errors.
-
-        A constant error b grows to b L over the distance L to the follow point. Steps of ds get the variance b^2 L ds
-        each, so that independent errors have the same sum. The buffer's common share of the errors makes the result
-        1.5 times as large, on the safe side.
-        """
-        distance, length = math.hypot(moved.x, moved.y), self._follow_distance
-        dt = (tick - since) * TICK
+        """Motion for the buffer; its errors are constant, and so common to all motions."""
+        distance, dt = math.hypot(moved.x, moved.y), (tick - since) * TICK
         per_metre = _YAW_RATE / max(distance / dt, _SLOWEST)  # of yaw [rad/m]
-        yaw = per_metre**2 * length * distance
-        along, across = _SPEED_SCALE**2 * length * distance, _DIRECTION**2 * length * distance
-        covariance = np.diag([0.0, 0.0, yaw, along, across, 0.0])
-        return BodyMotion(tick=tick, previous_tick=since, X_PC=moved.spatial(), covariance=covariance, health=Health.OK)
+        common = nothing_common()
+        common[PLANAR, PLANAR] = np.array([per_metre, _SPEED_SCALE, _DIRECTION]) * distance
+        return BodyMotion(
+            tick=tick,
+            previous_tick=since,
+            X_PC=moved.spatial(),
+            covariance=common @ common.T,
+            health=Health.OK,
+            common=common,
+        )
