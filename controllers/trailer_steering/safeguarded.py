@@ -40,6 +40,7 @@ from controllers.trailer_steering.signal_laws import Fallback, FallbackMemory, F
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_motion import HitchMotion
 from estimators.off_tracking.parity import MotionReference
+from estimators.off_tracking.signal_fusion import DIRECTION
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, elapsed_since
@@ -276,7 +277,9 @@ class EstimateGuard:
         if memory.good is None:
             rolled = memory.rolled + abs(motion.v_x) * elapsed_since(memory.tick, tick)
             memory = memory._replace(rolled=rolled, good_at=memory.good_at if rolled > length else tick)
-            is_recent = (tick - memory.good_at) * TICK <= hold + _GAP
+            newest = memory.travel.newest
+            is_turned = newest is not None and DIRECTION in newest.doubts  # the path that grows is turned
+            is_recent = (tick - memory.good_at) * TICK <= hold + _GAP and not is_turned
         else:
             held = (tick - memory.good_at) * TICK
             # with a signal that was wrong since then, the law has foreseen another motion

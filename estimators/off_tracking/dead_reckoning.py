@@ -175,7 +175,7 @@ class DeadReckoning:
 
     def turned(self, parameters: Parameters, history: FloatArray) -> tuple[float, float]:
         """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad]."""
-        tractor, own = parameters.mean[[_VARYING, OWN]].tolist()
+        tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
         alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
         recent = history[-_LATELY:]
         aside = np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]) if len(recent) else 0.0

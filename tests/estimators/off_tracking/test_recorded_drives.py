@@ -1,12 +1,15 @@
 """Fusion of recorded camera motions and signals on ice, and under faults of the cameras."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.signal_fusion import DIRECTION
 from tests.estimators.recorded_drives import Drive, Row, load
+from vehicle.frames import inverse, so3_exp, transform
 
 ON_ICE = ("level_ice", "banked_ice", "pulling_away")
 ONSET = 8000  # of the faults of cameras [ticks]
@@ -30,6 +33,22 @@ def test_sound_pictures_decide_where_tyres_slide(name: str) -> None:
     assert np.sqrt(np.mean(error**2)) < 1.5 * np.sqrt(np.mean(by_camera**2)) + 0.003
     assert np.mean(np.abs(error) < 2.5 * std) > 0.95
     assert not any(one.bridged > 0.0 or one.doubts for one in estimates.values())
+
+
+@pytest.mark.parametrize("name", ON_ICE)
+def test_a_rig_that_is_turned_is_noticed_soon(name: str) -> None:
+    """By 2 degrees about the vertical; also where tyres slide, which they do by other angles on each unit."""
+    drive, turned = load(name), transform(so3_exp(np.array([0.0, 0.0, math.radians(2.0)])), np.zeros(3))
+
+    def spoilt(row: Row) -> Row:
+        one = row.motion
+        X_PC = np.eye(4) if one is None else turned @ one.X_PC @ inverse(turned)
+        return row._replace(motion=one and replace(one, X_PC=X_PC))
+
+    estimates = drive._replace(rows=list(map(spoilt, drive.rows))).estimates()
+    error, std = errors(drive, estimates)
+    assert np.mean(np.abs(error) < 2.5 * std) > 0.85
+    assert np.mean([DIRECTION in one.doubts for one in estimates.values()]) > 0.75
 
 
 @pytest.mark.slow
