@@ -18,6 +18,13 @@ def nothing_common() -> FloatArray:
     return np.zeros((6, 13))
 
 
+def lasting(covariance: FloatArray, share: FloatArray | float) -> FloatArray:
+    """Common errors (6, 13) of motions: a ``share`` of the standard deviations of a covariance (6, 6), one or six."""
+    variances, axes = np.linalg.eigh(covariance)
+    errors = np.diag(np.broadcast_to(share, 6)) @ (axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
+    return np.hstack([errors, np.zeros((6, 7))])
+
+
 class UncertainMotion(NamedTuple):
     """A motion X_AB with the covariance of its error along the axes of A."""
 

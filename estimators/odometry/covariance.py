@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, Motion
+from estimators.rigid_motion import lasting
 from vehicle.frames import FloatArray
 
 _PRIOR_FEATURES = 20.0  # features' worth of belief that all residuals are as large as their weights say
@@ -199,12 +200,12 @@ def stated(consistency: SelfConsistency, motion: Motion, focal_length: float) ->
         return consistency, motion
     if motion.halves is not None:
         consistency = updated(consistency, motion.halves)
-    anchor, (by, lasting) = motion.anchor, factors(consistency)
-    lasting = np.maximum(lasting, math.sqrt(_LASTING[anchor is not None]) * by)
+    anchor, (by, share) = motion.anchor, factors(consistency)
+    share = np.maximum(share, math.sqrt(_LASTING[anchor is not None]) * by)
     turned = np.diag([(_COMMON / focal_length) ** 2] * 2 + [0.0] * 4)
     if anchor is not None:
-        anchor = _scaled(anchor, by, lasting, turned)
-    return consistency, replace(_scaled(motion, by, lasting, 2.0 * turned), anchor=anchor)
+        anchor = _scaled(anchor, by, share, turned)
+    return consistency, replace(_scaled(motion, by, share, 2.0 * turned), anchor=anchor)
 
 
 def factors(consistency: SelfConsistency) -> tuple[FloatArray, FloatArray]:
@@ -218,19 +219,17 @@ def factors(consistency: SelfConsistency) -> tuple[FloatArray, FloatArray]:
     likely = (_ALIKE_PARTS * typical + n * square) / (_ALIKE_PARTS + n)
     chance = _CHANCE * square / np.maximum(n, 1.0)  # of a squared mean
     # any kind of halves may show an error of the whole, or miss it; the largest of three means is mostly chance
-    lasting = np.maximum(0.0, np.sum(n * (consistency.mean**2 - chance), axis=0) / max(float(n.sum()), 1.0))
-    both = np.array([np.maximum(np.maximum(INDEPENDENT, likely.max(axis=0)), lasting), lasting])
+    lasts = np.maximum(0.0, np.sum(n * (consistency.mean**2 - chance), axis=0) / max(float(n.sum()), 1.0))
+    both = np.array([np.maximum(np.maximum(INDEPENDENT, likely.max(axis=0)), lasts), lasts])
     both[:, _TOGETHER] = both[:, _TOGETHER].max(axis=1, keepdims=True)
-    by, of_lasting = np.sqrt(both)
-    return by, of_lasting
+    by, share = np.sqrt(both)
+    return by, share
 
 
 _Measured = TypeVar("_Measured", Motion, Anchor)
 
 
-def _scaled(one: _Measured, by: FloatArray, lasting: FloatArray, more: FloatArray) -> _Measured:
+def _scaled(one: _Measured, by: FloatArray, share: FloatArray, more: FloatArray) -> _Measured:
     """A measurement with factors (6,) on its deviations, those of ``common``, and ``more`` (6, 6) in the covariance."""
-    variances, axes = np.linalg.eigh(one.covariance)
-    common = one.common.copy()
-    common[:, :6] = lasting[:, None] * (axes * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
-    return replace(one, covariance=one.covariance * np.outer(by, by) + more, common=common)
+    covariance = one.covariance * np.outer(by, by) + more
+    return replace(one, covariance=covariance, common=lasting(one.covariance, share))

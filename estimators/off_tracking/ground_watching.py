@@ -29,7 +29,7 @@ from estimators.off_tracking.ground_view import (
 )
 from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.pose_chain import Sample, closed, levelled
-from estimators.rigid_motion import UncertainMotion, change_frame, planar_covariance, rotation_vector
+from estimators.rigid_motion import UncertainMotion, change_frame, lasting, planar_covariance, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, arc_length, inverse
@@ -113,6 +113,7 @@ class GroundWatching:
             X_PC=np.eye(4) if still else motion.X,
             covariance=motion.covariance,
             health=Health.OK if agreed else Health.DEGRADED,
+            common=lasting(motion.covariance, 0.2),
         )
         buffer, off_tracking = self._buffer.step(memory.buffer, body)
         unrest = max(disagreement, _SUBSIDES * memory.unrest)

@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.rigid_motion import UncertainMotion, change_frame
+from estimators.rigid_motion import UncertainMotion, change_frame, lasting, nothing_common
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
 
 if TYPE_CHECKING:
@@ -111,7 +111,10 @@ class ScanMatching:
             moved = UncertainMotion(transform(rotation_zyx(psi, 0.0, 0.0), np.array([x, y, 0.0])), covariance_P)
             X, covariance, _ = change_frame(self._X_SL, moved)
             health = Health.OK
-        return BodyMotion(tick=tick, previous_tick=previous_tick, X_PC=X, covariance=covariance, health=health)
+        common = nothing_common() if match is None else lasting(covariance, 0.2)
+        return BodyMotion(
+            tick=tick, previous_tick=previous_tick, X_PC=X, covariance=covariance, health=health, common=common
+        )
 
 
 def aligned(older: RangeScan, newer: RangeScan, guess: Pose2) -> Match | None:
