@@ -177,7 +177,7 @@ _ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0
 _SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
 _ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
 _TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
-_TURNED_FOR_LONG = 0.4  # share of the limit that the mean may have: sound drives reach 0.2, on a banked road of ice
+_TURNED_FOR_LONG = 0.005, 0.24  # mean allowed: least, and share of the limit; 65 sound drives had 3/4 of it [rad], [-]
 _SHORTEST_LOOK = 0.1  # motion whose direction counts [m]
 _STILL_TURNED, _LEVEL = 0.008, 0.04  # mean below which the doubt is over, where tyres explain no more than this [rad]
 # Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
@@ -380,7 +380,7 @@ class SignalFusion:
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
         alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
         size = max(abs(now), abs(alike))
-        begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG * usual
+        begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG[0] + _TURNED_FOR_LONG[1] * usual
         is_turned = begins or (memory.turned > 0.0 and (abs(alike) > _STILL_TURNED or usual > _LEVEL))
         return memory._replace(alike=alike, turned=max(memory.turned, size) if is_turned else 0.0)
 
