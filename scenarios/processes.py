@@ -13,7 +13,6 @@ import resource
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, wait
 from contextlib import closing, suppress
@@ -28,7 +27,6 @@ OutputT = TypeVar("OutputT")
 MOST_JOBS: Final = 1024
 _TRIES: Final = 2  # of a task whose process dies
 _LOOK: Final = 0.5  # between two calls meanwhile [s]
-_PERIOD: Final = 0.5  # of looking for the parent [s]
 _ALLOCATIONS: Final = 50_000  # of containers, between two searches for garbage
 _LEAST_MEMORY: Final = 1.2e9  # of addresses, most of them those of libraries [bytes]
 _IDLE: Final = 60.0  # after which a spare worker ends [s]
@@ -117,7 +115,10 @@ class SpareWorkers:
         deaths = 0
         while True:
             with self._lock:  # a pool that is stopped while its process starts would do the task all the same
-                pool = self._taken()
+                if self._ended:
+                    raise WorkerDiedError("its process was stopped")
+                pool = self._free.pop() if self._free else _pool(self._together)
+                self._busy.append(pool)
                 try:
                     future = pool.submit(_tidied, work, *arguments)
                 except (BrokenExecutor, RuntimeError):  # its process died while it had nothing to do
@@ -145,12 +146,6 @@ class SpareWorkers:
             pool.shutdown(kill_workers=True)
         for pool in free:
             pool.shutdown()
-
-    def _taken(self) -> "ProcessPoolExecutor":
-        if self._ended:
-            raise WorkerDiedError("its process was stopped")
-        self._busy.append(self._free.pop() if self._free else _pool(self._together))
-        return self._busy[-1]
 
     def _left(self, pool: "ProcessPoolExecutor", *, usable: bool) -> None:
         with self._lock:
@@ -238,25 +233,17 @@ def _tidied(work: Callable[..., OutputT], *arguments: object) -> OutputT:
     try:
         return work(*arguments)
     finally:
-        if sys.platform == "linux":
-            with suppress(AttributeError):  # another library than glibc
-                ctypes.CDLL(None).malloc_trim(0)
+        with suppress(AttributeError):  # another library than glibc
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def _begin(parent: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the parent decides what is kept
         signal.signal(number, signal.SIG_IGN)
-    if sys.platform == "linux":  # also while a library's function holds the interpreter and no thread can look
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it has ended already
+        os.kill(os.getpid(), signal.SIGKILL)
     save_time()
     from vehicle.foundation.user_cache import silence  # imports NumPy, when the worker can end with its parent
 
     silence()
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent has ended."""
-    while os.getppid() == parent:
-        time.sleep(_PERIOD)
-    os.kill(os.getpid(), signal.SIGKILL)

@@ -3,7 +3,6 @@
 import os
 import signal
 import stat
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -62,37 +61,26 @@ def raise_interrupts() -> None:
     """Let the interrupts that end a command at once raise KeyboardInterrupt from now on."""
     while _ending:
         signal.signal(_ending.pop(), _interrupt)
-        sys.unraisablehook = _again_if_lost
 
 
-def end_as_terminated() -> None:
-    """End with the exit code of shells, if a signal has interrupted this process."""
-    if _received:
-        sys.exit(128 + _received[0])
+def interrupted_code() -> int:
+    """Exit code of shells for the signal that has interrupted this process."""
+    return 128 + (_received or [signal.SIGINT])[0]
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     _received.append(number)
     while frame is not None and len(_received) < _TRIES:
         if any(place in frame.f_code.co_filename for place in _LOSING):
-            return _again(number)
+            signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
+            signal.setitimer(signal.ITIMER_REAL, _SOON)
+            return
         frame = frame.f_back
     _leave_terminal()
-    end_at_once()  # by a second one
+    for one in _SIGNALS:  # a second one ends the process, unless it is held back
+        if signal.getsignal(one) is _interrupt:
+            signal.signal(one, signal.SIG_DFL)
     raise KeyboardInterrupt
-
-
-def _again(number: int) -> None:
-    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
-    signal.setitimer(signal.ITIMER_REAL, _SOON)
-
-
-def _again_if_lost(lost: "sys.UnraisableHookArgs") -> None:
-    if isinstance(lost.exc_value, KeyboardInterrupt):
-        raise_interrupts()
-        _again(_received[-1])
-    else:
-        sys.__unraisablehook__(lost)
 
 
 def _leave_terminal() -> None:
@@ -118,15 +106,14 @@ def postponed_interrupts() -> Iterator[Callable[[Progress], Progress]]:
     if threading.current_thread() is not threading.main_thread():
         yield lambda progress: progress
         return
-    held: list[signal.Signals] = []
-    pending: list[signal.Signals] = []
+    held, pending = list[int](), list[int]()
 
     def hold(number: int, _: FrameType | None) -> None:
         if held:
             raise KeyboardInterrupt
         _leave_terminal()
-        held.append(signal.Signals(number))
-        pending.append(signal.Signals(number))
+        held.append(number)
+        pending.append(number)
 
     def release() -> None:
         while pending:
@@ -144,7 +131,7 @@ def postponed_interrupts() -> Iterator[Callable[[Progress], Progress]]:
 
         return report
 
-    heeded = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    heeded = [int(number) for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     handlers = {number: signal.signal(number, hold) for number in heeded}
     try:
         yield checked

@@ -32,6 +32,7 @@ from offtrack.studies.validation.check import CheckSection, tally
 from offtrack.studies.validation.suite import TASKS, checks_table, validation_page
 from scenarios.assembly.drivers_and_laws import steering_parameters
 from scenarios.options.scenario import load_scenario
+from scenarios.progress import interrupted_code
 from scenarios.results import run_directory
 from vehicle.combination.description import load_vehicle
 from vehicle.foundation.own_parts import close_part
@@ -383,7 +384,7 @@ def reproduce(
         typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
     if results[-1]["interrupted"]:
         ui.remark(f"interrupted; what is finished is in {directory}")
-        raise typer.Exit(ui.INTERRUPTED)
+        raise typer.Exit(interrupted_code())
 
 
 def _print_reproduction(result: papers.Reproduction, directory: Path) -> None:

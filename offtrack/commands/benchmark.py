@@ -67,7 +67,6 @@ def benchmark(
         former = _former(path, head)
         with ui.progress_display(shown=not (quiet or as_json)) as display:
             bar = ui.progress_bar(display, f"benchmark {task}")
-            path.parent.mkdir(parents=True, exist_ok=True)
             keep = partial(evaluation.write_results, path=path)
             rows.append(evaluation.evaluated(asked, head, episodes, bar, former=former, keep=keep))
     if as_json:

@@ -1,16 +1,15 @@
 """The `offtrack` command with its subcommands, whose modules are imported when they are called."""
 
 import importlib
-import logging
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 from typer.core import TyperCommand
 
-from offtrack.commands.console import INTERRUPTED, OneLineGroup, join_settings, lines
+from offtrack.commands.console import OneLineGroup, join_settings, lines
 from scenarios.processes import save_time
-from scenarios.progress import end_as_terminated, end_at_once
+from scenarios.progress import end_at_once
 
 
 class Entry(NamedTuple):
@@ -143,14 +142,8 @@ def main() -> None:
     """Entry point of the command."""
     save_time()
     join_settings()
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it remarks on folders that it cannot write
     end_at_once()
-    try:
-        app()
-    except SystemExit as end:
-        if end.code == INTERRUPTED:
-            end_as_terminated()
-        raise
+    app()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer.core import TyperGroup
 
-from scenarios.progress import Progress, raise_interrupts
+from scenarios.progress import Progress, interrupted_code, raise_interrupts
 from vehicle.foundation.own_parts import raised_at
 from vehicle.foundation.user_file import reason, shown
 
@@ -31,7 +31,7 @@ _USAGE_ERROR: Final = cast(type[Exception], typer.BadParameter.__base__)  # of c
 _DEBUG: Final = "OFFTRACK_DEBUG"
 _OPTION: Final = "--debug"
 _COMPLETE: Final = "_OFFTRACK_COMPLETE"  # environment: set by a shell that asks for completions
-CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+CHECK_FAILED, BAD_INPUT = 1, 2
 
 
 def scenario_completions(incomplete: str) -> list[str]:
@@ -103,7 +103,7 @@ ScenarioName = Annotated[
 def _one_line_errors() -> Iterator[None]:
     """End expected errors, and those of the user's own code, in one line on standard error and exit code 2.
 
-    An interrupt ends in exit code 130.
+    An interrupt ends in the exit code of its signal.
     """
     try:
         yield
@@ -111,7 +111,7 @@ def _one_line_errors() -> Iterator[None]:
         raise
     except KeyboardInterrupt as interrupt:
         remark(f"interrupted; {str(interrupt) or 'what is finished is kept'}")
-        raise typer.Exit(INTERRUPTED) from interrupt
+        raise typer.Exit(interrupted_code()) from interrupt
     except Exception as error:
         render = sys.modules.get("sensors.render")  # its import takes long, and without it nothing was rendered
         if isinstance(error, MemoryError):

@@ -26,7 +26,7 @@ from offtrack.exchange.recordings.videos import unpacked_videos, videos_in
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options, stream
-from scenarios.progress import postponed_interrupts
+from scenarios.progress import interrupted_code, postponed_interrupts
 from scenarios.results.run_directory import results_directory
 from vehicle.foundation.quantity import check_number
 
@@ -335,7 +335,7 @@ def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *
     ui.answer(numbers, lambda: _print(numbers, directory, groups), quiet=quiet, as_json=as_json)
     if numbers["outcome"] == "interrupted":
         ui.remark(f"interrupted; what was estimated until then is in {directory}")
-        raise typer.Exit(ui.INTERRUPTED)
+        raise typer.Exit(interrupted_code())
 
 
 def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) -> None:

@@ -16,7 +16,7 @@ from offtrack.reports.watching import Watcher, watched
 from scenarios.loop import runner
 from scenarios.loop.channel import Pacer
 from scenarios.options.scenario import load_any_scenario
-from scenarios.progress import postponed_interrupts
+from scenarios.progress import interrupted_code, postponed_interrupts
 from scenarios.results.run_directory import check_apart, claimed, results_directory
 from scenarios.results.run_inputs import changed_modules
 from vehicle.foundation.quantity import check_number
@@ -147,7 +147,7 @@ def run(
         ui.answer(numbers, lambda: _print_summary(numbers, directory), quiet=quiet, as_json=as_json)
     if numbers["outcome"] == "interrupted":
         ui.remark(f"interrupted; what was computed until then is in {directory}")
-        raise typer.Exit(ui.INTERRUPTED)
+        raise typer.Exit(interrupted_code())
     if result.traceback:
         typer.echo(f"offtrack: {result.outcome} (see {directory / 'traceback.txt'})", err=True)
         if ui.debugging():

@@ -23,6 +23,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import numpy as np
 import optuna
 from optuna.exceptions import ExperimentalWarning, StorageInternalError
 from optuna.storages import JournalStorage, RDBStorage, RetryHeartbeatStaleTrialCallback
@@ -205,7 +206,7 @@ def optimise(
         ChildProcessError: one line, if a second process dies in the place of the first.
     """
     patiently(tuning, lambda: resume(tuning, directory))
-    tasks = {str(k): (tuning, directory, trials, seed + k) for k in range(jobs)}
+    tasks = {str(k): (tuning, directory, trials, seed) for k in range(jobs)}
 
     def report() -> None:
         with suppress(*_AWAY):  # the workers wait for it
@@ -272,11 +273,11 @@ def former(tuning: Tuning, directory: Path) -> int:
 
 
 def finished(tuning: Tuning, directory: Path) -> list[Trial]:
-    """Finished trials of this tuning in the journal, in order."""
+    """Finished trials of this tuning in the journal, in order and numbered without those that were killed."""
     complete = _study(tuning, directory, 0).get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     times = [trial.duration.total_seconds() if trial.duration else 0.0 for trial in complete]
-    found = zip(complete, times, strict=True)
-    return [Trial(number=t.number, parameters=dict(t.params), values=tuple(t.values), seconds=s) for t, s in found]
+    found = enumerate(zip(complete, times, strict=True))
+    return [Trial(number=k, parameters=dict(t.params), values=tuple(t.values), seconds=s) for k, (t, s) in found]
 
 
 _FEWEST: Final = 10  # trials that tell what matters
@@ -381,12 +382,24 @@ def resume(tuning: Tuning, directory: Path) -> None:
         study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
 
 
-def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
+class _Sampler(optuna.samplers.TPESampler):  # type: ignore[misc]  # optuna has no types for mypy
+    """Draws a trial from the seed, its number and the trials before it, so that a killed search goes on as it would."""
 
+    def __init__(self, seed: int, number: int = 0) -> None:
+        drawn_by = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
+        super().__init__(seed=drawn_by, multivariate=True, constant_liar=True)
+        self._of_all = seed
+
+    def before_trial(self, study: optuna.Study, trial: FrozenTrial) -> None:
+        failed = study.get_trials(deepcopy=False, states=(TrialState.FAIL,))  # others have their parameters
+        study.sampler = _Sampler(self._of_all, trial.number - sum(other.number < trial.number for other in failed))
+
+
+def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
     study = optuna.create_study(
         study_name=study_name(tuning),
         storage=journal(directory) if tuning.storage is None else database(tuning.storage),
-        sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True),
+        sampler=_Sampler(seed),
         directions=["minimize"] * len(tuning.objectives),
         load_if_exists=True,
     )

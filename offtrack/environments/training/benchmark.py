@@ -106,18 +106,26 @@ def evaluated(
     former: Results | None = None,
     keep: Callable[[Results], None] = lambda _: None,
 ) -> Results:
-    """Results with this ``header``, those of a former evaluation included; every block is given to ``keep``."""
+    """Results with this ``header``, those of a former evaluation included; every block is given to ``keep``.
+
+    Raises:
+        ValueError: one line, before any block, if the policy is unknown or does not fit the task.
+    """
     done = list(former.episodes if former is not None else ())
     spent = float(former.head["processor_s"]) if former is not None else 0.0
     results = Results({**head, "processor_s": spent}, tuple(done))
-    block = _RENDERED if asked.observation == "estimate" else BLOCK
-    while len(done) < episodes:
-        progress(len(done), episodes, asked.policy)
-        begun = time.process_time()
-        done += _block(asked, FIRST_SEED + len(done), min(block, episodes - len(done)))
-        spent += time.process_time() - begun
-        results = Results({**head, "processor_s": round(spent, 1)}, tuple(done))
-        keep(results)
+    block, task, opened = _RENDERED if asked.observation == "estimate" else BLOCK, task_of(asked.task), 0
+    with ExitStack() as cleanup:
+        while len(done) < episodes:
+            progress(len(done), episodes, asked.policy)
+            begun, n = time.process_time(), min(block, episodes - len(done))
+            if n != opened:
+                cleanup.close()
+                opened, (env, pilot) = n, _opened(asked, n, cleanup)
+            done += [_episode(task, info) for info in driven(env, pilot, FIRST_SEED + len(done), role=task.role)]
+            spent += time.process_time() - begun
+            results = Results({**head, "processor_s": round(spent, 1)}, tuple(done))
+            keep(results)
     progress(1, 1, asked.policy)
     return results
 
@@ -126,14 +134,12 @@ def header(asked: Evaluation) -> dict[str, Any]:
     """What is evaluated, without its time.
 
     Raises:
-        ValueError: one line, if the policy is unknown or does not fit the task.
+        ValueError: one line, if the task has no such observation.
     """
     task, seen = task_of(asked.task), asked.observation
     if seen is not None and (task.observation is None or seen not in ("surrogate", "truth", "estimate")):
         choices = "has no choice" if task.observation is None else "must be surrogate, truth or estimate"
         raise ValueError(f"--observation {seen}: of task {asked.task} {choices}")
-    with ExitStack() as cleanup:
-        _opened(asked, 1, cleanup)  # refuses what does not fit
     file = asked.file
     return {
         "version": _VERSION,
@@ -145,12 +151,6 @@ def header(asked: Evaluation) -> dict[str, Any]:
         "versions": {"python": platform.python_version()} | {one: importlib.metadata.version(one) for one in _PACKAGES},
         **({} if asked.vehicle is None else {"vehicle": asked.vehicle}),
     }
-
-
-def _block(asked: Evaluation, seed: int, n: int) -> list[Episode]:
-    with ExitStack() as cleanup:
-        task, (env, pilot) = task_of(asked.task), _opened(asked, n, cleanup)
-        return [_episode(task, info) for info in driven(env, pilot, seed, role=task.role)]
 
 
 def _episode(task: Task, info: Mapping[str, Any]) -> Episode:
@@ -224,6 +224,7 @@ def _network(file: Path, core: Any) -> Network:
 
 def write_results(results: Results, path: Path) -> None:
     """Write a results file completely or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     content = {**results.head, "columns": Episode._fields, "episodes": results.episodes}
     rows = ",\n".join(json.dumps(episode) for episode in results.episodes)
     text = json.dumps({**content, "sha256": _digest(content), "episodes": []}, indent=1)

@@ -107,24 +107,20 @@ def test_an_interrupt_waits_for_the_end_of_a_step() -> None:
     [
         ("signal.raise_signal(2)", -2, ""),  # nothing is there to be kept
         ("raise_interrupts(); import interrupted", 130, "imported"),  # which a library may take for its own error
-        ("raise_interrupts(); Lost()", 130, ""),  # Python goes on after a destructor's exception
     ],
 )
 def test_no_interrupt_of_a_command_is_lost(moment: str, code: int, said: str, tmp_path: Path) -> None:
     text = "import signal\nsignal.raise_signal(2)\nprint('imported')"
     (tmp_path / "interrupted.py").write_text(text, encoding="utf-8")
     script = f"""import signal, time
-from scenarios.progress import end_as_terminated, end_at_once, raise_interrupts
-class Lost:
-    def __del__(self):
-        signal.raise_signal(2)
+from scenarios.progress import end_at_once, interrupted_code, raise_interrupts
 signal.signal(2, signal.default_int_handler)
 end_at_once()
 try:
     {moment}
     time.sleep(60)
 except KeyboardInterrupt:
-    end_as_terminated()"""
+    raise SystemExit(interrupted_code())"""
     places = os.pathsep.join([os.getcwd(), str(tmp_path)])
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=50, env={**os.environ, "PYTHONPATH": places})
