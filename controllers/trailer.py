@@ -172,6 +172,7 @@ class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
     uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
     speeds: SpeedRange | None = None  # None: for all speeds; else another law takes over above (`lqr.AllSpeeds`)
     above: "TrailerSteering[Any] | None" = None  # that law; None: the LQR
+    beyond_reach: bool = False  # True: its demands are not held within what the actuators reach until the next one
     outside: str | None = None  # why the law is for no speed here, in words; None: it is for its ``speeds``
 
 

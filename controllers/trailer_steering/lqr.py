@@ -358,6 +358,7 @@ class AllSpeeds(SteeringLaw[AllSpeedsMemory]):
         """Extend a ``law`` that is for these ``speeds``; ``above`` is the other, by default with its own parameters."""
         self.law, self._range, self._trailer, self._combination = law, speeds, trailer, combination
         self._above: Any = above
+        self.beyond_reach = getattr(law, "beyond_reach", False)
 
     def prepare(self, speed: float) -> None:
         """Design the law above now if a drive is meant to reach a speed [m/s] that needs it."""
@@ -415,8 +416,8 @@ class AllSpeeds(SteeringLaw[AllSpeedsMemory]):
         if share > 0.0:
             low, command = self.law.step(memory.low, tick, off_tracking, signals)
             wanted = wanted + share * command.angles
-        elapsed = elapsed_since(memory.tick, tick)
-        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
+        span = math.inf if self.beyond_reach else elapsed_since(memory.tick, tick)
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, span)
         return AllSpeedsMemory(tick, low, above, tuple(demand.tolist())), SteerCommand(angles=demand)
 
     def close(self) -> None:

@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.trailer import Actuation, Combination, SpeedRange, SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import check_steered, reachable
+from controllers.trailer_steering.kinematics import check_steered
 from controllers.trailer_steering.path_laws import PathLawMemory, PathPreview
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
-from vehicle.clock import TICK, elapsed_since
+from vehicle.clock import TICK
 from vehicle.foundation.data_file import read_arrays
 from vehicle.foundation.user_file import FileType, shown
 from vehicle.frames import FloatArray, arc_length
@@ -162,6 +162,8 @@ class Policy(SteeringLaw[PolicyMemory]):
     So it does while the measured lag of the actuators is outside of the training's.
     """
 
+    beyond_reach = True  # as in the training: so the network makes up for the lag; held back, the loop swings
+
     class Parameters(PartParameters):
         """The network."""
 
@@ -208,7 +210,6 @@ class Policy(SteeringLaw[PolicyMemory]):
         self, memory: PolicyMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[PolicyMemory, SteerCommand]:
         """New memory and command at ``tick``; wheels stay straight before the path is known."""
-        elapsed = elapsed_since(memory.tick, tick)
         length = self._trailer.follow_distance
         usable = off_tracking is not None and off_tracking.health is not Health.LOST
         if off_tracking is not None and usable:
@@ -216,12 +217,11 @@ class Policy(SteeringLaw[PolicyMemory]):
         preview, command = self._preview.step(memory.preview, tick, off_tracking, signals)
         if not _within(preview.answers.lag(self._trailer), self._network.trained_for.actuator_lag):
             return memory._replace(tick=tick, demand=preview.demand, preview=preview), command
-        wanted = last = np.array(memory.demand)
+        demand = np.array(memory.demand)
         if memory.estimate is not None:
             age = (tick - memory.estimate_tick) * TICK
             features = np.array([*memory.estimate, age, float(usable), *signal_features(signals, length)])
-            wanted = self._trailer.max_steer * self._network(features)
-        demand = reachable(self._trailer, last, wanted, elapsed)
+            demand = self._trailer.max_steer * self._network(features)
         steered = tuple(demand.tolist())
         preview = preview._replace(demand=steered, bias=0.0)  # it must not adapt while the network steers
         return memory._replace(tick=tick, demand=steered, preview=preview), SteerCommand(angles=demand)

@@ -171,8 +171,11 @@ class GuardMemory(NamedTuple):
 class EstimateGuard:
     """Guard of one trailer's law: checks signals and estimates, and chooses between law and fallback."""
 
-    def __init__(self, trailer: TrailerGeometry, combination: Combination, degradation: Degradation) -> None:
-        """For a trailer with steered axles."""
+    def __init__(
+        self, trailer: TrailerGeometry, combination: Combination, degradation: Degradation, *, beyond_reach: bool
+    ) -> None:
+        """For a trailer with steered axles, and a law that is or is not held within the actuators' reach."""
+        self._beyond_reach = beyond_reach
         self._trailer, self._combination, self._degradation = trailer, combination, degradation
         self._monitor = SignalMonitor(combination.vehicle, combination.unit, trailer.axle_distances)
         self._tractor = TractorMotion(combination)
@@ -242,7 +245,8 @@ class EstimateGuard:
             growth = 1.0 + (tick - memory.changed_at) * TICK / _GROWTH_TIME
             reduction = self._degradation.fade_rate * growth * elapsed
             difference -= np.clip(difference, -reduction, reduction)
-        demand = reachable(self._trailer, last, wanted + difference, elapsed)
+        span = math.inf if self._beyond_reach and memory.law_steers else elapsed
+        demand = reachable(self._trailer, last, wanted + difference, span)
         sent = tuple(demand.tolist())
         memory = memory._replace(fallback=fallback, tick=tick, demand=sent, difference=tuple(difference.tolist()))
         return memory, demand
@@ -347,7 +351,9 @@ class Safeguarded:
         self._guard: EstimateGuard | None = None
         if trailer.steered_distances and not checks_only:
             self._supervision = ActuatorSupervision(trailer, combination)
-            self._guard = None if degradation is None else EstimateGuard(trailer, combination, degradation)
+            beyond = getattr(law, "beyond_reach", False)
+            if degradation is not None:
+                self._guard = EstimateGuard(trailer, combination, degradation, beyond_reach=beyond)
 
     def init(self) -> SafeguardMemory:
         """Memory of a new run, wheels straight."""

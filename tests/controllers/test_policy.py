@@ -21,10 +21,13 @@ from controllers.trailer_steering.policy import (
     save_network,
     shipped_networks,
 )
+from offtrack.environments.rewards import DEFAULT_VEHICLE
 from offtrack.environments.training.benchmark import driven
-from offtrack.environments.training.pilots import NetworkPilot
+from offtrack.environments.training.law_pilot import LawPilot
+from offtrack.environments.training.pilots import NetworkPilot, Pilot
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.drivers_and_laws import trailer_law
+from scenarios.assembly.surrogate import load_surrogate
 from scenarios.assembly.trailer_run import assemble
 from scenarios.loop.runner import run
 from scenarios.options.scenario import load_scenario
@@ -193,10 +196,17 @@ def test_a_shipped_network_steers_where_it_has_not_been(name: str) -> None:
     env = offtrack.environments.registry.vector(
         "TrailerSteering-v0", 4, courses=("random-110", "random-111"), autoreset_mode="Disabled"
     )
-    for episode in driven(env, NetworkPilot(network), 11, {"speed": (3.0, 5.0)}):
-        assert not episode["mishap"]
-        assert episode["true_rms_m"] < 0.1
-        assert episode["true_max_m"] < 0.5
+    by_law = LawPilot(env.core, load_vehicle(DEFAULT_VEHICLE), "policy", load_surrogate(), {"path": name})
+    drives: list[tuple[Pilot, dict[str, Any]]] = [
+        (NetworkPilot(network), {"speed": (3.0, 5.0)}),
+        (by_law, {"speed": (3.0, 5.0)}),
+        (by_law, {"speed": (4.5, 5.0), "actuator_lag": (1.3, 1.5)}),  # slow axles, near the limits of its domain
+    ]
+    for pilot, domain in drives:
+        for episode in driven(env, pilot, 11, domain):
+            assert not episode["mishap"]
+            assert episode["true_rms_m"] < 0.1
+            assert episode["true_max_m"] < 0.5
 
 
 def test_a_shipped_network_is_asked_for_by_its_name() -> None:
