@@ -172,7 +172,12 @@ class EstimateGuard:
     """Guard of one trailer's law: checks signals and estimates, and chooses between law and fallback."""
 
     def __init__(
-        self, trailer: TrailerGeometry, combination: Combination, degradation: Degradation, *, beyond_reach: bool
+        self,
+        trailer: TrailerGeometry,
+        combination: Combination,
+        degradation: Degradation,
+        *,
+        beyond_reach: bool = False,
     ) -> None:
         """For a trailer with steered axles, and a law that is or is not held within the actuators' reach."""
         self._beyond_reach = beyond_reach

@@ -218,7 +218,7 @@ class CourseJudge:
             on_path, end = course.path.pose(self._station), course.length - 1e-6
             deviation = math.hypot(point.x - on_path.x, point.y - on_path.y)
             if deviation > self._astray:
-                return "left the course"
+                return "left the road"
             if self._station >= end:
                 return "completed"
             # inside a bend the station grows by up to twice the travel, as `project` limits it

@@ -22,6 +22,7 @@ from controllers.trailer_steering.policy import (
     shipped_networks,
 )
 from offtrack.environments.rewards import DEFAULT_VEHICLE
+from offtrack.environments.trailer_steering import TrailerSteering
 from offtrack.environments.training.benchmark import driven
 from offtrack.environments.training.law_pilot import LawPilot
 from offtrack.environments.training.pilots import NetworkPilot, Pilot
@@ -196,6 +197,7 @@ def test_a_shipped_network_steers_where_it_has_not_been(name: str) -> None:
     env = offtrack.environments.registry.vector(
         "TrailerSteering-v0", 4, courses=("random-110", "random-111"), autoreset_mode="Disabled"
     )
+    assert isinstance(env.core, TrailerSteering)
     by_law = LawPilot(env.core, load_vehicle(DEFAULT_VEHICLE), "policy", load_surrogate(), {"path": name})
     drives: list[tuple[Pilot, dict[str, Any]]] = [
         (NetworkPilot(network), {"speed": (3.0, 5.0)}),

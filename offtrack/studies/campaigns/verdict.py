@@ -18,8 +18,7 @@ from scenarios.results.log import OK, Log, read_log
 from vehicle.foundation.user_file import nearest, shown
 from vehicle.frames import FloatArray
 
-OUTCOMES: Final = ("completed", "jackknifed", "rolled over",
-                   *(f"left the {what}" for what in ("road", "lane", "course")), "timed out", "diverged")  # fmt: skip
+OUTCOMES: Final = ("completed", "jackknifed", "rolled over", "left the road", "left the lane", "timed out", "diverged")
 DETECT, HARMLESS, ALLOWED = "time_to_detect_s", "harmless_below_m", "outcomes"
 RECOVER, BELOW = "time_to_recover_s", "recovered_below_m"
 _OWN: Final = (ALLOWED, DETECT, HARMLESS, RECOVER, BELOW)

@@ -144,7 +144,7 @@ def test_a_tractor_that_takes_the_wrong_circle_has_left_the_road() -> None:
 
     outcomes = [outcome(station) for station in stations]
     ended = next(found for found in outcomes if found)
-    assert ended == "left the course"
+    assert ended == "left the road"
 
 
 @pytest.mark.parametrize("duration", [float("inf"), float("nan"), 0.0])
