@@ -2,7 +2,7 @@
 
 Episode k of a task has the seed ``FIRST_SEED + k``, whatever is evaluated. A results file is JSON: what was evaluated,
 the versions, one row for each episode, and a digest of all that. The results of the baselines are shipped in
-``offtrack/environments/results``.
+``offtrack/environments/results/TASK``.
 """
 
 import hashlib
@@ -94,7 +94,7 @@ def networks() -> dict[str, Path]:
 
 def shipped_results(task: str) -> list[Results]:
     """Results of the baselines of a task."""
-    return [read_results(file) for file in sorted(Path(str(_SHIPPED / "results")).glob(f"{task}.*.json"))]
+    return [read_results(file) for file in sorted(Path(str(_SHIPPED / "results" / task)).glob("*.json"))]
 
 
 def evaluated(
