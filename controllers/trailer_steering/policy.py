@@ -149,7 +149,6 @@ def save_network(network: Network, path: Path | BinaryIO) -> None:
 class PolicyMemory(NamedTuple):
     """State of the law between two steps."""
 
-    tick: int | None  # of the last step; None before the first
     estimate: tuple[float, ...] | None  # features of the newest usable one; None before the first
     estimate_tick: int  # its capture
     demand: tuple[float, ...]  # last command [rad]
@@ -200,7 +199,7 @@ class Policy(SteeringLaw[PolicyMemory]):
 
     def init(self) -> PolicyMemory:
         """Memory without any estimate, wheels straight."""
-        return PolicyMemory(None, None, 0, self._trailer.straight, self._preview.init())
+        return PolicyMemory(None, 0, self._trailer.straight, self._preview.init())
 
     def actuated(self, memory: PolicyMemory, actuation: Actuation) -> PolicyMemory:
         """Memory with the state of the actuators."""
@@ -216,7 +215,7 @@ class Policy(SteeringLaw[PolicyMemory]):
             memory = memory._replace(estimate=estimate_features(off_tracking, length), estimate_tick=off_tracking.tick)
         preview, command = self._preview.step(memory.preview, tick, off_tracking, signals)
         if not _within(preview.answers.lag(self._trailer), self._network.trained_for.actuator_lag):
-            return memory._replace(tick=tick, demand=preview.demand, preview=preview), command
+            return memory._replace(demand=preview.demand, preview=preview), command
         demand = np.array(memory.demand)
         if memory.estimate is not None:
             age = (tick - memory.estimate_tick) * TICK
@@ -224,7 +223,7 @@ class Policy(SteeringLaw[PolicyMemory]):
             demand = self._trailer.max_steer * self._network(features)
         steered = tuple(demand.tolist())
         preview = preview._replace(demand=steered, bias=0.0)  # it must not adapt while the network steers
-        return memory._replace(tick=tick, demand=steered, preview=preview), SteerCommand(angles=demand)
+        return memory._replace(demand=steered, preview=preview), SteerCommand(angles=demand)
 
 
 def estimate_features(estimate: OffTracking, follow_distance: float) -> tuple[float, ...]:

@@ -131,10 +131,7 @@ _PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start
 _ALIKE_PARTS = 12.0  # independent frames' worth of belief that components and kinds of halves are alike
 _CHANCE = 2.0  # times as large as chance makes it on average a squared mean must be to count as persistent
 INDEPENDENT = 0.7  # mean squared difference of independent errors: variances have a factor for neighbours of 1.44
-_LASTING = (
-    0.04,
-    0.01,
-)  # least share of the variance that lasts, from frame to frame and from keyframes; measured likewise
+_LASTING = 0.04, 0.01  # least share of the variance that lasts, between frames and from keyframes; measured likewise
 _COMMON = 0.01  # error of all features alike, by interpolation between pixels; measured on rendered frames [px]
 _TOGETHER = np.array([[0, 1], [4, 3]])  # pitch with vertical, yaw with lateral translation: they look alike in images
 _FEWEST = 12  # features of a half: twice as many as a motion needs

@@ -134,7 +134,7 @@ class RawStereoRig:
 
     def __post_init__(self) -> None:
         for name, X in (("X_ClCr", self.X_ClCr), ("X_SC", self.X_SC)):
-            _check_rigid(name, X)
+            check_rigid(name, X)
         x, y, z = self.X_ClCr[:3, 3]
         if x <= max(abs(y), abs(z)):
             raise ValueError(
@@ -298,7 +298,12 @@ def _newton(distorted: FloatArray, start: FloatArray, lens: _Lens) -> FloatArray
     return rays
 
 
-def _check_rigid(name: str, X: FloatArray) -> None:
+def check_rigid(name: str, X: FloatArray) -> None:
+    """Refuse anything but a pose (4, 4) of numbers up to a million.
+
+    Raises:
+        ValueError: one line that names it.
+    """
     if X.shape != (4, 4) or not np.all(np.abs(X) <= _LARGEST):
         raise ValueError(f"{name} of shape {X.shape} must be a pose: four rows of four numbers up to {_LARGEST:g}")
     R = X[:3, :3]

@@ -23,11 +23,11 @@ from offtrack.exchange.recordings.file_pairs import file_pairs
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, check_rigid
 from sensors.messages import StereoFrame
 from vehicle.foundation.quantity import checked
 from vehicle.foundation.user_file import FileKind, nearest, read_toml, without_sources
-from vehicle.frames import R_BODY_CAMERA, FloatArray, is_rotation, rotation_zyx, transform
+from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 
 Facing = Literal["rear", "left", "right", "front", "down"]
 
@@ -71,9 +71,10 @@ class _RigTable(BaseModel):
     @field_validator("X_SC")
     @classmethod
     def _rigid(cls, rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-        X = np.array(rows)
-        if X.shape != (4, 4) or not is_rotation(X[:3, :3], 1e-6):
-            raise ValueError("must be a pose: 4 rows of 4 numbers, the upper left 3x3 a rotation")
+        try:
+            check_rigid("the matrix", np.array(rows))
+        except ValueError as error:
+            raise ValueError(f"must be a pose: {error}") from None
         return rows
 
 

@@ -138,8 +138,6 @@ def body_poses(recording: Recording, X_C0C: FloatArray) -> FloatArray:
     """Poses X_S0S (n, 4, 4) of the trailer from the poses of its left camera."""
     X_SC = recording.calibration.X_SC
     poses: FloatArray = X_SC @ X_C0C @ inverse(X_SC)
-    if not np.all(np.abs(poses) < _FARTHEST):  # nor for numbers that are not finite
-        raise ValueError(f"poses.txt with the mounting of the cameras: beyond {_FARTHEST:g} m; check both")
     return poses
 
 
@@ -158,7 +156,6 @@ def _reference(recording: Recording, count: int) -> FloatArray:
     return values
 
 
-_FARTHEST: Final = 1e9  # place in poses; decompositions of larger numbers may never end [m]
 _LARGEST_ROTATION: Final = math.radians(1.0)  # of a right camera on a rigid mount, against its calibration
 _LONGEST_GAP: Final = 1.0  # time without motion in which the velocity is believed to last [s]
 _FASTEST: Final = 70.0  # speed of a vehicle with a trailer, and some more [m/s]
