@@ -14,15 +14,21 @@ import typer
 from estimators.context import RoverContext
 from estimators.odometry.repeated_frames import NewViews
 from offtrack.commands import console as ui
-from offtrack.exchange.recordings.bags import is_bag, parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.camera_files import MountingOptions, facing_named
-from offtrack.exchange.recordings.estimation import Chosen, agreement_numbers, estimate, off_tracking_source
-from offtrack.exchange.recordings.live import Streams, estimate_live
+from offtrack.exchange.recordings.estimation import (
+    Chosen,
+    agreement_numbers,
+    estimate,
+    estimate_live,
+    off_tracking_source,
+)
+from offtrack.exchange.recordings.layouts.bag_topics import parsed_topics
+from offtrack.exchange.recordings.layouts.found import unpacked
+from offtrack.exchange.recordings.layouts.live import Streams
 from offtrack.exchange.recordings.recording_page import write_estimation
 from offtrack.exchange.recordings.slip_estimation import estimate_slip, write_slip_estimation
 from offtrack.exchange.recordings.stereo_reader import Recording, live_recording, open_recording
-from offtrack.exchange.recordings.stereo_sequence import Unpacked
-from offtrack.exchange.recordings.videos import unpacked_videos, videos_in
+from offtrack.exchange.recordings.stereo_sequence import Wanted
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.catalogue import ODOMETRY, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.scenario import estimator_options, stream
@@ -200,27 +206,17 @@ def off_tracking(
         results_directory(out, os.path.basename(os.path.realpath(directory))) as results,
         ExitStack() as cleanup,
     ):
-        chosen_topics = parsed_topics(topics)
-        folder, noticed = Unpacked(directory)
-        if is_bag(directory) or videos_in(directory):
-            with ui.progress_display(shown=not (quiet or as_json)) as display:
-                bar = ui.progress_bar(display, "unpacking")
-                if videos := videos_in(directory):
-                    unpacked = unpacked_videos(videos, bar)
-                else:
-                    given = calibration is not None
-                    unpacked = unpacked_bag(directory, chosen_topics, bar, exchange=exchange, calibrated=given)
-                folder, noticed = cleanup.enter_context(unpacked)
-        if chosen_topics and not is_bag(directory):
-            raise ValueError(f"--topics {topics}: {directory} is no bag")
-        exchanged = exchange and not is_bag(directory)  # those of a bag are exchanged already
+        wanted = Wanted(parsed_topics(topics), exchange, calibration is not None)
+        with ui.progress_display(shown=not (quiet or as_json)) as display:
+            bar = ui.progress_bar(display, "unpacking")
+            folder, noticed = cleanup.enter_context(unpacked(directory, wanted, bar))
         recording = open_recording(
             folder,
             calibration_file=calibration,
             rate_hz=rate,
             options=options,
             folders=_pair_of(folders),
-            exchange=exchanged,
+            exchange=exchange,
         )
         recording = replace(recording, source=str(directory), notes=(*noticed, *recording.notes))
         if probe:

@@ -28,7 +28,8 @@ import numpy as np
 
 from offtrack.exchange.exports.catalogue import TIME, ExportedRun, plain_names
 from offtrack.exchange.exports.scene import MovingBody, RunRecording, moving_bodies, rows_of_poses, run_recording
-from offtrack.exchange.recordings.bags import RECORDING, humble_types
+from offtrack.exchange.recordings.layouts.bag_files import humble_types
+from offtrack.exchange.recordings.layouts.bags import RECORDING
 from scenarios.extras import import_extra
 from scenarios.image_file import read_grey
 from scenarios.results.log import Log

@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from estimators.calibration.rectification import Rectifier
 from offtrack.exchange.exports.catalogue import TIME, plain_names
-from offtrack.exchange.recordings.bags import FRAMES, SIDES
 from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import read_rig
-from offtrack.exchange.recordings.stereo_sequence import StereoSequence, find_sequence, image_size
+from offtrack.exchange.recordings.layouts.bag_topics import SIDES
+from offtrack.exchange.recordings.layouts.folders import find_sequence
+from offtrack.exchange.recordings.stereo_sequence import StereoSequence, image_size
 from offtrack.exchange.recordings.writers import open_rover_recording
 from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.assembly.rover_run import terrain_of
@@ -176,7 +177,7 @@ def _stereo_cameras(sequence: StereoSequence) -> tuple[RecordedCamera, ...]:
         ]
     else:
         size = image_size(sequence)
-        pair = read_projections(sequence.directory / "calib.txt", sequence.layout, size)
+        pair = read_projections(sequence.directory / "calib.txt", sequence.folders, size)
         X_ClCr = pair.X_ClCr
         projections = [_projection(pair, shift) for shift in (0.0, pair.baseline)]
         infos = [_fields(size, P[:, :3], np.zeros(5), np.eye(3), P) for P in projections]
@@ -185,7 +186,7 @@ def _stereo_cameras(sequence: StereoSequence) -> tuple[RecordedCamera, ...]:
     return tuple(
         RecordedCamera(
             topic=f"/camera/{side}",
-            frame=FRAMES[side],
+            frame=f"camera_{side}",
             X_BC=pose,
             info=info,
             times=tuple(frame.time for frame in sequence.frames),

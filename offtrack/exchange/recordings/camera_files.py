@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from estimators.calibration.boards import BoardView, CameraCalibration, board_view
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
-from offtrack.exchange.recordings.file_pairs import file_pairs
+from offtrack.exchange.recordings.layouts.file_pairs import file_pairs
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard

@@ -1,15 +1,18 @@
-"""Estimates of the off-tracking in a stereo recording, frame by frame, and their summary.
+"""Estimates of the off-tracking in a stereo recording, frame by frame, and their summary; and of live images.
 
 Geiger 2012: A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving? The KITTI vision benchmark suite",
 CVPR 2012. Subsequences of 100, 200, … 800 m start at every tenth frame. For each, the relative pose of the estimate is
 compared with the true one. The errors of translation and rotation are divided by the length and averaged.
 """
 
+import json
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +27,7 @@ from estimators.odometry.covariance import INDEPENDENT
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.off_tracking.viso_ot import VisoOt
 from estimators.rigid_motion import rotation_vector
+from offtrack.exchange.recordings.layouts.live import Streams
 from offtrack.exchange.recordings.stereo_reader import Recording, camera_poses
 from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, stream
 from offtrack.reports.player.encoding import ON_PAGE
@@ -126,6 +130,39 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
         wall_s=time.perf_counter() - begin,
         odometry_s=odometry_s,
     )
+
+
+def estimate_live(streams: Streams, recording: Recording, source: OffTrackingSource, out: TextIO) -> dict[str, Any]:
+    """Write a line of JSON for every pair, until an interrupt; return the summary.
+
+    A pair that is missing, or of another size than the recording's, is a lost estimate.
+    """
+    memory, begin, counts = source.init(), time.monotonic(), Counter[str]()
+    with suppress(KeyboardInterrupt, BrokenPipeError):
+        while True:
+            pair = streams.read()
+            tick = round((time.monotonic() - begin) / TICK)
+            line: dict[str, Any] = {"time_s": round(tick * TICK, 3), "health": Health.LOST.name.lower()}
+            if isinstance(pair, str):
+                line["reason"] = pair
+            elif any(image.shape != recording.size[::-1] for image in pair):
+                line["reason"] = f"images are not of {recording.size[0]}x{recording.size[1]} px"
+            else:
+                frame = recording.rectified(StereoFrame(tick=tick, left=pair[0], right=pair[1]))
+                memory, result = source.step(memory, frame)
+                found: Any = getattr(result, "off_tracking", result)
+                if found is None:
+                    line["reason"] = "first image"
+                else:
+                    line["health"] = found.health.name.lower()
+                    if found.health is not Health.LOST and math.isfinite(found.value):
+                        line |= {"off_tracking_m": round(found.value, 6), "std_m": round(found.std, 6)}
+            counts[line["health"]] += 1
+            out.write(json.dumps(line) + "\n")
+            out.flush()
+    duration = time.monotonic() - begin
+    pairs = sum(counts.values())
+    return {"duration_s": round(duration, 3), "pairs": pairs, "pairs_per_s": round(pairs / duration, 2), **counts}
 
 
 def _frame_estimate(files: FrameFiles, result: Any, jpeg: bytes) -> FrameEstimate:

@@ -105,7 +105,7 @@ def image_warnings(places: Sequence[Place], *, ground_below: bool) -> list[str]:
     return found
 
 
-def rows_apart(pairs: Sequence[tuple[GreyImage, ...]]) -> float:
+def rows_apart(pairs: Sequence[Sequence[GreyImage]]) -> float:
     """Difference [px] of the rows of a point in left and right images that a tenth exceeds; infinite without points.
 
     Corners are tracked there and back by the method of Lucas and Kanade, to a fraction of a pixel: lenses that are

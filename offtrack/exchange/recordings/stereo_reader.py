@@ -21,13 +21,8 @@ from offtrack.exchange.recordings.calibrations.found import SUFFIXES, foreign_fi
 from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
-from offtrack.exchange.recordings.stereo_sequence import (
-    LAYOUTS,
-    StereoSequence,
-    find_sequence,
-    image_size,
-    read_frame,
-)
+from offtrack.exchange.recordings.layouts.folders import FOLDERS, find_sequence
+from offtrack.exchange.recordings.stereo_sequence import StereoSequence, image_size, read_frame
 from sensors.camera.rig import RawStereoRig, StereoCalibration, load_raw_rig
 from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
@@ -146,8 +141,8 @@ class Recording:
         return {
             "recording": {
                 "images": {
-                    "left": self.sequence.layout.left,
-                    "right": self.sequence.layout.right,
+                    "left": self.sequence.folders.left,
+                    "right": self.sequence.folders.right,
                     "frames": len(frames),
                     "width_px": self.size[0],
                     "height_px": self.size[1],
@@ -223,7 +218,7 @@ def live_recording(calibration_file: Path, size: tuple[int, int], options: Mount
     Raises:
         ValueError: one line naming the wrong file and the remedy.
     """
-    nothing = StereoSequence(directory=calibration_file.parent, layout=LAYOUTS[0], frames=(), lines=0)
+    nothing = StereoSequence(directory=calibration_file.parent, folders=FOLDERS[0], frames=(), lines=0)
     return _opened(nothing, size, "live", calibration_file, options)
 
 
@@ -291,11 +286,11 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
     projections = file or _projections(sequence)
     foreign: tuple[Path, ...] = (projections,) if projections.suffix in SUFFIXES else ()
     if file is None and not os.path.lexists(projections):
-        folders = sequence.directory / sequence.layout.left, sequence.directory / sequence.layout.right
+        folders = sequence.directory / sequence.folders.left, sequence.directory / sequence.folders.right
         foreign = foreign_files(folders)
     if foreign:
         return _raw_cameras(foreign[0], size, foreign_rig(foreign, size), rig)
-    calibration = read_projections(projections, sequence.layout, size)
+    calibration = read_projections(projections, sequence.folders, size)
     X_CP = inverse(calibration.X_SC)
     return _Cameras(calibration=replace(calibration, X_SC=np.eye(4)), rectification=None, rig=rig, X_CP=X_CP)
 

@@ -12,8 +12,9 @@ from controllers.trailer_steering.policy import load_network
 from offtrack.environments.training.training_directory import Plan, check_directory, read_curve
 from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import board_of, read_rig, views_of
+from offtrack.exchange.recordings.layouts.folders import FOLDERS, find_sequence
 from offtrack.exchange.recordings.stereo_reader import read_kitti_poses
-from offtrack.exchange.recordings.stereo_sequence import LAYOUTS, Dropped, find_sequence, stream
+from offtrack.exchange.recordings.stereo_sequence import Dropped, stream
 from offtrack.exchange.recordings.writers import load_rig, open_rover_recording
 from offtrack.reports.vehicle_sheet.combination_sheet import open_sheet
 from offtrack.studies.study import load_study
@@ -77,7 +78,7 @@ OPENED: Final[dict[str, tuple[str, Callable[[Path], object]]]] = {
     "rig": ("rig.toml", read_rig),
     "raw rig": ("rig.toml", load_raw_rig),
     "rover's rig": ("rig.toml", load_rig),
-    "projections": ("calib.txt", lambda path: read_projections(path, LAYOUTS[0], (1241, 376))),
+    "projections": ("calib.txt", lambda path: read_projections(path, FOLDERS[0], (1241, 376))),
     "poses": ("poses.txt", lambda path: read_kitti_poses(path, 3)),
     "times": ("times.txt", lambda path: stereo(path.parent, None)),
     "recorded image": ("left/0.png", lambda path: stereo(path.parents[1], 10.0)),

@@ -15,10 +15,11 @@ from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.calibration.epipolar import RightRotation
 from estimators.estimates import Health, Motion, lost_motion
 from offtrack.exchange.recordings.estimation import Estimation, _lost_warnings, _rotation_warnings
-from offtrack.exchange.recordings.file_pairs import file_pairs, read_times
 from offtrack.exchange.recordings.image_checks import Place, ground_flow, image_warnings, projection_warnings
+from offtrack.exchange.recordings.layouts.file_pairs import file_pairs
+from offtrack.exchange.recordings.layouts.folders import find_sequence
+from offtrack.exchange.recordings.layouts.frame_times import read_times
 from offtrack.exchange.recordings.stereo_reader import open_recording
-from offtrack.exchange.recordings.stereo_sequence import find_sequence
 from offtrack.exchange.recordings.writers import RoverRecording
 from scenarios.image_file import grey_bits, read_grey
 from sensors.camera.rig import StereoCalibration

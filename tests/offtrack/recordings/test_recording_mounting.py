@@ -11,8 +11,8 @@ import pytest
 from estimators.estimates import Health, Motion, lost_motion
 from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import Facing, MountingOptions, Rig, facing_by_motion, mounting, read_rig
+from offtrack.exchange.recordings.layouts.folders import FOLDERS
 from offtrack.exchange.recordings.stereo_reader import Recording, open_recording
-from offtrack.exchange.recordings.stereo_sequence import LAYOUTS
 from offtrack.exchange.recordings.writers import calibration_text, rig_text
 from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
@@ -48,7 +48,7 @@ def opened(directory: Path, **options: float) -> Recording:
 def test_a_calibration_like_the_benchmarks_is_understood(tmp_path: Path) -> None:
     """Its cameras are 0.54 m apart; the colour pair sits 6 cm left of the grey one, of which the poses speak."""
     (tmp_path / "calib.txt").write_text(KITTI, encoding="utf-8")
-    grey, colour = (read_projections(tmp_path / "calib.txt", layout, (1241, 376)) for layout in LAYOUTS[:2])
+    grey, colour = (read_projections(tmp_path / "calib.txt", folders, (1241, 376)) for folders in FOLDERS[:2])
     assert grey.focal_length == colour.focal_length == 718.856
     assert (grey.cx, grey.cy) == (607.1928, 185.2157)
     assert grey.baseline == pytest.approx(386.1448 / 718.856)

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from offtrack.exchange.recordings.stereo_sequence import LAYOUTS, Dropped, Layout, find_sequence, image_size, stream
+from offtrack.exchange.recordings.layouts.folders import FOLDERS, find_sequence
+from offtrack.exchange.recordings.stereo_sequence import Dropped, Folders, image_size, stream
 from scenarios.image_file import read_grey
 from sensors.messages import GreyImage
 
@@ -24,9 +25,9 @@ def write_images(folder: Path, names: Iterable[str], size: tuple[int, int] = SIZ
         assert cv2.imwrite(str(folder / name), image(k, size))
 
 
-def make(directory: Path, numbers: Iterable[int], layout: Layout = LAYOUTS[0], kind: str = "png") -> Path:
+def make(directory: Path, numbers: Iterable[int], folders: Folders = FOLDERS[0], kind: str = "png") -> Path:
     numbers = list(numbers)
-    for folder in layout[:2]:
+    for folder in folders[:2]:
         write_images(directory / folder, [f"{n:06d}.{kind}" for n in numbers])
     return directory
 
@@ -35,12 +36,12 @@ def write_times(directory: Path, times: Iterable[float | str]) -> None:
     (directory / "times.txt").write_text("".join(f"{t}\n" for t in times), encoding="utf-8")
 
 
-@pytest.mark.parametrize("layout", LAYOUTS, ids=[layout.left for layout in LAYOUTS])
+@pytest.mark.parametrize("folders", FOLDERS, ids=[folders.left for folders in FOLDERS])
 @pytest.mark.parametrize("kind", ["png", "jpg", "pgm"])
-def test_every_layout_and_format_is_found(tmp_path: Path, layout: Layout, kind: str) -> None:
-    write_times(make(tmp_path, range(3), layout, kind), [7.0, 7.1, 7.25])
+def test_every_layout_and_format_is_found(tmp_path: Path, folders: Folders, kind: str) -> None:
+    write_times(make(tmp_path, range(3), folders, kind), [7.0, 7.1, 7.25])
     sequence = find_sequence(tmp_path)
-    assert sequence.layout == layout
+    assert sequence.folders == folders
     assert [f.tick for f in sequence.frames] == [0, 100, 250]
     assert [f.time for f in sequence.frames] == [7.0, 7.1, 7.25]
     assert [(f.left.name, f.right.name) for f in sequence.frames] == [(f"{k:06d}.{kind}",) * 2 for k in range(3)]
@@ -49,10 +50,10 @@ def test_every_layout_and_format_is_found(tmp_path: Path, layout: Layout, kind: 
 
 def test_the_grey_pair_goes_before_the_colour_pair_and_a_rate_takes_the_place_of_times(tmp_path: Path) -> None:
     """KITTI has both of each frame; at 20 Hz there is a frame every 50 ticks, whatever times.txt says."""
-    make(tmp_path, range(4), LAYOUTS[1])
-    write_times(make(tmp_path, range(4), LAYOUTS[0]), ["nonsense"])
+    make(tmp_path, range(4), FOLDERS[1])
+    write_times(make(tmp_path, range(4), FOLDERS[0]), ["nonsense"])
     sequence = find_sequence(tmp_path, 20.0)
-    assert sequence.layout.left == "image_0"
+    assert sequence.folders.left == "image_0"
     assert [f.tick for f in sequence.frames] == [0, 50, 100, 150]
 
 
@@ -80,7 +81,7 @@ def test_a_number_without_images_is_a_frame_that_is_missing(tmp_path: Path) -> N
     assert [f.tick for f in frames] == [0, 100, 200, 300]
     read = [frame for _, frame in stream(frames, SIZE)]
     assert [isinstance(frame, Dropped) for frame in read] == [False, False, True, False]
-    assert str(read[2][1]) == f"{tmp_path}/image_0/000002.png is missing"  # type: ignore[index]  # a Dropped
+    assert read[2] == Dropped(f"{tmp_path}/image_0/000002.png is missing")
 
 
 @pytest.mark.parametrize(

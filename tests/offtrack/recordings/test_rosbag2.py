@@ -18,10 +18,12 @@ import pytest
 from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
-from offtrack.exchange.recordings.bags import parsed_topics, unpacked_bag
 from offtrack.exchange.recordings.image_checks import rows_apart
+from offtrack.exchange.recordings.layouts.bag_topics import parsed_topics
+from offtrack.exchange.recordings.layouts.folders import find_sequence
+from offtrack.exchange.recordings.layouts.found import unpacked
 from offtrack.exchange.recordings.stereo_reader import open_recording
-from offtrack.exchange.recordings.stereo_sequence import find_sequence
+from offtrack.exchange.recordings.stereo_sequence import Wanted
 from scenarios.image_file import read_grey
 from scenarios.options.scenario import load_scenario
 from scenarios.results.log import Log, Signal, write_log
@@ -123,7 +125,7 @@ def exported(tmp_path: Path) -> Path:
 
 def test_a_bag_gives_the_recording_again(exported: Path) -> None:
     recording = exported.parent / "images"
-    with unpacked_bag(exported, {}) as (folder, _):
+    with unpacked(exported) as (folder, _):
         assert (folder / "calib.txt").read_bytes() == (recording / "calib.txt").read_bytes()
         assert np.loadtxt(folder / "times.txt").tolist() == [0.0, 0.123456789, 0.2]
         for side in (0, 1):
@@ -162,13 +164,13 @@ def test_a_bag_is_read_by_another_package(exported: Path) -> None:
 def test_raw_images_are_rectified_by_their_camera_info(tmp_path: Path) -> None:
     folder = bag(tmp_path / "bag", stereo(right_late=10_000_000))
     maps = cv2.initUndistortRectifyMap(K, D, np.eye(3), K, (WIDTH, HEIGHT), cv2.CV_32FC1)
-    with unpacked_bag(folder, {}) as (unpacked, _):
+    with unpacked(folder) as (found, _):
         for side in (0, 1):
-            files = sorted((unpacked / f"image_{side}").iterdir())
+            files = sorted((found / f"image_{side}").iterdir())
             assert len(files) == 4
             expected = cv2.remap(picture(1, side), *maps, cv2.INTER_LINEAR)
             np.testing.assert_array_equal(cv2.imread(str(files[1]), cv2.IMREAD_UNCHANGED), expected)
-        assert "3.150000000000e+01 -3.000000000000e+01 " in (unpacked / "calib.txt").read_text(encoding="utf-8")
+        assert "3.150000000000e+01 -3.000000000000e+01 " in (found / "calib.txt").read_text(encoding="utf-8")
 
 
 def test_topics_can_be_chosen_and_images_compressed_or_coloured(tmp_path: Path) -> None:
@@ -182,7 +184,7 @@ def test_topics_can_be_chosen_and_images_compressed_or_coloured(tmp_path: Path) 
         told += [("/a", IMAGE, stamp, colour),
                  ("/b", COMPRESSED, stamp, make(COMPRESSED, header=header(stamp), format="png", data=png))]  # fmt: skip
     chosen = parsed_topics("left=/a, right=/b,left_info=/a/info,right_info=/b/info")
-    with unpacked_bag(bag(tmp_path / "bag", told), chosen) as (folder, _):
+    with unpacked(bag(tmp_path / "bag", told), Wanted(chosen)) as (folder, _):
         for side in (0, 1):
             for file in (folder / f"image_{side}").iterdir():
                 np.testing.assert_array_equal(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), picture(0, side))
@@ -237,7 +239,7 @@ def region(offset: int, width: int, height: int) -> Any:
 )
 def test_binning_and_region_of_interest_scale_the_calibration(tmp_path: Path, changes: dict[str, Any]) -> None:
     told = scenes(sent, *(wall_info(side, **changes) for side in (0, 1)))
-    with unpacked_bag(bag(tmp_path / "bag", told), {}) as (folder, notes):
+    with unpacked(bag(tmp_path / "bag", told)) as (folder, notes):
         assert notes == ()
         for line, side in zip((folder / "calib.txt").read_text(encoding="utf-8").splitlines(), (0, 1), strict=True):
             expected = [300, 0, 199.5, -60 * side, 0, 300, 149.5, 0, 0, 0, 1, 0]
@@ -259,7 +261,7 @@ def test_images_of_every_encoding_are_the_same_grey(
     tmp_path: Path, told: Callable[[np.ndarray[Any, Any], int], Any]
 ) -> None:
     messages = scenes(told, wall_info(0), wall_info(1))
-    with unpacked_bag(bag(tmp_path / "bag", messages), {}) as (folder, _):
+    with unpacked(bag(tmp_path / "bag", messages)) as (folder, _):
         frames = find_sequence(folder).frames
         assert [frame.tick for frame in frames] == [0, 100, 200]
         for k, frame in enumerate(frames):
@@ -276,7 +278,7 @@ def test_a_mosaic_of_colours_is_resolved_in_a_compressed_topic_too(tmp_path: Pat
     packed = scenes(mosaic, wall_info(0), wall_info(1), name="image_raw/compressed")
     images = []
     for name, messages in (("plain", plain), ("packed", packed)):
-        with unpacked_bag(bag(tmp_path / name, messages), {}) as (folder, _):
+        with unpacked(bag(tmp_path / name, messages)) as (folder, _):
             images.append(cv2.imread(str(folder / "image_0" / "frame000000.pgm"), cv2.IMREAD_UNCHANGED))
     np.testing.assert_array_equal(images[0], images[1])
 
@@ -306,7 +308,7 @@ def test_rows_of_images_show_whether_they_are_rectified(tmp_path: Path, name: st
         return sent(cv2.remap(pixels, columns, rows, cv2.INTER_LINEAR), stamp)
 
     sides: list[int] = []
-    with unpacked_bag(bag(tmp_path / "bag", scenes(told, *infos, name=name)), {}) as (folder, notes):
+    with unpacked(bag(tmp_path / "bag", scenes(told, *infos, name=name))) as (folder, notes):
         assert note in " ".join(notes)
         assert bool(note) == bool(notes)
         left, right = (cv2.imread(str(folder / f"image_{k}" / "frame000000.pgm"), cv2.IMREAD_GRAYSCALE) for k in (0, 1))
@@ -321,8 +323,8 @@ def test_one_clock_times_all_messages_and_files_alone_are_a_bag(tmp_path: Path) 
     ]
     folder = bag(tmp_path / "bag", messages)
     (folder / "metadata.yaml").unlink()
-    with unpacked_bag(folder, {}) as (unpacked, notes):
-        assert np.loadtxt(unpacked / "times.txt") == pytest.approx([8.0, 8.1, 8.2])
+    with unpacked(folder) as (found, notes):
+        assert np.loadtxt(found / "times.txt") == pytest.approx([8.0, 8.1, 8.2])
         assert notes == ("messages without a time stamp: times are those of their reception",)
 
 
@@ -331,7 +333,7 @@ def test_the_difference_of_both_projections_is_the_baseline(tmp_path: Path, tx: 
     infos = [wall_info(side) for side in (0, 1)]
     for told, value in zip(infos, tx, strict=True):
         told.p[3] = value
-    with unpacked_bag(bag(tmp_path / "bag", scenes(sent, *infos)), {}) as (folder, _):
+    with unpacked(bag(tmp_path / "bag", scenes(sent, *infos))) as (folder, _):
         assert open_recording(folder).calibration.baseline == pytest.approx(0.2)
 
 
@@ -344,16 +346,16 @@ def test_exchanged_topics_are_taken_with_their_calibrations_or_without(tmp_path:
         if name == "images":
             infos_of = [(f"/cam/{s}/camera_info", INFO, 0, wall_info(k)) for s, k in (("left", 0), ("right", 1))]
             messages = [*infos_of, *(row for row in messages if row[1] != INFO)]
-        with unpacked_bag(bag(tmp_path / name, messages), {}, exchange=True) as (folder, _):
+        with unpacked(bag(tmp_path / name, messages), Wanted(exchange=True)) as (folder, _):
             assert "1.995000000000e+02 -6.000000000000e+01 " in (folder / "calib.txt").read_text(encoding="utf-8")
-            first = cv2.imread(str(folder / "image_0" / "frame000000.pgm"), cv2.IMREAD_UNCHANGED)
-            np.testing.assert_array_equal(first, scene(0, 0))
+            first = find_sequence(folder, exchange=True).frames[0]
+            np.testing.assert_array_equal(cv2.imread(str(first.left), cv2.IMREAD_UNCHANGED), scene(0, 0))
 
 
 def test_a_calibration_of_the_user_s_own_takes_the_place_of_camera_infos(tmp_path: Path) -> None:
     """The images stay as they were sent."""
     for name, messages in (("bare", [row for row in stereo() if row[1] != INFO]), ("raw", stereo())):
-        with unpacked_bag(bag(tmp_path / name, messages), {}, calibrated=True) as (folder, notes):
+        with unpacked(bag(tmp_path / name, messages), Wanted(calibrated=True)) as (folder, notes):
             assert not (folder / "calib.txt").exists()
             assert notes == ()
             first = cv2.imread(str(folder / "image_1" / "frame000000.pgm"), cv2.IMREAD_UNCHANGED)
@@ -387,7 +389,7 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     yield "one camera", without("right"), "", "no topic of the right camera's images"
     yield "no calibration", without("camera_info"), "", "no calibration of the left camera"
     yield "two left", [*plain, ("/other/left/image_raw", IMAGE, 0, image(0, 0, 0))], "", "several topics of the left"
-    yield "wrong topic", plain, "left=/stereo/left/image_ra", "bag; did you mean '/stereo/left/image_raw'?"
+    yield "wrong topic", plain, "left=/stereo/left/image_ra", "is not in it; did you mean '/stereo/left/image_raw'?"
     yield "no image topic", plain, "left=/stereo/left/camera_info", "not images"
     yield "one topic for both", plain, "right=/stereo/left/image_raw", "one topic for both cameras"
     yield "unknown role", plain, "centre=/x", "expected left=/topic"
@@ -456,7 +458,7 @@ def test_a_bag_may_lie_under_any_path(place: str, alone: bool, tmp_path: Path) -
     folder = bag(tmp_path / "bag", stereo()).rename(tmp_path / place / "bag")
     (file,) = folder.glob("*.db3")
     (folder / f"{place}.db3").symlink_to(file)
-    with unpacked_bag(folder / f"{place}.db3" if alone else folder, {}) as (found, _):
+    with unpacked(folder / f"{place}.db3" if alone else folder) as (found, _):
         assert len(list((found / "image_0").iterdir())) == 4
 
 

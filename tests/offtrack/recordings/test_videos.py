@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health
-from offtrack.exchange.recordings import live
 from offtrack.exchange.recordings.camera_files import MountingOptions
-from offtrack.exchange.recordings.live import Streams, estimate_live
+from offtrack.exchange.recordings.estimation import estimate_live
+from offtrack.exchange.recordings.layouts import live
+from offtrack.exchange.recordings.layouts.found import unpacked
+from offtrack.exchange.recordings.layouts.live import Streams
+from offtrack.exchange.recordings.layouts.videos import fits
 from offtrack.exchange.recordings.stereo_reader import live_recording, open_recording
-from offtrack.exchange.recordings.videos import unpacked_videos, videos_in
 from scenarios.image_file import read_grey
 from sensors.messages import GreyImage, StereoFrame
 
@@ -48,7 +50,7 @@ def test_one_video_or_two_are_a_recording(tmp_path: Path, together: bool) -> Non
         path = tmp_path
         for k, side in enumerate(("left", "right")):
             video(path / f"{side}.avi", [pair[k] for pair in pairs])
-    with unpacked_videos(videos_in(path)) as (folder, notes):
+    with unpacked(path) as (folder, notes):
         recording = open_recording(folder)
         assert [frame.tick for frame in recording.sequence.frames] == [0, 50, 100, 150]
         assert recording.size == SIZE
@@ -77,17 +79,17 @@ def test_a_video_without_times_of_its_own_has_those_of_its_rate(
             return getattr(self._capture, name)
 
     monkeypatch.setattr(cv2, "VideoCapture", Untimed)
-    with unpacked_videos((path,)) as (folder, notes):
+    with unpacked(path) as (folder, notes):
         assert np.loadtxt(folder / "times.txt").tolist() == [0.0, 0.05, 0.1]
         assert "times are those of 20 frames a second" in notes
 
 
 def test_what_is_no_video_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.mp4").write_bytes(b"none")
-    assert videos_in(tmp_path) == ()
+    assert not fits(tmp_path)
     with (
         pytest.raises(ValueError, match=r"^[^\n]*x\.mp4: 0 frames can be read"),
-        unpacked_videos(videos_in(tmp_path / "x.mp4")),
+        unpacked(tmp_path / "x.mp4"),
     ):
         pass
 

@@ -62,3 +62,8 @@ def listed(table: Table, size: Sequence[Any]) -> CameraModel:
     """Camera with ``intrinsics`` in a list, of Kalibr and EuRoC."""
     coefficients = table.get("distortion_coeffs", table.get("distortion_coefficients", []))
     return pinhole(table, numbers(table["intrinsics"]), coefficients, table.get("resolution", size))
+
+
+def baseline(P_l: FloatArray, P_r: FloatArray) -> float:
+    """Distance [m] of the right camera along the left one's x axis, by the difference of projections P (3, 4)."""
+    return float(P_l[0, 3] / P_l[0, 0] - P_r[0, 3] / P_r[0, 0])

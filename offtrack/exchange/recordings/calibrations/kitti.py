@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from offtrack.exchange.recordings.stereo_sequence import Layout
+from offtrack.exchange.recordings.stereo_sequence import Folders
 from sensors.camera.rig import StereoCalibration
 from vehicle.foundation.user_file import FileKind, read_text
 from vehicle.frames import FloatArray, transform
@@ -15,8 +15,8 @@ _LARGEST = 1e9  # number of a projection matrix [px], [px m]
 _OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
 
 
-def read_projections(path: Path, layout: Layout, size: tuple[int, int]) -> StereoCalibration:
-    """Read the projections of the two cameras of a layout, with images of this width and height [px].
+def read_projections(path: Path, folders: Folders, size: tuple[int, int]) -> StereoCalibration:
+    """Read the projections of the two cameras of these folders, with images of this width and height [px].
 
     ``X_SC`` is the pose of the left camera in KITTI's camera 0, whose poses are in ``poses.txt``.
 
@@ -24,13 +24,13 @@ def read_projections(path: Path, layout: Layout, size: tuple[int, int]) -> Stere
         ValueError: one line, if one is missing, or if they do not belong to a rectified pair of such images.
     """
     lines = _lines(path)
-    left, right = (_matrix(path, lines, name) for name in (layout.left_projection, layout.right_projection))
+    left, right = (_matrix(path, lines, name) for name in (folders.left_projection, folders.right_projection))
     f, cx, cy = left[0, 0], left[0, 2], left[1, 2]
     if not f > 0.0 or abs(left[1, 1] / f - 1.0) > _FOCAL_TOLERANCE:
         raise ValueError(f"{path}: focal lengths {f:g} and {left[1, 1]:g} px must be positive and equal")
     if np.abs(left[:, :3] - right[:, :3]).max() > _FOCAL_TOLERANCE * f:
         raise ValueError(
-            f"{path}: {layout.left_projection} and {layout.right_projection} differ in more than their last column: "
+            f"{path}: {folders.left_projection} and {folders.right_projection} differ in more than their last column: "
             "the pair is not rectified; give its calibration with --calibration FILE.toml"
         )
     p_Cl, p_Cr = (-np.linalg.solve(P[:, :3], P[:, 3]) for P in (left, right))  # from camera 0

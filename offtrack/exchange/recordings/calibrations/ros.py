@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from offtrack.exchange.recordings.bag_messages import baseline
-from offtrack.exchange.recordings.calibrations.cameras import Pair, Table, Tables, numbers, pinhole
+from offtrack.exchange.recordings.calibrations.cameras import Pair, Table, Tables, baseline, numbers, pinhole
 from sensors.camera.rig import CameraModel
 from vehicle.frames import transform
 

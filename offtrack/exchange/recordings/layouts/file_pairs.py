@@ -1,25 +1,18 @@
-"""Frames of a recording by its files: pairs of images by their names, and capture times.
+"""Pairs of image files by their names, read as the numbers in them.
 
-A name is read as its numbers. Those that are the same in all names of a camera, as an image size or a date, say
-nothing. Tables of times have one line per frame: a time, or the frame's number and then its time (DSO), or a time and
-a file name (TUM, EuRoC), or date and time (KITTI raw). Unix times may be in seconds, milliseconds, microseconds or
-nanoseconds.
+Numbers that are the same in all names of a camera, as an image size or a date, say nothing.
 """
 
-import os
 import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from decimal import Decimal
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle.clock import TICK
-from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text, shown
+from offtrack.exchange.recordings.layouts.frame_times import unix_unit
 
 _Key: TypeAlias = tuple[Decimal, ...]
 _NEAR: Final = 0.5  # of the time between frames; images farther apart are no pair
@@ -162,110 +155,3 @@ def nearest_pairs(left: NDArray[Any], right: NDArray[Any], to_ms: float, source:
             f"are {typical:.0f} ms apart; the cameras must be triggered together"
         )
     return NearestPairs(kept, near[kept], typical)
-
-
-_LONGEST_PERIOD = 10.0  # between frames [s]; longer ones mean another unit, or no visible motion
-_LATEST = 1e10  # time stamp [s]: 300 years
-_EARLIEST: Final = 10**8  # Unix time: 1973 [s]
-_UNITS: Final = {1: "s", 1_000: "ms", 1_000_000: "us", 1_000_000_000: "ns"}  # of Unix times, by number in a second
-
-
-class FrameTimes(NamedTuple):
-    """Times of frames, oldest first."""
-
-    times: tuple[float, ...]  # [s]
-    notes: tuple[str, ...] = ()
-
-
-def read_times(path: Path) -> FrameTimes:
-    """Times [s] that increase by at least a tick.
-
-    Raises:
-        ValueError: one line naming file, line and remedy.
-    """
-    if not os.path.lexists(path):
-        raise ValueError(f"{path} is missing: create it with the time [s] of every frame, or use --rate HZ")
-    lines = read_text(path, FileKind.TABLE).splitlines()
-    if len(lines) > MAX_FRAMES:
-        raise ValueError(f"{path} has {len(lines)} lines: a recording must have at most {MAX_FRAMES} frames")
-    numbered = ((k, line.strip()) for k, line in enumerate(lines, start=1))
-    kept = [(k, line) for k, line in numbered if line and not line.startswith("#")]
-    if kept and not re.search(r"\d", kept[0][1]):  # names of the columns
-        kept = kept[1:]
-    commas = _decimal_commas([line for _, line in kept])
-    rows = [(k, line.replace(",", "." if commas else " ").split()) for k, line in kept]
-    column, notes = _column([row for _, row in rows])
-    values = [_value(path, k, row, column) for k, row in rows]
-    unit = unix_unit(min((value for _, value in values), default=0)) or 1
-    times = [(k, value / unit) for k, value in values]
-    if unit > 1:
-        notes = (*notes, f"{path.name}: times are in {_UNITS[unit]}")
-    _check(path, times)
-    return FrameTimes(tuple(time for _, time in times), notes)
-
-
-def _decimal_commas(lines: Sequence[str]) -> bool:
-    """True for single numbers with a comma as decimal sign: what stands before it does not count the frames."""
-    parts = [re.fullmatch(r"(\d+),\d+", line) for line in lines]
-    before = [int(part[1]) for part in parts if part]
-    return len(before) == len(lines) and any(after <= one for one, after in pairwise(before))
-
-
-def unix_unit(time: float | Decimal) -> int:
-    """Number of the unit of a Unix time in a second; 0 if it is none, or before 1973."""
-    return max((n for n in _UNITS if time >= _EARLIEST * n), default=0)
-
-
-def _column(rows: Sequence[list[str]]) -> tuple[int, tuple[str, ...]]:
-    """Column of the times: the second if the first one counts the frames."""
-    counted = [row[0].isdecimal() and len(row) > 1 for row in rows]
-    if len(rows) < 2 or not all(counted):
-        return 0, ()
-    numbers = [int(row[0]) for row in rows]
-    steps = {after - before for before, after in pairwise(numbers)}
-    try:
-        second = [float(row[1]) for row in rows]
-    except ValueError:  # file names
-        return 0, ()
-    if steps == {1} and all(after > before for before, after in pairwise(second)):
-        return 1, ("times are in the second column; the first one counts the frames",)
-    return 0, ("times are in the first column; the second one has other numbers",)
-
-
-def _value(path: Path, number: int, row: list[str], column: int) -> tuple[int, float]:
-    """Number of the line and its time, in the table's unit; date and time count as UTC."""
-    text = row[column] if column < len(row) else ""
-    try:
-        value: float = int(text) if text.isdecimal() else float(text)
-    except ValueError:
-        try:
-            value = _date(" ".join(row[:2]) if len(row) > 1 and "T" not in text else text)
-        except ValueError:
-            raise ValueError(
-                f"{path}, line {number}: '{shown(' '.join(row), 40)}' is not a time [s]. Repair it or use --rate HZ"
-            ) from None
-    if not abs(value) <= _LATEST * max(_UNITS):
-        raise ValueError(f"{path}, line {number}: {value} is not a time [s]. Repair it or use --rate HZ")
-    return number, value
-
-
-def _date(text: str) -> float:
-    """Seconds since 1970 of a date and time such as 2011-09-26 13:02:25.964389445, or with a time zone."""
-    date = datetime.fromisoformat(text)
-    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
-
-
-def _check(path: Path, times: Sequence[tuple[int, float]]) -> None:
-    """Refuse times that do not rise, or that can not be seconds."""
-    for (_, before), (k, after) in pairwise(times):
-        if after - before < 0.999 * TICK:
-            raise ValueError(
-                f"{path}, line {k}: {after:.15g} s must be at least {TICK:g} s after the line before. "
-                "Repair it or use --rate HZ"
-            )
-    period = float(np.median(np.diff([time for _, time in times]))) if len(times) > 1 else 0.0
-    if period > _LONGEST_PERIOD:
-        raise ValueError(
-            f"{path}: {period:g} s between frames is more than {_LONGEST_PERIOD:g} s. Times must be in seconds: are "
-            "these milliseconds? Or use --rate HZ"
-        )

@@ -3,22 +3,15 @@
 Each source is a number of a device, a file or an address; images that arrive together are a pair.
 """
 
-import contextlib
-import json
 import math
 import threading
 import time
-from collections import Counter
-from typing import Any, Final, TextIO, cast
+from typing import Final, cast
 
 import cv2
 
-from estimators.context import OffTrackingSource
-from estimators.estimates import Health
-from offtrack.exchange.recordings.stereo_reader import Recording
-from offtrack.exchange.recordings.videos import next_image
-from sensors.messages import GreyImage, StereoFrame
-from vehicle.clock import TICK
+from offtrack.exchange.recordings.layouts.videos import next_image
+from sensors.messages import GreyImage
 
 _AGAIN: Final = 0.5  # between two attempts to open a lost source [s]
 _PATIENCE: Final = 1.0  # without a pair, after which an estimate is lost [s]
@@ -91,36 +84,3 @@ class Streams:
         """Release both sources."""
         for source in self._sources:
             source.close()
-
-
-def estimate_live(streams: Streams, recording: Recording, source: OffTrackingSource, out: TextIO) -> dict[str, Any]:
-    """Write a line of JSON for every pair, until an interrupt; return the summary.
-
-    A pair that is missing, or of another size than the recording's, is a lost estimate.
-    """
-    memory, begin, counts = source.init(), time.monotonic(), Counter[str]()
-    with contextlib.suppress(KeyboardInterrupt, BrokenPipeError):
-        while True:
-            pair = streams.read()
-            tick = round((time.monotonic() - begin) / TICK)
-            line: dict[str, Any] = {"time_s": round(tick * TICK, 3), "health": Health.LOST.name.lower()}
-            if isinstance(pair, str):
-                line["reason"] = pair
-            elif any(image.shape != recording.size[::-1] for image in pair):
-                line["reason"] = f"images are not of {recording.size[0]}x{recording.size[1]} px"
-            else:
-                frame = recording.rectified(StereoFrame(tick=tick, left=pair[0], right=pair[1]))
-                memory, result = source.step(memory, frame)
-                found: Any = getattr(result, "off_tracking", result)
-                if found is None:
-                    line["reason"] = "first image"
-                else:
-                    line["health"] = found.health.name.lower()
-                    if found.health is not Health.LOST and math.isfinite(found.value):
-                        line |= {"off_tracking_m": round(found.value, 6), "std_m": round(found.std, 6)}
-            counts[line["health"]] += 1
-            out.write(json.dumps(line) + "\n")
-            out.flush()
-    duration = time.monotonic() - begin
-    pairs = sum(counts.values())
-    return {"duration_s": round(duration, 3), "pairs": pairs, "pairs_per_s": round(pairs / duration, 2), **counts}

@@ -1,0 +1,1 @@
+"""Layouts of recordings: a file for each, found by looking at what a path holds."""
