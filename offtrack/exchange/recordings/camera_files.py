@@ -323,15 +323,14 @@ def camera_text(calibration: CameraCalibration) -> str:
     camera, std = calibration.camera, calibration.std.tolist()
     names = ("fx", "fy", "cx", "cy")
     table: dict[str, Any] = {
-        "camera": {"width": camera.width, "height": camera.height}
-        | {name: getattr(camera, name) for name in names}
+        "camera": {name: getattr(camera, name) for name in ("width", "height", *names)}
         | {"distortion": list(camera.distortion)},
         "standard_deviation": dict(zip(names, std[:4], strict=True)) | {"distortion": std[4:]},
     }
-    return (
+    units = (
         "# One camera. Lengths in pixels; the centre of the first pixel is (0, 0). distortion: k1, k2, p1, p2, k3.\n"
-        + (tomli_w.dumps(table))
     )
+    return units + tomli_w.dumps(table)
 
 
 def coverage_picture(cameras: dict[str, CameraCalibration], path: Path) -> None:

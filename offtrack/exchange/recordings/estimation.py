@@ -82,17 +82,6 @@ class Estimation:
         """True if the estimator stated motions of the cameras."""
         return any(frame.motion for frame in self.frames)
 
-    @property
-    def X_S0S(self) -> FloatArray:
-        """Poses (n, 4, 4) of the trailer relative to the first frame, by the odometry."""
-        return body_poses(self.recording, self.X_C0C)
-
-    @property
-    def true_X_S0S(self) -> FloatArray | None:
-        """Poses (n, 4, 4) of the trailer relative to the first frame, as recorded; None if unknown."""
-        poses = self.recording.poses
-        return None if poses is None else body_poses(self.recording, poses[: len(self.frames)])
-
 
 def estimate(recording: Recording, source: OffTrackingSource, progress: Progress = no_progress) -> Estimation:
     """Estimate the off-tracking at every frame; an interrupt ends this early and keeps the frames so far.
@@ -115,7 +104,8 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
                 memory, result = source.step(memory, frame)
                 odometry_s += time.perf_counter() - start
                 jpeg = b"" if len(frames) % every else ON_PAGE.jpeg(frame.left)
-                frames.append(_frame_estimate(files, result, jpeg))
+                off_tracking, motion = _parts(result)
+                frames.append(FrameEstimate(files=files, off_tracking=off_tracking, motion=motion, jpeg=jpeg))
             progress(len(frames), total, f"frame {len(frames)} of {total}")
     except KeyboardInterrupt:
         outcome = "interrupted"
@@ -150,7 +140,7 @@ def estimate_live(streams: Streams, recording: Recording, source: OffTrackingSou
             else:
                 frame = recording.rectified(StereoFrame(tick=tick, left=pair[0], right=pair[1]))
                 memory, result = source.step(memory, frame)
-                found: Any = getattr(result, "off_tracking", result)
+                found, _ = _parts(result)
                 if found is None:
                     line["reason"] = "first image"
                 else:
@@ -165,10 +155,9 @@ def estimate_live(streams: Streams, recording: Recording, source: OffTrackingSou
     return {"duration_s": round(duration, 3), "pairs": pairs, "pairs_per_s": round(pairs / duration, 2), **counts}
 
 
-def _frame_estimate(files: FrameFiles, result: Any, jpeg: bytes) -> FrameEstimate:
-    if result is None or isinstance(result, OffTracking):  # of the user's own estimator
-        return FrameEstimate(files=files, off_tracking=result, jpeg=jpeg)
-    return FrameEstimate(files=files, off_tracking=result.off_tracking, motion=result.motion, jpeg=jpeg)
+def _parts(result: Any) -> tuple[OffTracking | None, Motion | None]:
+    """Off-tracking and motion; an estimator of the user's own may state no motion."""
+    return getattr(result, "off_tracking", result), getattr(result, "motion", None)
 
 
 def body_poses(recording: Recording, X_C0C: FloatArray) -> FloatArray:
@@ -258,11 +247,7 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
 
 
 def _data_sheet(recording: Recording, name: str) -> Vehicle:
-    """A vehicle's data sheet, whose last trailer rolls about the recording's axis.
-
-    Raises:
-        ValueError: one line, if there is no such vehicle, or it tows nothing.
-    """
+    """A vehicle's data sheet, whose last trailer rolls about the recording's axis."""
     vehicle = load_vehicle(name)
     if len(vehicle.units) < 2:
         raise ValueError(f"--vehicle {name}: tows no trailer")
@@ -274,8 +259,7 @@ KITTI_LENGTHS: Final = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0) 
 KITTI_EVERY: Final = 10  # frames between the starts of subsequences
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
+class Drift(NamedTuple):
     """Mean errors over all subsequences."""
 
     translation: float  # error over length [-]
@@ -298,25 +282,15 @@ def drift(
         for length in lengths:
             last = int(np.searchsorted(distance, distance[first] + length, side="right"))
             if last < len(true):
-                errors.append((length, *_errors(true, estimated, first, last, length)))
+                X_true, X_estimated = (inverse(poses[first]) @ poses[last] for poses in (true, estimated))
+                X_error = inverse(X_estimated) @ X_true
+                turn = np.linalg.norm(rotation_vector(X_error[:3, :3]))
+                errors.append((length, np.linalg.norm(X_error[:3, 3]) / length, turn / length))
     if not errors:
         return None
     table = np.array(errors)
-    return Drift(
-        translation=float(table[:, 1].mean()),
-        rotation=float(table[:, 2].mean()),
-        lengths=tuple(float(length) for length in np.unique(table[:, 0])),
-        subsequences=len(table),
-    )
-
-
-def _errors(true: FloatArray, estimated: FloatArray, first: int, last: int, length: float) -> tuple[float, float]:
-    """Translation error [-] and rotation error [rad/m] of one subsequence."""
-    X_true = inverse(true[first]) @ true[last]
-    X_estimated = inverse(estimated[first]) @ estimated[last]
-    X_error = inverse(X_estimated) @ X_true
-    turn = float(np.linalg.norm(rotation_vector(X_error[:3, :3])))
-    return float(np.linalg.norm(X_error[:3, 3])) / length, turn / length
+    of_lengths = tuple(float(length) for length in np.unique(table[:, 0]))
+    return Drift(float(table[:, 1].mean()), float(table[:, 2].mean()), of_lengths, len(table))
 
 
 def motions_found(estimation: Estimation) -> list[Motion]:
@@ -349,17 +323,28 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
     recording, notes = estimation.recording, list(estimation.recording.notes)
     if not estimation.states_motions and any(frame.off_tracking for frame in estimation.frames):
         notes.append("the estimator states no motions of the cameras: there is no trajectory")
+    dropped = [{"frame": k, "reason": f.dropped} for k, f in enumerate(estimation.frames) if f.dropped]
+    used = len(log) - len(dropped)
     return {
         "outcome": estimation.outcome,
         "recording": recording.source,
         "follow_distance_m": recording.follow_distance,
-        "frames": _frames(estimation, log),
+        "frames": {
+            "total": len(recording.sequence.frames),
+            "used": used,
+            "dropped": len(dropped),
+            "duration_s": number(estimation.frames[-1].files.tick * TICK if len(log) else 0.0),
+        },
         "off_tracking": _off_tracking(estimation, log),
         "odometry": {"name": odometry, **_odometry(estimation, log)},
         "kitti": _drift(estimation),
         "self_calibration": _self_calibration(log),
-        "timing": _timing(estimation, log),
-        "dropped_frames": [{"frame": k, "reason": f.dropped} for k, f in enumerate(estimation.frames) if f.dropped],
+        "timing": {
+            "wall_s": number(estimation.wall_s),
+            "odometry_s": number(estimation.odometry_s),
+            "odometry_ms_per_frame": number(1e3 * estimation.odometry_s / max(1, used)),
+        },
+        "dropped_frames": dropped,
         "warnings": list(warnings(estimation)),
         "assumed": list(recording.assumed),
         "notes": notes,
@@ -368,16 +353,13 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
 
 def warnings(estimation: Estimation) -> tuple[str, ...]:
     """What is doubtful about the recording, a line each; the worst first."""
-    motions = [frame.motion for frame in estimation.frames]
-    doubts = doubt_warnings(frame.off_tracking for frame in estimation.frames if frame.off_tracking)
-    found = estimation.recording.warnings
     return (
         *_lost_warnings(estimation),
-        *found,
-        *calibration_warnings(motions, "leave out --no-self-calibration"),
+        *estimation.recording.warnings,
+        *calibration_warnings((frame.motion for frame in estimation.frames), "leave out --no-self-calibration"),
         *_rotation_warnings(estimation),
         *_plausibility_warnings(estimation),
-        *doubts,
+        *doubt_warnings(frame.off_tracking for frame in estimation.frames if frame.off_tracking),
     )
 
 
@@ -449,18 +431,9 @@ def error_of_estimate(log: Log) -> FloatArray:
     return metrics.estimate_error(log["off_tracking"], log["off_tracking_poses"], log["health"])
 
 
-def _frames(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
-    total, dropped = len(log), int(log["dropped"].sum())
-    return {
-        "total": len(estimation.recording.sequence.frames),
-        "used": total - dropped,
-        "dropped": dropped,
-        "duration_s": number(estimation.frames[-1].files.tick * TICK if total else 0.0),
-    }
-
-
 def _off_tracking(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
     value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
+    usable = log["health"] < LOST
     by_direction = estimation.recording.direction_std * estimation.recording.follow_distance
     return {
         "rms_m": number(metrics.rms(value)),
@@ -468,19 +441,13 @@ def _off_tracking(estimation: Estimation, log: Log) -> dict[str, float | int | N
         "std_mean_m": number(metrics.mean(std)),
         "direction_std_m": number(by_direction),
         "motion_std_mean_m": number(metrics.mean(np.sqrt(np.clip(std**2 - by_direction**2, 0.0, None)))),
-        "valid_fraction": number(_valid_fraction(log)),
+        # since the first usable one; dropped frames count as unusable
+        "valid_fraction": number(float(usable[np.argmax(usable) :].mean()) if usable.any() else math.nan),
         "estimate_error_rms_m": number(metrics.rms(error)),
         "estimate_error_max_m": number(metrics.peak(error)),
         "within_2_5_sigma": number(metrics.within_sigmas(error, std)),
         "nees_mean": number(metrics.nees(error, std)),
     }
-
-
-def _valid_fraction(log: Log) -> float:
-    """Share of frames with a usable off-tracking since the first one; dropped frames count as unusable."""
-    usable = log["health"] < LOST
-    first = int(np.argmax(usable)) if usable.any() else len(usable)
-    return float(np.mean(usable[first:])) if first < len(usable) else math.nan
 
 
 def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
@@ -505,12 +472,9 @@ def _drift(
     estimation: Estimation, lengths: Sequence[float] = KITTI_LENGTHS, every: int = KITTI_EVERY
 ) -> dict[str, Any]:
     """Drift figures of the benchmark, and the lengths [m] of the subsequences that fit into the path."""
-    true = estimation.recording.poses
-    result = (
-        None
-        if true is None or _mostly_lost(estimation)
-        else drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
-    )
+    true, result = estimation.recording.poses, None
+    if true is not None and not _mostly_lost(estimation):
+        result = drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
     if result is None:
         return {"drift_percent": None, "drift_deg_per_m": None, "lengths_m": [], "subsequences": 0}
     return {
@@ -535,15 +499,6 @@ def _self_calibration(log: Log) -> dict[str, float | int | None]:
     return found
 
 
-def _timing(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
-    used = max(1, len(log) - int(log["dropped"].sum()))
-    return {
-        "wall_s": number(estimation.wall_s),
-        "odometry_s": number(estimation.odometry_s),
-        "odometry_ms_per_frame": number(1e3 * estimation.odometry_s / used),
-    }
-
-
 def agreement_numbers(
     estimation: Estimation, kind: Callable[[StereoCalibration], Odometry[Any]]
 ) -> dict[str, float | None]:
@@ -561,16 +516,9 @@ def straight_frames(estimation: Estimation, most: int | None = None) -> list[Ste
     """Frames of the estimation, at ``most`` the first ones; right images by the rotation that it ended with."""
     recording = estimation.recording
     files = recording.sequence.frames[: len(estimation.frames)][:most]
-    return [
-        _straight(estimation, recording.rectified(frame))
-        for _, frame in stream(files, recording.size)
-        if not isinstance(frame, Dropped)
-    ]
-
-
-def _straight(estimation: Estimation, frame: StereoFrame) -> StereoFrame:
-    motion = estimation.frames[-1].motion
+    read = (frame for _, frame in stream(files, recording.size) if not isinstance(frame, Dropped))
+    frames, motion = map(recording.rectified, read), estimation.frames[-1].motion
     if not isinstance(motion, SelfCalibratedMotion):
-        return frame
+        return list(frames)
     rotation = motion.right_rotation.matrix()
-    return replace(frame, right=straightened(estimation.recording.calibration, frame.right, rotation))
+    return [replace(one, right=straightened(recording.calibration, one.right, rotation)) for one in frames]

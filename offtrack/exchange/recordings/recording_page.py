@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.estimates import Health
-from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, summary
+from offtrack.exchange.recordings.estimation import Estimation, FrameEstimate, body_poses, summary
 from offtrack.exchange.recordings.stereo_reader import kitti_text, tum_text
 from offtrack.reports import canvas
 from offtrack.reports.film import Film, Frames
@@ -62,10 +62,10 @@ ROW_WORDS: Final = HEALTH_WORDS | {DROPPED: "dropped"}
 
 def estimate_log(estimation: Estimation) -> Log:
     """One row per frame, with the right camera's rotation if it was estimated; NaN where there is no value."""
-    poses = estimation.X_S0S
+    poses = body_poses(estimation.recording, estimation.X_C0C)
     psi = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
     rows = [
-        [k, frame.files.time, float(bool(frame.dropped)), *_estimated(frame), x, y, turn, *_motion(frame), reference]
+        [k, frame.files.time, float(bool(frame.dropped)), *_estimated(frame), x, y, turn, *_velocity(frame), reference]
         for k, (frame, (x, y), turn, reference) in enumerate(
             zip(estimation.frames, poses[:, :2, 3], psi, estimation.reference, strict=True)
         )
@@ -82,12 +82,11 @@ def _estimated(frame: FrameEstimate) -> tuple[float, ...]:
     if e is None:
         return (math.nan,) * 6
     value, std = (math.nan, math.nan) if e.health is Health.LOST else (e.value, e.std)
-    if motion is None:
-        return (value, std, HEALTH[e.health], math.nan, math.nan, math.nan)
-    return (value, std, HEALTH[e.health], motion.matches, motion.inliers, HEALTH[motion.health])
+    of_motion = (motion.matches, motion.inliers, HEALTH[motion.health]) if motion else (math.nan,) * 3
+    return (value, std, HEALTH[e.health], *of_motion)
 
 
-def _motion(frame: FrameEstimate) -> tuple[float, ...]:
+def _velocity(frame: FrameEstimate) -> tuple[float, ...]:
     e = frame.off_tracking
     return (e.v_x, e.v_y, e.yaw_rate) if e is not None else (math.nan,) * 3
 
@@ -160,7 +159,7 @@ def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = Tru
     half = 0.5 * _WIDTH
     outline: FloatArray = np.array([[0.0, half], [0.0, -half], [-follow, -half], [-follow, half]])
     since_first = player.elapsed(log)
-    true = estimation.true_X_S0S
+    true = None if recording.poses is None else body_poses(recording, recording.poses[: len(log)])
     compared = bool(np.isfinite(log["off_tracking_poses"]).any())
     return player.Playback(
         title=recording.sequence.directory.name,
@@ -194,11 +193,7 @@ def recording_playback(estimation: Estimation, log: Log, *, pictures: bool = Tru
         readings=(
             player.Reading("off-tracking", "off_tracking", "m", 1.0, 3, "estimated"),
             player.Reading("its σ", "off_tracking_std", "mm", 1e3, 1, "estimated"),
-            *(
-                (player.Reading("by the recorded poses", "off_tracking_poses", "m", 1.0, 3, "true"),)
-                if compared
-                else ()
-            ),
+            *[player.Reading("by the recorded poses", "off_tracking_poses", "m", 1.0, 3, "true")] * compared,
             player.Reading("speed", "v_x", "m/s", 1.0, 2),
             player.Reading("yaw rate", "yaw_rate", "°/s", _DEGREES, 2),
             player.Reading("inliers", "inliers", "-", 1.0, 0),

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,6 @@ _BASELINES = 0.005, 5.0  # [m]
 _OF_DAY = "calib_cam_to_cam.txt"
 _SAMPLES = 3  # places in a recording at which images are checked
 _LEVEL = 0.5  # largest sine of the angle between horizon and optical axis of cameras that see the ground below
-
-
 _FARTHEST = 1e8  # position, in any map [m]
 
 
@@ -80,9 +78,8 @@ def tum_text(times: Sequence[float], poses: FloatArray) -> str:
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     rows = np.column_stack([poses[:, :3, 3], quaternions])
     lines = [f"{t:.6f} " + " ".join(f"{value:.9f}" for value in row) for t, row in zip(times, rows, strict=True)]
-    return "\n".join(
-        ["# time [s], position [m] and quaternion (x y z w) of the left camera in its first pose", *lines, ""]
-    )
+    title = "# time [s], position [m] and quaternion (x y z w) of the left camera in its first pose"
+    return "\n".join([title, *lines, ""])
 
 
 def kitti_text(poses: FloatArray) -> str:
@@ -138,34 +135,31 @@ class Recording:
         """What was recognised, for JSON: images, calibration and mounting, and warnings, assumptions and notes."""
         frames, calibration = self.sequence.frames, self.calibration
         duration = frames[-1].time - frames[0].time
+        images = {
+            "left": self.sequence.folders.left,
+            "right": self.sequence.folders.right,
+            "frames": len(frames),
+            "width_px": self.size[0],
+            "height_px": self.size[1],
+            "duration_s": round(duration, 6),
+            "rate_hz": round((len(frames) - 1) / duration, 3) if duration > 0.0 else None,
+        }
+        cameras = {
+            "rectified": self.rectification is None,
+            "focal_length_px": round(calibration.focal_length, 3),
+            "cx_px": round(calibration.cx, 3),
+            "cy_px": round(calibration.cy, 3),
+            "baseline_m": round(calibration.baseline, 6),
+        }
+        mounting = {
+            "X_SC": np.round(calibration.X_SC, 6).tolist(),
+            "follow_distance_m": self.follow_distance,
+            "direction_std_deg": round(math.degrees(self.direction_std), 4),
+            "true_poses": self.poses is not None,
+        }
         return {
-            "recording": {
-                "images": {
-                    "left": self.sequence.folders.left,
-                    "right": self.sequence.folders.right,
-                    "frames": len(frames),
-                    "width_px": self.size[0],
-                    "height_px": self.size[1],
-                    "duration_s": round(duration, 6),
-                    "rate_hz": round((len(frames) - 1) / duration, 3) if duration > 0.0 else None,
-                },
-                "calibration": {
-                    "rectified": self.rectification is None,
-                    "focal_length_px": round(calibration.focal_length, 3),
-                    "cx_px": round(calibration.cx, 3),
-                    "cy_px": round(calibration.cy, 3),
-                    "baseline_m": round(calibration.baseline, 6),
-                },
-                "mounting": {
-                    "X_SC": np.round(calibration.X_SC, 6).tolist(),
-                    "follow_distance_m": self.follow_distance,
-                    "direction_std_deg": round(math.degrees(self.direction_std), 4),
-                    "true_poses": self.poses is not None,
-                },
-            },
-            "warnings": list(self.warnings),
-            "assumed": list(self.assumed),
-            "notes": list(self.notes),
+            "recording": {"images": images, "calibration": cameras, "mounting": mounting},
+            **{name: list(getattr(self, name)) for name in ("warnings", "assumed", "notes")},
         }
 
     def rectified(self, frame: StereoFrame) -> StereoFrame:
@@ -241,14 +235,9 @@ def _opened(
             return None
         return cameras.rectification.step(found) if cameras.rectification else found
 
-    mounted = mounting(
-        options,
-        cameras.rig,
-        calibration,
-        lambda: facing_by_motion(
-            calibration, filter(None, map(frame, range(len(sequence.frames)))), upside_down=options.upside_down
-        ),
-    )
+    readable = filter(None, map(frame, range(len(sequence.frames))))
+    facing = partial(facing_by_motion, calibration, readable, upside_down=options.upside_down)
+    mounted = mounting(options, cameras.rig, calibration, facing)
     last = max(1, len(sequence.frames) - 2)
     places = [lambda step, k=k: frame(k + step) for k in np.unique(np.linspace(1, last, _SAMPLES).astype(int)).tolist()]
     ground_below = abs(mounted.X_SC[2, 2]) < _LEVEL and not options.upside_down
@@ -286,8 +275,7 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
     projections = file or _projections(sequence)
     foreign: tuple[Path, ...] = (projections,) if projections.suffix in SUFFIXES else ()
     if file is None and not os.path.lexists(projections):
-        folders = sequence.directory / sequence.folders.left, sequence.directory / sequence.folders.right
-        foreign = foreign_files(folders)
+        foreign = foreign_files(sequence.directory / sequence.folders.left, sequence.directory / sequence.folders.right)
     if foreign:
         return _raw_cameras(foreign[0], size, foreign_rig(foreign, size), rig)
     calibration = read_projections(projections, sequence.folders, size)

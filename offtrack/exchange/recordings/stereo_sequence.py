@@ -29,8 +29,7 @@ class Folders(NamedTuple):
     right_projection: str = "P1"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameFiles:
+class FrameFiles(NamedTuple):
     """Expected image files of a frame; they are not read yet and may be missing."""
 
     tick: int

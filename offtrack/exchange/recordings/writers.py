@@ -43,8 +43,7 @@ SLIP_COLUMNS: Final = (TIME, Column("slip_deg", 180.0, "deg"))
 
 def rig_toml(rig: TraceRig) -> str:
     """The rig as TOML, numbers exact to the last bit."""
-    c = rig.camera
-    camera = {"width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy}
+    camera = {name: getattr(rig.camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
     return tomli_w.dumps(
         {
             "X_RC": rig.X_RC.tolist(),
@@ -52,7 +51,7 @@ def rig_toml(rig: TraceRig) -> str:
             "wheel_radius": rig.wheel_radius,
             "wheel_width": rig.wheel_width,
             **_wheels_table(rig.wheels),
-            "camera": {**camera, "distortion": list(c.distortion)},
+            "camera": {**camera, "distortion": list(rig.camera.distortion)},
         }
     )
 

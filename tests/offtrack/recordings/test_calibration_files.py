@@ -94,7 +94,7 @@ def test_each_program_s_file_gives_the_pair_of_cameras(
     folders = tuple(tmp_path / name / "data" if len(files) == 2 else tmp_path / name for name in ("cam0", "cam1"))
     if files[0].name == "left.yaml":
         folders = tmp_path / "left", tmp_path / "right"
-    assert foreign_files(folders) == files  # type: ignore[arg-type]  # two folders
+    assert foreign_files(*folders) == files
     rig = foreign_rig(files, SIZE)
     expected = CameraModel(width=160, height=96, fx=90.0, fy=91.0, cx=80.0, cy=47.0, distortion=(*D, 0.0))
     assert rig.left == rig.right == expected

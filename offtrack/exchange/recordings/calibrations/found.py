@@ -16,12 +16,12 @@ SUFFIXES: Final = (".yaml", ".yml", ".xml")
 _MOST_EVENTS: Final = 20_000  # of a YAML file
 
 
-def foreign_files(folders: tuple[Path, Path]) -> tuple[Path, ...]:
+def foreign_files(left: Path, right: Path) -> tuple[Path, ...]:
     """Calibration files of other programs beside the folders of the left and the right images, or in the one above."""
-    own = tuple(folder.parent / "sensor.yaml" for folder in folders)
-    if folders[0].parent != folders[1].parent and all(path.is_file() for path in own):
+    own = left.parent / "sensor.yaml", right.parent / "sensor.yaml"
+    if left.parent != right.parent and all(map(Path.is_file, own)):
         return own
-    for place in (folders[0].parent, folders[0].parent.parent):
+    for place in (left.parent, left.parent.parent):
         for pattern in ("camchain*.y*ml", "*stereo*.y*ml", "*stereo*.xml", "*intrinsics*.y*ml"):
             if found := sorted(place.glob(pattern)):
                 return (found[0],)

@@ -56,25 +56,16 @@ def find_sequence(
         times, timed = pairs.times, TimedFrames(tuple(keys), 0, ("times are those of the file names",))
     else:
         times, of_table = read_times(table)
-        timed = timed_frames(keys, len(times), table, numbered=pairs.numbered)
-        timed = timed._replace(notes=(*of_table, *timed.notes))
+        timed = timed_frames(keys, len(times), table, of_table, numbered=pairs.numbered)
     bits = grey_bits(
         side[key] for key in keys[:: max(1, len(keys) // _LOOKED_AT)] for side in (left, right) if key in side
     )
-    frames = []
+    frames, first = [], times[timed.first_line]
     for line, key in enumerate(timed.keys, start=timed.first_line):
         name = (left.get(key) or right.get(key) or Path(f"{key:06d}.png")).name
-        frames.append(
-            FrameFiles(
-                tick=round((times[line] - times[timed.first_line]) / TICK),
-                time=times[line],
-                line=line,
-                left=left.get(key, directory / names.left / name),
-                right=right.get(key, directory / names.right / name),
-                bits=bits,
-            )
-        )
-    of_bits = [f"images of 16 bits use {bits} of them"] if bits < 16 else []
+        one, other = left.get(key, directory / names.left / name), right.get(key, directory / names.right / name)
+        frames.append(FrameFiles(round((times[line] - first) / TICK), times[line], line, one, other, bits))
+    of_bits = [f"images of 16 bits use {bits} of them"] * (bits < 16)
     notes = (*pairs.notes, *timed.notes, *of_bits, *pause_notes(frames))
     return StereoSequence(directory=directory, folders=names, frames=tuple(frames), lines=len(times), notes=notes)
 
@@ -97,7 +88,7 @@ def _named(directory: Path, folders: tuple[str, str] | None) -> Folders:
         if folders is not None:
             raise ValueError(f"--folders {','.join(folders)}: {directory / missing[0]} is no folder")
         if len(missing) == 1:
-            missing_one = directory / missing[0]
-            raise ValueError(f"{missing_one} is missing: a stereo recording needs the images of both cameras")
+            lacks = f"{directory / missing[0]} is missing"
+            raise ValueError(f"{lacks}: a stereo recording needs the images of both cameras")
     pairs = ", ".join(f"{known.left} and {known.right}" for known in FOLDERS)
     raise ValueError(f"{directory} contains no stereo images; it needs two folders: {pairs}, or --folders LEFT,RIGHT")

@@ -41,22 +41,25 @@ class TimedFrames(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def timed_frames(keys: Sequence[int], lines: int, table: Path, *, numbered: bool) -> TimedFrames:
-    """Assign lines of a table to frames, where there is only one sensible way.
+def timed_frames(
+    keys: Sequence[int], lines: int, table: Path, notes: tuple[str, ...] = (), *, numbered: bool
+) -> TimedFrames:
+    """Assign lines of a table, on which there are ``notes``, to frames, where there is only one sensible way.
 
     Raises:
         ValueError: one line, if there is none.
     """
     every = tuple(range(keys[0], keys[-1] + 1))
     if lines == len(every):
-        return TimedFrames(every, 0)
+        return TimedFrames(every, 0, notes)
     if lines == len(keys):
-        return TimedFrames(tuple(keys), 0)
+        return TimedFrames(tuple(keys), 0, notes)
     if numbered and lines > keys[-1]:  # images of a part, times of the whole sequence
         note = f"times.txt has {lines} lines, {lines - len(every)} of them without images"
-        return TimedFrames(every, keys[0], (note,))
+        return TimedFrames(every, keys[0], (*notes, note))
     if lines == len(every) - 1 > 0:
-        return TimedFrames(every[:-1], 0, (f"the last frame has no line in times.txt and is omitted: {keys[-1]}",))
+        note = f"the last frame has no line in times.txt and is omitted: {keys[-1]}"
+        return TimedFrames(every[:-1], 0, (*notes, note))
     raise ValueError(
         f"{table} has {lines} lines for {len(keys)} frames; it needs one line per frame. Repair it or use --rate HZ"
     )
