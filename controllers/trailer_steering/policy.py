@@ -156,7 +156,7 @@ class PolicyMemory(NamedTuple):
 
 
 class Policy(SteeringLaw[PolicyMemory]):
-    """Angles from a trained network, for the speeds and trailers of its training; else path preview steers.
+    """Angles from a trained network, for the speeds and combinations of its training; else path preview steers.
 
     So it does while the measured lag of the actuators is outside of the training's.
     """
@@ -172,30 +172,31 @@ class Policy(SteeringLaw[PolicyMemory]):
         """A controller for the trailer of a ``combination``.
 
         Raises:
-            ValueError: one line, if the trailer has no steered axle, or the network has other inputs or outputs.
+            ValueError: one line, if the trailer has no steered axle, or the file has no network for a trailer.
         """
         check_steered("policy", trailer)
-        path = parameters.path
-        self._trailer, self._network = trailer, load_network(network_file(path))
+        self._trailer, self._network = trailer, load_network(network_file(parameters.path))
         names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
-        if self._network.features != names:
-            own, this = set(self._network.features), set(names)
-            differences = [
-                f"{words} {shown(', '.join(sorted(left)))}"
-                for words, left in (("its network reads", own - this), ("its network does not read", this - own))
-                if left
-            ]
-            raise ValueError(
-                f"policy {path}: was trained for another combination than {combination.vehicle.name}: "
-                f"{', and '.join(differences) or 'its order differs'}; train one: offtrack train --vehicle FILE"
-            )
-        if len(self._network.biases[-1]) != len(trailer.steered_distances):
-            raise ValueError(f"policy {path}: steers {len(self._network.biases[-1])} axles")
+        if "off_tracking" not in self._network.features:
+            raise ValueError(f"policy {parameters.path}: reads no off_tracking, so it is not for a trailer")
+        same, outputs = self._network.features == names, len(self._network.biases[-1])
+        if same and outputs != len(trailer.steered_distances):
+            raise ValueError(f"policy {parameters.path}: steers {outputs} axles")
         trained_for = self._network.trained_for
-        self.outside = trained_for.lacks(trailer)
+        self.outside = trained_for.lacks(trailer) if same else self._other_than(combination.vehicle.name, set(names))
         fastest = -1.0 if self.outside else trained_for.speed[1]
         self.speeds = SpeedRange(fastest, fastest + max(1.0, 0.2 * fastest))
         self.above = self._preview = PathPreview(trailer)
+
+    def _other_than(self, vehicle: str, names: set[str]) -> str:
+        """What the network was trained for, given the features of this combination, in words."""
+        own = set(self._network.features)
+        differences = [
+            f"{words} {shown(', '.join(sorted(left)))}"
+            for words, left in (("reads", own - names), ("does not read", names - own))
+            if left
+        ]
+        return f"another combination than {vehicle}: its network {' and '.join(differences) or 'has another order'}"
 
     def init(self) -> PolicyMemory:
         """Memory without any estimate, wheels straight."""
@@ -214,7 +215,8 @@ class Policy(SteeringLaw[PolicyMemory]):
         if off_tracking is not None and usable:
             memory = memory._replace(estimate=estimate_features(off_tracking, length), estimate_tick=off_tracking.tick)
         preview, command = self._preview.step(memory.preview, tick, off_tracking, signals)
-        if not _within(preview.answers.lag(self._trailer), self._network.trained_for.actuator_lag):
+        lag = preview.answers.lag(self._trailer)
+        if self.outside or not _within(lag, self._network.trained_for.actuator_lag):
             return memory._replace(demand=preview.demand, preview=preview), command
         demand = np.array(memory.demand)
         if memory.estimate is not None:

@@ -115,8 +115,8 @@ def test_a_network_is_read_as_it_was_written(tmp_path: Path, hidden: str, limit:
         (LINEAR._replace(scale=np.zeros(len(NAMES))), "scale above 1e-09"),
         (LINEAR._replace(biases=(np.array([np.nan, 0.0]),)), "not finite"),
         (
-            LINEAR._replace(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)),
-            "was trained for another combination",
+            LINEAR._replace(features=NAMES[1:], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)),
+            "reads no off_tracking",
         ),
         (LINEAR._replace(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
     ],
@@ -142,12 +142,18 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("name", shipped_networks())
 def test_outside_of_its_training_path_preview_steers_and_a_line_says_so(name: str) -> None:
-    """Beyond its speeds, and on a trailer whose actuators are slower than any in the training."""
+    """Beyond its speeds, with actuators slower than any in the training, and on another combination."""
     trailer, combination = trailer_geometry(VEHICLE, 1), Combination(VEHICLE, 1)
     law: Any = trailer_law("policy", trailer, combination, {"path": name}).law
     assert law.gave_way(4.9) == []
     assert law.gave_way(5.4) == [
         "policy is for up to 18 km/h and fades out up to 22 km/h, the drive reached 19 km/h: path_preview steered there"
+    ]
+    double = load_vehicle("b_double_steered")
+    law = trailer_law("policy", trailer_geometry(double, 2), Combination(double, 2), {"path": name}).law
+    assert law.gave_way(3.0) == [
+        "policy is for another combination than b_double_steered: its network does not read articulation_2, "
+        "steer_trailer_3, yaw_rate_lead trailer: path_preview steered"
     ]
     slow = replace(trailer, actuator_lag=0.5)
     law = trailer_law("policy", slow, combination, {"path": name}).law
