@@ -12,6 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, cast, get_args
 
+import cv2
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, field_validator
@@ -50,6 +51,7 @@ _ASSUMED_POSES: Final[dict[Facing, _AssumedPose]] = {
 }
 _FOLLOW_DISTANCE = 14.0  # default: de Saxe 2018, section 3.1 [m]
 _HEIGHT = 3.0  # default: the same section [m]
+_WIDTH = 640  # of images in which it is seen: larger ones are scaled [px]
 _CLEAR_DISTANCE = 1.0  # after which the direction of travel is clear: 100 times the odometry's error [m]
 # Standard deviations of the camera's direction where a recording does not state one.
 _PRINCIPAL_POINT = 1.0  # assumed of a calibrated principal point: calibrations of one camera differ by this [px]
@@ -216,11 +218,17 @@ def facing_by_motion(
     Cameras that move along their own z face to the front, against it to the rear. Cameras that face left move along
     their x, as the front is on the right in their images. In images of cameras that look down, the front is at the top.
     """
-    level = replace(calibration, X_SC=transform(R_BODY_CAMERA, np.array([0.0, 0.0, _HEIGHT])))
+    scale = min(1.0, _WIDTH / calibration.width)
+    width, height = round(scale * calibration.width), round(scale * calibration.height)
+    f, cx, cy = (scale * value for value in (calibration.focal_length, calibration.cx, calibration.cy))
+    X_SC = transform(R_BODY_CAMERA, np.array([0.0, 0.0, _HEIGHT]))
+    level = replace(calibration, width=width, height=height, focal_length=f, cx=cx, cy=cy, X_SC=X_SC)
     odometry = CircularOdometry(level)
     memory, travel = odometry.init(), np.zeros(3)
     for frame in islice(frames, _LONGEST_WAIT):
-        memory, motion = odometry.step(memory, frame)
+        pair = (cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in (frame.left, frame.right))
+        left, right = (np.asarray(image, dtype=np.uint8) for image in pair)
+        memory, motion = odometry.step(memory, StereoFrame(tick=frame.tick, left=left, right=right))
         if motion is not None and motion.health is not Health.LOST:
             travel += motion.X_PC[:3, 3]
         if np.linalg.norm(travel) > _CLEAR_DISTANCE:

@@ -95,7 +95,7 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
     every = -(-total // _MOST_PICTURES)
     memory = source.init()
     try:
-        for files, frame in stream(recording.sequence.frames, recording.size):
+        for files, frame in stream(recording.sequence.frames, recording.size, recording.seen):
             if isinstance(frame, Dropped):
                 frames.append(FrameEstimate(files=files, dropped=frame.reason))
             else:

@@ -71,11 +71,12 @@ def image_warnings(places: Sequence[Place], *, ground_below: bool) -> list[str]:
     middle = [frame for place in places for frame in islice(filter(None, map(place, (0, 1, -1))), 1)]
     if not middle:
         return []
-    contrast = max(float(np.std(image)) for frame in middle for image in (frame.left, frame.right))
+    contrast = max(cv2.meanStdDev(image)[1].item() for frame in middle for image in (frame.left, frame.right))
     if contrast < _FLAT:
         return [f"the images have hardly any contrast (standard deviation {contrast:.1f} of 255 grey levels)"]
     scale = min(1.0, _WIDTH / middle[0].left.shape[1])
-    own = [_matches(frame.left, frame.right, scale) for frame in middle]
+    lefts = [_features(frame.left, scale) for frame in middle]
+    own = [_matches(left, _features(frame.right, scale)) for left, frame in zip(lefts, middle, strict=True)]
     pairs = np.concatenate(own)
     if len(pairs) < _FEWEST * len(own):
         return [f"left and right images have hardly a feature in common ({len(pairs)} in {len(own)} pairs)"]
@@ -91,7 +92,7 @@ def image_warnings(places: Sequence[Place], *, ground_below: bool) -> list[str]:
         found.append(
             "disparities are negative: are left and right exchanged? Then use --exchange (or are the images mirrored?)"
         )
-    elif shift := _shift(places, own, scale):
+    elif shift := _shift(places, lefts, own, scale):
         found.append(
             f"right images fit the left ones of the frame {shift} theirs: number both alike from the same instant on; "
             "or has a camera lost a frame under way?"
@@ -126,16 +127,17 @@ def _tracked_rows(left: GreyImage, right: GreyImage) -> NDArray[np.float32]:
     return np.asarray(np.abs(there - corners)[good, 0, 1], dtype=np.float32)
 
 
-def _features(image: GreyImage, scale: float) -> tuple[FloatArray, Any]:
-    """Points (n, 2) and their descriptors."""
+_Features: TypeAlias = tuple[FloatArray, Any]  # points (n, 2) and their descriptors
+
+
+def _features(image: GreyImage, scale: float) -> _Features:
     scaled = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     points, descriptors = cv2.ORB.create(_FEATURES, fastThreshold=10).detectAndCompute(scaled, None)
     return np.array([point.pt for point in points], dtype=np.float64).reshape(-1, 2), descriptors
 
 
-def _matches(one: GreyImage, other: GreyImage, scale: float) -> FloatArray:
+def _matches(left: _Features, right: _Features) -> FloatArray:
     """Points (n, 4) that a left and a right image have in common."""
-    left, right = _features(one, scale), _features(other, scale)
     if left[1] is None or right[1] is None:
         return np.empty((0, 4))
     found = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(left[1], right[1])
@@ -144,19 +146,19 @@ def _matches(one: GreyImage, other: GreyImage, scale: float) -> FloatArray:
     return np.hstack([left[0][queries], right[0][trained]])
 
 
-def _shift(places: Sequence[Place], own: Sequence[FloatArray], scale: float) -> str:
+def _shift(places: Sequence[Place], lefts: Sequence[_Features], own: Sequence[FloatArray], scale: float) -> str:
     """Where the left images are that fit the right ones better than those of their frame; empty if these do.
 
-    Neighbours are looked at in the first place, then where few matches fit: a camera may lose a frame under way.
+    Neighbours are looked at where few matches fit: a camera may lose a frame under way.
     """
-    for k, (place, matches) in enumerate(zip(places, own, strict=False)):
+    for place, left, matches in zip(places, lefts, own, strict=False):
         fitting = _fitting(matches)
-        if k > 0 and fitting > _MOST * len(matches):
+        if fitting > _MOST * len(matches):
             continue
         before, frame, after = map(place, (-1, 0, 1))
         if before is None or frame is None or after is None:
             continue
-        others = [_fitting(_matches(frame.left, other.right, scale)) for other in (before, after)]
+        others = [_fitting(_matches(left, _features(other.right, scale))) for other in (before, after)]
         if max(others) > max(_CLEARLY * fitting, _FEWEST):
             return "after" if others[0] > others[1] else "before"
     return ""

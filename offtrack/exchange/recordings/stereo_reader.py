@@ -5,7 +5,7 @@ Poses are those of the left camera (x right, y down, z ahead) relative to its fi
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
 from offtrack.exchange.recordings.layouts.folders import FOLDERS, find_sequence
-from offtrack.exchange.recordings.stereo_sequence import StereoSequence, image_size, read_frame
+from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, StereoSequence, image_size, read_frame
 from sensors.camera.rig import RawStereoRig, StereoCalibration, load_raw_rig
 from sensors.messages import StereoFrame
 from vehicle.foundation.user_file import MAX_FRAMES, FileKind, read_text
@@ -31,6 +31,7 @@ from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, tr
 _BASELINES = 0.005, 5.0  # [m]
 _OF_DAY = "calib_cam_to_cam.txt"
 _SAMPLES = 3  # places in a recording at which images are checked
+_KEPT = 8  # frames that are not read again
 _LEVEL = 0.5  # largest sine of the angle between horizon and optical axis of cameras that see the ground below
 _FARTHEST = 1e8  # position, in any map [m]
 
@@ -123,6 +124,7 @@ class Recording:
     size: tuple[int, int]  # of all images [px]
     calibration: StereoCalibration  # of the rectified pair
     rectification: Rectifier | None  # None: the images are rectified already
+    seen: Mapping[FrameFiles, StereoFrame | Dropped]  # frames that were looked at, as they are
     follow_distance: float  # hitch to follow point [m]
     roll_axis_height: float  # of the axis about which the trailer's body rolls [m]
     direction_std: float  # 1 sigma of the left camera's direction in the trailer [rad]
@@ -227,10 +229,17 @@ def _opened(
             "is the calibration in mm or cm? Positions must be in metres"
         )
 
-    @lru_cache(maxsize=8)
+    seen: dict[FrameFiles, StereoFrame | Dropped] = {}
+
+    @lru_cache(maxsize=_KEPT)
     def frame(k: int) -> StereoFrame | None:
         """The k-th rectified frame; None if there is none or it can not be used."""
-        found = read_frame(sequence.frames[k], size) if 0 <= k < len(sequence.frames) else None
+        if not 0 <= k < len(sequence.frames):
+            return None
+        files = sequence.frames[k]
+        found = seen.get(files) or read_frame(files, size)
+        if len(seen) < _KEPT:
+            seen[files] = found
         if not isinstance(found, StereoFrame):
             return None
         return cameras.rectification.step(found) if cameras.rectification else found
@@ -247,6 +256,7 @@ def _opened(
         size=size,
         calibration=replace(calibration, X_SC=mounted.X_SC),
         rectification=cameras.rectification,
+        seen=seen,
         follow_distance=mounted.follow_distance,
         roll_axis_height=mounted.roll_axis_height,
         direction_std=mounted.direction_std,

@@ -82,22 +82,26 @@ def image_size(sequence: StereoSequence) -> tuple[int, int]:
 _AHEAD = 4  # frames that are read in advance: reading then costs no time in the odometry's thread
 
 
-def stream(frames: Sequence[FrameFiles], size: tuple[int, int]) -> Iterator[tuple[FrameFiles, StereoFrame | Dropped]]:
-    """All frames in order, read in advance; an unusable frame is replaced by the reason."""
+def stream(
+    frames: Sequence[FrameFiles], size: tuple[int, int], seen: Mapping[FrameFiles, StereoFrame | Dropped] | None = None
+) -> Iterator[tuple[FrameFiles, StereoFrame | Dropped]]:
+    """All frames in order, read in advance unless already ``seen``; an unusable frame is replaced by the reason."""
     coming = iter(frames)
-    waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped]]] = deque()
+    waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped] | None]] = deque()
+    known = seen or {}
     with ThreadPoolExecutor(max_workers=2, thread_name_prefix="images") as readers:
         try:
             while True:
                 more = islice(coming, 1 + _AHEAD - len(waiting))
-                waiting.extend((files, readers.submit(read_frame, files, size)) for files in more)
+                waiting.extend((one, None if one in known else readers.submit(read_frame, one, size)) for one in more)
                 if not waiting:
                     return
                 files, future = waiting.popleft()
-                yield files, future.result()
+                yield files, future.result() if future else known[files]
         finally:
             for _, future in waiting:
-                future.cancel()
+                if future:
+                    future.cancel()
 
 
 def read_frame(files: FrameFiles, size: tuple[int, int]) -> StereoFrame | Dropped:

@@ -15,14 +15,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import cv2
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from scenarios.assembly.trailer_run import Assembly
 from scenarios.image_file import images_in, read_grey_upright
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 from sensors.camera.rig import CameraModel, RawStereoRig, StereoCalibration
@@ -34,6 +33,9 @@ from vehicle.foundation.user_file import FileKind, read_toml, shown
 from vehicle.frames import FloatArray, inverse, is_rotation
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.rover.truth import RoverTruth
+
+if TYPE_CHECKING:  # the whole simulator
+    from scenarios.assembly.trailer_run import Assembly
 
 _LONGEST: Final = 100.0  # length on a rover [m]
 IMAGES, READINGS, RIG, SLIP = "images", "readings.csv", "rig.toml", "slip.csv"
@@ -321,7 +323,7 @@ class RoverRecordingWriter(RecordingFolder):
         self._count += 1
 
 
-def _of_trailer(directory: Path, parts: Assembly) -> RecordingWriter:
+def _of_trailer(directory: Path, parts: "Assembly") -> RecordingWriter:
     if parts.cameras is None:
         raise ValueError("there is no camera to record")
     last = parts.trailers[-1]

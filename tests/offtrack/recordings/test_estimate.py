@@ -378,7 +378,7 @@ def test_an_interrupt_keeps_what_is_finished(yard: Path, frames: int, monkeypatc
     assert {path.name for path in Path("out").iterdir()} == WRITTEN | {".interrupted"}
     found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
     assert found["outcome"] == "interrupted"
-    assert frames - 10 <= found["frames"]["used"] == len(rows()) <= frames
+    assert frames - 10 <= found["frames"]["used"] == len(rows()) <= frames + 3  # looked at before, not read again
     assert found["frames"]["total"] == FRAMES
     for side in (0, 1):
         for k in range(1, FRAMES):
