@@ -42,6 +42,7 @@ STEER_ANGLE: Final = "steer angle"
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
 _MEAN_OF: Final = 5  # values before a fault
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
+_PULSES: Final = 1.5  # wheels that turn slower may read 0: a coil at a pole wheel needs 0.7 to 1.4 m/s. assumed
 _VALUE, _SLOPE = 0.5, 0.1  # gains of an alpha-beta filter [-]
 _AHEAD: Final = 0.3  # longest extrapolation of an error [s]
 
@@ -355,7 +356,9 @@ class SignalMonitor:
 
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
-        change = row - memory.history[-1]
+        before = memory.history[-1]
+        change = row - before
+        change[SPEED] *= max(abs(before[SPEED]), abs(row[SPEED])) > _PULSES
         beyond = np.abs(change[self._columns]) - self._rates * change[0] * TICK
         if not (beyond > self._least_jump).any():  # more noise only hides more
             return memory.jumped
