@@ -4,7 +4,6 @@ Results of an interrupted command carry a hidden list of their files. As long as
 may replace the directory.
 """
 
-import errno
 import hashlib
 import json
 import os
@@ -57,7 +56,7 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno and (error.filename is None or error.errno in _FULL):
+        if error.errno and (error.filename is None or _UNFINISHED in str(error.filename)):
             raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
         raise
 
@@ -116,7 +115,6 @@ _LONGEST_NAME: Final = 200
 _INTERRUPTED: Final = ".interrupted"  # list of the files of interrupted results
 _UNFINISHED: Final = ".unfinished"  # end of the names of hidden folders and files that are being written
 _LEAST: Final = 1_000_000  # free space that the smallest results need [bytes]
-_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 _claims = threading.local()  # ``held``: descriptors of the locked directories of this thread, by their real paths
 
 

@@ -3,6 +3,7 @@
 They lie in the folder for temporary files (``TMPDIR``), and are locked as long as their process lives.
 """
 
+import errno
 import fcntl
 import os
 import shutil
@@ -13,8 +14,8 @@ from pathlib import Path
 from tempfile import gettempdir, mkdtemp
 from typing import Final
 
+FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 PREFIX: Final = "offtrack-temporary-"  # of their names
-_locks: Final[dict[Path, int]] = {}  # descriptors of this process's folders
 
 
 def locked(descriptor: int) -> bool | None:
@@ -30,30 +31,28 @@ def locked(descriptor: int) -> bool | None:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new private folder, which is removed at the end."""
-    folder = new_folder()
+    """Yield a new private folder, which is removed at the end; the error of a full disk names where it lies."""
+    folder, descriptor = _new_folder()
     try:
         yield folder
+    except OSError as error:
+        if error.errno in FULL and error.filename is None:
+            error.filename = str(folder.parent)
+        raise
     finally:
-        remove_folder(folder)
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(descriptor)
 
 
-def new_folder() -> Path:
-    """Make a private folder, which the caller removes; those of killed processes are removed first."""
+def _new_folder() -> tuple[Path, int]:
+    """Make a private folder and lock it; those of killed processes are removed first."""
     _remove_left(Path(gettempdir()))
     while True:
         folder = Path(mkdtemp(prefix=PREFIX))
         descriptor = os.open(folder, os.O_RDONLY)
         if locked(descriptor) is not False and folder.exists():
-            _locks[folder] = descriptor
-            return folder
+            return folder, descriptor
         os.close(descriptor)  # another process has just taken it for one that was left
-
-
-def remove_folder(folder: Path) -> None:
-    """Remove a folder of this process with all that is in it."""
-    shutil.rmtree(folder, ignore_errors=True)
-    os.close(_locks.pop(folder))
 
 
 def _remove_left(root: Path) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
 
 from scenarios.extras import import_extra
-from vehicle.foundation.temporary import new_folder, remove_folder
 from vehicle.foundation.user_file import MAX_MEMBERS, FileKind, read_bytes, shown
 from vehicle.option import Option
 
@@ -64,20 +63,14 @@ class FmuFile:
     variables: dict[str, Variable]
     tool: str = ""  # that wrote it
 
-    def unpacked(self) -> Path:
-        """Unpack into a new private folder, which the caller removes.
+    def unpack(self, folder: Path) -> None:
+        """Unpack into a private folder.
 
         Raises:
             ValueError: one line, for members that leave the folder, or are too many or too large.
         """
-        folder = new_folder()
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                archive.extractall(folder, members=_safe_members(self.path, archive))
-        except BaseException:
-            remove_folder(folder)
-            raise
-        return folder
+        with zipfile.ZipFile(self.path) as archive:
+            archive.extractall(folder, members=_safe_members(self.path, archive))
 
 
 def open_fmu(path: Path) -> FmuFile:

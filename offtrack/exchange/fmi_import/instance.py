@@ -13,8 +13,7 @@ import tempfile
 import time
 import weakref
 from collections.abc import Mapping
-from contextlib import suppress
-from pathlib import Path
+from contextlib import ExitStack, suppress
 from typing import IO, Any, Final
 
 from offtrack.exchange.fmi_import import host
@@ -22,7 +21,7 @@ from offtrack.exchange.fmi_import.fmu_file import FmuFile, Variable
 from offtrack.exchange.fmi_import.mapping import FmuMap
 from vehicle.clock import TICK
 from vehicle.foundation.plant_like import EndedError, KilledError
-from vehicle.foundation.temporary import remove_folder
+from vehicle.foundation.temporary import temporary_folder
 from vehicle.foundation.user_file import shown
 
 _START: Final = 30.0  # a large library may take long to load [s]
@@ -69,7 +68,10 @@ class FmuInstance:
 
     def _open(self) -> None:
         """Start the process."""
-        self._folder = self.fmu.unpacked()
+        with ExitStack() as cleanup:
+            self._folder = cleanup.enter_context(temporary_folder())
+            self.fmu.unpack(self._folder)
+            kept = cleanup.pop_all()
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 -- closed with the process
         self._process = subprocess.Popen(
             [sys.executable, "-m", "offtrack.exchange.fmi_import.host"],
@@ -89,7 +91,7 @@ class FmuInstance:
         self._requests, self._answers = self._process.stdin, self._process.stdout
         self._poll = select.poll()
         self._poll.register(self._answers, select.POLLIN | select.POLLHUP)
-        self._end = weakref.finalize(self, _ended, self._process, self._folder, self._log)
+        self._end = weakref.finalize(self, _ended, self._process, kept, self._log)
         limit = _OWN_START if self.fmu.tool == "offtrack" else _START
         self._ask(json.dumps(self._start()).encode() + b"\n", "cannot be started", limit)
 
@@ -242,7 +244,7 @@ class FmuInstance:
         return f' (it said: "{shown(lines[-1], 200)}")' if lines else ""
 
 
-def _ended(process: subprocess.Popen[bytes], folder: Path, log: IO[bytes]) -> None:
+def _ended(process: subprocess.Popen[bytes], cleanup: ExitStack, log: IO[bytes]) -> None:
     """End a process, at first politely, and what it has started."""
     with suppress(OSError, subprocess.TimeoutExpired):
         if process.stdin is not None:
@@ -254,4 +256,4 @@ def _ended(process: subprocess.Popen[bytes], folder: Path, log: IO[bytes]) -> No
     if process.stdout is not None:
         process.stdout.close()
     log.close()
-    remove_folder(folder)
+    cleanup.close()

@@ -7,6 +7,7 @@ import os
 import struct
 import subprocess
 import sys
+import tempfile
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from typer.testing import CliRunner
 
 from offtrack.commands.cli import app
 from offtrack.exchange.recordings.image_checks import rows_apart
+from offtrack.exchange.recordings.layouts import bags
 from offtrack.exchange.recordings.layouts.bag_topics import parsed_topics
 from offtrack.exchange.recordings.layouts.folders import find_sequence
 from offtrack.exchange.recordings.layouts.found import unpacked
@@ -435,6 +437,12 @@ def test_a_broken_file_is_one_line(name: str, content: bytes, line: str, tmp_pat
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(content)
     one_line(["estimate", "off-tracking", str(path if path.suffix != ".yaml" else path.parent)], line, tmp_path)
+
+
+def test_a_full_disk_is_not_taken_for_a_broken_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bags, "write_images", lambda images: Path("/dev/full").write_text("x", encoding="utf-8"))
+    full = f"{tempfile.gettempdir()}: No space left on device"
+    one_line(["estimate", "off-tracking", str(bag(tmp_path / "bag", stereo()))], full, tmp_path)
 
 
 def test_a_pipe_among_the_files_of_a_bag_is_no_file_of_it(tmp_path: Path) -> None:

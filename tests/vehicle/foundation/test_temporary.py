@@ -11,9 +11,10 @@ from vehicle.foundation.temporary import PREFIX, temporary_folder
 
 KILLED = """
 import os
-from vehicle.foundation.temporary import new_folder
-(new_folder() / "image.pgm").write_bytes(bytes(1000))
-os.kill(os.getpid(), 9)
+from vehicle.foundation.temporary import temporary_folder
+with temporary_folder() as folder:
+    (folder / "image.pgm").write_bytes(bytes(1000))
+    os.kill(os.getpid(), 9)
 """
 
 
@@ -31,3 +32,10 @@ def test_folders_of_killed_processes_are_removed_by_the_next(tmp_path: Path, mon
         assert first.is_dir()
         assert second.is_dir()
     assert {path.name for path in tmp_path.iterdir()} == {"mine", f"{PREFIX}link", f"{PREFIX}file"}
+
+
+def test_the_error_of_a_full_disk_names_the_folder_of_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A write that fails names nothing, and so would the one line that a user sees."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(OSError, match=rf"No space left on device: '{tmp_path}'"), temporary_folder():
+        Path("/dev/full").write_text("more", encoding="utf-8")

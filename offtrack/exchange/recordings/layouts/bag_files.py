@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from scenarios.extras import import_extra
+from vehicle.foundation.temporary import FULL
 from vehicle.foundation.user_file import shown
 
 _ENDINGS: Final = (".mcap", ".db3", ".bag", ".zstd")
@@ -73,9 +74,9 @@ def opened_bag(path: Path, place: Path) -> Iterator[Bag]:
             yield Bag(reader, {connection.topic: connection.msgtype for connection in reader.connections})
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    except (KeyboardInterrupt, MemoryError):
-        raise
-    except Exception as error:  # of the reader, whatever the bag makes it stumble over
+    except Exception as error:  # most of the reader, whatever the bag makes it stumble over
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) in FULL:
+            raise
         line = " ".join(str(error).split()).replace(f"{place}/", "")
         if "Profile is not ros2" in line:
             raise ValueError(f"{path}: its MCAP messages are those of a viewer, not of ROS 2. {OF_OWN}") from None
