@@ -70,7 +70,7 @@ def benchmark(
             keep = partial(evaluation.write_results, path=path)
             rows.append(evaluation.evaluated(asked, head, episodes, bar, former=former, keep=keep))
     if as_json:
-        typer.echo(json.dumps([plain_row(row) for row in rows], indent=2))
+        typer.echo(json.dumps(plain_rows(rows), indent=2))
     elif not quiet:
         print_results(task, rows)
         if evaluates:
@@ -113,16 +113,16 @@ def _list(*, as_json: bool) -> None:
 
 def print_results(name: str, rows: list[evaluation.Results]) -> None:
     """Print the table of these results of a task."""
-    task, summaries = task_of(name), [evaluation.summary(row) for row in rows]
+    task = task_of(name)
     title = f"{name}: means and 95 % intervals; error: {task.error} at the end; effort: RMS rate of the steering demand"
     columns = (">success\n[%]", ">error\n[m]", ">clearance\n[m]", ">effort\n[1/s]", ">rolled\nover [%]")
     table = ui.table_of("policy", *columns, title=title, pad_edge=False)  # fits 80 columns
     table.columns[0].overflow = "fold"
-    for row in sorted(summaries, key=lambda one: (-one["success"].mean, one["error_m"].mean)):
+    for row in sorted(_rows(rows), key=lambda one: (-one["success"].mean, one["error_m"].mean)):
         other = "" if row["observation"] == task.observation else f"\n{row['observation']}"
         fewer = "" if row["episodes"] == EPISODES else f"\nepisodes: {row['episodes']}"
         table.add_row(
-            row["policy"] + other + fewer,
+            row["policy"] + other + fewer + (f"\n{row['trainings']} trainings" if "trainings" in row else ""),
             _shown(row["success"], 100.0, 0),
             _shown(row["error_m"], 1.0, 3),
             "-" if row["clearance_m"] is None else _shown(row["clearance_m"], 1.0, 2),
@@ -138,7 +138,15 @@ def _shown(value: evaluation.Estimate, factor: float, digits: int) -> str:
     return f"{mean}\n{low}..{high}"
 
 
-def plain_row(results: evaluation.Results) -> dict[str, Any]:
-    """The row of these results for JSON."""
-    row = evaluation.summary(results)
-    return {name: value._asdict() if isinstance(value, evaluation.Estimate) else value for name, value in row.items()}
+def plain_rows(results: list[evaluation.Results]) -> list[dict[str, Any]]:
+    """The table of these results for JSON."""
+    return [
+        {name: value._asdict() if isinstance(value, evaluation.Estimate) else value for name, value in row.items()}
+        for row in _rows(results)
+    ]
+
+
+def _rows(results: list[evaluation.Results]) -> list[dict[str, Any]]:
+    """A row for each policy, then one for all trainings of a network."""
+    summaries = [evaluation.summary(one) for one in results]
+    return [*summaries, *evaluation.of_trainings(summaries)]

@@ -10,12 +10,19 @@ import typer
 
 from controllers.trailer_steering.policy import feature_names
 from offtrack.commands import console as ui
-from offtrack.commands.benchmark import plain_row, print_results
+from offtrack.commands.benchmark import plain_rows, print_results
 from offtrack.environments import registry
 from offtrack.environments.rewards import DEFAULT_VEHICLE
 from offtrack.environments.tasks import EPISODES, task_of
 from offtrack.environments.training import training_directory
-from offtrack.environments.training.benchmark import Evaluation, evaluated, header, shipped_results, write_results
+from offtrack.environments.training.benchmark import (
+    Evaluation,
+    evaluated,
+    header,
+    shipped_results,
+    summary,
+    write_results,
+)
 from offtrack.studies import tuning as search
 from offtrack.studies.pool import RunOptions, run_cases
 from offtrack.studies.rehearsal import rehearse, time_text
@@ -124,7 +131,7 @@ def train(
             asked = Evaluation(task, policy, seen, vehicle)
             rows.append(evaluated(asked, header(asked), episodes, ui.progress_bar(display, "compare")))
         write_results(rows[-1], directory / training_directory.RESULTS)
-        results = {"success": plain_row(rows[-1])["success"]["mean"], "benchmark": [plain_row(row) for row in rows]}
+        results = {"success": summary(rows[-1])["success"].mean, "benchmark": plain_rows(rows)}
         result = training_directory.keep_summary(plan, curve, results, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))

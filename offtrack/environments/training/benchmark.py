@@ -8,6 +8,7 @@ the versions, one row for each episode, and a digest of all that. The results of
 import hashlib
 import importlib.metadata
 import json
+import math
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +19,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from scipy import stats
 
 from controllers.trailer_steering.policy import Network, TrainedFor, load_network, network_file, shipped_networks
 from offtrack.environments import registry
@@ -40,6 +42,7 @@ _RENDERED: Final = 5  # the same, with cameras: each has its own world
 _VERSION: Final = 1  # of the results file
 _PACKAGES: Final = ("offtrack", "numpy", "casadi", "gymnasium")
 _RESAMPLES: Final = 2000  # of the bootstrap
+_MEANS: Final = {"success": 1.0, "rolled_over": 1.0, **dict.fromkeys(("error_m", "clearance_m", "effort"), math.inf)}
 _SHIPPED: Final = resources.files("offtrack.environments")
 _KEYS: Final = ("version", "task", "policy", "policy_sha256", "observation", "first_seed", "versions", "processor_s")
 
@@ -273,6 +276,33 @@ def summary(results: Results) -> dict[str, Any]:
         "rolled_over": share(sum(episode.outcome == "rolled over" for episode in episodes), len(episodes)),
         "processor_s": results.head["processor_s"],
     }
+
+
+def of_trainings(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Means over shipped networks that differ in the seed of the training, with intervals of 95 % (Student's t).
+
+    Each mean is between zero and the limit in ``_MEANS``.
+    """
+    alike: dict[str, list[Mapping[str, Any]]] = {}
+    for one in summaries:
+        if one["policy"] in networks():
+            alike.setdefault(one["policy"].rpartition("-")[0], []).append(one)
+    return [
+        {
+            **group[0],
+            "policy": name,
+            "trainings": len(group),
+            **{key: _over([one[key].mean for one in group], most) for key, most in _MEANS.items() if group[0][key]},
+        }
+        for name, group in alike.items()
+        if len(group) > 1
+    ]
+
+
+def _over(means: Sequence[float], most: float) -> Estimate:
+    middle = float(np.mean(means))
+    half = float(stats.t.ppf(0.975, len(means) - 1) * stats.sem(means))
+    return Estimate(middle, max(middle - half, 0.0), min(middle + half, most))
 
 
 def share(number: int, n: int) -> Estimate:

@@ -244,6 +244,26 @@ def test_the_shipped_driver_masters_the_road() -> None:
     assert min(episode.clearance_m or 0.0 for episode in results.episodes) > 0.0
 
 
+def test_trainings_with_several_seeds_are_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interval of Student's t: 4.303 standard errors of three means."""
+    names = [f"gate-ppo-{seed}" for seed in (1, 2, 3)]
+    monkeypatch.setattr(benchmark, "networks", lambda: dict.fromkeys(names, Path()))
+    rows = [
+        summary(
+            Results(
+                {**header(Evaluation("gate", "through_gate")), "policy": name, "processor_s": 1.0},
+                (Episode("completed", True, error, None, 0.1),) * 4,
+            )
+        )
+        for name, error in zip([*names, "through_gate"], (1.1, 1.2, 1.3, 9.0), strict=True)
+    ]
+    [row] = benchmark.of_trainings(rows)
+    assert (row["policy"], row["trainings"], row["clearance_m"]) == ("gate-ppo", 3, None)
+    half = 4.303 * 0.1 / math.sqrt(3)
+    assert row["error_m"] == pytest.approx((1.2, 1.2 - half, 1.2 + half), abs=1e-4)
+    assert row["success"] == (1.0, 1.0, 1.0)
+
+
 def test_networks_of_tasks_name_task_and_algorithm() -> None:
     for name, file in networks().items():
         task, algorithm, seed = name.rsplit("-", 2)
