@@ -27,7 +27,6 @@ _RETURNED: Final = 0.5  # largest error of a corner tracked there and back [px]
 _DISTANCE: Final = 50  # largest distance of two ORB descriptors that match [bits]
 _ROW: Final = 1.0  # largest difference of rows of one point in a rectified pair [px]
 _FEWEST: Final = 20  # matches of a pair that say something
-_MOST: Final = 0.6  # share of matches that fit in a sound pair
 _CLEARLY: Final = 1.3  # times as many matches that make another pairing the better one
 _CLOSER: Final = 1.5  # times the disparity above of that below in pictures that stand on their heads
 _FILLED: Final = 0.2  # least share of known disparities in a part of the image that is not sky
@@ -153,7 +152,7 @@ def _shift(places: Sequence[Place], lefts: Sequence[_Features], own: Sequence[Fl
     """
     for place, left, matches in zip(places, lefts, own, strict=False):
         fitting = _fitting(matches)
-        if fitting > _MOST * len(matches):
+        if _CLEARLY * fitting > len(matches):  # another pairing has hardly more matches
             continue
         before, frame, after = map(place, (-1, 0, 1))
         if before is None or frame is None or after is None:
