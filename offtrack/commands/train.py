@@ -278,7 +278,7 @@ def tune(
     judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging runs.")] = "1-3",
     jobs: Annotated[
         int | None,
-        typer.Option(help="Number of parallel trials; another number is another search.", show_default="one per core"),
+        typer.Option(help="Number of parallel trials; only 1 repeats a search.", show_default="one per core"),
     ] = None,
     seed: Annotated[int, typer.Option(help="Random seed of the search.")] = 1,
     storage: Annotated[

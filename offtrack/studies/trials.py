@@ -199,8 +199,8 @@ def optimise(
 ) -> list[Trial]:
     """Run trials until the journal holds ``trials`` finished ones, a database at least so many; return all of those.
 
-    A worker process that dies costs its trial, whose parameters are tried again. The number of ``jobs`` changes the
-    search: every trial follows from those that are finished when it begins.
+    A worker process that dies costs its trial, whose parameters are tried again. Only one of ``jobs`` repeats a
+    search: every trial follows from those that are finished before it.
 
     Raises:
         ChildProcessError: one line, if a second process dies in the place of the first.
