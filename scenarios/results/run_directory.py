@@ -34,8 +34,10 @@ def check_new_file(path: Path) -> None:
     """
     if path.exists():
         raise ValueError(f"{path} exists already: choose another file with --out")
-    if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+    if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent} to write in; make it, or choose another file")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"{path}: no permission to write in {path.parent}: choose another file")
 
 
 @contextmanager

@@ -62,7 +62,12 @@ class FmuInstance:
         self._values = struct.Struct(f"={len(links.outputs)}d")
         self.ticks = 0  # its own time
         try:
-            self._open()
+            try:
+                self._open()
+            except FmuKilledError as error:  # for lack of memory once, perhaps; a crash or a stall is the FMU's own
+                if "kill" not in str(error).lower():
+                    raise
+                self._open()
         except FmuError as error:
             raise ValueError(str(error)) from None
 

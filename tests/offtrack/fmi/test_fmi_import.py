@@ -4,6 +4,7 @@ import copy
 import gc
 import math
 import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -107,6 +108,22 @@ def test_a_run_whose_fmu_crashes_has_failed_and_says_why(law: Path) -> None:
     result = run(trailer_steering=str(law), steering__mishap=1.0)
     assert result.outcome.startswith("failed: ")
     assert "SIGSEGV" in result.outcome
+
+
+def test_an_fmu_that_is_killed_while_it_starts_is_started_once_more(
+    own_law: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    processes, start = list[subprocess.Popen[bytes]](), subprocess.Popen
+
+    def first_is_killed(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        processes.append(start(*arguments, **options))
+        if len(processes) == 1:
+            processes[0].kill()
+        return processes[-1]
+
+    monkeypatch.setattr(subprocess, "Popen", first_is_killed)
+    assert opened(own_law).step(10, {"off_tracking": 1.0})
+    assert len(processes) == 2
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -143,6 +143,9 @@ def test_what_can_not_become_a_run_directory_is_refused_beforehand(
     check_run_directory(tmp_path / "empty")
     check_run_directory(tmp_path / "new" / "deep")
     assert not (tmp_path / "new").exists()
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(ValueError, match=r"new\.csv: no permission to write in .*: choose another file"):
+        check_new_file(tmp_path / "new.csv")
 
 
 def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
