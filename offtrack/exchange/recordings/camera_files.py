@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, cast, get_args
 
@@ -51,7 +51,7 @@ _ASSUMED_POSES: Final[dict[Facing, _AssumedPose]] = {
 }
 _FOLLOW_DISTANCE = 14.0  # default: de Saxe 2018, section 3.1 [m]
 _HEIGHT = 3.0  # default: the same section [m]
-_WIDTH = 640  # of images in which it is seen: larger ones are scaled [px]
+_WIDTH, _QUICK = 640, 5  # of images [px] in the first frames, in which it is sought at first
 _CLEAR_DISTANCE = 1.0  # after which the direction of travel is clear: 100 times the odometry's error [m]
 # Standard deviations of the camera's direction where a recording does not state one.
 _PRINCIPAL_POINT = 1.0  # assumed of a calibrated principal point: calibrations of one camera differ by this [px]
@@ -218,27 +218,36 @@ def facing_by_motion(
     Cameras that move along their own z face to the front, against it to the rear. Cameras that face left move along
     their x, as the front is on the right in their images. In images of cameras that look down, the front is at the top.
     """
-    scale = min(1.0, _WIDTH / calibration.width)
-    width, height = round(scale * calibration.width), round(scale * calibration.height)
-    f, cx, cy = (scale * value for value in (calibration.focal_length, calibration.cx, calibration.cy))
-    X_SC = transform(R_BODY_CAMERA, np.array([0.0, 0.0, _HEIGHT]))
-    level = replace(calibration, width=width, height=height, focal_length=f, cx=cx, cy=cy, X_SC=X_SC)
-    odometry = CircularOdometry(level)
-    memory, travel = odometry.init(), np.zeros(3)
-    for frame in islice(frames, _LONGEST_WAIT):
-        pair = (cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in (frame.left, frame.right))
-        left, right = (np.asarray(image, dtype=np.uint8) for image in pair)
-        memory, motion = odometry.step(memory, StereoFrame(tick=frame.tick, left=left, right=right))
-        if motion is not None and motion.health is not Health.LOST:
-            travel += motion.X_PC[:3, 3]
-        if np.linalg.norm(travel) > _CLEAR_DISTANCE:
-            break
-    else:
+    frames = iter(frames)
+    first = list(islice(frames, _QUICK))
+    travel = _travel(calibration, first, min(1.0, _WIDTH / calibration.width))
+    if travel is None:
+        travel = _travel(calibration, chain(first, islice(frames, _LONGEST_WAIT)), 1.0)
+    if travel is None:
         return None
     if upside_down:
         travel[:2] *= -1.0
     along = int(np.argmax(np.abs(travel)))
     return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(travel[along] > 0.0)]
+
+
+def _travel(calibration: StereoCalibration, frames: Iterable[StereoFrame], scale: float) -> FloatArray | None:
+    """Sum (3,) of the cameras' motions [m] once it is long enough, by scaled images; None before."""
+    size = round(scale * calibration.width), round(scale * calibration.height)
+    f, cx, cy = (scale * value for value in (calibration.focal_length, calibration.cx, calibration.cy))
+    X_SC = transform(R_BODY_CAMERA, np.array([0.0, 0.0, _HEIGHT]))
+    level = replace(calibration, width=size[0], height=size[1], focal_length=f, cx=cx, cy=cy, X_SC=X_SC)
+    odometry = CircularOdometry(level)
+    memory, travel = odometry.init(), np.zeros(3)
+    for frame in frames:
+        pair = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (frame.left, frame.right))
+        left, right = (np.asarray(image, dtype=np.uint8) for image in pair)
+        memory, motion = odometry.step(memory, StereoFrame(tick=frame.tick, left=left, right=right))
+        if motion is not None and motion.health is not Health.LOST:
+            travel += motion.X_PC[:3, 3]
+        if np.linalg.norm(travel) > _CLEAR_DISTANCE:
+            return travel
+    return None
 
 
 class Photographs(NamedTuple):

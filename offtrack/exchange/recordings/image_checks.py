@@ -34,6 +34,7 @@ _ROWS_APART: Final = 3.0  # median difference of rows that no self-calibration i
 _SAME: Final = 0.9  # least share of matches without a disparity in two images that are one
 _FLAT: Final = 4.0  # standard deviation of an image without contrast [grey levels]
 _OBLONG: Final = 0.1  # largest difference of a camera's focal lengths, relative
+_WIDE: Final = 1.5  # baseline that is doubted [m]
 _OFF_CENTRE: Final = 0.12  # largest distance of a principal point from the middle, of the image's size
 
 
@@ -48,6 +49,10 @@ def projection_warnings(calibration: StereoCalibration, raw: RawStereoRig | None
         for camera in ((raw.left, raw.right) if raw else ())
         if abs(camera.fx / camera.fy - 1.0) > _OBLONG
     ][:1]
+    if calibration.baseline > _WIDE:
+        found.append(
+            f"baseline {calibration.baseline:.3g} m: is the calibration in metres, not in squares of the board?"
+        )
     for name, value, extent in (
         ("column", calibration.cx, calibration.width),
         ("row", calibration.cy, calibration.height),

@@ -80,9 +80,19 @@ def opencv(folder: Path, ending: str) -> tuple[Path, ...]:
     return (path,)
 
 
+def opencv_sample(folder: Path) -> tuple[Path, ...]:
+    """Its ``extrinsics.yml`` has R and T, and more."""
+    (path,) = opencv(folder, "yml")
+    head, motion = path.read_text(encoding="utf-8").split("R: ")
+    (folder / "extrinsics.yml").write_text(f"%YAML:1.0\n---\nR: {motion}", encoding="utf-8")
+    path.unlink()
+    (folder / "intrinsics.yml").write_text(head, encoding="utf-8")
+    return (folder / "intrinsics.yml",)
+
+
 WRITERS: dict[str, Callable[[Path], tuple[Path, ...]]] = {
     "Kalibr": kalibr, "EuRoC": euroc, "ROS": ros, "YAML of OpenCV": lambda folder: opencv(folder, "yml"),
-    "XML of OpenCV": lambda folder: opencv(folder, "xml"),
+    "XML of OpenCV": lambda folder: opencv(folder, "xml"), "OpenCV's sample": opencv_sample,
 }  # fmt: skip
 
 

@@ -188,10 +188,13 @@ def _noise() -> GreyImage:
     return np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
 
 
-@pytest.mark.parametrize(("cx", "cy", "lines"), [(310.0, 125.0, 0), (607.0, 125.0, 1), (310.0, 20.0, 1)])
-def test_a_calibration_of_another_size_is_doubted(cx: float, cy: float, lines: int) -> None:
+@pytest.mark.parametrize(
+    ("cx", "cy", "baseline", "lines"),
+    [(310.0, 125.0, 0.5, 0), (607.0, 125.0, 0.5, 1), (310.0, 20.0, 0.5, 1), (310.0, 125.0, 4.4, 1)],
+)
+def test_a_calibration_of_another_size_or_unit_is_doubted(cx: float, cy: float, baseline: float, lines: int) -> None:
     calibration = StereoCalibration(
-        width=WIDTH, height=HEIGHT, focal_length=500.0, cx=cx, cy=cy, baseline=0.5, X_SC=np.eye(4)
+        width=WIDTH, height=HEIGHT, focal_length=500.0, cx=cx, cy=cy, baseline=baseline, X_SC=np.eye(4)
     )
     assert len(projection_warnings(calibration, None)) == lines
 

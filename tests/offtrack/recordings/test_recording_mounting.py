@@ -185,6 +185,25 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
     assert facing_by_motion(calibration, frames) == facing
 
 
+def test_where_small_images_do_not_show_the_motion_those_of_full_size_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Sharp:
+        def __init__(self, calibration: StereoCalibration) -> None:
+            self._health = Health.OK if calibration.width == 1280 else Health.LOST
+
+        def init(self) -> None:
+            return None
+
+        def step(self, memory: None, frame: StereoFrame) -> tuple[None, Motion]:
+            assert frame.left.shape == ((32, 1280) if self._health is Health.OK else (16, 640))
+            moved = transform(np.eye(3), np.array([0.0, 0.0, 0.4]))
+            return None, replace(lost_motion(frame.tick, 0), X_PC=moved, health=self._health)
+
+    monkeypatch.setattr("offtrack.exchange.recordings.camera_files.CircularOdometry", Sharp)
+    grey = np.zeros((32, 1280), np.uint8)
+    frames = [StereoFrame(tick=100 * k, left=grey, right=grey) for k in range(10)]
+    assert facing_by_motion(replace(RIG.calibration(), width=1280), frames) == "front"
+
+
 def test_options_go_before_the_rig_and_leave_nothing_to_assume() -> None:
     options = MountingOptions(follow_distance=9.0, facing="rear", x=-8.0, y=0.1, z=4.2, direction_std=0.002)
     rig = Rig(X_SC=RIG.calibration().X_SC, follow_distance=13.5, direction_std=0.0)

@@ -51,6 +51,8 @@ def test_every_layout_and_format_is_found(tmp_path: Path, folders: Folders, kind
 def test_the_grey_pair_goes_before_the_colour_pair_and_a_rate_takes_the_place_of_times(tmp_path: Path) -> None:
     """KITTI has both of each frame; at 20 Hz there is a frame every 50 ticks, whatever times.txt says."""
     make(tmp_path, range(4), FOLDERS[1])
+    (tmp_path / "image_0").mkdir()  # half a pair
+    assert find_sequence(tmp_path, 20.0).folders.left == "image_2"
     write_times(make(tmp_path, range(4), FOLDERS[0]), ["nonsense"])
     sequence = find_sequence(tmp_path, 20.0)
     assert sequence.folders.left == "image_0"
@@ -126,6 +128,7 @@ def test_a_pause_is_noted_and_hidden_files_are_no_images(tmp_path: Path) -> None
         ([0.0, "nan", 0.2, 0.3], "", "line 2: nan is not a time"),
         ([0.0, 0.1, 0.2, 1e300], "", "line 4: 1e+300 is not a time"),
         ([0.0, 1e5, 2e5, 3e5], "", "Times must be in seconds"),
+        (["0000", "0001", "0002", "0003"], "", "counts the frames from 0 on"),
     ],
 )
 def test_wrong_times_are_refused(tmp_path: Path, times: list[float | str] | None, names: str, says: str) -> None:

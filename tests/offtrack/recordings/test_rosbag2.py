@@ -330,6 +330,15 @@ def test_one_clock_times_all_messages_and_files_alone_are_a_bag(tmp_path: Path) 
         assert notes == ("messages without a time stamp: times are those of their reception",)
 
 
+def test_images_that_are_sent_packed_too_count_once_and_those_alone_are_noted(tmp_path: Path) -> None:
+    messages = scenes(sent, wall_info(0), wall_info(1))
+    packed = scenes(mosaic, wall_info(0), wall_info(1), name="image_raw/compressed")
+    del messages[5]  # the second right image
+    with unpacked(bag(tmp_path / "bag", [*messages, *packed[2:]])) as (folder, notes):
+        assert [frame.tick for frame in find_sequence(folder).frames] == [0, 200]
+        assert notes == ("1 images have no partner",)
+
+
 @pytest.mark.parametrize("tx", [(60.0, 0.0), (-5.0, -65.0)])
 def test_the_difference_of_both_projections_is_the_baseline(tmp_path: Path, tx: tuple[float, float]) -> None:
     infos = [wall_info(side) for side in (0, 1)]
@@ -400,6 +409,7 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     yield "encoding", stereo(encoding="yuv999"), "", "encoding yuv999 is unknown"
     yield "cut off", stereo(data=np.zeros(9, np.uint8)), "", "it is cut off"
     yield "uncalibrated", with_info(k=np.zeros(9), p=np.zeros(12)), "", "calibrate the cameras"
+    yield "nine coefficients", with_info(d=np.zeros(9)), "", "D has 9 coefficients"
     yield "unknown lens", with_info(distortion_model="mirror"), "", "distortion model mirror is unknown"
     yield "resized images", with_info(width=2 * WIDTH, height=2 * HEIGHT), "", "images of 128x96 px"
     yield "endless calibration", with_info(width=20_000, height=20_000), "", "at most 64 megapixels"

@@ -42,6 +42,8 @@ def foreign_rig(files: tuple[Path, ...], size: tuple[int, int]) -> RawStereoRig:
     """
     first = files[0]
     tables = [_table(path) for path in files]
+    if (beside := first.with_name(first.name.replace("intrinsics", "extrinsics"))) != first and beside.is_file():
+        tables[0] = _table(beside) | tables[0]  # of OpenCV's sample
     if len(tables) == 1 and ("camera_matrix" in tables[0] or "intrinsics" in tables[0]):
         files = first, _of_right_camera(first)
         tables.append(_table(files[1]))

@@ -23,6 +23,7 @@ from vehicle.frames import FloatArray
 _Maps: TypeAlias = tuple[Any, Any]  # from rectified to raw pixels
 _PAIRS: Final = 3  # of the first images, that show whether they are rectified
 _CLEARLY: Final = 0.6  # times the difference of rows that shows which images are rectified
+_COEFFICIENTS: Final = (0, 4, 5, 8, 12, 14)  # of OpenCV's lenses
 _LENSES: Final = ("plumb_bob", "rational_polynomial", "equidistant", "fisheye", "")
 
 
@@ -123,6 +124,9 @@ def _camera_info(message: Any, topic: str) -> _CameraInfo:
     k, r, p, d = (_numbers(message, name) for name in "krpd")
     if k.size != 9 or p.size != 12 or not np.isfinite([*k, *p]).all() or k[0] <= 0.0 or p[0] <= 0.0:
         raise ValueError(f"{topic}: K or P is empty or not finite: calibrate the cameras")
+    if d.size not in _COEFFICIENTS or not np.isfinite([*d, *r]).all():
+        sizes = ", ".join(map(str, _COEFFICIENTS))
+        raise ValueError(f"{topic}: D has {d.size} coefficients: it must have {sizes}, all finite, as must R")
     if message.distortion_model not in _LENSES:
         raise ValueError(
             f"{topic}: distortion model {shown(message.distortion_model)} is unknown: must be one of "
@@ -140,7 +144,7 @@ def _camera_info(message: Any, topic: str) -> _CameraInfo:
         topic=topic,
         size=(size[0] // binning[0], size[1] // binning[1]),
         lens=message.distortion_model,
-        D=d,
+        D=d if d.size else np.zeros(5),
         K=seen @ k.reshape(3, 3),
         R=r.reshape(3, 3) if r.size == 9 and np.any(r) else np.eye(3),
         P=seen @ p.reshape(3, 4),

@@ -8,6 +8,7 @@ from vehicle.foundation.user_file import nearest, shown
 
 SIDES: Final = ("left", "right")
 _IMAGES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+_PACKED: Final = "/compressed"  # the same images as of the topic without it
 _INFO: Final = "sensor_msgs/msg/CameraInfo"
 _KEYS: Final = ("left", "right", "left_info", "right_info")
 _MARKS: Final = {
@@ -50,6 +51,7 @@ def stereo_topics(kinds: Mapping[str, str], chosen: Mapping[str, str]) -> Stereo
         if topic not in kinds:
             raise ValueError(f"--topics {key}={shown(topic)}: is not in it{nearest(topic, kinds)}")
     named = sorted(topic for topic, kind in kinds.items() if kind in _IMAGES)
+    named = [topic for topic in named if topic.removesuffix(_PACKED) not in named or not topic.endswith(_PACKED)]
     images = tuple(chosen.get(side) or _found(side, named) for side in SIDES)
     for side, topic in zip(SIDES, images, strict=True):
         if kinds[topic] not in _IMAGES:

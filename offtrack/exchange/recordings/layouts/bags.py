@@ -45,19 +45,15 @@ def unpack(path: Path, folder: Path, wanted: Wanted, progress: Progress) -> tupl
             found = bag_cameras(bag, topics, exchange=wanted.exchange)
             files["calib.txt"] = found.calibration
         stamps, notes = _write_images(bag, topics.images, folder, found, progress)
-        left, right = (np.unique(one, return_index=True) for one in stamps)
-        for side, (own, _) in zip(SIDES, (left, right), strict=True):
-            if own.size < 2:
-                raise ValueError(f"{own.size} images of the {side} camera; at least 2 are needed")
-        pairs = nearest_pairs(left[0], right[0], 1e-6, "its topics")
-    for name, kept in zip(_FOLDERS, (left[1][pairs.left], right[1][pairs.right]), strict=True):
+        pairs = nearest_pairs(stamps[0], stamps[1], 1e-6, "its topics")
+    for name, kept in zip(_FOLDERS, pairs[:2], strict=True):
         _number(folder / name, kept)
-    times = (1e-9 * left[0][pairs.left]).tolist()
+    times = (1e-9 * stamps[0][pairs.left]).tolist()
     files["times.txt"] = "".join(f"{time:.9f}\n" for time in times)
     for name, text in files.items():
         if name != "poses.txt" or len(text.splitlines()) == len(times):
             (folder / name).write_text(text, encoding="utf-8")
-    return (*found.notes, *notes)
+    return (*found.notes, *notes, *pairs.notes)
 
 
 def _recording_files(bag: Bag) -> dict[str, str]:

@@ -16,6 +16,7 @@ from offtrack.exchange.recordings.layouts.frame_times import unix_unit
 
 _Key: TypeAlias = tuple[Decimal, ...]
 _NEAR: Final = 0.5  # of the time between frames; images farther apart are no pair
+_APART: Final = 1.0  # time between the images of a pair that is noted [ms]
 _PAIRED: Final = 0.5  # least share of the left images that have a right one
 
 
@@ -113,45 +114,49 @@ def _by_stamp(ordered: Sequence[Sequence[Path]], stamps: Sequence[Sequence[float
     """Pairs by the nearest time."""
     left, right = ordered
     nearest = nearest_pairs(np.array(stamps[0]), np.array(stamps[1]), 1e3, str(left[0].parent))
-    note = f"paired by time stamps, {nearest.apart:.3g} ms apart"
-    if alone := len(left) + len(right) - 2 * len(nearest.left):
-        note += f"; {alone} images have no partner"
     pairs = _in_order([left[k] for k in nearest.left], [right[k] for k in nearest.right])
-    return pairs._replace(times=tuple(stamps[0][k] for k in nearest.left), notes=(note,))
+    return pairs._replace(times=tuple(stamps[0][k] for k in nearest.left), notes=nearest.notes)
 
 
 class NearestPairs(NamedTuple):
-    """Left and right images that belong together, as indices, and the median of the time between them."""
+    """Left and right images that belong together, as indices in the order of time."""
 
     left: NDArray[np.intp]
     right: NDArray[np.intp]
-    apart: float  # [ms]
+    notes: tuple[str, ...]  # on images without a partner, and those a millisecond apart
 
 
 def nearest_pairs(left: NDArray[Any], right: NDArray[Any], to_ms: float, source: str) -> NearestPairs:
-    """To each left image the nearest right one, within half a period.
+    """To each left image the nearest right one, within half a period; of images with one stamp the first counts.
 
     Args:
-        left: stamps (n,) of the left images, two or more; they increase.
+        left: stamps (n,) of the left images.
         right: stamps (m,) of the right ones.
         to_ms: milliseconds in a unit of the stamps.
         source: of the images, for the error.
 
     Raises:
-        ValueError: one line, if less than half of the left images have a right one.
+        ValueError: one line, if there are less than two, or less than half of the left images have a right one.
     """
-    period = float(np.median(np.diff(left)))
-    after = np.clip(np.searchsorted(right, left), 1, right.size - 1)
-    near = np.where(left - right[after - 1] <= right[after] - left, after - 1, after)
-    apart = np.abs(right[near] - left)
+    (one, of_one), (other, of_other) = (np.unique(side, return_index=True) for side in (left, right))
+    for name, own in (("left", one), ("right", other)):
+        if own.size < 2:
+            raise ValueError(f"{source}: {own.size} images of the {name} camera; at least 2 are needed")
+    period = float(np.median(np.diff(one)))
+    after = np.clip(np.searchsorted(other, one), 1, other.size - 1)
+    near = np.where(one - other[after - 1] <= other[after] - one, after - 1, after)
+    apart = np.abs(other[near] - one)
     good = apart < _NEAR * period
-    _, first = np.unique(np.where(good, near, -1 - np.arange(left.size)), return_index=True)
+    _, first = np.unique(np.where(good, near, -1 - np.arange(one.size)), return_index=True)
     kept = np.sort(first)
     kept = kept[good[kept]]
     typical = to_ms * float(np.median(apart))
-    if kept.size < max(2.0, _PAIRED * left.size):
+    if kept.size < max(2.0, _PAIRED * one.size):
         raise ValueError(
-            f"{source}: only {kept.size} of {left.size} left images have a right one within half a period: the nearest "
+            f"{source}: only {kept.size} of {one.size} left images have a right one within half a period: the nearest "
             f"are {typical:.0f} ms apart; the cameras must be triggered together"
         )
-    return NearestPairs(kept, near[kept], typical)
+    alone = left.size + right.size - 2 * kept.size
+    notes = [f"paired by time stamps, {typical:.3g} ms apart"] * (typical >= _APART)
+    notes += [f"{alone} images have no partner"] * (alone > 0)
+    return NearestPairs(of_one[kept], of_other[near[kept]], ("; ".join(notes),) if notes else ())

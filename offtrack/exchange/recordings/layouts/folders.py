@@ -81,14 +81,15 @@ def _named(directory: Path, folders: tuple[str, str] | None) -> Folders:
     """These folders, or the first known ones of which both exist."""
     if not directory.is_dir():
         raise ValueError(f"{directory} is not a folder; name the folder that contains image_0 and image_1")
+    lacking = []
     for known in FOLDERS if folders is None else (Folders(*folders),):
         missing = [name for name in known[:2] if not (directory / name).is_dir()]
         if not missing:
             return known
         if folders is not None:
             raise ValueError(f"--folders {','.join(folders)}: {directory / missing[0]} is no folder")
-        if len(missing) == 1:
-            lacks = f"{directory / missing[0]} is missing"
-            raise ValueError(f"{lacks}: a stereo recording needs the images of both cameras")
+        lacking += missing * (len(missing) == 1)
+    if lacking:
+        raise ValueError(f"{directory / lacking[0]} is missing: a stereo recording needs the images of both cameras")
     pairs = ", ".join(f"{known.left} and {known.right}" for known in FOLDERS)
     raise ValueError(f"{directory} contains no stereo images; it needs two folders: {pairs}, or --folders LEFT,RIGHT")

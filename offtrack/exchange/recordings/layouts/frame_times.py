@@ -90,6 +90,9 @@ def read_times(path: Path) -> FrameTimes:
         kept = kept[1:]
     commas = _decimal_commas([line for _, line in kept])
     rows = [(k, line.replace(",", "." if commas else " ").split()) for k, line in kept]
+    counted = [int(row[0]) for _, row in rows if len(row) == 1 and re.fullmatch(r"\d{1,8}", row[0])]
+    if len(counted) == len(rows) > 2 and all(after - before == 1 for before, after in pairwise(counted)):
+        raise ValueError(f"{path} counts the frames from {counted[0]} on: it needs their times [s], or use --rate HZ")
     column, notes = _column([row for _, row in rows])
     values = [_value(path, k, row, column) for k, row in rows]
     unit = unix_unit(min((value for _, value in values), default=0)) or 1
