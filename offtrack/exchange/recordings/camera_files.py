@@ -33,21 +33,13 @@ from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 Facing = Literal["rear", "left", "right", "front", "down"]
 
 
-class _AssumedPose(NamedTuple):
-    """Assumed pose of cameras that face in one direction."""
-
-    yaw: float  # [rad]
-    pitch: float  # [rad]
-    share: float  # distance from the hitch back to the cameras over the follow distance [-]
-    words: str
-
-
-_ASSUMED_POSES: Final[dict[Facing, _AssumedPose]] = {
-    "rear": _AssumedPose(math.pi, 0.0, 1.0, "to the rear"),
-    "left": _AssumedPose(0.5 * math.pi, 0.0, 0.5, "to the left"),
-    "right": _AssumedPose(-0.5 * math.pi, 0.0, 0.5, "to the right"),
-    "front": _AssumedPose(0.0, 0.0, 0.0, "to the front"),
-    "down": _AssumedPose(0.0, 0.5 * math.pi, 0.5, "down"),
+# Assumed yaw and pitch [rad], and the distance from the hitch back to the cameras over the follow distance.
+_ASSUMED: Final[dict[Facing, tuple[float, float, float]]] = {
+    "rear": (math.pi, 0.0, 1.0),
+    "left": (0.5 * math.pi, 0.0, 0.5),
+    "right": (-0.5 * math.pi, 0.0, 0.5),
+    "front": (0.0, 0.0, 0.0),
+    "down": (0.0, 0.5 * math.pi, 0.5),
 }
 _FOLLOW_DISTANCE = 14.0  # default: de Saxe 2018, section 3.1 [m]
 _HEIGHT = 3.0  # default: the same section [m]
@@ -106,10 +98,9 @@ def facing_named(name: str) -> Facing:
         ValueError: if there is no such direction.
     """
     name = {"forward": "front", "forwards": "front", "backward": "rear", "back": "rear"}.get(name, name)
-    for facing in get_args(Facing):
-        if name == facing:
-            return cast(Facing, facing)
-    raise ValueError(f"--facing = {name}: unknown{nearest(name, get_args(Facing))}")
+    if name not in get_args(Facing):
+        raise ValueError(f"--facing = {name}: unknown{nearest(name, get_args(Facing))}")
+    return cast(Facing, name)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,16 +171,16 @@ def mounting(
         found = facing()
         direction = found or "rear"
         source = ", found from their motion" if found else ": their motion does not show it"
-        assumed.append(f"cameras face {_ASSUMED_POSES[direction].words}{source} (--facing)")
-    pose = _ASSUMED_POSES[direction]
+        assumed.append(f"cameras face {'' if direction == 'down' else 'to the '}{direction}{source} (--facing)")
+    yaw, pitch, share = _ASSUMED[direction]
     x, y, z = options.x, options.y or 0.0, options.z
     if x is None:
-        x = -pose.share * follow_distance
+        x = -share * follow_distance
         assumed.append(f"cameras {-x:g} m behind the hitch (--camera-x)")
     if z is None:
         z = _HEIGHT
         assumed.append(f"cameras {z:g} m above the ground (--camera-height)")
-    R_SC = rotation_zyx(pose.yaw, pose.pitch, 0.0) @ R_BODY_CAMERA @ turned
+    R_SC = rotation_zyx(yaw, pitch, 0.0) @ R_BODY_CAMERA @ turned
     p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * calibration.baseline, 0.0, 0.0])
     direction_std = _direction_std(options, rig, calibration, _ALIGNED, assumed)
     return Mounting(transform(R_SC, p_SC), follow_distance, rig.roll_axis_height, direction_std, tuple(assumed))

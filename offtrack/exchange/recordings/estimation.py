@@ -42,7 +42,7 @@ from scenarios.results.run_warnings import calibration_warnings, doubt_warnings
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import BodyPose, StereoFrame
 from vehicle.clock import TICK
-from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, inverse
 from vehicle.option import Parameter, check_options, declared_options
 
@@ -227,12 +227,15 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
         )
         return source, recording
     check_options(declared_options(part), chosen.options, "estimator")
-    vehicle = _data_sheet(recording, chosen.vehicle or DATA_SHEET)
+    vehicle = load_vehicle(chosen.vehicle or DATA_SHEET)
+    if len(vehicle.units) < 2:
+        raise ValueError(f"--vehicle {chosen.vehicle}: tows no trailer")
+    last = vehicle.units[-1].model_copy(update={"roll_axis_height": recording.roll_axis_height})
     if chosen.vehicle is None:
         assumed = (*recording.assumed, f"data sheet for the estimator: {DATA_SHEET} (--vehicle)")
         recording = replace(recording, assumed=assumed)
     context = TrailerContext(
-        vehicle=vehicle,
+        vehicle=vehicle.model_copy(update={"units": (*vehicle.units[:-1], last)}),
         unit=len(vehicle.units) - 1,
         follow_distance=recording.follow_distance,
         calibration=recording.calibration,
@@ -244,15 +247,6 @@ def off_tracking_source(recording: Recording, chosen: Chosen) -> tuple[OffTracki
     source = constructed("--estimator", chosen.estimator, lambda: part.of(context))
     check_made("--estimator", chosen.estimator, source, ("init", "step"))
     return source, recording
-
-
-def _data_sheet(recording: Recording, name: str) -> Vehicle:
-    """A vehicle's data sheet, whose last trailer rolls about the recording's axis."""
-    vehicle = load_vehicle(name)
-    if len(vehicle.units) < 2:
-        raise ValueError(f"--vehicle {name}: tows no trailer")
-    last = vehicle.units[-1].model_copy(update={"roll_axis_height": recording.roll_axis_height})
-    return vehicle.model_copy(update={"units": (*vehicle.units[:-1], last)})
 
 
 KITTI_LENGTHS: Final = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # [m]
@@ -426,14 +420,9 @@ def _lost_warnings(estimation: Estimation) -> list[str]:
     return lines
 
 
-def error_of_estimate(log: Log) -> FloatArray:
-    """Estimated off-tracking minus that of the recorded poses, (n,) [m]; NaN where one is missing."""
-    return metrics.estimate_error(log["off_tracking"], log["off_tracking_poses"], log["health"])
-
-
 def _off_tracking(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
-    value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
-    usable = log["health"] < LOST
+    value, std, usable = log["off_tracking"], log["off_tracking_std"], log["health"] < LOST
+    error = metrics.estimate_error(value, log["off_tracking_poses"], log["health"])
     by_direction = estimation.recording.direction_std * estimation.recording.follow_distance
     return {
         "rms_m": number(metrics.rms(value)),
@@ -488,12 +477,10 @@ def _drift(
 def _self_calibration(log: Log) -> dict[str, float | int | None]:
     """Last estimate of the right camera's rotation [deg] and delay [ms]; empty without one."""
     found: dict[str, float | int | None] = {}
-    degree = math.degrees(1.0)
-    for name, unit, scale in (("roll", "deg", degree), ("yaw", "deg", degree), ("pitch", "deg", degree),
-                              ("delay", "ms", 1e3)):  # fmt: skip
+    for name in ("roll", "yaw", "pitch", "delay") if "right_roll" in log else ():
+        unit, scale = ("ms", 1e3) if name == "delay" else ("deg", math.degrees(1.0))
         for end in ("", "_std"):
-            values = log[f"right_{name}{end}"] if f"right_{name}{end}" in log else np.empty(0)
-            known = values[np.isfinite(values)]
+            known = log[f"right_{name}{end}"][np.isfinite(log[f"right_{name}{end}"])]
             if known.size:
                 found[f"{name}{end}_{unit}"] = number(scale * known[-1])
     return found
@@ -507,9 +494,9 @@ def agreement_numbers(
     All images are read again.
     """
     result = agreement(estimation.recording.calibration, straight_frames(estimation), kind)
-    rms = {"halves_rms_sigma": result.halves, "backwards_rms_sigma": result.backwards}
-    values = {name: float(np.sqrt(np.mean(np.square(value)))) for name, value in rms.items()}
-    return {name: round(value, 3) if math.isfinite(value) else None for name, value in values.items()}
+    values = [float(np.sqrt(np.mean(np.square(value)))) for value in (result.halves, result.backwards)]
+    halves, backwards = (round(value, 3) if math.isfinite(value) else None for value in values)
+    return {"halves_rms_sigma": halves, "backwards_rms_sigma": backwards}
 
 
 def straight_frames(estimation: Estimation, most: int | None = None) -> list[StereoFrame]:

@@ -53,10 +53,8 @@ def projection_warnings(calibration: StereoCalibration, raw: RawStereoRig | None
         found.append(
             f"baseline {calibration.baseline:.3g} m: is the calibration in metres, not in squares of the board?"
         )
-    for name, value, extent in (
-        ("column", calibration.cx, calibration.width),
-        ("row", calibration.cy, calibration.height),
-    ):
+    size = calibration.width, calibration.height
+    for name, value, extent in zip(("column", "row"), (calibration.cx, calibration.cy), size, strict=True):
         if abs(value / (extent - 1) - 0.5) > _OFF_CENTRE:
             found.append(
                 f"principal point at {name} {value:.0f} of {extent} is far off the middle: is it the calibration of "
@@ -116,7 +114,7 @@ def rows_apart(pairs: Sequence[Sequence[GreyImage]]) -> float:
     Corners are tracked there and back by the method of Lucas and Kanade, to a fraction of a pixel: lenses that are
     alike leave errors of a few pixels in near points at the edges only.
     """
-    found = [row for left, right in pairs for row in _tracked_rows(left, right)]
+    found = np.concatenate([_tracked_rows(*pair) for pair in pairs])
     return float(np.percentile(found, 90)) if len(found) > _FEWEST else math.inf
 
 

@@ -221,15 +221,6 @@ _RATE: Final = 10  # pictures of the video a second
 _ON_CARDS: Final = ("slip.mean_deg", "slip.max_deg", "slip.error_rms_deg", "slip.valid_fraction", "slip.std_mean_deg")
 
 
-def slip_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
-    """The page as HTML; ``numbers`` is the summary."""
-    name = numbers["recording"]
-    subtitle = f"{numbers['frames']['images']} images · estimator {estimation.estimator}"
-    text = "The slip angle runs from the body's axis to the direction of travel, + left."
-    playback = slip_playback(estimation, name) if len(estimation.log) > 1 else None
-    return page_text(f"{name} · slip angle", name, subtitle, numbers, _ON_CARDS, playback, text)
-
-
 def write_slip_estimation(
     estimation: SlipEstimation, directory: Path, *, video: bool, progress: Progress = no_progress
 ) -> dict[str, Any]:
@@ -238,10 +229,14 @@ def write_slip_estimation(
     Raises:
         ValueError: if the directory can not take it.
     """
-    numbers = slip_summary(estimation)
-    texts = {"slip.csv": table_text(estimation.log), "report.html": slip_page(estimation, numbers)}
-    drawn = video and len(estimation.log) > 1
-    film = (lambda path: write_video(estimation, path, progress=progress)) if drawn else None
+    numbers, moving = slip_summary(estimation), len(estimation.log) > 1
+    name = numbers["recording"]
+    subtitle = f"{len(estimation.log)} images · estimator {estimation.estimator}"
+    text = "The slip angle runs from the body's axis to the direction of travel, + left."
+    playback = slip_playback(estimation, name) if moving else None
+    page = page_text(f"{name} · slip angle", name, subtitle, numbers, _ON_CARDS, playback, text)
+    texts = {"slip.csv": table_text(estimation.log), "report.html": page}
+    film = (lambda path: write_video(estimation, path, progress=progress)) if video and moving else None
     write_results(directory, "slip", estimation.log, numbers, texts, film)
     return numbers
 

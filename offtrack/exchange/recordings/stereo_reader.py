@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -169,15 +169,14 @@ class Recording:
         return self.rectification.step(frame) if self.rectification else frame
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Cameras:
+class _Cameras(NamedTuple):
     """Contents of a recording's calibration files."""
 
     calibration: StereoCalibration  # of the rectified pair; its X_SC is replaced by the mounting
     rectification: Rectifier | None
     rig: Rig
-    raw: RawStereoRig | None = None  # as calibrated
     X_CP: FloatArray  # (4, 4) pose in the rectified left camera of the camera whose poses are in ``poses.txt``
+    raw: RawStereoRig | None = None  # as calibrated
 
 
 def open_recording(
@@ -290,7 +289,7 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
         return _raw_cameras(foreign[0], size, foreign_rig(foreign, size), rig)
     calibration = read_projections(projections, sequence.folders, size)
     X_CP = inverse(calibration.X_SC)
-    return _Cameras(calibration=replace(calibration, X_SC=np.eye(4)), rectification=None, rig=rig, X_CP=X_CP)
+    return _Cameras(replace(calibration, X_SC=np.eye(4)), None, rig, X_CP)
 
 
 def _projections(sequence: StereoSequence) -> Path:
@@ -303,21 +302,14 @@ def _projections(sequence: StereoSequence) -> Path:
 def _raw_cameras(path: Path, size: tuple[int, int], raw: RawStereoRig, rig: Rig) -> _Cameras:
     for side, camera in (("left", raw.left), ("right", raw.right)):
         if (camera.width, camera.height) != size:
-            raise ValueError(
-                f"{path}: the {side} camera has {camera.width}x{camera.height} px, the images {size[0]}x{size[1]}: "
-                "is it the calibration of these images?"
-            )
+            lacks = f"{path}: the {side} camera has {camera.width}x{camera.height} px, the images {size[0]}x{size[1]}"
+            raise ValueError(f"{lacks}: is it the calibration of these images?")
     if rig.X_SC is not None:
         raw = replace(raw, X_SC=rig.X_SC)
     rectifier = Rectifier(raw)
     X_SC = rectifier.calibration.X_SC
-    return _Cameras(
-        calibration=rectifier.calibration,
-        rectification=rectifier,
-        rig=replace(rig, X_SC=None if rig.X_SC is None else X_SC),
-        raw=raw,
-        X_CP=inverse(X_SC) @ raw.X_SC,
-    )
+    rig = replace(rig, X_SC=None if rig.X_SC is None else X_SC)
+    return _Cameras(rectifier.calibration, rectifier, rig, inverse(X_SC) @ raw.X_SC, raw)
 
 
 def _poses(sequence: StereoSequence, X_CP: FloatArray) -> FloatArray | None:

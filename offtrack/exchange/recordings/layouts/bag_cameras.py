@@ -45,10 +45,10 @@ class _CameraInfo(NamedTuple):
 
     def maps(self, size: tuple[int, int]) -> _Maps:
         """Maps from rectified to raw pixels of images of this width and height."""
-        camera = self.K, self.D, self.R, self.P[:, :3], size, cv2.CV_32FC1
+        rectified_as = self.R, self.P[:, :3], size, cv2.CV_32FC1
         if self.lens in ("equidistant", "fisheye"):
-            return cv2.fisheye.initUndistortRectifyMap(self.K, self.D[:4], *camera[2:])
-        return cv2.initUndistortRectifyMap(*camera)
+            return cv2.fisheye.initUndistortRectifyMap(self.K, self.D[:4], *rectified_as)
+        return cv2.initUndistortRectifyMap(self.K, self.D, *rectified_as)
 
 
 class Rectification(NamedTuple):
@@ -90,23 +90,22 @@ def bag_cameras(bag: Bag, topics: StereoTopics, *, exchange: bool) -> Rectificat
                     f"and region of interest; those sent have {size[0]}x{size[1]} px. Scale it, or name the topic of "
                     "the images that it belongs to"
                 )
+    as_is = Rectification(calibration)
     if not all(first) or all(info.straight for info in infos):
-        return Rectification(calibration)
-    raw = Rectification(
-        calibration, tuple(info.maps(images[0].shape[::-1]) for info, images in zip(infos, first, strict=True))
-    )
+        return as_is
+    maps = tuple(info.maps(images[0].shape[::-1]) for info, images in zip(infos, first, strict=True))
+    raw = Rectification(calibration, maps)
     pairs = [[upper_bits(image, used_bits(int(image.max()))) for image in pair] for pair in zip(*first, strict=False)]
     as_sent = rows_apart(pairs)
-    straight = rows_apart([[rectified(*one) for one in zip(pair, raw.maps, strict=True)] for pair in pairs])
+    straight = rows_apart([[rectified(*one) for one in zip(pair, maps, strict=True)] for pair in pairs])
     named = all("rect" in topic for topic in topics.images)
     if named and straight < _CLEARLY * as_sent:
-        return raw._replace(
-            notes=("topics say that images are rectified, their rows say that they are not: they were rectified",)
-        )
+        note = "topics say that images are rectified, their rows say that they are not: they were rectified"
+        return raw._replace(notes=(note,))
     if not named and as_sent < _CLEARLY * straight:
         note = "images are rectified already, as their rows show: D and R of the CameraInfo are not used"
-        return Rectification(calibration, notes=(note,))
-    return Rectification(calibration) if named else raw
+        return as_is._replace(notes=(note,))
+    return as_is if named else raw
 
 
 def _info(bag: Bag, side: str, topic: str) -> _CameraInfo:

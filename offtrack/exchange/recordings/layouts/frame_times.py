@@ -95,12 +95,21 @@ def read_times(path: Path) -> FrameTimes:
         raise ValueError(f"{path} counts the frames from {counted[0]} on: it needs their times [s], or use --rate HZ")
     column, notes = _column([row for _, row in rows])
     values = [_value(path, k, row, column) for k, row in rows]
-    unit = unix_unit(min((value for _, value in values), default=0)) or 1
-    times = [(k, value / unit) for k, value in values]
+    unit = unix_unit(min(values, default=0)) or 1
+    times = [value / unit for value in values]
     if unit > 1:
         notes = (*notes, f"{path.name}: times are in {_UNITS[unit]}")
-    _check(path, times)
-    return FrameTimes(tuple(time for _, time in times), notes)
+    for (before, after), (k, _) in zip(pairwise(times), rows[1:], strict=True):
+        if after - before < 0.999 * TICK:
+            line = f"{path}, line {k}: {after:.15g} s must be at least {TICK:g} s after the line before"
+            raise ValueError(f"{line}. Repair it or use --rate HZ")
+    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if period > _LONGEST_PERIOD:
+        raise ValueError(
+            f"{path}: {period:g} s between frames is more than {_LONGEST_PERIOD:g} s. Times must be in seconds: are "
+            "these milliseconds? Or use --rate HZ"
+        )
+    return FrameTimes(tuple(times), notes)
 
 
 def _decimal_commas(lines: Sequence[str]) -> bool:
@@ -131,8 +140,8 @@ def _column(rows: Sequence[list[str]]) -> tuple[int, tuple[str, ...]]:
     return 0, ("times are in the first column; the second one has other numbers",)
 
 
-def _value(path: Path, number: int, row: list[str], column: int) -> tuple[int, float]:
-    """Number of the line and its time, in the table's unit; date and time count as UTC."""
+def _value(path: Path, number: int, row: list[str], column: int) -> float:
+    """Time in a line of this number, in the table's unit; date and time count as UTC."""
     text = row[column] if column < len(row) else ""
     try:
         value: float = int(text) if text.isdecimal() else float(text)
@@ -145,26 +154,10 @@ def _value(path: Path, number: int, row: list[str], column: int) -> tuple[int, f
             ) from None
     if not abs(value) <= _LATEST * max(_UNITS):
         raise ValueError(f"{path}, line {number}: {value} is not a time [s]. Repair it or use --rate HZ")
-    return number, value
+    return value
 
 
 def _date(text: str) -> float:
     """Seconds since 1970 of a date and time such as 2011-09-26 13:02:25.964389445, or with a time zone."""
     date = datetime.fromisoformat(text)
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
-
-
-def _check(path: Path, times: Sequence[tuple[int, float]]) -> None:
-    """Refuse times that do not rise, or that can not be seconds."""
-    for (_, before), (k, after) in pairwise(times):
-        if after - before < 0.999 * TICK:
-            raise ValueError(
-                f"{path}, line {k}: {after:.15g} s must be at least {TICK:g} s after the line before. "
-                "Repair it or use --rate HZ"
-            )
-    period = float(np.median(np.diff([time for _, time in times]))) if len(times) > 1 else 0.0
-    if period > _LONGEST_PERIOD:
-        raise ValueError(
-            f"{path}: {period:g} s between frames is more than {_LONGEST_PERIOD:g} s. Times must be in seconds: are "
-            "these milliseconds? Or use --rate HZ"
-        )
