@@ -68,7 +68,7 @@ class MountState(NamedTuple):
     @property
     def std(self) -> FloatArray:
         """Standard deviations (6,)."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(self.covariance.diagonal())
 
 
 def initial() -> MountState:
