@@ -151,11 +151,12 @@ def _matches(left: _Features, right: _Features) -> FloatArray:
 def _shift(places: Sequence[Place], lefts: Sequence[_Features], own: Sequence[FloatArray], scale: float) -> str:
     """Where the left images are that fit the right ones better than those of their frame; empty if these do.
 
-    Neighbours are looked at where few matches fit: a camera may lose a frame under way.
+    Neighbours are looked at in the first place, then where clearly fewer fit: a camera may lose a frame under way.
     """
+    best = 1.0  # share of matches that may fit in another pairing
     for place, left, matches in zip(places, lefts, own, strict=False):
         fitting = _fitting(matches)
-        if _CLEARLY * fitting > len(matches):  # another pairing has hardly more matches
+        if _CLEARLY * fitting > best * len(matches):
             continue
         before, frame, after = map(place, (-1, 0, 1))
         if before is None or frame is None or after is None:
@@ -163,6 +164,7 @@ def _shift(places: Sequence[Place], lefts: Sequence[_Features], own: Sequence[Fl
         others = [_fitting(_matches(left, _features(other.right, scale))) for other in (before, after)]
         if max(others) > max(_CLEARLY * fitting, _FEWEST):
             return "after" if others[0] > others[1] else "before"
+        best = max(_fitting(pairs) / max(1, len(pairs)) for pairs in own)  # a place is sound
     return ""
 
 
