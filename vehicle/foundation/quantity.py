@@ -250,9 +250,11 @@ def complaint(
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])  # a misspelt key also lacks
     place = _place(model, first, table)
     if first["type"] == "extra_forbidden":
-        if not known:
-            return f"unknown key '{shown(place.key)}'{nearest(str(first['loc'][-1]), place.siblings)}"
-        hint = nearest(".".join(part for part in place.key.split(".") if not part.isdigit()), known)
+        name = ".".join(part for part in place.key.split(".") if not part.isdigit())
+        if not known or name in known:
+            of = " for this kind" if known else ""
+            return f"unknown key '{shown(place.key)}'{of}{nearest(str(first['loc'][-1]), place.siblings)}"
+        hint = nearest(name, known)
         return f"unknown key '{shown(place.key)}'{hint}{'' if hint.endswith('?') else '; offtrack keys lists all'}"
     if first["type"] in ("missing", "union_tag_not_found"):
         places = [_place(model, one, table) for one in errors if one["type"] in ("missing", "union_tag_not_found")]

@@ -1,6 +1,7 @@
 """Maps between the variables of an FMU and offtrack's signals: TOML files beside FMUs, and a first map to edit."""
 
 import math
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -93,10 +94,11 @@ def read_map(fmu: FmuFile, part: PartSignals) -> FmuMap:
         ValueError: one line with the file, the place and what is wrong there.
     """
     path = map_file(fmu.path)
-    table = read_toml(path, FileKind.PARAMETERS) if path.is_file() else {}
+    is_there = os.path.lexists(path)  # also as something that can not be read
+    table = read_toml(path, FileKind.PARAMETERS) if is_there else {}
     if not {"inputs", "outputs"} & table.keys():
         table = {**_by_names(fmu, part), **table}
-    source = path if path.is_file() else fmu.path
+    source = path if is_there else fmu.path
     for key in table:
         if key not in (*_TABLES, *_NUMBERS, "part"):
             raise ValueError(f"{source}: unknown key '{shown(key)}'{nearest(key, (*_TABLES, *_NUMBERS, 'part'))}")

@@ -3,6 +3,7 @@
 import copy
 import gc
 import math
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -153,6 +154,12 @@ def test_units_signs_and_offsets_of_a_map(own_law: Path) -> None:
     found = opened(own_law).step(10, {"off_tracking": 0.01})  # -10 mm, -5 deg
     assert found["steer_demand_1"] == pytest.approx(np.deg2rad(-5.0))
     assert found["steer_demand_2"] == pytest.approx(np.deg2rad(-3.0))
+
+
+def test_a_map_that_is_no_file_is_not_passed_over(own_law: Path) -> None:
+    os.mkfifo(map_file(own_law))
+    with pytest.raises(ValueError, match=r"own\.fmu\.toml is a named pipe"):
+        opened(own_law)
 
 
 def test_one_output_gives_several_signals(own_law: Path) -> None:
