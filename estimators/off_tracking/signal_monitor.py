@@ -356,9 +356,8 @@ class SignalMonitor:
 
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""
-        before = memory.history[-1]
-        change = row - before
-        change[SPEED] *= max(abs(before[SPEED]), abs(row[SPEED])) > _PULSES
+        change = row - memory.history[-1]
+        change[SPEED] *= max(abs(row[SPEED]), abs(memory.history[-1, SPEED])) > _PULSES
         beyond = np.abs(change[self._columns]) - self._rates * change[0] * TICK
         if not (beyond > self._least_jump).any():  # more noise only hides more
             return memory.jumped

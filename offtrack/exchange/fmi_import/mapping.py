@@ -94,11 +94,10 @@ def read_map(fmu: FmuFile, part: PartSignals) -> FmuMap:
         ValueError: one line with the file, the place and what is wrong there.
     """
     path = map_file(fmu.path)
-    is_there = os.path.lexists(path)  # also as something that can not be read
-    table = read_toml(path, FileKind.PARAMETERS) if is_there else {}
+    table = read_toml(path, FileKind.PARAMETERS) if os.path.lexists(path) else {}
     if not {"inputs", "outputs"} & table.keys():
         table = {**_by_names(fmu, part), **table}
-    source = path if is_there else fmu.path
+    source = path if os.path.lexists(path) else fmu.path
     for key in table:
         if key not in (*_TABLES, *_NUMBERS, "part"):
             raise ValueError(f"{source}: unknown key '{shown(key)}'{nearest(key, (*_TABLES, *_NUMBERS, 'part'))}")

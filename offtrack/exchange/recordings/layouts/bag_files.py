@@ -1,7 +1,6 @@
 """Files of ROS bags, opened by rosbags (extra ``export``), which needs no ROS; what unpacks to gigabytes is refused."""
 
 import resource
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -122,10 +121,9 @@ def _linked(bag: Path, place: Path) -> list[Path]:
 def _limited_memory() -> Iterator[None]:
     """Let memory grow by at most ``_UNPACKED``: libraries unpack whatever a bag says that it holds."""
     limits = resource.getrlimit(resource.RLIMIT_AS)
-    if sys.platform == "linux":
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-        most = pages * resource.getpagesize() + _UNPACKED
-        resource.setrlimit(resource.RLIMIT_AS, (min({most, *limits[:1]} - {resource.RLIM_INFINITY}), limits[1]))
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    most = pages * resource.getpagesize() + _UNPACKED
+    resource.setrlimit(resource.RLIMIT_AS, (min({most, *limits[:1]} - {resource.RLIM_INFINITY}), limits[1]))
     try:
         yield
     except MemoryError:
