@@ -185,7 +185,7 @@ def _reference(recording: Recording, count: int) -> FloatArray:
 _LARGEST_ROTATION: Final = math.radians(1.0)  # of a right camera on a rigid mount, against its calibration
 _LONGEST_GAP: Final = 1.0  # time without motion in which the velocity is believed to last [s]
 _FASTEST: Final = 70.0  # speed of a vehicle with a trailer, and some more [m/s]
-_FAR_OFF, _FAR_OFF_LEAST = 0.5, 0.05  # error of motions, of their length [-] and at least [m], of other poses
+_FAR_OFF, _FAR_OFF_LEAST = 0.15, 0.05  # error of motions, of their length [-] and at least [m], of other poses
 VISO_OT: Final = "viso_ot"
 DATA_SHEET: Final = str(Scenario.model_fields["vehicle"].default)
 _IMAGES: Final = "stereo_camera"
@@ -386,7 +386,8 @@ def _plausibility_warnings(estimation: Estimation) -> list[str]:
         if float(np.median(errors)) > max(_FAR_OFF * float(np.median(moved)), _FAR_OFF_LEAST):
             found.append(
                 f"motions differ from those of poses.txt by {np.median(errors):.2g} m a frame, of "
-                f"{np.median(moved):.2g} m: are they the left camera's poses at these frames, in this order?"
+                f"{np.median(moved):.2g} m: are they the left camera's at these frames, in this order, and is the "
+                "focal length right?"
             )
     return found
 

@@ -30,6 +30,7 @@ _FEWEST: Final = 20  # matches of a pair that say something
 _CLEARLY: Final = 1.3  # times as many matches that make another pairing the better one
 _CLOSER: Final = 1.5  # times the disparity above of that below in pictures that stand on their heads
 _FILLED: Final = 0.2  # least share of known disparities in a part of the image that is not sky
+RECTIFIED: Final = 0.6  # times the difference of rows once rectified that images have which are so already
 _ROWS_APART: Final = 3.0  # median difference of rows that no self-calibration is meant for [px]
 _SAME: Final = 0.9  # least share of matches without a disparity in two images that are one
 _FLAT: Final = 4.0  # standard deviation of an image without contrast [grey levels]
@@ -108,13 +109,24 @@ def image_warnings(places: Sequence[Place], *, ground_below: bool) -> list[str]:
     return found
 
 
+def lens_warnings(raw: Sequence[StereoFrame], rectified: Sequence[StereoFrame]) -> list[str]:
+    """A warning if rows agree in images as they are, but not once they are rectified."""
+    as_are, once = (rows_apart([(one.left, one.right) for one in frames]) for frames in (raw, rectified))
+    if not as_are < RECTIFIED * once or once < _ROW:
+        return []
+    return [
+        f"rows of the images as they are differ by {as_are:.1f} px, once rectified by {once:.1f} px: are they "
+        "rectified already, or is the lens of the calibration another one?"
+    ]
+
+
 def rows_apart(pairs: Sequence[Sequence[GreyImage]]) -> float:
     """Difference [px] of the rows of a point in left and right images that a tenth exceeds; infinite without points.
 
     Corners are tracked there and back by the method of Lucas and Kanade, to a fraction of a pixel: lenses that are
     alike leave errors of a few pixels in near points at the edges only.
     """
-    found = np.concatenate([_tracked_rows(*pair) for pair in pairs])
+    found = [row for pair in pairs for row in _tracked_rows(*pair)]
     return float(np.percentile(found, 90)) if len(found) > _FEWEST else math.inf
 
 

@@ -20,7 +20,7 @@ from estimators.rigid_motion import chained, stretched
 from offtrack.exchange.recordings.calibrations.found import SUFFIXES, foreign_files, foreign_rig
 from offtrack.exchange.recordings.calibrations.kitti import read_projections
 from offtrack.exchange.recordings.camera_files import MountingOptions, Rig, facing_by_motion, mounting, read_rig
-from offtrack.exchange.recordings.image_checks import image_warnings, projection_warnings
+from offtrack.exchange.recordings.image_checks import image_warnings, lens_warnings, projection_warnings
 from offtrack.exchange.recordings.layouts.folders import FOLDERS, find_sequence
 from offtrack.exchange.recordings.stereo_sequence import Dropped, FrameFiles, StereoSequence, image_size, read_frame
 from sensors.camera.rig import RawStereoRig, StereoCalibration, load_raw_rig
@@ -249,6 +249,10 @@ def _opened(
     last = max(1, len(sequence.frames) - 2)
     places = [lambda step, k=k: frame(k + step) for k in np.unique(np.linspace(1, last, _SAMPLES).astype(int)).tolist()]
     ground_below = abs(mounted.X_SC[2, 2]) < _LEVEL and not options.upside_down
+    warnings = projection_warnings(calibration, cameras.raw) + image_warnings(places, ground_below=ground_below)
+    if cameras.rectification:
+        raw = [one for one in seen.values() if isinstance(one, StereoFrame)][-_SAMPLES:]
+        warnings += lens_warnings(raw, list(map(cameras.rectification.step, raw)))
     return Recording(
         sequence=sequence,
         source=source,
@@ -260,7 +264,7 @@ def _opened(
         roll_axis_height=mounted.roll_axis_height,
         direction_std=mounted.direction_std,
         poses=_poses(sequence, cameras.X_CP) if sequence.frames else None,
-        warnings=(*projection_warnings(calibration, cameras.raw), *image_warnings(places, ground_below=ground_below)),
+        warnings=tuple(warnings),
         notes=sequence.notes,
         assumed=mounted.assumed,
     )

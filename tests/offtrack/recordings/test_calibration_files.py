@@ -138,6 +138,14 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
     assert says in str(refused.value)
 
 
+def test_a_camera_info_that_is_not_of_a_pair_is_one_line(tmp_path: Path) -> None:
+    files = ros(tmp_path)
+    head, _ = files[1].read_text(encoding="utf-8").split("projection_matrix")
+    files[1].write_text(f"{head}projection_matrix: {matrix(np.zeros((3, 4)))}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"^[^\n]*right\.yaml: [^\n]*projection_matrix is empty[^\n]*$"):
+        foreign_rig(files, SIZE)
+
+
 def test_lenses_are_those_that_the_file_names(tmp_path: Path) -> None:
     fisheye = foreign_rig(kalibr(tmp_path, "equidistant"), SIZE).left
     assert (fisheye.fisheye, fisheye.distortion) == (True, D)

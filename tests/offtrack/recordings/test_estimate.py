@@ -279,6 +279,13 @@ def test_drift_is_compared_with_the_poses(yard: Path) -> None:
     assert found["off_tracking"]["estimate_error_rms_m"] > 1e-3
 
 
+def test_poses_with_which_the_motions_hardly_agree_are_doubted(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As with a focal length 20 % too long."""
+    monkeypatch.setattr(ShortOracle, "short", -0.2)
+    found = numbers(yard, "--no-video", odometry="oracles:ShortOracle")
+    assert ["motions differ from those of poses.txt" in line for line in found["warnings"]] == [True]
+
+
 def test_odometry_is_compared_with_itself(yard: Path) -> None:
     """An oracle knows the way forwards alone: halves agree exactly, backwards nothing does."""
     found = numbers(yard, "--no-video", "--agreement")

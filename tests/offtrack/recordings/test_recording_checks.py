@@ -15,7 +15,13 @@ from estimators.calibration.corrections import SelfCalibratedMotion
 from estimators.calibration.epipolar import RightRotation
 from estimators.estimates import Health, Motion, lost_motion
 from offtrack.exchange.recordings.estimation import Estimation, _lost_warnings, _rotation_warnings
-from offtrack.exchange.recordings.image_checks import Place, ground_flow, image_warnings, projection_warnings
+from offtrack.exchange.recordings.image_checks import (
+    Place,
+    ground_flow,
+    image_warnings,
+    lens_warnings,
+    projection_warnings,
+)
 from offtrack.exchange.recordings.layouts.file_pairs import file_pairs
 from offtrack.exchange.recordings.layouts.folders import find_sequence
 from offtrack.exchange.recordings.layouts.frame_times import read_times
@@ -67,6 +73,16 @@ def test_images_show_their_fault(
 ) -> None:
     found = image_warnings([_place(change)] * 2, ground_below=True)
     assert [says in line for line in found] == ([True] if says else []), found
+
+
+@pytest.mark.parametrize(("raw", "rectified", "doubted"), [(0, 4, True), (4, 0, False), (0, 0, False)])
+def test_images_whose_rows_agree_as_they_are_but_not_once_rectified_are_doubted(
+    raw: int, rectified: int, doubted: bool
+) -> None:
+    left, right = _ground(5, 0), _ground(5, 1)
+    frames = [StereoFrame(tick=0, left=left, right=np.roll(right, k, axis=0)) for k in (raw, rectified)]
+    found = lens_warnings(frames[:1], frames[1:])
+    assert ["are they rectified already" in line for line in found] == [True] * doubted
 
 
 @pytest.mark.parametrize(("late", "place"), [(1, "before"), (-1, "after")])

@@ -14,6 +14,8 @@ def pair(tables: Tables, size: Sequence[int]) -> Pair:
     left, right = (_camera(table, size) for table in tables)
     R_l, R_r = (numbers(table["rectification_matrix"]).reshape(3, 3) for table in tables)
     P_l, P_r = (numbers(table["projection_matrix"]).reshape(3, 4) for table in tables)
+    if not all(np.any(R) for R in (R_l, R_r)) or not min(P_l[0, 0], P_r[0, 0]) > 0.0:
+        raise ValueError("rectification_matrix or projection_matrix is empty: calibrate the cameras as a pair")
     return left, right, transform(R_l.T @ R_r, R_l.T @ np.array([baseline(P_l, P_r), 0.0, 0.0]))
 
 

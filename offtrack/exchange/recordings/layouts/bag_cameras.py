@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offtrack.exchange.recordings.calibrations.cameras import baseline
-from offtrack.exchange.recordings.image_checks import rows_apart
+from offtrack.exchange.recordings.image_checks import RECTIFIED, rows_apart
 from offtrack.exchange.recordings.layouts.bag_files import Bag
 from offtrack.exchange.recordings.layouts.bag_images import grey_image
 from offtrack.exchange.recordings.layouts.bag_topics import SIDES, StereoTopics
@@ -22,7 +22,6 @@ from vehicle.frames import FloatArray
 
 _Maps: TypeAlias = tuple[Any, Any]  # from rectified to raw pixels
 _PAIRS: Final = 3  # of the first images, that show whether they are rectified
-_CLEARLY: Final = 0.6  # times the difference of rows that shows which images are rectified
 _COEFFICIENTS: Final = (0, 4, 5, 8, 12, 14)  # of OpenCV's lenses
 _LENSES: Final = ("plumb_bob", "rational_polynomial", "equidistant", "fisheye", "")
 
@@ -99,10 +98,10 @@ def bag_cameras(bag: Bag, topics: StereoTopics, *, exchange: bool) -> Rectificat
     as_sent = rows_apart(pairs)
     straight = rows_apart([[rectified(*one) for one in zip(pair, maps, strict=True)] for pair in pairs])
     named = all("rect" in topic for topic in topics.images)
-    if named and straight < _CLEARLY * as_sent:
+    if named and straight < RECTIFIED * as_sent:
         note = "topics say that images are rectified, their rows say that they are not: they were rectified"
         return raw._replace(notes=(note,))
-    if not named and as_sent < _CLEARLY * straight:
+    if not named and as_sent < RECTIFIED * straight:
         note = "images are rectified already, as their rows show: D and R of the CameraInfo are not used"
         return as_is._replace(notes=(note,))
     return as_is if named else raw
