@@ -7,6 +7,7 @@ received; any other message with a signal of offtrack is sent at every step of c
 import errno
 import ipaddress
 import json
+import logging
 import select
 import socket
 from collections.abc import Iterator, Mapping, Sequence
@@ -283,6 +284,10 @@ class CanLink:
                 self._received[message.frame_id] = message, self._fields(message, taken)
             elif fields := self._fields(message, units):
                 self._sent.append((message, fields))
+                try:
+                    _encoded(message, fields, {})
+                except Exception as error:  # of the packer, as for a signal that can not be 0
+                    raise ValueError(f"{self._file}: message {message.name} can not be sent: {error}") from None
         for part in parts:
             for demand in part.numbers:
                 if demand.name not in places and demand.default is None:
@@ -300,6 +305,8 @@ class CanLink:
         scale = UNITS.get(unit)
         if scale is None or not fits(scale, si):
             raise ValueError(f"{self._file}: {signal.name} has the unit '{shown(unit, 20)}', which is no unit of {si}")
+        if not signal.scale:
+            raise ValueError(f"{self._file}: {signal.name} has the factor 0")
         ends = [float(end) for end in (signal.minimum, signal.maximum) if end is not None]
         low, high = (min(ends), max(ends)) if len(ends) == 2 and ends[0] < ends[1] else (-1e300, 1e300)
         if not signal.is_float:
@@ -312,12 +319,7 @@ class CanLink:
     def send(self, tick: int, values: Mapping[str, float]) -> None:
         """Send all messages; a value beyond its signal's limits is sent as the limit."""
         for message, fields in self._sent:
-            numbers = {signal.name: 0.0 for signal in message.signals}
-            for name, field in fields.items():
-                physical = (values.get(name, 0.0) - field.scale.offset) / field.scale.factor
-                numbers[name] = min(max(physical, field.low), field.high)
-            data = message.encode(numbers, scaling=True, strict=False)
-            extended = message.is_extended_frame
+            data, extended = _encoded(message, fields, values), message.is_extended_frame
             frame = self._can.Message(arbitration_id=message.frame_id, data=data, is_extended_id=extended)
             try:
                 self._bus.send(frame)
@@ -352,6 +354,15 @@ class CanLink:
         self._bus.shutdown()
 
 
+def _encoded(message: Any, fields: Mapping[str, _Field], values: Mapping[str, float]) -> bytes:
+    """Content of a message; other signals in it are 0."""
+    numbers = {signal.name: 0.0 for signal in message.signals}
+    for name, field in fields.items():
+        physical = (values.get(name, 0.0) - field.scale.offset) / field.scale.factor
+        numbers[name] = min(max(physical, field.low), field.high)
+    return bytes(message.encode(numbers, scaling=True, strict=False))
+
+
 def _messages_of(file: str) -> list[Any]:
     """Messages of a DBC file.
 
@@ -360,8 +371,13 @@ def _messages_of(file: str) -> list[Any]:
     """
     path = Path(str(files("offtrack.exchange.bench") / "example.dbc")) if file == EXAMPLE else Path(file)
     content = read_bytes(path, DBC_FILE).decode("cp1252", errors="replace")  # the encoding of DBC files
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # it warns of what is refused below
     try:
         database = import_extra("hil", "--can needs", "cantools").database.load_string(content, "dbc")
     except Exception as error:  # of the parser, of any kind
         raise ValueError(f"{file} is no DBC file: {shown(' '.join(str(error).split()))}") from None
-    return list(database.messages)
+    by_id: dict[tuple[int, bool], Any] = {}
+    for one in database.messages:
+        if (other := by_id.setdefault((one.frame_id, one.is_extended_frame), one)) is not one:
+            raise ValueError(f"{file}: the messages {other.name} and {one.name} have the same id")
+    return list(by_id.values())

@@ -4,6 +4,7 @@ import json
 import math
 import socket
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +231,20 @@ def test_a_can_bus_carries_signals_and_demands_in_the_units_of_its_file(tmp_path
     assert short.startswith("is no Demands")
     link.close()
     bus.shutdown()
+
+
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [
+        ([SPEED.replace("(0.5", "(0")], "my.dbc: speed has the factor 0"),
+        ([SPEED, ' SG_ spare : 8|8@1+ (0,0) [0|0] "" B'], "message Signals can not be sent"),
+        ([SPEED, "", "BO_ 256 Again: 8 A", SPEED], "my.dbc: the messages Signals and Again have the same id"),
+    ],
+)
+def test_a_can_bus_that_can_not_be_served_is_refused_at_once(fields: list[str], line: str, tmp_path: Path) -> None:
+    pytest.importorskip("cantools")
+    with pytest.raises(ValueError, match=line), closing(CanLink(f"dbc={dbc(tmp_path, *fields)},channel=one")) as link:
+        link.prepare(SIGNALS, [TRAILER])
 
 
 def test_the_shipped_dbc_file_fits_the_signals(inside: RunResult) -> None:
