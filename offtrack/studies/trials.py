@@ -336,11 +336,11 @@ def _is_outdated(trial: FrozenTrial) -> bool:
     return any(digest(Path(file)) != known for file, known in trial.user_attrs[_FILES].items())
 
 
-def _fail_dead_trials(study: optuna.Study) -> None:
-    """Fail trials whose process on this machine has ended, and try their parameters again."""
+def _fail_dead_trials(study: optuna.Study, *, alone: bool = False) -> None:
+    """Fail trials whose process on this machine has ended, ``alone`` all, and try their parameters again."""
     for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
         host, process = trial.user_attrs.get(_PROCESS, ("", 0))
-        if host == platform.node() and not is_alive(process):
+        if alone or (host == platform.node() and not is_alive(process)):
             with suppress(ValueError, RuntimeError):  # another process was faster
                 study.tell(trial.number, state=TrialState.FAIL)
                 study.enqueue_trial(trial.params)
@@ -368,16 +368,13 @@ def resume(tuning: Tuning, directory: Path) -> None:
     study = _study(tuning, directory, 0)
     if tuning.storage is not None:
         _check_files(study, tuning)
-        _fail_dead_trials(study)
+    _fail_dead_trials(study, alone=tuning.storage is None)
+    if tuning.storage is not None:
         with without_warnings():
             optuna.storages.fail_stale_trials(study)
-    else:
-        if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
-            optuna.delete_study(study_name=study_name(tuning), storage=journal(directory))
-            study = _study(tuning, directory, 0)
-        for trial in study.get_trials(states=(TrialState.RUNNING,)):
-            study.tell(trial.number, state=TrialState.FAIL)
-            study.enqueue_trial(trial.params)
+    elif any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
+        optuna.delete_study(study_name=study_name(tuning), storage=journal(directory))
+        study = _study(tuning, directory, 0)
     if set(tuning.defaults) == set(tuning.ranges):
         study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
 
