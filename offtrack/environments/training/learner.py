@@ -23,8 +23,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from controllers.trailer_steering.policy import Network, TrainedFor
 from offtrack.environments.sb3 import Sb3VecEnv, sb3_vector
+from offtrack.environments.tasks import task_of
 from offtrack.environments.training.training_directory import (
-    EXPLORATION,
     LAST_LEARNING_RATE,
     REWARD_SCALE,
     SAC_ACTIONS_PER_UPDATE,
@@ -160,6 +160,7 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
         self.repeat: int = plan.environment().get("action_repeat", 1)
         self._interval = _SAC_INTERVAL if plan.algorithm == "sac" else 1
         self.curve: list[Point] = []
+        self._exploration = task_of(plan.task).exploration
         self._budget, self._directory, self._progress = budget, directory, progress
         self._ended: list[dict[str, Any]] = []
         self._rewards: list[float] = []
@@ -195,7 +196,7 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
 
     def _on_rollout_start(self) -> None:
         if hasattr(self.model.policy, "log_std"):
-            first, last = (math.log(deviation) for deviation in EXPLORATION)  # scheduled, of the actions
+            first, last = (math.log(deviation) for deviation in self._exploration)  # scheduled, of the actions
             log_std = self.model.policy.log_std.requires_grad_(False)
             log_std.fill_(first + (last - first) * min(self.share, 1.0))
         self._record(self._interval)

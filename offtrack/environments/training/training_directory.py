@@ -97,7 +97,6 @@ SAC_SETTINGS: Final[Mapping[str, Any]] = {
 }
 SAC_ACTIONS_PER_UPDATE: Final = 4
 LAST_LEARNING_RATE: Final = 0.1  # final over initial learning rate
-EXPLORATION: Final = (0.3, 0.05)  # standard deviation of the actions at start and end; scheduled, not learnt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +137,8 @@ class Plan:
 
     def plain(self) -> dict[str, Any]:
         """The plan for JSON, including the fixed settings of this version."""
-        settings = SAC_SETTINGS if self.algorithm == "sac" else {**SETTINGS._asdict(), "gamma": self.discount}
+        own_settings = {"gamma": self.discount, "exploration": task_of(self.task).exploration}
+        settings = SAC_SETTINGS if self.algorithm == "sac" else {**SETTINGS._asdict(), **own_settings}
         own = {"task": self.task, "algorithm": self.algorithm, "envs": self.envs, "seed": self.seed}
         return {**own, "environment": self.name, "options": self.environment(), self.algorithm: settings}
 
