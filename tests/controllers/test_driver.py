@@ -187,13 +187,6 @@ def test_a_row_of_gains_is_that_of_the_table_bit_for_bit(speed: float) -> None:
     assert gains.row(speed) == gains.at(np.array([speed]))[0].tolist()
 
 
-def test_gains_are_designed_once_and_then_read(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path))
-    designed = design.gains.__wrapped__(LADEN, 0.3).table
-    monkeypatch.delattr(design, "_at_speed")
-    assert np.array_equal(design.gains.__wrapped__(LADEN, 0.3).table, designed)
-
-
 # Recorded drives and speed profiles
 
 
