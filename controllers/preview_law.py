@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Final, Generic, NamedTuple
 
 import numpy as np
@@ -33,11 +32,8 @@ from numpy.typing import NDArray
 
 from controllers.equations import Functions, Num, limited, settled
 from controllers.tractor import STATES, TractorGeometry, TractorModel, path_matrices, rolling_matrices, tractor_model
-from vehicle.engine.function_cache import SOURCES
-from vehicle.foundation.user_cache import made_once, sources_hash
 from vehicle.frames import FloatArray
 
-_SOURCES: Final = " ".join([SOURCES, sources_hash(Path(__file__).parent), scipy.__version__])  # of the gains
 PERIOD: Final = 0.02  # the driver's step [s]
 CREEP: Final = 0.2  # below this speed a direction of travel is not a measurement [m/s]
 FASTEST: Final = 45.0  # of the designs [m/s]
@@ -80,13 +76,9 @@ class Gains:
 
 @lru_cache(maxsize=64)
 def gains(tractor: TractorGeometry, gain: float) -> Gains:
-    """Gains over speed for a turn towards the path of ``gain`` [rad/m] per offset, from the cache if they are there."""
-    return Gains(made_once(_table, _SOURCES, tractor=tractor, gain=gain))
-
-
-def _table(tractor: TractorGeometry, gain: float) -> FloatArray:
-    """Table of `Gains`."""
-    return np.array([_at_speed(tractor, gain, float(speed)) for speed in np.geomspace(CREEP, FASTEST, _SPEEDS)])
+    """Gains over speed for a turn towards the path of ``gain`` [rad/m] per offset."""
+    speeds = np.geomspace(CREEP, FASTEST, _SPEEDS)
+    return Gains(np.array([_at_speed(tractor, gain, float(speed)) for speed in speeds]))
 
 
 def _at_speed(tractor: TractorGeometry, gain: float, speed: float) -> FloatArray:

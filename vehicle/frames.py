@@ -94,8 +94,9 @@ def is_rotation(R: FloatArray, tolerance: float) -> bool:
 
 def transform(R: FloatArray, p: FloatArray) -> FloatArray:
     """Homogeneous pose X_AB, shape (4, 4), from R_AB (3, 3) and p_AB (3,)."""
-    X = np.zeros((4, 4))
-    X[:3, :3], X[:3, 3], X[3, 3] = R, p, 1.0
+    X = np.eye(4)
+    X[:3, :3] = R
+    X[:3, 3] = p
     return X
 
 
@@ -117,13 +118,12 @@ def planar(X: FloatArray) -> Pose2:
 
 def skew(w: FloatArray) -> FloatArray:
     """Matrix (3, 3) with ``skew(w) @ a == cross(w, a)``."""
-    x, y, z = w.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
 def so3_exp(w: FloatArray) -> FloatArray:
     """Rotation matrix (3, 3) of the rotation vector w (3,) [rad] (Rodrigues' formula)."""
-    angle = math.sqrt(w @ w)
+    angle = float(np.linalg.norm(w))
     K = skew(w)
     if angle < 1e-8:  # the series is exact to rounding here, and the quotient below is not
         return np.eye(3) + K + 0.5 * K @ K

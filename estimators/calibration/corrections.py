@@ -81,10 +81,8 @@ def _errors(X: FloatArray, sizes: FloatArray) -> FloatArray:
 
     The ``sizes`` (3,) are the scale, the share of the distance that it is moved by, and the turn per distance [rad/m].
     """
-    p, errors = X[:3, 3], np.zeros((6, 7))
-    (along, sideways, turn), distance = sizes.tolist(), math.sqrt(p @ p)
-    errors[3:, 0], errors[range(6), range(1, 7)] = along * p, [turn * distance] * 3 + [sideways * distance] * 3
-    return errors
+    p, (along, sideways, turn) = X[:3, 3], sizes * np.append(1.0, np.full(2, np.linalg.norm(X[:3, 3])))
+    return np.column_stack([np.append(np.zeros(3), along * p), np.diag([turn] * 3 + [sideways] * 3)])
 
 
 _SYSTEMATIC = np.radians([0.001, 0.001, 0.0005])  # error common to all views: measured over rendered drives [rad]

@@ -68,7 +68,7 @@ class MountState(NamedTuple):
     @property
     def std(self) -> FloatArray:
         """Standard deviations (6,)."""
-        return np.sqrt(self.covariance.diagonal())
+        return np.sqrt(np.diag(self.covariance))
 
 
 def initial() -> MountState:

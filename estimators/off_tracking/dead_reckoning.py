@@ -371,7 +371,7 @@ class DeadReckoning:
         D[:, :, p:] *= level
         creep = np.where(moving[:, None], np.where(slow[:, None], _PULLED, 0.0), _CREEP)
         D = np.concatenate([D, creep[:, :, None] * np.eye(3)], axis=2)
-        weights = 0.5 * (np.concatenate([dt, [0.0]]) + np.concatenate([[0.0], dt]))
+        weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = integral(dt, rates[:, 0])
         R = _rotations(yaw)
         velocity = np.einsum("nij,nj->ni", R, rates[:, 1:])
@@ -412,7 +412,7 @@ def _away_from_zero(speed: FloatArray) -> FloatArray:
 
 def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
     """Mean (n,) over the time `_SWAY` up to each sample; less than that is made up for by zeros."""
-    sums = np.concatenate([[0.0], np.cumsum(values)])
+    sums = np.insert(np.cumsum(values), 0, 0.0)
     first = np.searchsorted(ticks, ticks - _SWAY, side="right")
     count = np.arange(1, len(ticks) + 1) - first
     period = np.diff(ticks).mean() if len(ticks) > 1 else _SWAY

@@ -81,20 +81,18 @@ def agree(history: FloatArray, unit: int, *, speed_is_held: bool = False) -> boo
 
 def integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     """Integral (n, ...) from the first of n samples to every sample, ``dt`` (n - 1,) apart, by the trapezoidal rule."""
-    steps = (0.5 * dt * (values[1:] + values[:-1]).T).T
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(steps, axis=0)])
+    return np.insert(np.cumsum((0.5 * dt * (values[1:] + values[:-1]).T).T, axis=0), 0, 0.0, axis=0)
 
 
 def turned_otherwise(rows: FloatArray, unit: int) -> FloatArray:
     """Articulations (n, unit) [rad] of rows, without their change by the difference of two yaw rates."""
-    time, angles, gyros = rows[:, 0] * TICK, rows[:, FIRST : FIRST + unit], rows[:, FIRST + unit : FIRST + 2 * unit + 1]
-    return np.unwrap(angles, axis=0) + integral(time[1:] - time[:-1], gyros[:, 1:] - gyros[:, :-1])
+    rates = np.diff(rows[:, FIRST + unit : FIRST + 2 * unit + 1], axis=1)
+    return np.unwrap(rows[:, FIRST : FIRST + unit], axis=0) + integral(np.diff(rows[:, 0] * TICK), rates)
 
 
 def _white_noise(columns: FloatArray) -> FloatArray:
     """Standard deviations (k,) of the white noise of columns (n, k), from second differences."""
-    once = columns[1:] - columns[:-1]
-    variance = np.square(once[1:] - once[:-1]).mean(axis=0) / 6.0  # 1 + 4 + 1
+    variance = np.mean(np.square(np.diff(columns, n=2, axis=0)), axis=0) / 6.0  # 1 + 4 + 1
     return np.asarray(np.sqrt(variance), dtype=np.float64)
 
 

@@ -215,11 +215,11 @@ def lateral_std(
     newer, older = links
     ends, sense = [*newer, *older], np.repeat([[1.0], [-1.0]], [len(newer), len(older)], axis=0)
     R_CO = R_OS.T
-    n_x = -math.tan(path_tangent)  # y at a fixed x, so along the normal over its y part: (n_x, 1, 0)
+    n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
     point = np.array([positions[passed.beyond, 0], passed.y, positions[passed.beyond, 2]])
-    x, y, z = (point - positions[ends]).T
-    both = np.array([-z, n_x * z, x - n_x * y, n_x + 0.0 * x, 1.0 + 0.0 * x, 0.0 * x]).T  # r x n, n
-    gradient = (both.reshape(-1, 2, 3) @ R_CO).reshape(-1, 1, 6)
+    r = point - positions[ends]
+    gradient = np.concatenate([np.cross(r, n), np.broadcast_to(n, r.shape)], axis=1).reshape(-1, 2, 3) @ R_CO
+    gradient = gradient.reshape(-1, 1, 6)
     by_common = (gradient @ np.array([samples[end].common for end in ends]))[:, 0]
     whole = gradient @ np.array([samples[end].covariance for end in ends]) @ gradient.swapaxes(1, 2)
     independent = whole[:, 0, 0] - np.sum(np.square(by_common), axis=1)

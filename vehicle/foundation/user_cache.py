@@ -87,7 +87,7 @@ class _OwnPickler(pickle.Pickler):
             raise pickle.PicklingError(f"{part} is from elsewhere")
 
 
-_KNOWN: Final = ("vehicle", "sensors", "controllers", "numpy", "scipy", "builtins")  # packages of inputs' classes
+_KNOWN: Final = ("vehicle", "sensors", "numpy", "scipy", "builtins")  # packages of classes that inputs may have
 
 
 def cached(name: str) -> bytes | None:
