@@ -153,6 +153,8 @@ def _opened(path: Path | str, content: bytes) -> ImageFile:
     except Exception as error:  # a damaged file raises almost anything
         raise _damaged(path) from error
     width, height = image.size
+    if not width * height:
+        raise _damaged(path)
     if width * height > MAX_PIXELS:
         raise ValueError(
             f"{path} has {width}x{height} px: an image must have at most {MAX_PIXELS // 10**6} megapixels; reduce it"
@@ -164,7 +166,7 @@ def _is_whole_grey_png(content: bytes) -> bool:
     """True for a PNG of 8-bit grey levels, without further data, whose parts all have their checksum."""
     width, height = (int.from_bytes(content[k : k + 4]) for k in (16, 20))
     grey = content.startswith(_FORMATS[0][0]) and content[24:29] == b"\x08\0\0\0\0"
-    view, begin, kind = memoryview(content), 8, b"IHDR" if grey and width * height <= MAX_PIXELS else b""
+    view, begin, kind = memoryview(content), 8, b"IHDR" if grey and 0 < width * height <= MAX_PIXELS else b""
     while kind in (b"IHDR", b"IDAT") and content[begin + 4 : begin + 8] in (kind, b"IDAT", b"IEND"):
         kind, end = content[begin + 4 : begin + 8], begin + 8 + int.from_bytes(content[begin : begin + 4])
         if zlib.crc32(view[begin + 4 : end]).to_bytes(4) != content[end : end + 4]:

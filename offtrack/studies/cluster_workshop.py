@@ -40,7 +40,7 @@ from scenarios.results.run_inputs import (
     tyre_files,
     with_texts,
 )
-from vehicle.foundation.user_file import shown
+from vehicle.foundation.user_file import read_toml, shown
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -149,7 +149,7 @@ def _with_vehicles(named: Iterable[str], files: Iterable[str]) -> Iterator[str]:
     for path in files:
         if path.endswith(".toml"):
             try:
-                yield from texts(tomllib.loads(Path(path).read_text(encoding="utf-8")))
+                yield from texts(read_toml(Path(path)))
             except ValueError:
                 continue  # the run says what is wrong with it
 

@@ -20,7 +20,7 @@ import tomli_w
 
 from scenarios.results.run_directory import digest
 from vehicle.foundation.own_parts import is_library
-from vehicle.foundation.user_file import FileKind, read_json
+from vehicle.foundation.user_file import FileKind, read_json, read_toml
 
 
 def own_modules(name: str) -> dict[str, Path]:
@@ -137,8 +137,8 @@ def tyre_files(path: str, content: bytes | None = None) -> dict[str, str]:
     if not path.endswith(".toml") or (content is None and not is_file(path)):
         return {}
     try:
-        table = tomllib.loads((Path(path).read_bytes() if content is None else content).decode())
-    except (OSError, ValueError):  # the run says what is wrong with it
+        table = read_toml(Path(path)) if content is None else tomllib.loads(content.decode())
+    except ValueError:  # the run says what is wrong with it
         return {}
     named = sorted({text for text in texts(table) if text.lower().endswith(".tir")})
     return {text: os.path.abspath(Path(path).parent / text) for text in named}

@@ -95,10 +95,12 @@ def test_damage_is_one_line_and_libraries_in_c_stay_silent(
     assert (printed.out, printed.err) == ("", "")
 
 
-def test_a_whole_file_without_rows_is_corrupt(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(png_header(8, 8))
+@pytest.mark.parametrize("side", [8, 0])
+def test_a_whole_file_without_rows_is_corrupt(tmp_path: Path, capfd: pytest.CaptureFixture[str], side: int) -> None:
+    (tmp_path / "a.png").write_bytes(png_header(side, side))
     with pytest.raises(ValueError, match=r"a\.png is corrupt or not an image$"):
         read_grey(tmp_path / "a.png")
+    assert "zero" not in capfd.readouterr().err  # a line of the library
 
 
 def test_pixels_as_text_are_refused(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 import itertools
 import math
+import os
 import re
 import tomllib
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.results.run_inputs import run_inputs, write_inputs
+from scenarios.results.run_inputs import run_inputs, tyre_files, write_inputs
 from tests.vehicle.ground.published_magic_formula import published
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle, load_vehicle
@@ -273,6 +275,15 @@ def test_a_wrong_file_is_refused_in_one_line_with_its_place(tmp_path: Path, kind
 def test_wrong_words_beside_a_file_are_refused(tyre: Any, table: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=re.escape(says)):
         tyre(TEXT["61"], **table)
+
+
+def test_tyre_files_are_not_looked_for_in_a_file_too_large_for_a_vehicle(tmp_path: Path) -> None:
+    (tmp_path / "x.toml").touch()
+    os.truncate(tmp_path / "x.toml", 100_000_000)
+    tracemalloc.start()
+    assert tyre_files(str(tmp_path / "x.toml")) == {}
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
 
 
 def test_a_run_directory_takes_the_tyre_files_of_its_vehicle_along(tmp_path: Path) -> None:
