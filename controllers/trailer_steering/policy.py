@@ -189,7 +189,7 @@ class Policy(SteeringLaw[PolicyMemory]):
         self.above = self._preview = PathPreview(trailer)
 
     def _other_than(self, vehicle: str, names: set[str]) -> str:
-        """What the network was trained for, given the features of this combination, in words."""
+        """That the network was trained for another combination, given the features of this one, in words."""
         own = set(self._network.features)
         differences = [
             f"{words} {shown(', '.join(sorted(left)))}"

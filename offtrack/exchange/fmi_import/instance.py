@@ -39,6 +39,10 @@ class FmuKilledError(FmuError, KilledError):
     """The process of an FMU has died, or does not return."""
 
 
+class _SigkillError(FmuKilledError):
+    """The process was ended by SIGKILL, as by the system for lack of memory."""
+
+
 class FmuInstance:
     """An FMU with its map, in a process of its own; copied with its state where it allows that.
 
@@ -64,9 +68,7 @@ class FmuInstance:
         try:
             try:
                 self._open()
-            except FmuKilledError as error:  # for lack of memory once, perhaps; a crash or a stall is the FMU's own
-                if "kill" not in str(error).lower():
-                    raise
+            except _SigkillError:  # once, perhaps; a crash or a stall is the FMU's own
                 self._open()
         except FmuError as error:
             raise ValueError(str(error)) from None
@@ -205,7 +207,8 @@ class FmuInstance:
         except TimeoutError:
             raise self._failure(f"{when}: does not return within {limit:g} s", FmuKilledError) from None
         except (OSError, EOFError, ValueError):
-            raise self._failure(f"{when}: {self._death()}", FmuKilledError) from None
+            event, kind = self._death()
+            raise self._failure(f"{when}: {event}", kind) from None
         content = answer[host.HEAD :]
         if answer[:1] != host.DONE:
             raise self._failure(f"{when}: {content.decode(errors='replace')}")
@@ -222,17 +225,20 @@ class FmuInstance:
             answer += piece
         return answer
 
-    def _death(self) -> str:
+    def _death(self) -> tuple[str, type[FmuKilledError]]:
         try:
             code = self._process.wait(_END)
         except subprocess.TimeoutExpired:
-            return "its process closed the connection"
-        return f"its process was ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited ({code})"
+            return "its process closed the connection", FmuKilledError
+        if code >= 0:
+            return f"its process exited ({code})", FmuKilledError
+        kind = _SigkillError if -code == signal.SIGKILL else FmuKilledError
+        return f"its process was ended by {signal.Signals(-code).name}", kind
 
     def _failure(self, event: str, kind: type[FmuError] = FmuError) -> FmuError:
         said = self._last_words()
         if self.fmu.tool == "offtrack" and "ended by signal" in said:  # the Python process behind it
-            kind = FmuKilledError
+            kind = _SigkillError if f"signal {signal.SIGKILL:d} " in said else FmuKilledError
         self._process.kill()
         self.close()
         event = " ".join(event.replace(f"{self._folder}/", "").split())

@@ -94,10 +94,11 @@ def read_map(fmu: FmuFile, part: PartSignals) -> FmuMap:
         ValueError: one line with the file, the place and what is wrong there.
     """
     path = map_file(fmu.path)
-    table = read_toml(path, FileKind.PARAMETERS) if os.path.lexists(path) else {}
+    given = os.path.lexists(path)
+    table = read_toml(path, FileKind.PARAMETERS) if given else {}
     if not {"inputs", "outputs"} & table.keys():
         table = {**_by_names(fmu, part), **table}
-    source = path if os.path.lexists(path) else fmu.path
+    source = path if given else fmu.path
     for key in table:
         if key not in (*_TABLES, *_NUMBERS, "part"):
             raise ValueError(f"{source}: unknown key '{shown(key)}'{nearest(key, (*_TABLES, *_NUMBERS, 'part'))}")
