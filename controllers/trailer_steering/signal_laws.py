@@ -398,26 +398,32 @@ class Fallback:
         return memory._replace(reckoning=reckoning, rows=rows, doubted=doubted)
 
     def steered(
-        self, memory: FallbackMemory, tick: int, signals: CombinationSignals, last: FloatArray
+        self,
+        memory: FallbackMemory,
+        tick: int,
+        signals: CombinationSignals,
+        last: FloatArray,
+        *,
+        angle_is_made: bool = False,
     ) -> tuple[FallbackMemory, FloatArray]:
         """New memory and angles (n_steered,) [rad], not limited in rate; straight if a signal is not finite.
 
-        ``last`` are the angles demanded so far.
+        ``last`` are the angles demanded so far; an angle that is made of other signals is not tested by them.
         """
         if self._name == "straight" or not _are_finite(signals):
             return memory, np.zeros(len(last))
         _, command = self._command_steer.step(CommandSteerMemory(tick - 1, tuple(last.tolist())), tick, None, signals)
         angles = command.angles
         if self._name == "dead_reckoning":
-            memory = self._with_share(memory, tick)
+            memory = self._with_share(memory, tick, angle_is_made)
             reckoning, by_path = self._reckoning.steered(memory.reckoning, tick, signals, last)
             memory = memory._replace(reckoning=reckoning)
             angles = memory.share * by_path + (1.0 - memory.share) * angles
         return memory, _SPEEDS.share(signals.speed) * angles
 
-    def _with_share(self, memory: FallbackMemory, tick: int) -> FallbackMemory:
+    def _with_share(self, memory: FallbackMemory, tick: int, angle_is_made: bool) -> FallbackMemory:
         """Memory after a test of the signals; on the way between dead reckoning and command steer."""
-        if not agree(np.array(memory.rows), self._unit):
+        if not (angle_is_made or agree(np.array(memory.rows), self._unit)):
             memory = memory._replace(doubted=self._trailer.follow_distance)
         wanted = 0.0 if memory.doubted > 0.0 else 1.0
         pause = math.inf if memory.steered_at is None else (tick - memory.steered_at) * TICK

@@ -330,12 +330,17 @@ class SignalFusion:
             return None if whole is None else spatial_covariance(whole.covariance, _OUT_OF_PLANE)
 
         step = reckoned(newest)
-        if step is None or tick <= newest or not agree(history, self._unit, speed_is_held=holds_speed):
+        if step is None or tick <= newest or not self._agree(memory, speed_is_held=holds_speed):
             return None
         covariance = spatial_covariance(step.covariance, _OUT_OF_PLANE)
         motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
+
+    def _agree(self, memory: FusionMemory, *, speed_is_held: bool = False) -> bool:
+        """Test the signals; those made of others are not tested by them."""
+        is_made = self._monitor.makes_angle(memory.monitor)
+        return is_made or agree(memory.history, self._unit, speed_is_held=speed_is_held)
 
     def _since(self, reference: Known, path: BufferMemory, tick: int) -> Parameters:
         """Parameters at a tick after the reference, without a measurement since."""
@@ -388,7 +393,7 @@ class SignalFusion:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
-        if reckoned is None or not agree(memory.history, self._unit):
+        if reckoned is None or not self._agree(memory):
             return None
         innovation = planar_pose(motion.X_PC) - reckoned.pose
         S = reckoned.covariance + planar_covariance(motion.covariance)

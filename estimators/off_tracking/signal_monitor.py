@@ -6,10 +6,10 @@ itself exactly while others are noisy, is further evidence. A signal that is fou
 its fault, which goes on being measured, and is trusted again when that is small. Without evidence against a single
 signal none is distrusted: the reference then is the one to doubt.
 
-Without a reference the size of a fault is not measured. A hitch angle that is at fault then goes on by the gyros, and
-the yaw rate of a gyro that is at fault is that of a trailer whose axles roll, towed as the other signals say. The two
-may also contradict each other, and nothing tells which one is at fault: both are replaced in this way, from the last
-comparison with a reference on. Wheels whose speed jumps and then stays exactly the same have the speed of before.
+Without a reference the size of a fault is not measured. A hitch angle that is at fault then goes on by the gyros and
+by how the axles roll. The yaw rate of a gyro that is at fault is that of a trailer whose axles roll, as the others say.
+The two may also contradict each other, and nothing tells which one is at fault: both are replaced in this way, from the
+last comparison with a reference on. Wheels whose speed jumps and then stays exactly the same have the speed of before.
 """
 
 import math
@@ -45,6 +45,7 @@ _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
 _PULSES: Final = 1.5  # wheels that turn slower may read 0: a coil at a pole wheel needs 0.7 to 1.4 m/s. assumed
 _VALUE, _SLOPE = 0.5, 0.1  # gains of an alpha-beta filter [-]
 _AHEAD: Final = 0.3  # longest extrapolation of an error [s]
+_ROLLING: Final = 0.5  # part of how axles roll in the yaw rate by which a hitch angle goes on; gyros drift by 0.2 deg/s
 
 
 class SignalError(NamedTuple):
@@ -54,25 +55,27 @@ class SignalError(NamedTuple):
     slope: float = 0.0  # [1/s]
     tick: int = -1  # of the last measurement; below 0: none yet
     small: int = 0  # comparisons in a row at which it was small
+    exact: bool = False  # True: of a signal that is stuck, so that it is another one by now
 
     def measured(self, value: float, tick: int, *, exact: bool) -> "SignalError":
         """The error after a measurement; an ``exact`` one is taken as it is."""
         if self.tick < 0:
-            return self._replace(value=value, tick=tick)
+            return self._replace(value=value, tick=tick, exact=exact)
         interval = max(tick - self.tick, 1) * TICK
         expected = self.value + self.slope * interval
         change = value - expected
         slope = self.slope + _SLOPE * change / interval
-        return self._replace(value=expected + (1.0 if exact else _VALUE) * change, slope=slope, tick=tick)
+        value = expected + (1.0 if exact or self.exact else _VALUE) * change
+        return self._replace(value=value, slope=slope, tick=tick, exact=exact)
 
     def at(self, tick: int) -> float:
         """The error at a tick, extrapolated for some tenths of a second at most."""
         return self.value + self.slope * min((tick - self.tick) * TICK, _AHEAD) if self.tick >= 0 else 0.0
 
 
-def _is_unmeasured(error: SignalError | None) -> bool:
-    """True for a signal at fault whose error no reference has shown yet."""
-    return error is not None and error.tick < 0
+def _is_unknown(error: SignalError | None) -> bool:
+    """True for a signal at fault whose error no reference has shown yet, or whose error changes as it is stuck."""
+    return error is not None and (error.tick < 0 or error.exact)
 
 
 _KEPT: Final = 2500  # history [ticks]
@@ -109,7 +112,7 @@ class MonitorMemory(NamedTuple):
     speed: float = 0.0  # of the wheels before they were found at fault [m/s]
     at_odds: bool = False  # the hitch angle and its gyro at the last comparison; once may be noise
     contradicted: bool = False  # True: nothing tells whether the hitch angle or its gyro is at fault
-    towed: tuple[float, float] = (0.0, 0.0)  # meanwhile: articulation [rad] and yaw rate [rad/s] by other signals
+    towed: FloatArray | None = None  # newest row with what others say, while the size of a fault is not known
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -155,7 +158,7 @@ class SignalMonitor:
         if not all(map(math.isfinite, row.tolist())) or (len(history) and signals.tick <= history[-1, 0]):
             return memory
         jumped = self._jumped(memory, row) if len(history) >= _LEAST else memory.jumped
-        towed = self._towed(memory, row, history[-1], memory.towed) if len(history) else memory.towed
+        towed = self._towed(memory, row, memory.towed)
         kept = history[history[:, 0].searchsorted(signals.tick - _KEPT) :]
         memory = memory._replace(history=np.concatenate([kept, row[None]]), jumped=jumped, towed=towed)
         if signals.tick - memory.compared_at > _ALONE and signals.tick % 100 == 0:
@@ -174,47 +177,36 @@ class SignalMonitor:
 
     def corrected(self, memory: MonitorMemory, signals: CombinationSignals) -> CombinationSignals:
         """The newest message with corrected values of signals at fault; the same object if there are none."""
-        return self._corrected(memory, signals, memory.towed)
+        if not (memory.contradicted or memory.distrusted):
+            return signals
+        row = self._without_errors(memory, self._row(signals))
+        if memory.towed is not None:
+            replaced = self._replaced(memory)
+            row[replaced] = memory.towed[replaced]
+        articulation, yaw_rates, n = signals.articulation.copy(), signals.yaw_rates.copy(), self._unit
+        articulation[:n], yaw_rates[: n + 1] = row[FIRST : FIRST + n], row[FIRST + n : FIRST + 2 * n + 1]
+        speed, steer = float(row[SPEED]), float(row[STEER])
+        return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
 
     def corrected_again(
         self, memory: MonitorMemory, messages: Sequence[CombinationSignals]
     ) -> tuple[CombinationSignals, ...]:
         """Past messages, oldest first, corrected by what is known now; the first one is of before the fault."""
-        towed, before, corrected = (0.0, 0.0), None, []
+        memory, corrected = memory._replace(towed=None), []
         for message in messages:
             row = self._row(message)
             if all(map(math.isfinite, row.tolist())):
-                towed = self._towed(memory, row, before, towed)
-                before = row
-            corrected.append(self._corrected(memory, message, towed))
+                memory = memory._replace(towed=self._towed(memory, row, memory.towed))
+            corrected.append(self.corrected(memory, message))
         return tuple(corrected)
-
-    def _corrected(
-        self, memory: MonitorMemory, signals: CombinationSignals, towed: tuple[float, float]
-    ) -> CombinationSignals:
-        if not (memory.contradicted or memory.distrusted):
-            return signals
-        articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
-        n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
-        repeats = self._stuck(memory)
-        yaw_rates[: n + 1] -= errors[1 + n : -1]
-        articulation[:n] -= errors[1 : 1 + n]
-        for k, error in enumerate(memory.errors[1 : 1 + n]):
-            if error is not None and repeats[1 + k]:  # the gyros know how it goes on
-                articulation[k] = signals.articulation[k] - error.value + self._turned(memory, k, error.tick)
-        without_angle, without_gyro = self._unknown(memory)
-        if without_angle:
-            articulation[n - 1] = towed[0]
-        if without_gyro:
-            yaw_rates[n] = towed[1]
-        speed, steer = signals.speed - float(errors[0]), signals.steer - float(errors[-1])
-        if self.holds_speed(memory):
-            speed = memory.speed
-        return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
 
     def holds_speed(self, memory: MonitorMemory) -> bool:
         """True while the speed of the wheels is that of before a fault, whose size is not known."""
-        return _is_unmeasured(memory.errors[0])
+        return memory.errors[0] is not None and memory.errors[0].tick < 0
+
+    def makes_angle(self, memory: MonitorMemory) -> bool:
+        """True while a hitch angle or the trailer's yaw rate is made of others, which it can not contradict."""
+        return memory.towed is not None
 
     def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
         """Names of the signals at fault, or of the two that contradict each other."""
@@ -270,36 +262,49 @@ class SignalMonitor:
         findings = (*memory.findings, Finding(int(memory.history[-1, 0]), self._either, contradicted))
         return self._with_towed(memory._replace(contradicted=contradicted, findings=findings))
 
-    def _unknown(self, memory: MonitorMemory) -> tuple[bool, bool]:
-        """True for the trailer's hitch angle, and for its gyro, where it is at fault by an amount that is not known."""
-        angle, gyro = (_is_unmeasured(memory.errors[k]) for k in (self._unit, 1 + 2 * self._unit))
-        return memory.contradicted or angle, memory.contradicted or gyro
+    def _replaced(self, memory: MonitorMemory) -> list[int]:
+        """Columns of hitch angles, and of the trailer's yaw rate, that are at fault by an amount that is not known."""
+        n = self._unit
+        unknown = [_is_unknown(error) for error in memory.errors[1:-1]]
+        if memory.contradicted:
+            unknown[n - 1] = unknown[2 * n] = True
+        return [FIRST + k for k in (*range(n), 2 * n) if unknown[k]]
 
     def _with_towed(self, memory: MonitorMemory) -> MonitorMemory:
         """Memory with the trailer by other signals, since the last comparison with a reference."""
-        before, towed = None, memory.towed
+        towed = None
         for row in memory.history[memory.history[:, 0].searchsorted(memory.compared_at) :]:
-            towed = self._towed(memory, row, before, towed)
-            before = row
+            towed = self._towed(memory, row, towed)
         return memory._replace(towed=towed)
 
-    def _towed(
-        self, memory: MonitorMemory, row: FloatArray, before: FloatArray | None, towed: tuple[float, float]
-    ) -> tuple[float, float]:
-        """Articulation and yaw rate at a row, where needed by other signals and their last values ``towed``.
+    def _towed(self, memory: MonitorMemory, row: FloatArray, before: FloatArray | None) -> FloatArray | None:
+        """A row with what is not known made of the other signals, and of the row ``before``, from which angles go on.
 
-        Without a row ``before`` the articulation is the measured one.
+        Without one the angles are the measured ones. None if all is known.
         """
-        without_angle, without_gyro = self._unknown(memory)
-        if not (without_angle or without_gyro):
-            return towed
-        angle, gyro = self._columns[self._unit], self._columns[1 + 2 * self._unit]
-        reckoned = row.copy()
-        if without_angle and before is not None:
-            ahead = 0.5 * float(before[gyro - 1] + row[gyro - 1])
-            reckoned[angle] = towed[0] + (ahead - towed[1]) * float(row[0] - before[0]) * TICK
-        rate = self._relations.rolling_rate(reckoned) if without_gyro else float(row[gyro])
-        return float(reckoned[angle]), rate
+        replaced, n = self._replaced(memory), self._unit
+        if not replaced:
+            return None
+        row = self._without_errors(memory, row)
+        if before is not None:
+            gyros = 0.5 * (before + row)[FIRST + n : FIRST + 2 * n + 1]
+            rolls = before[SPEED] > 0.0 and FIRST + n - 1 in replaced  # in reverse the angle would diverge
+            gyros[-1] = before[FIRST + 2 * n]
+            gyros[-1] += _ROLLING * (self._relations.rolling_rate(before) - gyros[-1]) if rolls else 0.0
+            turned = -np.diff(gyros) * float(row[0] - before[0]) * TICK
+            for k in set(replaced) - {FIRST + 2 * n}:
+                row[k] = before[k] + turned[k - FIRST]
+        if FIRST + 2 * n in replaced:
+            row[FIRST + 2 * n] = self._relations.rolling_rate(row)
+        return row
+
+    def _without_errors(self, memory: MonitorMemory, row: FloatArray) -> FloatArray:
+        """A row without the known errors of signals at fault."""
+        row, tick = row.copy(), int(row[0])
+        row[self._columns] -= [0.0 if error is None else error.at(tick) for error in memory.errors]
+        if self.holds_speed(memory):
+            row[SPEED] = memory.speed
+        return row
 
     def _distrusted(self, memory: MonitorMemory, signal: int) -> MonitorMemory:
         errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])
@@ -332,7 +337,7 @@ class SignalMonitor:
             if small >= _OVER:
                 errors[k] = None
                 findings = (*findings, Finding(int(memory.history[-1, 0]), self.names[k], False))
-        return memory._replace(errors=tuple(errors), findings=findings)
+        return self._with_towed(memory._replace(errors=tuple(errors), findings=findings))
 
     def _evident(self, memory: MonitorMemory) -> list[bool]:
         """Signals that cannot be true by themselves: they jumped, or are stuck."""
@@ -344,15 +349,6 @@ class SignalMonitor:
         recent = memory.history[-_REPEATED:, self._columns]
         repeats = (np.ptp(recent, axis=0) == 0.0) & (len(recent) == _REPEATED)
         return [bool(one) and 2 * int(np.sum(repeats)) <= len(repeats) for one in repeats]
-
-    def _turned(self, memory: MonitorMemory, hitch: int, since: int) -> float:
-        """Change of an articulation [rad] since a tick, by the gyros."""
-        recent = memory.history[np.searchsorted(memory.history[:, 0], since) :]
-        errors = [0.0 if error is None else error.value for error in memory.errors]
-        ahead = 1 + self._unit + hitch  # number of the gyro ahead of the hitch
-        rate, behind = recent[:, self._columns[ahead : ahead + 2]].T
-        rates = rate - behind - errors[ahead] + errors[ahead + 1]
-        return float(np.sum(0.5 * np.diff(recent[:, 0]) * TICK * (rates[1:] + rates[:-1])))
 
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         """Tick of the last jump of each signal: a step beyond its highest rate and its noise."""

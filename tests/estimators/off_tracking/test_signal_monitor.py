@@ -206,6 +206,21 @@ def test_a_fault_that_begins_without_a_reference_is_made_up_for(change: Signals,
         assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in pairs) < math.radians(2.0)
 
 
+@pytest.mark.parametrize("ends", [math.inf, 14.0], ids=["for ever", "until it is free again"])
+@pytest.mark.parametrize("start", [3.0, 8.0])
+def test_an_angle_that_is_stuck_goes_on_without_a_reference(start: float, ends: float) -> None:
+    """For ten seconds and more, with gyros that are wrong by 0.2 deg/s in opposite directions."""
+    of = towed_drive(25.0, lambda t: 4.0, winding, errors=Errors(noise=1.0), seed=2)
+
+    def faulty(one: CombinationSignals) -> CombinationSignals:
+        return from_(start, FAULTS["stuck angle"][0], ends)(biased(biased(one, 0, 0.1), 1, -0.1))
+
+    memory, corrected = watched(faulty, lambda seen: seen if seen.tick < 10_000 else None, of)
+    assert at_fault(memory) == [ANGLE]
+    blind = [(a, b) for a, b in zip(corrected, of.signals, strict=True) if a.tick > 10_000]
+    assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in blind) < math.radians(2.0)
+
+
 def test_wheels_without_pulses_keep_the_speed_of_before() -> None:
     """On a straight road no relation without a camera shows them, but a speed that jumps and then stays does."""
     memory, corrected = watched(from_(3.0, FAULTS["no pulses"][0]), lambda seen: seen if seen.tick < 3000 else None)
