@@ -54,21 +54,25 @@ class TraceView:
     def __init__(self, world: SandWorld, camera: TraceCamera, instruments: ReadOnce) -> None:
         self.camera = camera
         self._world, self._instruments = world, instruments
-        self._driven: list[RoverTruth] = []  # since the last image
+        self._driven: list[RoverTruth] = []  # since the last image, without what is imprinted
+        self._is_first = True  # True until the second motion after an image
 
     def follow(self, truth: RoverTruth) -> None:
-        """Remember the motion of the wheels; sand ahead is made while the estimator works on the last image."""
-        self._driven.append(truth)
-        if len(self._driven) == 2:
-            self._world.prepare(truth)
+        """Imprint the wheels' motion, and make sand ahead, while the estimator works on the last image."""
+        if self._driven:
+            self._world.drive(self._driven, after=truth)
+            if self._is_first:
+                self._world.prepare(truth)
+            self._is_first = False
+        self._driven = [truth]
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
         """Ignore messages: they do not change the sand."""
 
     def sample(self, truth: RoverTruth) -> RoverView:
-        """Imprint the wheels' motion since the last image, and take the view."""
+        """Imprint the rest of the wheels' motion since the last image, and take the view."""
         self._world.drive(self._driven)
-        self._driven = []
+        self._driven, self._is_first = [], True
         return self._instruments.sample(truth).seen(self.camera.sample(truth))
 
 

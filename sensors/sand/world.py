@@ -231,10 +231,10 @@ class SandWorld:
         self._watched = rover.rear_left
         self._history = WheelHistory()
 
-    def drive(self, truths: Sequence[RoverTruth]) -> None:
-        """Imprint the wheels' paths through these moments, which continue the earlier ones."""
+    def drive(self, truths: Sequence[RoverTruth], after: RoverTruth | None = None) -> None:
+        """Imprint the wheels' paths through these moments, which continue the earlier ones, and go on to ``after``."""
         moments = [stands(truth) for truth in truths]
-        for now, then in zip_longest(moments, moments[1:]):
+        for now, then in zip_longest(moments, [*moments[1:], *([stands(after)] if after else [])]):
             for k, wheel in enumerate(self._wheels):
                 wheel.roll_on(self.field, now[k], then[k] if then else None)
             self._history = self._history.extended(now[self._watched], now[self._watched].sinkage > 0.0)
