@@ -98,6 +98,7 @@ _SHOWN = 1.25  # slip of the tractor's rear axle over what the steer angle shows
 _OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two directions, the part that is the trailer's
 # Direction of travel by which the camera may differ from the axles of both units alike [rad], and for each m/s2.
 _TURNED = (0.03, 0.05)
+_LETS_GO = 0.9  # lateral acceleration from which on tyres slide by any angle, on ice [m/s2]
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 _SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
@@ -179,7 +180,8 @@ class DeadReckoning:
         alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
         recent = history[-_LATELY:]
         aside = np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]) if len(recent) else 0.0
-        return alike, _TURNED[0] + _TURNED[1] * abs(float(aside))
+        usual = _TURNED[0] + _TURNED[1] * abs(float(aside))
+        return alike, usual if abs(float(aside)) < _LETS_GO else math.inf
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""

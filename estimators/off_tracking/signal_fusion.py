@@ -383,6 +383,8 @@ class SignalFusion:
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
+        if math.isinf(usual):
+            return memory
         alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
         size = max(abs(now), abs(alike))
         begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG[0] + _TURNED_FOR_LONG[1] * usual
