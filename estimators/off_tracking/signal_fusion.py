@@ -177,9 +177,9 @@ _ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0
 _SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
 _ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
 _TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
-_TURNED_FOR_LONG = 0.005, 0.24  # mean allowed: least, and share of the limit; 65 sound drives had 3/4 of it [rad], [-]
+_TURNED_FOR_LONG = 0.385  # mean share of the limit that is allowed: 197 sound drives had 3/4 of it [-]
 _SHORTEST_LOOK = 0.1  # motion whose direction counts [m]
-_STILL_TURNED, _LEVEL = 0.008, 0.04  # mean below which the doubt is over, where tyres explain no more than this [rad]
+_STILL_TURNED, _LEVEL = 0.25, 0.04  # such mean below which the doubt is over, where tyres explain no more than [rad]
 # Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are
 # alike from motion to motion, those of the camera mostly not.
 _VAGUE = 5.0
@@ -207,7 +207,7 @@ class FusionMemory(NamedTuple):
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     sudden: int = 0  # motions in a row that were refused since all axles contradict them alike
-    alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [rad]
+    alike: float = 0.0  # running mean of the angle by which all axles contradict the camera alike [share of its limit]
     turned: float = 0.0  # largest such angle while it is more than tyres explain: the camera may be turned by it [rad]
     correction: Correction | None = None  # of the off-tracking after the last bridge
 
@@ -385,9 +385,9 @@ class SignalFusion:
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
         if math.isinf(usual):
             return memory
-        alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now - memory.alike)
-        size = max(abs(now), abs(alike))
-        begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG[0] + _TURNED_FOR_LONG[1] * usual
+        alike = memory.alike + min(1.0, distance / _TURNED_MEMORY) * (now / usual - memory.alike)
+        size = max(abs(now), abs(alike) * usual)
+        begins = abs(now) > usual or abs(alike) > _TURNED_FOR_LONG
         is_turned = begins or (memory.turned > 0.0 and (abs(alike) > _STILL_TURNED or usual > _LEVEL))
         return memory._replace(alike=alike, turned=max(memory.turned, size) if is_turned else 0.0)
 
