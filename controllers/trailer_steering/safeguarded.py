@@ -244,7 +244,7 @@ class EstimateGuard:
         fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
         if not memory.law_steers:
             is_made = self._monitor.makes_angle(memory.monitor)
-            fallback, wanted = self._fallback.steered(fallback, tick, signals, last, angle_is_made=is_made)
+            fallback, wanted = self._fallback.steered(fallback, tick, signals, last, is_made)
         if tick == memory.changed_at:
             difference = last - wanted
         elif any(memory.difference):

@@ -398,13 +398,7 @@ class Fallback:
         return memory._replace(reckoning=reckoning, rows=rows, doubted=doubted)
 
     def steered(
-        self,
-        memory: FallbackMemory,
-        tick: int,
-        signals: CombinationSignals,
-        last: FloatArray,
-        *,
-        angle_is_made: bool = False,
+        self, memory: FallbackMemory, tick: int, signals: CombinationSignals, last: FloatArray, is_made: bool = False
     ) -> tuple[FallbackMemory, FloatArray]:
         """New memory and angles (n_steered,) [rad], not limited in rate; straight if a signal is not finite.
 
@@ -415,15 +409,15 @@ class Fallback:
         _, command = self._command_steer.step(CommandSteerMemory(tick - 1, tuple(last.tolist())), tick, None, signals)
         angles = command.angles
         if self._name == "dead_reckoning":
-            memory = self._with_share(memory, tick, angle_is_made)
+            memory = self._with_share(memory, tick, is_made)
             reckoning, by_path = self._reckoning.steered(memory.reckoning, tick, signals, last)
             memory = memory._replace(reckoning=reckoning)
             angles = memory.share * by_path + (1.0 - memory.share) * angles
         return memory, _SPEEDS.share(signals.speed) * angles
 
-    def _with_share(self, memory: FallbackMemory, tick: int, angle_is_made: bool) -> FallbackMemory:
+    def _with_share(self, memory: FallbackMemory, tick: int, is_made: bool) -> FallbackMemory:
         """Memory after a test of the signals; on the way between dead reckoning and command steer."""
-        if not (angle_is_made or agree(np.array(memory.rows), self._unit)):
+        if not (is_made or agree(np.array(memory.rows), self._unit)):
             memory = memory._replace(doubted=self._trailer.follow_distance)
         wanted = 0.0 if memory.doubted > 0.0 else 1.0
         pause = math.inf if memory.steered_at is None else (tick - memory.steered_at) * TICK
