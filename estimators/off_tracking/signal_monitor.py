@@ -271,7 +271,9 @@ class SignalMonitor:
         return [FIRST + k for k in (*range(n), 2 * n) if unknown[k]]
 
     def _with_towed(self, memory: MonitorMemory) -> MonitorMemory:
-        """Memory with the trailer by other signals, since the last comparison with a reference."""
+        """Memory with the trailer by other signals, since the last comparison with a reference if that is known."""
+        if memory.towed is not None and memory.compared_at < memory.history[0, 0]:
+            return memory
         towed = None
         for row in memory.history[memory.history[:, 0].searchsorted(memory.compared_at) :]:
             towed = self._towed(memory, row, towed)
@@ -337,7 +339,9 @@ class SignalMonitor:
             if small >= _OVER:
                 errors[k] = None
                 findings = (*findings, Finding(int(memory.history[-1, 0]), self.names[k], False))
-        return self._with_towed(memory._replace(errors=tuple(errors), findings=findings))
+        memory = memory._replace(errors=tuple(errors), findings=findings)
+        is_known = all(error is None or error.tick == tick or not _is_unknown(error) for error in errors)
+        return self._with_towed(memory) if is_known else memory
 
     def _evident(self, memory: MonitorMemory) -> list[bool]:
         """Signals that cannot be true by themselves: they jumped, or are stuck."""

@@ -221,6 +221,15 @@ def test_an_angle_that_is_stuck_goes_on_without_a_reference(start: float, ends: 
     assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in blind) < math.radians(2.0)
 
 
+def test_an_angle_that_is_stuck_goes_on_where_a_second_signal_fails() -> None:
+    """The wheel speed, seconds after the last reference: what is known of the angle by then is kept."""
+    stuck, still = from_(8.0, FAULTS["stuck angle"][0]), from_(14.0, FAULTS["no pulses"][0])
+    memory, corrected = watched(lambda one: stuck(still(one)), lambda seen: seen if seen.tick < 7500 else None)
+    assert sorted(at_fault(memory)) == sorted([ANGLE, SPEED])
+    pairs = [(a, b) for a, b in zip(corrected, DRIVE.signals, strict=True) if a.tick > memory.findings[0].tick]
+    assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in pairs) < math.radians(2.0)
+
+
 def test_wheels_without_pulses_keep_the_speed_of_before() -> None:
     """On a straight road no relation without a camera shows them, but a speed that jumps and then stays does."""
     memory, corrected = watched(from_(3.0, FAULTS["no pulses"][0]), lambda seen: seen if seen.tick < 3000 else None)
