@@ -230,7 +230,11 @@ class SignalMonitor:
         is_suspect = memory.suspect[0] >= 0 and not memory.contradicted  # a contradiction lasts until one is found
         unexplained = left > _DETECTED and not is_suspect and not memory.distrusted
         alive = bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
-        memory = self._doubted(memory, of_hitch and unexplained and alive)
+        # signals alone forget a jump, but do not disprove it
+        lasts = (
+            reference is None and memory.contradicted and not {self._unit, 1 + 2 * self._unit} & {*memory.distrusted}
+        )
+        memory = self._doubted(memory, lasts or ((of_hitch or memory.contradicted) and unexplained and alive))
         return memory if reference is None else self._measured(memory, parity, tick)
 
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
