@@ -201,8 +201,8 @@ class SignalMonitor:
         return tuple(corrected)
 
     def holds_speed(self, memory: MonitorMemory) -> bool:
-        """True while the speed of the wheels is that of before a fault, whose size is not known."""
-        return memory.errors[0] is not None and memory.errors[0].tick < 0
+        """True while the speed of the wheels is that of before a fault, whose size is not known by now."""
+        return _is_unknown(memory.errors[0])
 
     def makes_angle(self, memory: MonitorMemory) -> bool:
         """True while a hitch angle or the trailer's yaw rate is made of others, which it can not contradict."""
@@ -306,9 +306,9 @@ class SignalMonitor:
 
     def _without_errors(self, memory: MonitorMemory, row: FloatArray) -> FloatArray:
         """A row without the known errors of signals at fault."""
-        row, tick = row.copy(), int(row[0])
-        row[self._columns] -= [0.0 if error is None else error.at(tick) for error in memory.errors]
-        if self.holds_speed(memory):
+        row, of_speed = row.copy(), memory.errors[0]
+        row[self._columns] -= [0.0 if error is None else error.at(int(row[0])) for error in memory.errors]
+        if of_speed is not None and of_speed.tick < 0:
             row[SPEED] = memory.speed
         return row
 
