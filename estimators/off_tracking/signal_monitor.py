@@ -84,6 +84,7 @@ _ALONE: Final = 300  # time without a reference after which the signals are comp
 _LONGEST: Final = 500  # duration of a motion to compare with [ticks]
 _DETECTED: Final = 1.0  # value of a relation that is a contradiction [its tolerance]
 _BETTER: Final = 0.6  # a fault explains a contradiction if it leaves this share of it at most
+_APART: Final = math.radians(2.5)  # difference of the hitch angle from that of a trailer whose axles roll: slip
 _PERSISTENT: Final = 3  # comparisons in a row, without evidence beside the relations
 _SMALL: Final = 0.4  # effect of a fault that is over [tolerances]
 _OVER: Final = 10  # comparisons in a row
@@ -230,11 +231,8 @@ class SignalMonitor:
         is_suspect = memory.suspect[0] >= 0 and not memory.contradicted  # a contradiction lasts until one is found
         unexplained = left > _DETECTED and not is_suspect and not memory.distrusted
         alive = bool(np.median(np.ptp(memory.history[-_REPEATED:, self._columns], axis=0)) > 0.0)
-        # signals alone forget a jump, but do not disprove it
-        lasts = (
-            reference is None and memory.contradicted and not {self._unit, 1 + 2 * self._unit} & {*memory.distrusted}
-        )
-        memory = self._doubted(memory, lasts or ((of_hitch or memory.contradicted) and unexplained and alive))
+        at_odds = (of_hitch or memory.contradicted) and unexplained and alive
+        memory = self._doubted(memory, at_odds or (reference is None and self._lasts(memory)))
         return memory if reference is None else self._measured(memory, parity, tick)
 
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
@@ -257,6 +255,13 @@ class SignalMonitor:
         count = 1 + (memory.suspect[1] if memory.suspect[0] == signal else 0)
         memory = memory._replace(suspect=(signal, count))
         return self._distrusted(memory, signal) if count >= _PERSISTENT else memory
+
+    def _lasts(self, memory: MonitorMemory) -> bool:
+        """True for a contradiction that the relations forget, as a jump, while the angle is not as the others say."""
+        angle, found = FIRST + self._unit - 1, {self._unit, 1 + 2 * self._unit} & {*memory.distrusted}
+        if not memory.contradicted or memory.towed is None or found:
+            return False
+        return abs(float(memory.history[-1, angle] - memory.towed[angle])) > _APART
 
     def _doubted(self, memory: MonitorMemory, at_odds: bool) -> MonitorMemory:
         """Memory with the contradiction between the hitch angle and the gyro of the trailer, or without."""

@@ -206,6 +206,16 @@ def test_a_fault_that_begins_without_a_reference_is_made_up_for(change: Signals,
         assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in pairs) < math.radians(2.0)
 
 
+def test_a_contradiction_that_is_over_for_the_relations_lasts_without_a_reference() -> None:
+    """An angle that has moved away by 8 deg within a second, which the relations forget two seconds later."""
+    moved = from_(8.0, lambda one: turned(one, 8.0 * min(1.0, one.tick * 1e-3 - 8.0)))
+    memory, corrected = watched(moved, lambda seen: seen if seen.tick < 7500 else None)
+    begins = memory.findings[0].tick
+    assert MONITOR.doubts(memory) == (f"{ANGLE} or its gyro",)
+    after = [(a, b) for a, b in zip(corrected, DRIVE.signals, strict=True) if a.tick > begins]
+    assert max(abs(float(a.articulation[0] - b.articulation[0])) for a, b in after) < math.radians(3.0)
+
+
 @pytest.mark.parametrize("ends", [math.inf, 14.0], ids=["for ever", "until it is free again"])
 @pytest.mark.parametrize("start", [3.0, 8.0])
 def test_an_angle_that_is_stuck_goes_on_without_a_reference(start: float, ends: float) -> None:
