@@ -176,14 +176,17 @@ class DeadReckoning:
         return float(np.max(difference)) / noise_level(history, self._unit)
 
     def turned(self, parameters: Parameters, history: FloatArray) -> tuple[float, float]:
-        """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad]."""
+        """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad].
+
+        The latter is infinite where tyres may slide by any angle.
+        """
         tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
         alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
         recent = history[-_LATELY:]
-        aside = np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]) if len(recent) else 0.0
-        scrub = abs(float(np.mean(recent[:, 3]))) if len(recent) else 0.0
-        usual = _TURNED[0] + _TURNED[1] * abs(float(aside)) + _TURNED[2] * max(0.0, scrub - _SCRUBS)
-        return alike, usual if abs(float(aside)) < _LETS_GO else math.inf
+        pushes = recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK], recent[:, 3]
+        aside, scrub = (abs(float(np.mean(push))) if len(push) else 0.0 for push in pushes)
+        usual = _TURNED[0] + _TURNED[1] * aside + _TURNED[2] * max(0.0, scrub - _SCRUBS)
+        return alike, usual if aside < _LETS_GO else math.inf
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""

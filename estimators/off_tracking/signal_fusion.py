@@ -177,7 +177,7 @@ _ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0
 _SUDDEN = 30  # motions in a row that are refused since all axles contradict their direction of travel alike
 _ALIKE = 0.3  # share of such a contradiction by which those of tractor and trailer differ at most
 _TURNED_MEMORY = 8.0  # distance of the running mean of that angle [m]
-_TURNED_FOR_LONG = 0.385  # mean share of the limit that is allowed: 197 sound drives had 3/4 of it [-]
+_TURNED_FOR_LONG = 0.385  # allowed mean share of the limit; all but one of 197 sound drives had 4/5 of it at most [-]
 _SHORTEST_LOOK = 0.1  # motion whose direction counts [m]
 _STILL_TURNED, _LEVEL = 0.25, 0.04  # such mean below which the doubt is over, where tyres explain no more than [rad]
 # Standard deviations of a motion over those of dead reckoning from which on the two are weighted: errors of these are

@@ -74,7 +74,7 @@ class SignalError(NamedTuple):
 
 
 def _is_unknown(error: SignalError | None) -> bool:
-    """True for a signal at fault whose error no reference has shown yet, or whose error changes as it is stuck."""
+    """True for a signal at fault that was not measured yet, or that is stuck: its error changes with the true value."""
     return error is not None and (error.tick < 0 or error.exact)
 
 
