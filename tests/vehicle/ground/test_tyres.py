@@ -99,7 +99,7 @@ def test_every_law_of_the_catalogue_is_tested_here() -> None:
 def test_a_deflection_at_rest_gives_the_steady_force(
     tyre: Tyre, F_z: float, friction: float, v_x: float, gain: float, drift: float
 ) -> None:
-    """When the rate vanishes the force is that of the law, at any speed."""
+    """When the rate vanishes the force is that of the law, at any speed, within the bound of all contacts."""
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     n = settled(rate_in, grip)
     scale = 1e-12 * (1.0 + abs(float(rate_in.x)) + abs(float(rate_in.y)))  # rounding of a difference of two rates
@@ -108,9 +108,13 @@ def test_a_deflection_at_rest_gives_the_steady_force(
     assume(abs(v_x) > 0.05 or pull > 0.01)  # of a tyre that neither rolls nor slides no slip is defined
     over = slip_speed(abs(v_x), pull, tyre.relaxation_length)
     slip = Planar(gain / over, -drift / over)
-    expected = tyre.steady_force(slip, F_z, friction)
+    law = tyre.steady_force(slip, F_z, friction)
+    # combined forces of a fit may exceed both peaks: at its least load this file's by a quarter, a contact by a fifth
+    share = 1.0 / max(1.0, math.hypot(*law) * grip.factor_by_limit / (F_z * grip.factor))
+    expected = (share * law.x, share * law.y)
     got = contact(n, F_z, grip).force
-    assert got == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
+    assert tuple(got) == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
+    assert share > 0.999 or tyre.model == "tyre_file"
 
 
 def test_the_friction_circle_is_never_exceeded_in_random_states(tyre: Tyre) -> None:
