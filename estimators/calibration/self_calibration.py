@@ -62,7 +62,7 @@ from estimators.odometry.exposure import clipped_share, match_clipping, match_ex
 from estimators.odometry.image_points import LEVELS_NEAR, detect_corners, rays_through, track
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.rigid_motion import chained, rotation_vector
-from estimators.stereo_pair import MatchedFrame
+from estimators.stereo_pair import MatchedFrame, project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
@@ -179,24 +179,27 @@ def _in_doubt(state: MountState) -> bool:
     return bool(state.covariance[YAW, YAW] > _DOUBT**2)
 
 
-STANDING = 0.1  # motion that counts as none: it shifts the ground in view by less than 3 px [m]
-_STILL = 3.0  # largest shift of a corner that stands [px]
+STANDING = 0.1  # motions of a camera that takes a vehicle close behind for the world are shorter [m]
+_AS_STATED = 3.0  # largest error of a corner on the ground after the right motion [px]
 _NEAR = 0.12  # slope of a ray to the ground, downwards: nearer than some eight camera heights
 _FEWEST = 20  # corners on the ground
-_SHARE = 0.5  # of them, that stand in the images of a camera that stands
+_SHARE = 0.5  # of them, that move by the motion
 _PER_BUCKET = 2
 
 
-def ground_moves(calibration: StereoCalibration, before: GreyImage, now: GreyImage) -> bool:
-    """True if most of the ground in two successive left images has moved on; False if that cannot be seen."""
+def ground_contradicts(calibration: StereoCalibration, before: GreyImage, now: GreyImage, X_PC: FloatArray) -> bool:
+    """True if most of the ground in two successive left images has not moved by X_PC; False if that cannot be seen."""
     corners = detect_corners(before, per_bucket=_PER_BUCKET)
-    down = -rays_through(calibration, corners) @ calibration.X_SC[2, :3]
-    ground = corners[down > _NEAR]
-    if len(ground) < _FEWEST:
+    rays = rays_through(calibration, corners)
+    down = -rays @ calibration.X_SC[2, :3]
+    near = down > _NEAR
+    if np.count_nonzero(near) < _FEWEST:
         return False
-    found, tracked = track(before, now, ground, ground, LEVELS_NEAR)
-    still = tracked & (np.abs(found - ground).max(axis=1) < _STILL)
-    return bool(np.count_nonzero(still) < _SHARE * len(ground))
+    points = rays[near] * (calibration.X_SC[2, 3] / down[near])[:, None]
+    expected = project(calibration, (points - X_PC[:3, 3]) @ X_PC[:3, :3])[:, :2].astype(np.float32)
+    found, tracked = track(before, now, corners[near], expected, LEVELS_NEAR)
+    agrees = tracked & (np.abs(found - expected).max(axis=1) < _AS_STATED)
+    return bool(np.count_nonzero(agrees) < _SHARE * len(points))
 
 
 _REMATCHED = 3  # rounds of matching and fitting, each from the result of the one before
@@ -405,11 +408,11 @@ class SelfCalibratedOdometry(Generic[Memory]):
         return memory, motion
 
     def _is_refuted(self, memory: SelfCalibrationMemory[Memory], motion: Motion, frame: MatchedFrame) -> bool:
-        """True if the motion is a standstill, and the images since the frame before show none."""
+        """True if the motion is short, and the ground in the images since the frame before has moved otherwise."""
         if motion.health is Health.LOST or np.linalg.norm(motion.X_PC[:3, 3]) > STANDING:
             return False
         before = next((old.frame for old in memory.previous if old.frame.tick == motion.previous_tick), None)
-        return before is not None and ground_moves(self._calibration, before.left, frame.left)
+        return before is not None and ground_contradicts(self._calibration, before.left, frame.left, motion.X_PC)
 
     def _with_yaw(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
         """Memory with yaw from the frame and the reference view, and the next distance to look from."""

@@ -11,7 +11,7 @@ import pytest
 from estimators.calibration import mount_state
 from estimators.calibration.corrections import NONE, SelfCalibratedMotion, doubt
 from estimators.calibration.epipolar import EpipolarFit, RightRotation, fitted_to_rays
-from estimators.calibration.self_calibration import SelfCalibratedOdometry, ground_moves
+from estimators.calibration.self_calibration import SelfCalibratedOdometry, ground_contradicts
 from estimators.context import Odometry
 from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
@@ -235,12 +235,19 @@ def test_a_calibration_that_is_only_watched_is_refuted(drive: Drive) -> None:
     assert all(motion.health is Health.LOST for motion in watched(-1.0))
 
 
-def test_a_standstill_is_checked_by_the_images(drive: Drive) -> None:
-    """At 5 m/s the ground moves on; from frame 42 on the trailer stands. In the dark nothing is claimed."""
+def test_a_short_motion_is_checked_by_the_ground(drive: Drive) -> None:
+    """At 5 m/s the ground moves on, and from frame 42 on the trailer stands: neither is a slower motion, nor none."""
     images = [frame.left for frame in drive.frames]
-    assert ground_moves(drive.calibration, images[10], images[11])
-    assert not ground_moves(drive.calibration, images[44], images[45])
-    assert not ground_moves(drive.calibration, np.zeros_like(images[0]), images[0])
+
+    def contradicts(first: int, X_PC: FloatArray) -> bool:
+        return ground_contradicts(drive.calibration, images[first], images[first + 1], X_PC)
+
+    assert not any(contradicts(first, drive.camera_motion(first, first + 1)) for first in range(8, len(images) - 1))
+    assert contradicts(10, np.eye(4))
+    assert contradicts(10, stretched(drive.camera_motion(10, 11), 0.2))
+    assert contradicts(44, stretched(drive.camera_motion(10, 11), 0.5))
+    dark = np.zeros_like(images[0])
+    assert not ground_contradicts(drive.calibration, dark, images[0], np.eye(4))
 
 
 def test_yaw_and_delay_are_told_apart_in_a_turn() -> None:
