@@ -182,7 +182,7 @@ class EstimateGuard:
         """For a trailer with steered axles, and a law that is or is not held within the actuators' reach."""
         self._beyond_reach = beyond_reach
         self._trailer, self._combination, self._degradation = trailer, combination, degradation
-        self._monitor = SignalMonitor(combination.vehicle, combination.unit, trailer.axle_distances)
+        self._monitor = SignalMonitor(combination.vehicle, combination.unit)
         self._tractor = TractorMotion(combination)
         self._fallback = Fallback(trailer, combination=combination, name=degradation.fallback)
 

@@ -417,7 +417,7 @@ class Fallback:
 
     def _with_share(self, memory: FallbackMemory, tick: int, is_made: bool) -> FallbackMemory:
         """Memory after a test of the signals; on the way between dead reckoning and command steer."""
-        if not (is_made or agree(np.array(memory.rows), self._unit)):
+        if not agree(np.array(memory.rows), self._unit, is_made=is_made):
             memory = memory._replace(doubted=self._trailer.follow_distance)
         wanted = 0.0 if memory.doubted > 0.0 else 1.0
         pause = math.inf if memory.steered_at is None else (tick - memory.steered_at) * TICK

@@ -57,18 +57,18 @@ def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float
     return level if level > _NOISIER else 1.0
 
 
-def agree(history: FloatArray, unit: int, *, speed_is_held: bool = False) -> bool:
+def agree(history: FloatArray, unit: int, *, is_made: bool = False) -> bool:
     """Test the signals of ``history`` (n, columns): articulations change by the difference of two yaw rates.
 
     A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed has
-    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not a
-    value that is known to be held in its place, nor 0 while nothing turns: real wheels that stand read exactly 0.
+    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not 0 while
+    nothing turns: real wheels that stand read exactly 0. Signals that are made of each other are not tested.
     """
-    if len(history) < 2:
+    if is_made or len(history) < 2:
         return True
     gyros, newest = slice(FIRST + unit, FIRST + 2 * unit + 1), history[-_LEVEL_OF:]
     stands = newest[-1, SPEED] == 0.0 and float(np.abs(newest[:, gyros].mean(axis=0)).max()) < _STUCK * GYRO_BIAS
-    repeats = not (speed_is_held or stands) and len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
+    repeats = not stands and len(newest) == _LEVEL_OF and np.ptp(newest[:, SPEED]) == 0.0
     if repeats and np.median(_white_noise(newest[:, gyros])) > _VISIBLE * GYRO_NOISE:
         return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
@@ -110,6 +110,7 @@ _BEND: Final = 0.3  # lateral acceleration up to which front tyres roll [m/s2]
 _REAR_SLIP, _FRONT_SLIP = (-1, 0), (-1, 1)
 _PLOUGHING: Final = 0.2  # steer angle from which on front tyres may slide straight ahead [rad]
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
+_MOST_TOLD: Final = 5.0  # beyond it nothing is left of an older speed, and exp(x) must not overflow [1/s]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
 
@@ -156,12 +157,12 @@ class Parity:
 class ParityRelations:
     """The relations of one trailer. Signals: speed, ``unit`` articulations, ``unit + 1`` yaw rates, steer angle.
 
-    Rows of a history are tick, speed, steer angle, mean tangent of the steer angles of the trailer's axles,
+    Rows of a history are tick, speed, steer angle, tangent of the direction in which the trailer's axles roll,
     articulations, yaw rates, lateral acceleration.
     """
 
     def __init__(self, vehicle: Vehicle, unit: int, axle_distance: float) -> None:
-        """For the ``unit`` of a vehicle whose axles are ``axle_distance`` [m] behind its hitch on average."""
+        """For the ``unit`` of a vehicle whose axles let the point ``axle_distance`` [m] behind its hitch roll."""
         tractor = vehicle.units[0]
         fixed = [axle.x for axle in tractor.axles if not axle.steered] or [axle.x for axle in tractor.axles]
         self._wheelbase = tractor.steered_axles[0].x - sum(fixed) / len(fixed) if tractor.steered_axles else math.inf
@@ -249,6 +250,24 @@ class ParityRelations:
         """Yaw rate [rad/s] of the trailer if its axles roll along their planes, by the other signals of a row."""
         v_x, v_y, _ = self._at_hitch(row, rolling=True)
         return (v_y - float(row[3]) * v_x) / self._axle_distance
+
+    def with_rolling_speed(self, row: FloatArray, gain: float) -> float:
+        """Speed [m/s] of a row, corrected by the yaw rate of a trailer whose axles roll: least squares.
+
+        The weight of the yaw rate is a ``gain`` [m2] times its square for each m/s.
+        """
+        faster, rate = row.copy(), self.rolling_rate(row)
+        faster[SPEED] += 1.0
+        per_speed, lack = self.rolling_rate(faster) - rate, float(row[self._gyro + self._unit]) - rate
+        return float(row[SPEED]) + gain * per_speed * lack / (1.0 + gain * per_speed**2)
+
+    def untold(self, rows: FloatArray, gain: float) -> float:
+        """Mean time [s] over some rows since the speed was told in this way, with a ``gain`` for each second [m2/s]."""
+        dt = np.diff(rows[:, 0]) * TICK
+        per_speed = rows[1:, self._gyro + self._unit] / np.maximum(np.abs(rows[1:, SPEED]), _SLOW)
+        told = np.cumsum(np.minimum(gain * np.square(per_speed), _MOST_TOLD) * dt)
+        times = np.exp(-told) * np.cumsum(dt * np.exp(told))
+        return float(times @ dt / dt.sum()) if len(dt) else 0.0
 
     def _at_hitch(self, mean: FloatArray, *, rolling: bool = False) -> HitchMotion:
         """Motion of the trailer's hitch; ``rolling``: by front wheels that roll along their planes."""

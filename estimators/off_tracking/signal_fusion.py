@@ -169,7 +169,6 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
-_UNKNOWN_ACCELERATION = 0.5  # of a combination without a wheel speed, 1 sigma: assumed, a driver who keeps going [m/s2]
 _IMPOSSIBLE = 4.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
 # Errors of a signal at fault [m/s], [rad], [rad/s]: what depends on it is no evidence.
@@ -220,7 +219,7 @@ class SignalFusion:
         self._reckoning, self._unit = DeadReckoning(vehicle, unit), unit
         self._follow_distance, self._buffer = follow_distance, buffer
         self._any_error = np.array([_ANY_SPEED, *[_ANY_ANGLE] * unit, *[_ANY_RATE] * (unit + 1)])
-        self._monitor = SignalMonitor(vehicle, unit, tuple(-axle.x for axle in vehicle.units[unit].axles))
+        self._monitor = SignalMonitor(vehicle, unit)
 
     def init(self) -> FusionMemory:
         """Memory before the first message."""
@@ -312,7 +311,7 @@ class SignalFusion:
         reference, history = memory.reference, memory.history
         newest = path.samples[0].tick if path.samples else reference.tick
         misleading = set(self._monitor.doubts(memory.monitor)) - {STEER_ANGLE}
-        holds_speed = self._monitor.holds_speed(memory.monitor)
+        speed_std = self._monitor.speed_std(memory.monitor, history[history[:, 0].searchsorted(reference.tick) :])
 
         def reckoned(since: int) -> Reckoned | None:
             parameters = self._since(reference, path, since)
@@ -320,9 +319,8 @@ class SignalFusion:
             if known is None or not misleading:
                 return known and self._reckoning.contradicted(known, history, since, parameters)
             covariance = _CORRECTED * known.covariance
-            if holds_speed:
-                by_speed = 0.5 * _UNKNOWN_ACCELERATION * (tick - reference.tick) * TICK * known.by_signals[:, 0]
-                covariance += np.outer(by_speed, by_speed)
+            by_speed = speed_std * known.by_signals[:, 0]
+            covariance += np.outer(by_speed, by_speed)
             return known._replace(covariance=covariance)
 
         def spread(since: int) -> FloatArray | None:
@@ -330,17 +328,16 @@ class SignalFusion:
             return None if whole is None else spatial_covariance(whole.covariance, _OUT_OF_PLANE)
 
         step = reckoned(newest)
-        if step is None or tick <= newest or not self._agree(memory, speed_is_held=holds_speed):
+        if step is None or tick <= newest or not self._agree(memory):
             return None
         covariance = spatial_covariance(step.covariance, _OUT_OF_PLANE)
         motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
 
-    def _agree(self, memory: FusionMemory, *, speed_is_held: bool = False) -> bool:
-        """Test the signals; those made of others are not tested by them."""
-        is_made = self._monitor.makes_angle(memory.monitor)
-        return is_made or agree(memory.history, self._unit, speed_is_held=speed_is_held)
+    def _agree(self, memory: FusionMemory) -> bool:
+        """Test the signals."""
+        return agree(memory.history, self._unit, is_made=self._monitor.makes_angle(memory.monitor))
 
     def _since(self, reference: Known, path: BufferMemory, tick: int) -> Parameters:
         """Parameters at a tick after the reference, without a measurement since."""

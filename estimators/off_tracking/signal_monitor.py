@@ -9,7 +9,8 @@ signal none is distrusted: the reference then is the one to doubt.
 Without a reference the size of a fault is not measured. A hitch angle that is at fault then goes on by the gyros and
 by how the axles roll. The yaw rate of a gyro that is at fault is that of a trailer whose axles roll, as the others say.
 The two may also contradict each other, and nothing tells which one is at fault: both are replaced in this way, from the
-last comparison with a reference on. Wheels whose speed jumps and then stays exactly the same have the speed of before.
+last comparison with a reference on. Wheels whose speed jumps and then stays exactly the same have the speed of before,
+and in bends that with which the axles of the trailer roll as it turns.
 """
 
 import math
@@ -33,6 +34,7 @@ from estimators.off_tracking.parity import (
     misfit,
     noise_level,
 )
+from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -46,6 +48,8 @@ _PULSES: Final = 1.5  # wheels that turn slower may read 0: a coil at a pole whe
 _VALUE, _SLOPE = 0.5, 0.1  # gains of an alpha-beta filter [-]
 _AHEAD: Final = 0.3  # longest extrapolation of an error [s]
 _ROLLING: Final = 0.5  # part of how axles roll in the yaw rate by which a hitch angle goes on; gyros drift by 0.2 deg/s
+_TURNING: Final = 1000.0  # gain of a speed by the trailer's turning: within a second in bends of 30 m. assumed [m2/s]
+_UNKNOWN_ACCELERATION: Final = 0.5  # without a wheel speed, 1 sigma: assumed, a driver who keeps going [m/s2]
 
 
 class SignalError(NamedTuple):
@@ -130,14 +134,14 @@ class MonitorMemory(NamedTuple):
 class SignalMonitor:
     """Monitor of the signals for the steering of one trailer."""
 
-    def __init__(self, vehicle: Vehicle, unit: int, axle_distances: tuple[float, ...]) -> None:
-        """For the ``unit`` of a vehicle, with the distances of its axles behind its hitch [m]."""
+    def __init__(self, vehicle: Vehicle, unit: int) -> None:
+        """For the ``unit`` of a vehicle."""
         names = [one.name for one in vehicle.units[: unit + 1]]
         angles, gyros = [f"hitch angle of {name}" for name in names[1:]], [f"gyro of {name}" for name in names]
         self.names = ("wheel speed", *angles, *gyros, STEER_ANGLE)
         self._either = f"{self.names[unit]} or its gyro"
-        self._unit, self._n_axles = unit, len(axle_distances)
-        self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
+        self._unit, self._scrub = unit, TyreScrub(vehicle, unit)
+        self._relations = ParityRelations(vehicle, unit, self._scrub.axle_distance)
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE])
         self._rates = np.array([_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1), _RATES[1]])
         self._least_jump = _JUMP_SIGMAS * self._noise
@@ -201,13 +205,14 @@ class SignalMonitor:
             corrected.append(self.corrected(memory, message))
         return tuple(corrected)
 
-    def holds_speed(self, memory: MonitorMemory) -> bool:
-        """True while the speed of the wheels is that of before a fault, whose size is not known by now."""
-        return _is_unknown(memory.errors[0])
+    def speed_std(self, memory: MonitorMemory, rows: FloatArray) -> float:
+        """Standard deviation [m/s] of the mean speed over some rows, if none was measured since they began."""
+        is_made = _is_unknown(memory.errors[0])
+        return _UNKNOWN_ACCELERATION * self._relations.untold(rows, _TURNING) if is_made else 0.0
 
     def makes_angle(self, memory: MonitorMemory) -> bool:
         """True while a hitch angle or the trailer's yaw rate is made of others, which it can not contradict."""
-        return memory.towed is not None
+        return bool({*self._replaced(memory)} - {SPEED})
 
     def doubts(self, memory: MonitorMemory) -> tuple[str, ...]:
         """Names of the signals at fault, or of the two that contradict each other."""
@@ -272,12 +277,12 @@ class SignalMonitor:
         return self._with_towed(memory._replace(contradicted=contradicted, findings=findings))
 
     def _replaced(self, memory: MonitorMemory) -> list[int]:
-        """Columns of hitch angles, and of the trailer's yaw rate, that are at fault by an amount that is not known."""
+        """Columns of speed, hitch angles and the trailer's yaw rate that are at fault by an amount not known."""
         n = self._unit
-        unknown = [_is_unknown(error) for error in memory.errors[1:-1]]
+        unknown = [_is_unknown(error) for error in memory.errors]
         if memory.contradicted:
-            unknown[n - 1] = unknown[2 * n] = True
-        return [FIRST + k for k in (*range(n), 2 * n) if unknown[k]]
+            unknown[n] = unknown[1 + 2 * n] = True
+        return [self._columns[k] for k in (0, *range(1, 1 + n), 1 + 2 * n) if unknown[k]]
 
     def _with_towed(self, memory: MonitorMemory) -> MonitorMemory:
         """Memory with the trailer by other signals, since the last comparison with a reference if that is known."""
@@ -298,12 +303,16 @@ class SignalMonitor:
             return None
         row = self._without_errors(memory, row)
         if before is not None:
+            interval = float(row[0] - before[0]) * TICK
+            if SPEED in replaced:  # an angle that is made of the speed does not tell it
+                told = not {*range(FIRST, FIRST + n)} & {*replaced}
+                row[SPEED] = self._relations.with_rolling_speed(before, _TURNING * interval) if told else before[SPEED]
             gyros = 0.5 * (before + row)[FIRST + n : FIRST + 2 * n + 1]
             rolls = before[SPEED] > 0.0 and FIRST + n - 1 in replaced  # in reverse the angle would diverge
             gyros[-1] = before[FIRST + 2 * n]
             gyros[-1] += _ROLLING * (self._relations.rolling_rate(before) - gyros[-1]) if rolls else 0.0
-            turned = -np.diff(gyros) * float(row[0] - before[0]) * TICK
-            for k in set(replaced) - {FIRST + 2 * n}:
+            turned = -np.diff(gyros) * interval
+            for k in set(replaced) - {SPEED, FIRST + 2 * n}:
                 row[k] = before[k] + turned[k - FIRST]
         if FIRST + 2 * n in replaced:
             row[FIRST + 2 * n] = self._relations.rolling_rate(row)
@@ -374,6 +383,6 @@ class SignalMonitor:
         return tuple(int(row[0]) if one else before for one, before in zip(jumps, memory.jumped, strict=True))
 
     def _row(self, signals: CombinationSignals) -> FloatArray:
-        tangent, n = float(np.tan(signals.angles).sum()) / self._n_axles, self._unit
+        n, own = self._unit, (signals.tick, signals.speed, signals.steer, self._scrub.rolling(signals))
         readings = (*signals.articulation[:n].tolist(), *signals.yaw_rates[: n + 1].tolist())
-        return np.array((signals.tick, signals.speed, signals.steer, tangent, *readings, signals.lateral_acceleration))
+        return np.array((*own, *readings, signals.lateral_acceleration))

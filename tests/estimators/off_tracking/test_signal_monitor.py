@@ -11,12 +11,13 @@ from estimators.off_tracking.buffer import velocity
 from estimators.off_tracking.parity import MotionReference, agree
 from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
-from tests.estimators.towed_drive import AXLE, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
+from tests.estimators.towed_drive import FRAME, VEHICLE, Errors, TowedDrive, towed_drive
+from vehicle.clock import TICK
 
 TRACTOR = VEHICLE.units[0]
 FIXED = [axle.x for axle in TRACTOR.axles if not axle.steered]
 WHEELBASE = TRACTOR.steered_axles[0].x - sum(FIXED) / len(FIXED)
-MONITOR = SignalMonitor(VEHICLE, 1, (AXLE,))
+MONITOR = SignalMonitor(VEHICLE, 1)
 AS_OF_A_TRUCK = Errors(scale=0.005, gyro=math.radians(0.1), articulation=math.radians(0.1), noise=1.0)
 SPEED, ANGLE, LEAD, OWN, STEER = MONITOR.names
 LATE = 100  # of references [ticks]
@@ -247,6 +248,23 @@ def test_wheels_without_pulses_keep_the_speed_of_before() -> None:
     found = memory.findings[0].tick
     assert 3000 < found < 3600
     assert all(abs(one.speed - 4.0) < 0.1 for one in corrected if one.tick > found)  # [m/s]
+
+
+def test_in_bends_the_trailer_tells_the_speed_of_wheels_without_pulses() -> None:
+    """Also that it stands: it stops in a bend of 16 m, without a camera, and pulls away again."""
+
+    def speed(t: float) -> float:
+        return min(4.0, 2.0 * max(abs(t - 15.0) - 1.0, 0.0))
+
+    of = towed_drive(20.0, speed, lambda t: speed(t) / 16.0 if t > 4.0 else 0.0, errors=AS_OF_A_TRUCK, seed=2)
+    memory, corrected = watched(
+        from_(10.0, FAULTS["no pulses"][0]), lambda seen: seen if seen.tick < 9500 else None, of
+    )
+    assert at_fault(memory) == [SPEED]
+    found = memory.findings[0].tick
+    errors = [one.speed - speed(one.tick * TICK) for one in corrected if one.tick > found]
+    assert np.abs(errors).max() < 2.0 * 0.5  # as late as half a second while it brakes [m/s]
+    assert math.sqrt(np.mean(np.square(errors))) < 0.5
 
 
 @pytest.mark.parametrize("least", [0.6, 1.2])
