@@ -61,8 +61,8 @@ def agree(history: FloatArray, unit: int, *, is_made: bool = False) -> bool:
     """Test the signals of ``history`` (n, columns): articulations change by the difference of two yaw rates.
 
     A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed has
-    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not 0 while
-    nothing turns: real wheels that stand read exactly 0. Signals that are made of each other are not tested.
+    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy, and is not 0
+    while nothing turns: real wheels that stand read exactly 0. Signals that are made of each other are not tested.
     """
     if is_made or len(history) < 2:
         return True
