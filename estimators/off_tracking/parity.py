@@ -110,7 +110,7 @@ _BEND: Final = 0.3  # lateral acceleration up to which front tyres roll [m/s2]
 _REAR_SLIP, _FRONT_SLIP = (-1, 0), (-1, 1)
 _PLOUGHING: Final = 0.2  # steer angle from which on front tyres may slide straight ahead [rad]
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
-_MOST_TOLD: Final = 5.0  # beyond it nothing is left of an older speed, and exp(x) must not overflow [1/s]
+_FASTEST: Final = 5.0  # at which a turn shows the speed: a higher rate adds nothing, and exp must not overflow [1/s]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
 
@@ -261,12 +261,15 @@ class ParityRelations:
         per_speed, lack = self.rolling_rate(faster) - rate, float(row[self._gyro + self._unit]) - rate
         return float(row[SPEED]) + gain * per_speed * lack / (1.0 + gain * per_speed**2)
 
-    def untold(self, rows: FloatArray, gain: float) -> float:
-        """Mean time [s] over some rows since the speed was told in this way, with a ``gain`` for each second [m2/s]."""
+    def unknown_time(self, rows: FloatArray, gain: float) -> float:
+        """Mean time [s] for which the speed has been unknown in rows (n, columns): since a turn has shown it.
+
+        As in `with_rolling_speed`, with a ``gain`` for each second [m2/s].
+        """
         dt = np.diff(rows[:, 0]) * TICK
         per_speed = rows[1:, self._gyro + self._unit] / np.maximum(np.abs(rows[1:, SPEED]), _SLOW)
-        told = np.cumsum(np.minimum(gain * np.square(per_speed), _MOST_TOLD) * dt)
-        times = np.exp(-told) * np.cumsum(dt * np.exp(told))
+        shown = np.cumsum(np.minimum(gain * np.square(per_speed), _FASTEST) * dt)
+        times = np.exp(-shown) * np.cumsum(dt * np.exp(shown))
         return float(times @ dt / dt.sum()) if len(dt) else 0.0
 
     def _at_hitch(self, mean: FloatArray, *, rolling: bool = False) -> HitchMotion:

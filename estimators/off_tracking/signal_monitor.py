@@ -208,7 +208,7 @@ class SignalMonitor:
     def speed_std(self, memory: MonitorMemory, rows: FloatArray) -> float:
         """Standard deviation [m/s] of the mean speed over some rows, if none was measured since they began."""
         is_made = _is_unknown(memory.errors[0])
-        return _UNKNOWN_ACCELERATION * self._relations.untold(rows, _TURNING) if is_made else 0.0
+        return _UNKNOWN_ACCELERATION * self._relations.unknown_time(rows, _TURNING) if is_made else 0.0
 
     def makes_angle(self, memory: MonitorMemory) -> bool:
         """True while a hitch angle or the trailer's yaw rate is made of others, which it can not contradict."""
@@ -282,7 +282,7 @@ class SignalMonitor:
         unknown = [_is_unknown(error) for error in memory.errors]
         if memory.contradicted:
             unknown[n] = unknown[1 + 2 * n] = True
-        return [self._columns[k] for k in (0, *range(1, 1 + n), 1 + 2 * n) if unknown[k]]
+        return [self._columns[k] for k in (*range(1 + n), 1 + 2 * n) if unknown[k]]
 
     def _with_towed(self, memory: MonitorMemory) -> MonitorMemory:
         """Memory with the trailer by other signals, since the last comparison with a reference if that is known."""
@@ -304,9 +304,10 @@ class SignalMonitor:
         row = self._without_errors(memory, row)
         if before is not None:
             interval = float(row[0] - before[0]) * TICK
-            if SPEED in replaced:  # an angle that is made of the speed does not tell it
-                told = not {*range(FIRST, FIRST + n)} & {*replaced}
-                row[SPEED] = self._relations.with_rolling_speed(before, _TURNING * interval) if told else before[SPEED]
+            if SPEED in replaced:
+                row[SPEED] = before[SPEED]
+                if set(replaced).isdisjoint(range(FIRST, FIRST + n)):  # an angle made of the speed does not show it
+                    row[SPEED] = self._relations.with_rolling_speed(before, _TURNING * interval)
             gyros = 0.5 * (before + row)[FIRST + n : FIRST + 2 * n + 1]
             rolls = before[SPEED] > 0.0 and FIRST + n - 1 in replaced  # in reverse the angle would diverge
             gyros[-1] = before[FIRST + 2 * n]
