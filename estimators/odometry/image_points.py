@@ -60,10 +60,10 @@ def in_half(points: Points) -> Points:
 
 
 def strongest_in_buckets(
-    points: NDArray[np.floating[Any]], strength: NDArray[np.float32], count: int
+    points: NDArray[np.floating[Any]], strength: NDArray[np.float32], count: int, side: int = _BUCKET
 ) -> NDArray[np.intp]:
-    """Indices of the ``count`` strongest of the points (n, 2) in each bucket of 50 x 50 px."""
-    column, row = (points.T / _BUCKET).astype(np.int64)
+    """Indices of the ``count`` strongest of the points (n, 2) in each square bucket, ``side`` [px] wide."""
+    column, row = (points.T / side).astype(np.int64)
     bucket = row * (column.max(initial=0) + 1) + column
     order = np.lexsort((-strength, bucket))
     position = np.arange(len(order))

@@ -96,10 +96,9 @@ _TORQUE_SPREAD = 0.015
 _UNUSUAL = 2.0  # contradiction of the two directions from which on the tractor slides [sigma of the trailer's slip]
 _SHOWN = 1.25  # slip of the tractor's rear axle over what the steer angle shows of it, at most
 _OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two directions, the part that is the trailer's
-# Direction of travel by which the camera may differ from the axles of both units alike [rad], for each m/s2 to the side
-# and each rad of slip by scrub beyond 9 mrad. That of a steered axle at its limit is several times as large on ice.
+# Direction of travel by which the camera may differ from the axles of both units alike [rad], for each m/s2 and each rad of slip by scrub beyond 9 mrad. That of a steered axle at its limit is several times as large on ice.
 _TURNED, _SCRUBS = (0.03, 0.05, 6.0), 0.009
-_LETS_GO = 0.9  # lateral acceleration from which on tyres slide by any angle, on ice [m/s2]
+_LETS_GO = 0.6  # acceleration from which on tyres slide by any angle, on ice [m/s2]
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 _SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
@@ -183,10 +182,13 @@ class DeadReckoning:
         tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
         alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
         recent = history[-_LATELY:]
-        pushes = recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK], recent[:, 3]
-        aside, scrub = (abs(float(np.mean(push))) if len(push) else 0.0 for push in pushes)
-        usual = _TURNED[0] + _TURNED[1] * aside + _TURNED[2] * max(0.0, scrub - _SCRUBS)
-        return alike, usual if aside < _LETS_GO else math.inf
+        if len(recent) < _LATELY:
+            return alike, math.inf
+        aside = float(np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]))
+        along = float(np.polyfit(recent[:, 0] * TICK, recent[:, 1], 1)[0])  # drive and brakes use the same grip
+        push, scrub = math.hypot(aside, along), abs(float(np.mean(recent[:, 3])))
+        usual = _TURNED[0] + _TURNED[1] * push + _TURNED[2] * max(0.0, scrub - _SCRUBS)
+        return alike, usual if push < _LETS_GO else math.inf
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""

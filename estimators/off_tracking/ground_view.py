@@ -21,7 +21,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.odometry.image_points import rays_through, strongest_in_buckets
 from estimators.rigid_motion import UncertainMotion
+from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray, so3_exp
@@ -53,18 +55,14 @@ class GroundCamera(NamedTuple):
 
     def on_ground(self, pixels: FloatArray) -> FloatArray:
         """Intersections (n, 2) of the rays through pixels (n, 2) with the ground z = 0, in S [m]."""
-        c = self.pinhole
-        rays = np.column_stack([(pixels - (c.cx, c.cy)) / c.focal_length, np.ones(len(pixels))])
-        along = rays @ self.X_SC[:3, :3].T
+        along = rays_through(self.pinhole, pixels) @ self.X_SC[:3, :3].T
         reach = -self.X_SC[2, 3] / along[:, 2]
         return np.asarray(self.X_SC[:2, 3] + reach[:, None] * along[:, :2], dtype=np.float64)
 
     def in_image(self, positions: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points (n, 2) on the ground."""
-        rays = np.column_stack([positions, np.zeros(len(positions))]) - self.X_SC[:3, 3]
-        along = rays @ self.X_SC[:3, :3]
-        c = self.pinhole
-        return np.asarray(c.focal_length * along[:, :2] / along[:, 2:] + (c.cx, c.cy), dtype=np.float64)
+        from_camera = np.column_stack([positions, np.zeros(len(positions))]) - self.X_SC[:3, 3]
+        return project(self.pinhole, from_camera @ self.X_SC[:3, :3])[:, :2]
 
 
 def ground_cameras(calibration: StereoCalibration) -> tuple[GroundCamera, GroundCamera]:
@@ -102,15 +100,11 @@ def _corners(image: GreyImage) -> NDArray[np.float32]:
         if len(corners) >= _ENOUGH:
             break
     points = np.array([corner.pt for corner in corners], dtype=np.float32).reshape(-1, 2)
-    strength = np.array([corner.response for corner in corners])
+    strength = np.array([corner.response for corner in corners], dtype=np.float32)
     last = np.array(image.shape[::-1]) - 1 - _BORDER
     inside = ((points >= _BORDER) & (points <= last)).all(axis=1)
     points, strength = points[inside], strength[inside]
-    bucket = (points[:, 1] // _BUCKET) * 1000 + points[:, 0] // _BUCKET
-    order = np.lexsort((points[:, 0], points[:, 1], -strength, bucket))
-    starts = np.flatnonzero(np.diff(bucket[order], prepend=-1.0))
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.append(starts, len(order))))
-    return points[order[rank < _PER_BUCKET]]
+    return points[strongest_in_buckets(points, strength, _PER_BUCKET, _BUCKET)]
 
 
 def _refined(image: GreyImage, corners: NDArray[np.float32]) -> NDArray[np.float32]:
