@@ -30,7 +30,7 @@ from estimators.off_tracking import pose_chain
 from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
 from estimators.off_tracking.motion_smoother import Moments, Step, Withheld, released, started, updated
 from estimators.off_tracking.pose_chain import Sample
-from estimators.rigid_motion import UncertainMotion, nothing_common, rotation_vector, stretched
+from estimators.rigid_motion import UncertainMotion, inverted, nothing_common, rotation_vector, stretched
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, arc_length, inverse, so3_exp
 
@@ -151,6 +151,14 @@ class OffTrackingBuffer:
                 samples = pose_chain.measured_from(samples, sample.tick, covariance)
                 break
         return self._estimated(BufferMemory(samples, motion, reckoned=True), motion)
+
+    def closed(self, memory: BufferMemory, index: int, X_CK: UncertainMotion) -> tuple[BufferMemory, OffTracking]:
+        """Buffer and off-tracking after the sample at ``index`` was measured at X_CK in the newest one."""
+        assert memory.last is not None
+        samples = pose_chain.closed(memory.samples, index, X_CK.X)
+        measured = pose_chain.measured_from(samples, samples[index].tick, inverted(X_CK).covariance)
+        _, estimate = self._estimated(memory._replace(samples=measured), memory.last)
+        return memory._replace(samples=samples), estimate  # neighbours keep their own links, which are more precise
 
     def _estimated(self, memory: BufferMemory, motion: BodyMotion) -> tuple[BufferMemory, OffTracking]:
         """Buffer without the samples that are not needed any more, and the off-tracking at its end."""

@@ -42,7 +42,7 @@ from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, Pose2
+from vehicle.frames import FloatArray
 
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
@@ -72,6 +72,7 @@ class Prior(NamedTuple):
 
 
 _MOST_FORGOTTEN = 300.0  # beyond it nothing is left, and exp(-x) must not vanish [-]
+_MOST = 4.0  # error of a sensor that the camera may ask for; the rest is slip, or the camera is wrong [its std]
 _FOR_EVER = 1e6  # constant during a drive [m], [s]
 _ROLLING = 0.3  # slower than this, directions of travel are noise [m/s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
@@ -96,9 +97,10 @@ _TORQUE_SPREAD = 0.015
 _UNUSUAL = 2.0  # contradiction of the two directions from which on the tractor slides [sigma of the trailer's slip]
 _SHOWN = 1.25  # slip of the tractor's rear axle over what the steer angle shows of it, at most
 _OWN_SHARE = 0.25  # of a slip that shows in the contradiction of the two directions, the part that is the trailer's
-# Direction of travel by which the camera may differ from the axles of both units alike [rad], for each m/s2 and each rad of slip by scrub beyond 9 mrad. That of a steered axle at its limit is several times as large on ice.
+# Direction of travel by which the camera may differ from the axles of both units alike [rad], for each m/s2, and for
+# each rad of slip by scrub beyond 9 mrad. That of a steered axle at its limit is several times as large on ice.
 _TURNED, _SCRUBS = (0.03, 0.05, 6.0), 0.009
-_LETS_GO = 0.6  # acceleration from which on tyres slide by any angle, on ice [m/s2]
+_LETS_GO, _SLIDES = 0.8, 0.12  # acceleration and slip from which on tyres slide by any angle, on ice [m/s2], [rad]
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 _SCALE_OF, _BRAKING, _VARYING, _CONSTANT, OWN, _GYROS = 0, 1, 2, 6, 7, 8  # places among the parameters
@@ -122,12 +124,6 @@ class Reckoned(NamedTuple):
     by_slip: FloatArray  # (3, 2) derivatives by slips that last: of the tractor's rear axle, and of braked wheels
     by_signals: FloatArray  # (3, k) the same by errors of speed, articulations and yaw rates
     own_slip: float  # of the trailer's axles if the pose is right, mean [rad]; NaN at walking pace
-
-    @property
-    def X(self) -> FloatArray:
-        """The pose (4, 4), without roll, pitch and heave."""
-        yaw, x, y = self.pose.tolist()
-        return Pose2(x, y, yaw).spatial()
 
 
 class _Rates(NamedTuple):
@@ -160,19 +156,22 @@ class DeadReckoning:
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
         self._mean, self._std, distances, times = np.array(priors).T
         self._per_metre, self._per_second = 1.0 / distances, 1.0 / times
+        self._largest = np.full(len(priors), np.inf)
+        self._largest[[_SCALE_OF, *range(_GYROS, len(priors))]] = _MOST * np.array(
+            [_SCALE.std, *[_GYRO_BIAS.std] * gyros]
+        )
 
     def prior(self) -> Parameters:
         """Parameters before anything is learnt."""
         return Parameters(self._mean, np.diag(self._std**2))
 
-    def deviation(self, parameters: Parameters, history: FloatArray) -> float:
-        """Largest difference of a sensor's error from its prior mean [standard deviations of the prior].
+    def possible(self, parameters: Parameters, history: FloatArray) -> Parameters:
+        """Parameters with errors of sensors that are not larger than they may be; slips have no limit.
 
-        Slips have no limit. Sensors that are noisier than assumed are expected to have larger constant errors as well.
+        Sensors that are noisier than assumed are expected to have larger constant errors as well.
         """
-        sensors = [_SCALE_OF, *range(_GYROS, len(self._mean))]
-        difference = np.abs(parameters.mean - self._mean)[sensors] / self._std[sensors]
-        return float(np.max(difference)) / noise_level(history, self._unit)
+        most = noise_level(history, self._unit) * self._largest
+        return parameters._replace(mean=np.clip(parameters.mean, self._mean - most, self._mean + most))
 
     def turned(self, parameters: Parameters, history: FloatArray) -> tuple[float, float]:
         """Angle by which the camera contradicts the axles of both units alike, and what tyres explain of it [rad].
@@ -180,15 +179,17 @@ class DeadReckoning:
         The latter is infinite where tyres may slide by any angle.
         """
         tractor, own = float(parameters.mean[_VARYING] + parameters.mean[_CONSTANT]), float(parameters.mean[OWN])
-        alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - abs(tractor - own)), own)
+        apart = abs(tractor - own)
+        alike = math.copysign(max(0.0, min(abs(tractor), abs(own)) - apart), own)
         recent = history[-_LATELY:]
         if len(recent) < _LATELY:
             return alike, math.inf
         aside = float(np.mean(recent[:, 1] * recent[:, 4 + 2 * self._unit] + recent[:, _BANK]))
         along = float(np.polyfit(recent[:, 0] * TICK, recent[:, 1], 1)[0])  # drive and brakes use the same grip
         push, scrub = math.hypot(aside, along), abs(float(np.mean(recent[:, 3])))
+        slides = push > _LETS_GO or max(abs(tractor), abs(own)) > _SLIDES
         usual = _TURNED[0] + _TURNED[1] * push + _TURNED[2] * max(0.0, scrub - _SCRUBS)
-        return alike, usual if push < _LETS_GO else math.inf
+        return alike, math.inf if slides else usual
 
     def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
         """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""

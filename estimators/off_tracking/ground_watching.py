@@ -27,12 +27,11 @@ from estimators.off_tracking.ground_view import (
     planar_motion,
     viewed,
 )
-from estimators.off_tracking.hitch_path import crossing, tangent
-from estimators.off_tracking.pose_chain import Sample, closed, levelled
-from estimators.rigid_motion import UncertainMotion, change_frame, lasting, planar_covariance, rotation_vector
+from estimators.off_tracking.pose_chain import Sample
+from estimators.rigid_motion import UncertainMotion, change_frame, lasting, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from vehicle.frames import FloatArray, arc_length, inverse
+from vehicle.frames import FloatArray, inverse
 
 _STILL = 5e-4  # below it the trailer stands: views are kept, so that noise does not accumulate [m]
 _LONGEST_SPAN = 500  # longest loss; after it the views no longer overlap [ticks]
@@ -81,7 +80,6 @@ class GroundWatching:
         self._middles = tuple(camera.X_SC[:2, 3] for camera in self._cameras)
         self._X_SC = calibration.X_SC
         self._reach = _OVERLAP * calibration.width / calibration.focal_length * float(calibration.X_SC[2, 3])
-        self._follow_distance = follow_distance
         self._buffer = OffTrackingBuffer(follow_distance)
 
     @classmethod
@@ -142,9 +140,11 @@ class GroundWatching:
             since = memory.since
             doubtful = not self._single and since > _LASTS and off_tracking.health is Health.OK
             return memory, replace(off_tracking, health=Health.DEGRADED) if doubtful else off_tracking
-        samples = closed(samples, closure[0], closure[1].X)
-        memory = memory._replace(buffer=memory.buffer._replace(samples=samples), since=0.0)
-        return memory, _remeasured(samples, closure[1], self._follow_distance, off_tracking, memory.unrest)
+        attitude = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 0.0]) * (_TILT**2 + (_LONGER * memory.unrest) ** 2)
+        index, X_CK = closure
+        X_CK = X_CK._replace(covariance=X_CK.covariance + attitude)
+        buffer, off_tracking = self._buffer.closed(memory.buffer, index, X_CK)
+        return memory._replace(buffer=buffer, since=0.0), off_tracking
 
     def _closure(
         self, samples: tuple[Sample, ...], passed: tuple[tuple[int, GroundView], ...], rear: GroundView
@@ -204,21 +204,3 @@ def _advanced(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -
     return memory._replace(
         tick=tick, views=views, passed=passed, heading=memory.heading + yaw, yaw=yaw, since=memory.since + distance
     )
-
-
-def _remeasured(
-    samples: tuple[Sample, ...], X_CK: UncertainMotion, follow_distance: float, off_tracking: OffTracking, unrest: float
-) -> OffTracking:
-    """Off-tracking on the corrected path, with the uncertainty of the closure and of the cameras' attitude."""
-    path = levelled(samples)[1][:, :2]
-    s = arc_length(path)
-    passed = crossing(path, s, -follow_distance)
-    if passed is None or off_tracking.health is Health.LOST:
-        return off_tracking
-    direction = tangent(path, s, passed.s, 0.75).direction
-    n = np.array([-math.tan(direction), 1.0])
-    lever = np.array([-follow_distance, passed.y]) - X_CK.X[:2, 3]
-    gradient = np.array([lever[0] * n[1] - lever[1] * n[0], *n])  # of y at the crossing by (d_theta, d_x, d_y)
-    covariance = planar_covariance(X_CK.covariance)
-    variance = float(gradient @ covariance @ gradient) + (_TILT**2 + (_LONGER * unrest) ** 2) * float(n @ n)
-    return replace(off_tracking, value=passed.y, std=math.sqrt(variance), path=path, path_tangent=direction)

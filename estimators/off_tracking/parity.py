@@ -105,7 +105,7 @@ _S: Final = (0.3, 0.1)  # [m/s], and share of the speed
 _Y: Final = math.radians(1.0)  # [rad/s]
 _D: Final = (0.04, 0.04)  # [rad], and for each m/s2 of lateral acceleration: slip of the tractor's rear axle
 _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
-_BEND: Final = 0.3  # lateral acceleration up to which front tyres roll [m/s2]
+_BEND: Final = 0.3  # acceleration up to which front tyres roll [m/s2]
 # In the place of a signal and the part of its fault: slip of the tractor's axles.
 _REAR_SLIP, _FRONT_SLIP = (-1, 0), (-1, 1)
 _PLOUGHING: Final = 0.2  # steer angle from which on front tyres may slide straight ahead [rad]
@@ -189,7 +189,8 @@ class ParityRelations:
             relations += self._to_reference(mean, reference, max(1.0, level / _NOISY))
             rolls = reference.v_x >= _SLOW and abs(relations[-1][0]) <= 1.0
             turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro])))
-            if reference.v_x * turning <= _BEND and abs(mean[STEER]) < _PLOUGHING:
+            along = (recent[-1, SPEED] - recent[0, SPEED]) / max((recent[-1, 0] - recent[0, 0]) * TICK, TICK)
+            if math.hypot(reference.v_x * turning, along) <= _BEND and abs(mean[STEER]) < _PLOUGHING:
                 relations[self._unit][1].pop(_FRONT_SLIP, None)
         return Parity(relations, rolls=rolls)
 

@@ -19,8 +19,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 - Signals that contradict each other are not used; the camera is then alone. What depends on a single signal at fault
   (``estimators.off_tracking.signal_monitor``) is no evidence; outages are bridged with its corrected value, and what
   was bridged before it was found is reckoned again.
-- A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
-  asks for errors of sensors that are out of the question, no motion is believed.
+- A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large no motion is believed.
+  Errors of sensors are learnt up to what they may be: what a wrong camera asks for beyond that shows in the test.
 """
 
 import math
@@ -169,7 +169,6 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
-_IMPOSSIBLE = 4.0  # errors of sensors that the camera may ask for, over what they may be [standard deviations]
 _ANY_SLIP = np.diag([0.3, 0.3]) ** 2  # of the tractor's rear axle [rad], and of braked wheels per deceleration [s2/m]
 # Errors of a signal at fault [m/s], [rad], [rad/s]: what depends on it is no evidence.
 _ANY_SPEED, _ANY_ANGLE, _ANY_RATE = 10.0, 1.0, 1.0
@@ -283,19 +282,12 @@ class SignalFusion:
         memory = memory._replace(monitor=monitor, recent=recent)
         if monitor.distrusted != before.distrusted:
             memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
-        return memory, self._without_faulty_steer(monitor, [self._monitor.corrected(monitor, one) for one in signals])
-
-    def _without_faulty_steer(self, monitor: MonitorMemory, signals: Sequence[CombinationSignals]) -> Signals:
-        """Signals with a steer angle of 0 if it is at fault: front wheels that do not slip need no angle."""
-        if STEER_ANGLE not in self._monitor.doubts(monitor):
-            return tuple(signals)
-        return tuple(replace(message, steer=0.0) for message in signals)
+        return memory, tuple(self._monitor.corrected(monitor, one) for one in signals)
 
     def _reckoned_again(self, memory: FusionMemory, path: BufferMemory) -> tuple[FusionMemory, BufferMemory]:
         """Memory and path with all since the reference as the signals say by what is known of them now."""
         since, newest = memory.reference.tick, path.samples[0].tick if path.samples else -1
-        signals = self._monitor.corrected_again(memory.monitor, memory.recent)
-        rows = [self._reckoning.row(one) for one in self._without_faulty_steer(memory.monitor, signals)]
+        rows = [self._reckoning.row(one) for one in self._monitor.corrected_again(memory.monitor, memory.recent)]
         history = memory.history[: np.searchsorted(memory.history[:, 0], since, side="right")]
         memory = memory._replace(history=extended_history(history, rows, since, newest))
         ticks = [sample.tick for sample in reversed(path.samples) if sample.tick >= since]
@@ -330,8 +322,8 @@ class SignalFusion:
         step = reckoned(newest)
         if step is None or tick <= newest or not self._agree(memory):
             return None
-        covariance = spatial_covariance(step.covariance, _OUT_OF_PLANE)
-        motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=step.X, covariance=covariance, health=Health.DEGRADED)
+        X_PC, covariance = with_planar(np.eye(4), step.pose), spatial_covariance(step.covariance, _OUT_OF_PLANE)
+        motion = BodyMotion(tick=tick, previous_tick=newest, X_PC=X_PC, covariance=covariance, health=Health.DEGRADED)
         path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
         return path, replace(estimate, bridged=(tick - reference.tick) * TICK)
 
@@ -365,7 +357,7 @@ class SignalFusion:
         spanning = None if longer is None else self._tested(memory, longer)
         if longer is not None and spanning is not None and spanning.score_beyond <= _GATE:
             test, motion, continues = spanning, longer, True
-        if not continues or self._reckoning.deviation(test.parameters, memory.history) > _IMPOSSIBLE:
+        if not continues:
             return memory, None
         variances = np.diag(motion.covariance) + (_VAGUE**2 - 1.0) * np.sum(np.square(motion.common), axis=1)
         if np.any(variances[PLANAR] > _VAGUE**2 * np.diag(test.reckoned.covariance + _ROCKING)):
@@ -408,6 +400,7 @@ class SignalFusion:
         own_slip, own_std = reckoned.own_slip + direction, math.sqrt(motion.covariance[4, 4]) / distance
         mean, covariance = reckoned.parameters
         corrected = Parameters(mean + gain @ innovation, covariance - gain @ S @ gain.T)
+        corrected = self._reckoning.possible(corrected, memory.history)
         return Comparison(
             reckoned,
             innovation,

@@ -190,8 +190,8 @@ class SignalMonitor:
             row[replaced] = memory.towed[replaced]
         articulation, yaw_rates, n = signals.articulation.copy(), signals.yaw_rates.copy(), self._unit
         articulation[:n], yaw_rates[: n + 1] = row[FIRST : FIRST + n], row[FIRST + n : FIRST + 2 * n + 1]
-        speed, steer = float(row[SPEED]), float(row[STEER])
-        return replace(signals, speed=speed, steer=steer, articulation=articulation, yaw_rates=yaw_rates)
+        steer = float(row[STEER]) if memory.errors[-1] is None else 0.0  # front wheels that do not slip need no angle
+        return replace(signals, speed=float(row[SPEED]), steer=steer, articulation=articulation, yaw_rates=yaw_rates)
 
     def corrected_again(
         self, memory: MonitorMemory, messages: Sequence[CombinationSignals]
