@@ -57,6 +57,7 @@ class Comparison(NamedTuple):
     covariance: FloatArray  # (3, 3) of the innovation
     score: float  # chi-square, 3 degrees of freedom
     score_beyond: float  # the same if tyres may slip by any angle
+    direction: float  # of travel by the camera less that by dead reckoning [rad]
     is_alike: bool  # True: the axles of tractor and trailer contradict the camera's direction of travel alike
     parameters: Parameters  # at the end of the motion, if it is believed
 
@@ -364,13 +365,16 @@ class SignalFusion:
             motion = weighted(motion, test)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)
-        memory = self._doubted(memory._replace(reference=Known(motion.tick, test.parameters)), test.reckoned.distance)
-        return memory, motion
+        return self._doubted(memory._replace(reference=Known(motion.tick, test.parameters)), test), motion
 
-    def _doubted(self, memory: FusionMemory, distance: float) -> FusionMemory:
-        """Memory after a motion over a distance [m], with the angle by which the camera may be turned."""
+    def _doubted(self, memory: FusionMemory, test: Comparison) -> FusionMemory:
+        """Memory after a motion that is believed, with the angle by which the camera may be turned."""
+        distance = test.reckoned.distance
         if distance < _SHORTEST_LOOK:
             return memory  # at walking pace directions of travel are noise
+        if memory.sudden:  # it is believed since it lasts
+            alike, turned = math.copysign(1.0, test.direction), max(memory.turned, abs(test.direction))
+            return memory._replace(alike=alike, turned=turned)
         now, usual = self._reckoning.turned(memory.reference.parameters, memory.history)
         if math.isinf(usual):
             return memory
@@ -407,6 +411,7 @@ class SignalFusion:
             S,
             score=float(innovation @ np.linalg.solve(expected, innovation)),
             score_beyond=float(innovation @ np.linalg.solve(any_slip, innovation)),
+            direction=direction,
             is_alike=bool(abs(reckoned.own_slip - reckoned.parameters.mean[OWN]) < _ALIKE * abs(direction)),
             parameters=self._reckoning.with_own_slip(corrected, own_slip, math.hypot(own_std, _ROLLING_STD)),
         )
