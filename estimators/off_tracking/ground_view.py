@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.image_points import rays_through, strongest_in_buckets
-from estimators.rigid_motion import UncertainMotion
+from estimators.rigid_motion import UncertainMotion, spatial_covariance
 from estimators.stereo_pair import project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage
@@ -122,8 +122,6 @@ _NOISE = 1e-3  # error of a point on the ground, half a pixel; weight of that pr
 _FRAME_CORRELATION = 2.0  # factor for correlated errors of neighbours: the normalised error of motions is then about 1
 _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # rotation by +90 deg
 _RATIO = 0.8  # largest distance of a match relative to the second best (Lowe 2004)
-# Exact search: for 400 features a tree is no faster, and its random numbers cannot be seeded.
-_FLANN_LINEAR: dict[str, bool | int | float | str] = {"algorithm": 0}
 _GATE = 0.008  # largest error of an inlier of the homography: three pixels of a camera 1 m above the ground [m]
 _FEWEST = 20  # inliers of a valid homography; fewer may agree by chance
 _SHARE = 0.25  # least share of inliers if both views show the same ground
@@ -149,7 +147,8 @@ def paired(first: GroundView, second: GroundView) -> Pairs:
     """Matched features of two views that agree with one homography."""
     if min(len(first.positions), len(second.positions)) < 2:
         return Pairs(first.positions[:0], second.positions[:0], 0)
-    neighbours = cv2.FlannBasedMatcher(_FLANN_LINEAR, {}).knnMatch(first.descriptors, second.descriptors, k=2)
+    # exact search: for 400 features a tree is no faster, and its random numbers cannot be seeded
+    neighbours = cv2.BFMatcher.create(cv2.NORM_L2).knnMatch(first.descriptors, second.descriptors, k=2)
     good = [best for best, next_best in neighbours if best.distance < _RATIO * next_best.distance]
     p = first.positions[np.array([match.queryIdx for match in good], dtype=np.intp)]
     q = second.positions[np.array([match.trainIdx for match in good], dtype=np.intp)]
@@ -168,23 +167,18 @@ def planar_motion(pairs: Pairs) -> UncertainMotion:
     p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
     U, _, Vt = np.linalg.svd((p - p_mean).T @ (q - q_mean))
     R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt
-    residual = p - p_mean - (q - q_mean) @ R.T
     X = np.eye(4)
     X[:2, :2], X[:2, 3] = R, p_mean - R @ q_mean
-    return UncertainMotion(X, _covariance(residual, (q - q_mean) @ R.T, R @ q_mean))
+    turned = q @ R.T
+    residual, A = p - p_mean - (turned - turned.mean(axis=0)), _by_motion(turned).reshape(-1, 3)
+    variance = _CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / max(1, 2 * len(p) - 3))
+    planar = np.asarray(variance * np.linalg.inv(A.T @ A), dtype=np.float64)
+    return UncertainMotion(X, spatial_covariance(planar, UPRIGHT * np.eye(6)))
 
 
-def _covariance(residual: FloatArray, spread: FloatArray, centre: FloatArray) -> FloatArray:
-    """Covariance (6, 6) of the fit: translation of the mean position, and rotation about it."""
-    n = len(residual)
-    variance = _CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / max(1, 2 * n - 3))
-    rotation = variance / float(np.square(spread).sum())
-    lever = np.array([centre[1], -centre[0]])  # d p = -d_theta x centre
-    covariance = UPRIGHT * np.eye(6)
-    covariance[2, 2] = rotation
-    covariance[2, 3:5] = covariance[3:5, 2] = rotation * lever
-    covariance[3:5, 3:5] = variance / n * np.eye(2) + rotation * np.outer(lever, lever)
-    return covariance
+def _by_motion(turned: FloatArray) -> FloatArray:
+    """Derivatives (n, 2, 3) of points (n, 2) by rotation and translation of their frame."""
+    return np.dstack([turned @ _TURN.T, np.tile([1.0, 0.0], (len(turned), 1)), np.tile([0.0, 1.0], (len(turned), 1))])
 
 
 def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> tuple[UncertainMotion, float]:
@@ -202,8 +196,7 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> tuple[UncertainM
         slant = from_middle[:, :, None] * from_middle[:, None]  # times k: shift by the tilt
         slant -= then[:, :, None] * (q - middles)[:, None]
         residual = p - turned - t - slant @ k
-        J = np.concatenate([(turned @ _TURN.T)[:, :, None], np.broadcast_to(np.eye(2), slant.shape), slant], axis=2)
-        A = J.reshape(-1, 5)
+        A = np.concatenate([_by_motion(turned), slant], axis=2).reshape(-1, 5)
         normal = A.T @ A + np.diag([0.0, 0.0, 0.0, 1.0, 1.0]) * (_NOISE / _TILT) ** 2
         prior = np.concatenate([np.zeros(3), k]) * (_NOISE / _TILT) ** 2
         step = np.linalg.solve(normal, A.T @ residual.ravel() - prior)
@@ -213,7 +206,5 @@ def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> tuple[UncertainM
     disagreement = float(np.linalg.norm(means[0] - means[-1]))
     X[:2, :2], X[:2, 3] = R, t
     variance = _FRAME_CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / (2 * len(residual) - 5))
-    covariance = UPRIGHT * np.eye(6)
-    covariance[2:5, 2:5] = variance * np.linalg.inv(normal)[:3, :3]
-    covariance[3:5, 3:5] += disagreement**2 * np.eye(2)
-    return UncertainMotion(X, covariance), disagreement
+    planar = variance * np.linalg.inv(normal)[:3, :3] + disagreement**2 * np.diag([0.0, 1.0, 1.0])
+    return UncertainMotion(X, spatial_covariance(planar, UPRIGHT * np.eye(6))), disagreement
